@@ -110,6 +110,23 @@ def test_regression_loads_below_the_friction_that_creep_are_reported(mech, messa
 
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize(
+    ("regularization", "load", "message"),
+    [
+        (0.02, 3.0, "so that friction should hold it, but it creeps over"),
+        (0.1, 8.0, "it slides over a distance that is wrong by about 8 %"),
+    ],
+)
+def test_regression_inactive_joints_prescribe_no_sliding(regularization, load, message):
+    """Sliding was prescribed by a lock that is not active, so that no load could be the cause."""
+    mech = slider(regularization, load)
+    body = mech.parts["body"]
+    mech.deactivate(mech.add(bd.Revolute("lock", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0))))
+    (sentence,) = friction_warnings(mech, t_end=2.0)
+    assert message in sentence
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+@pytest.mark.parametrize(
     "mech",
     [slider(1e-3, 3.0), slider(1e-3, 8.0), slider(1e-4, 0.05, radius=0.02), slider(0.5, 0.0)],
     ids=["sticks", "slides", "bearing", "no load"],

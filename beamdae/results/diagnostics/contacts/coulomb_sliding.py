@@ -88,12 +88,15 @@ def sliding_dynamics(
     inertia, elasticity = float(shape @ (mass @ shape)), float(shape @ (stiffness @ shape))
     if not inertia > 0.0:
         return SlidingDynamics(abs(compliance), 0.0, 0.0, 0.0)
-    coupling = sum(x * abs(_sliding_change(e, o, time, state, shape)) for o, x in others)
+    power = sum(
+        friction * abs(float(_sliding_rates(e, other, time, state, shape[None])[0]))
+        for other, friction in others
+    )
     return SlidingDynamics(
-        abs(compliance),
-        compliance**2 / inertia,
-        max(elasticity / inertia, 0.0),
-        coupling / abs(compliance),
+        compliance=abs(compliance),
+        inverse_mass=compliance**2 / inertia,
+        stiffness_ratio=max(elasticity / inertia, 0.0),
+        coupling=power / abs(compliance),
     )
 
 
@@ -106,11 +109,13 @@ def estimate_coulomb_sliding(
 ) -> CoulombSliding:
     """Return the sliding with Coulomb's law from times, sliding velocities and forces of a run."""
     v0, v1 = velocities[:-1], velocities[1:]
-    limit = dynamics.inverse_mass * 0.5 * (normal_forces[:-1] + normal_forces[1:])
+    # Accelerations by the normal force and by the friction of the run
+    normal = dynamics.inverse_mass * 0.5 * (normal_forces[:-1] + normal_forces[1:])
     coefficient = law.coulomb_coefficient(0.5 * (v0 + v1))
-    regularized = limit * coefficient * _mean_sign(v0 / law.speed, v1 / law.speed)
-    rows = zip(*(x.tolist() for x in (np.diff(times), v0, v1, limit, regularized)), strict=True)
+    regularized = normal * coefficient * _mean_sign(v0 / law.speed, v1 / law.speed)
+    rows = zip(*(x.tolist() for x in (np.diff(times), v0, v1, normal, regularized)), strict=True)
 
+    static = law.coefficient if law.static is None else law.static
     v, e, position = float(velocities[0]), 0.0, 0.0
     deviation = lowest = highest = 0.0
     for step, begin, end, force, friction in rows:
@@ -123,18 +128,14 @@ def estimate_coulomb_sliding(
         for _ in range(2):
             if left <= 0.0:
                 break
-            middle = v + 0.5 * change * left
-            kinetic = force * (
-                law.coefficient if law.static is None else law.coulomb_coefficient(middle)
-            )
-            holding = force * (law.coefficient if law.static is None else law.static)
+            kinetic = force * law.coulomb_coefficient(v + 0.5 * change * left)
             stiffening = 1.0 + 0.5 * left * left * dynamics.stiffness_ratio
             restoring = dynamics.stiffness_ratio * (e + left * (v - start))
             load = change + (friction - restoring) / stiffening
             if v:
                 rate = load - math.copysign(kinetic, v) / stiffening
                 duration = min(left, -v / rate) if rate * v < 0.0 else left
-            elif abs(load) > holding / stiffening:
+            elif abs(load) > force * static / stiffening:
                 rate, duration = load - math.copysign(kinetic, load) / stiffening, left
             else:
                 rate, duration = 0.0, left
@@ -164,26 +165,21 @@ def _log_cosh(x: Array) -> Array:
 
 def _sliding_gradient(e: EquationsOfMotion, term: SlidingTerm, time: Array, state: State) -> Array:
     """Return the derivative of the sliding speed by the velocities, (n,)."""
-    changes = _SPEED_CHANGE * term.law.speed / e.length * e.position_scales
-    before, _ = term.evaluate_with_forces(time[None], State(*(x[None] for x in state)))
-    rates = []
-    for k in range(0, len(changes), _MAX_ROWS_AT_ONCE):
-        columns = range(k, min(k + _MAX_ROWS_AT_ONCE, len(changes)))
-        times, *values = (np.repeat(x[None], len(columns), axis=0) for x in (time, *state))
-        states = State(*values)
-        states.v[np.arange(len(columns)), columns] += changes[columns]
-        after, _ = term.evaluate_with_forces(times, states)
-        rates.append((after - before) / changes[columns])
-    return np.concatenate(rates)
+    rows = [
+        _sliding_rates(e, term, time, state, np.eye(min(_MAX_ROWS_AT_ONCE, e.n - k), e.n, k))
+        for k in range(0, e.n, _MAX_ROWS_AT_ONCE)
+    ]
+    return np.concatenate(rows)
 
 
-def _sliding_change(
-    e: EquationsOfMotion, term: SlidingTerm, time: Array, state: State, shape: Array
-) -> float:
-    """Return the change of the sliding speed due to velocities of this `shape`."""
-    change = _SPEED_CHANGE * term.law.speed / (e.length * np.max(np.abs(shape / e.position_scales)))
-    times, *values = (np.repeat(x[None], 2, axis=0) for x in (time, *state))
+def _sliding_rates(
+    e: EquationsOfMotion, term: SlidingTerm, time: Array, state: State, shapes: Array
+) -> Array:
+    """Return the derivatives (k,) of the sliding speed by the amplitudes of velocities (k, n)."""
+    sizes = np.max(np.abs(shapes / e.position_scales), axis=1)
+    changes = _SPEED_CHANGE * term.law.speed / (e.length * sizes)
+    times, *values = (np.repeat(x[None], 1 + len(shapes), axis=0) for x in (time, *state))
     states = State(*values)
-    states.v[1] += change * shape
-    (before, after), _ = term.evaluate_with_forces(times, states)
-    return float(after - before) / change
+    states.v[1:] += changes[:, None] * shapes
+    speeds, _ = term.evaluate_with_forces(times, states)
+    return (speeds[1:] - speeds[0]) / changes

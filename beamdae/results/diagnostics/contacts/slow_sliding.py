@@ -1,10 +1,10 @@
-"""Warnings about friction of parts that slide too slowly for its regularization."""
+"""Warnings about friction whose regularization changes the sliding of parts."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -58,12 +58,12 @@ _MAX_SHARED_DEVIATION = 0.15
 
 
 def slow_sliding_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
-    """Yield one warning per part that slides below its regularization velocity most of the time.
+    """Yield one warning per part whose sliding differs from that with Coulomb's law.
 
-    The friction force is then well below friction N. Parts that stick, and creep over less than
-    0.3 % of the length of the mechanism (in bearings 0.003 rad), are exempt; if drivers and joints
-    prescribe the sliding, 0.01 %. Parts that slide by more have a warning if the distance differs
-    by more than 2.5 % from that with Coulomb's law (15 % if parts with friction slide together).
+    The distance differs by more than 2.5 % (15 % if parts with friction slide together), or the
+    part slides below its regularization velocity most of the time. Parts that stick, and creep over
+    less than 0.3 % of the length of the mechanism (in bearings 0.003 rad), are exempt; if drivers
+    and joints prescribe the sliding, 0.01 %.
 
     Parameters
     ----------
@@ -72,16 +72,24 @@ def slow_sliding_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
     trajectory
         The steps of the run.
     """
-    histories = [_sliding_history(term, trajectory) for term in compile_sliding(equations)]
-    present = [x for x in histories if x is not None]
-    for history in present:
-        others = [x for x in present if x is not history]
-        warning = _Sliding(equations, history, others).warning(trajectory)
+    slidings = [_record_sliding(equations, x, trajectory) for x in compile_sliding(equations)]
+    present = [x for x in slidings if x is not None]
+    for sliding in present:
+        others = [x for x in present if x is not sliding]
+        warning = _SlidingCheck(equations, sliding, others).warning()
         if warning is not None:
             yield warning
 
 
-class _History(NamedTuple):
+class _Place(NamedTuple):
+    """State of a run, and the equations of the parts that are active there."""
+
+    equations: EquationsOfMotion
+    time: Array
+    state: State
+
+
+class _Sliding(NamedTuple):
     """Sliding of one part at the steps of a run.
 
     Attributes
@@ -90,10 +98,8 @@ class _History(NamedTuple):
         Sliding velocity of the part, and the law of its friction.
     times, velocities, normal_forces, durations
         Times [s], sliding velocities [m/s], normal forces [N] and time steps [s], (k,) each.
-    friction
-        Mean friction force with a normal force [N].
     slowest
-        Time and state at the lowest sliding speed with a normal force.
+        Place with the lowest sliding speed with a normal force.
     """
 
     term: SlidingTerm
@@ -101,15 +107,22 @@ class _History(NamedTuple):
     velocities: Array
     normal_forces: Array
     durations: Array
-    friction: float
-    slowest: tuple[Array, State]
+    slowest: _Place
 
     @property
     def is_loaded(self) -> Array:
         return self.normal_forces > self.term.law.min_force
 
+    @property
+    def friction(self) -> float:
+        """Mean friction N with a normal force [N]."""
+        forces, durations = self.normal_forces[self.is_loaded], self.durations[self.is_loaded]
+        return self.term.law.largest_coefficient * float(np.average(forces, weights=durations))
 
-def _sliding_history(term: SlidingTerm, trajectory: Trajectory) -> _History | None:
+
+def _record_sliding(
+    equations: EquationsOfMotion, term: SlidingTerm, trajectory: Trajectory
+) -> _Sliding | None:
     """Return the sliding of a part during a run, None without friction."""
     rows, places = [], []
     for interval in trajectory.intervals:
@@ -120,79 +133,76 @@ def _sliding_history(term: SlidingTerm, trajectory: Trajectory) -> _History | No
         steps = np.diff(interval.t)
         durations = 0.5 * (np.append(0.0, steps) + np.append(steps, 0.0))
         rows.append((interval.t, slip, force, durations))
-        if np.any(force > term.law.min_force):
-            speed = np.where(force > term.law.min_force, np.abs(slip), np.inf)
-            k = int(np.argmin(speed))
-            places.append((speed[k], times[k], State(*(x[k] for x in state))))
+        speed = np.where(force > term.law.min_force, np.abs(slip), np.inf)
+        k = int(np.argmin(speed))
+        place = _Place(
+            interval.active_equations(equations), times[k], State(*(x[k] for x in state))
+        )
+        places.append((speed[k], place))
+    _, slowest = min(places, key=lambda x: float(x[0]))
     t, slip, force, duration = (np.concatenate(x) for x in zip(*rows, strict=True))
-    is_loaded = force > term.law.min_force
-    if not np.any(duration[is_loaded]) or not term.law.largest_coefficient:
-        return None
-    mean = float(np.average(force[is_loaded], weights=duration[is_loaded]))
-    slowest = min(places, key=lambda x: x[0])[1:]
-    friction = term.law.largest_coefficient * mean
-    return _History(term, t, slip, force, duration, friction, slowest)
+    sliding = _Sliding(term, t, slip, force, duration, slowest)
+    has_friction = np.any(sliding.durations[sliding.is_loaded]) and sliding.friction > 0.0
+    return sliding if has_friction else None
 
 
 @dataclass(frozen=True)
-class _Sliding:
+class _SlidingCheck:
     """Check of the sliding of one part during a run.
 
     Attributes
     ----------
     equations
         Equations of motion of all parts.
-    history
+    sliding
         Sliding of the part.
     others
         Sliding of the other parts with friction.
     """
 
     equations: EquationsOfMotion
-    history: _History
-    others: Sequence[_History]
+    sliding: _Sliding
+    others: Sequence[_Sliding]
 
     @property
     def name(self) -> str:
-        return self.history.term.name
+        return self.sliding.term.name
 
     @property
     def law(self) -> RegularizedFriction:
-        return self.history.term.law
+        return self.sliding.term.law
 
-    def warning(self, trajectory: Trajectory) -> str | None:
+    @property
+    def size(self) -> float:
+        """Size of the motions that matter [m]."""
+        return self.law.radius or self.equations.length
+
+    @cached_property
+    def dynamics(self) -> SlidingDynamics:
+        """Mass and stiffness of the sliding where the part is slowest."""
+        others = [(x.term, x.friction / self.sliding.friction) for x in self.others]
+        duration = float(self.sliding.times[-1] - self.sliding.times[0])
+        equations, time, state = self.sliding.slowest
+        return sliding_dynamics(equations, self.sliding.term, time, state, duration, others)
+
+    def warning(self) -> str | None:
         """Return the warning, None if there is none."""
-        term, t, slip, force, duration, friction, slowest = self.history
-        is_loaded = self.history.is_loaded
+        share = self._relative_deviation() if self._may_deviate() else 0.0
+        is_shared = share > _MAX_DEVIATION and self.dynamics.coupling > _MIN_COUPLING
+        if share > (_MAX_SHARED_DEVIATION if is_shared else _MAX_DEVIATION):
+            return self._describe_deviation(share)
+        return self._warning_of_slow_sliding()
 
-        @cache
-        def dynamics() -> SlidingDynamics:
-            others = [(x.term, x.friction / friction) for x in self.others]
-            run_time = trajectory.end - trajectory.start
-            return sliding_dynamics(self.equations, term, *slowest, run_time, others)
+    def _is_prescribed(self, distance: float) -> bool:
+        """Return True if drivers and joints prescribe the sliding over a distance [m]."""
+        return self.sliding.friction * self.dynamics.compliance < _MAX_YIELD * distance
 
-        def is_prescribed(distance: float) -> bool:
-            return friction * dynamics().compliance < _MAX_YIELD * distance
-
-        if self._may_deviate(t, slip, is_loaded):
-            known = np.isfinite(force)
-            normal = np.interp(t, t[known], force[known])
-            coulomb = estimate_coulomb_sliding(self.law, dynamics(), t, slip, normal)
-            size = self.law.radius or self.equations.length
-            share = coulomb.deviation / coulomb.distance if coulomb.distance else 0.0
-            is_shared = dynamics().coupling > _MIN_COUPLING
-            limit = _MAX_SHARED_DEVIATION if is_shared else _MAX_DEVIATION
-            is_wrong = limit < share < _MIN_HELD_DEVIATION
-            is_sliding = coulomb.distance > _MAX_CREEP * size
-            if is_sliding and is_wrong and not is_prescribed(coulomb.distance):
-                return self._describe_deviation(share)
-        return self._warning_of_slow_sliding(slip[is_loaded], duration[is_loaded], is_prescribed)
-
-    def _may_deviate(self, times: Array, slip: Array, is_loaded: Array) -> bool:
+    def _may_deviate(self) -> bool:
         """Return False if the sliding by Coulomb's law cannot differ by more than the limit."""
         if self.law.static is not None:
             return True
-        is_slow = is_loaded & (np.abs(slip) < _FULL_FRICTION * self.law.speed)
+        times, slip = self.sliding.times, self.sliding.velocities
+        is_slow = self.sliding.is_loaded & (np.abs(slip) < _FULL_FRICTION * self.law.speed)
         if not np.any(is_slow):
             return False
         # From then on, the sliding speeds differ by at most this multiple of the regularization
@@ -200,6 +210,19 @@ class _Sliding:
         deviation = _FULL_FRICTION * self.law.speed * (times[-1] - times[np.argmax(is_slow)])
         travel = np.append(0.0, np.cumsum(0.5 * (slip[1:] + slip[:-1]) * np.diff(times)))
         return bool(deviation > _MAX_DEVIATION * (np.ptp(travel) - deviation))
+
+    def _relative_deviation(self) -> float:
+        """Return the error of the distance that the part slides, 0 if it rests or must slide."""
+        times, force = self.sliding.times, self.sliding.normal_forces
+        is_known = np.isfinite(force)
+        normal = np.interp(times, times[is_known], force[is_known])
+        coulomb = estimate_coulomb_sliding(
+            self.law, self.dynamics, times, self.sliding.velocities, normal
+        )
+        if coulomb.distance <= _MAX_CREEP * self.size or self._is_prescribed(coulomb.distance):
+            return 0.0
+        share = coulomb.deviation / coulomb.distance
+        return share if share < _MIN_HELD_DEVIATION else 0.0
 
     def _describe_deviation(self, share: float) -> str:
         name = self.law.speed_name
@@ -210,10 +233,10 @@ class _Sliding:
             f"part creeps; use {name}={speed:.2g} or less."
         )
 
-    def _warning_of_slow_sliding(
-        self, slip: Array, duration: Array, is_prescribed: Callable[[float], bool]
-    ) -> str | None:
+    def _warning_of_slow_sliding(self) -> str | None:
         """Return the warning of sliding that is slow most of the time, None if there is none."""
+        is_loaded = self.sliding.is_loaded
+        slip, duration = self.sliding.velocities[is_loaded], self.sliding.durations[is_loaded]
         ratio = np.tanh(slip / self.law.speed)
         total = float(np.sum(duration))
         is_slow = np.abs(ratio) < _MAX_CREEP_RATIO
@@ -228,8 +251,8 @@ class _Sliding:
         speed = self.law.speed * np.arctanh(ratio)
         # Vibrations of a part that sticks cancel.
         distance = float(np.ptp(np.append(0.0, np.cumsum(duration * speed))))
-        share_of_length = distance / (self.law.radius or self.equations.length)
-        is_fixed = share_of_length > _MIN_PRESCRIBED_DISTANCE and is_prescribed(distance)
+        share_of_length = distance / self.size
+        is_fixed = share_of_length > _MIN_PRESCRIBED_DISTANCE and self._is_prescribed(distance)
         # A part that starts at rest and never slides is held under any load.
         is_held = load is not None or (not slid and abs(ratio[0]) < _MAX_START_RATIO)
         has_crept = is_held and share_of_length > _MAX_CREEP and distance > _MAX_CREEP_SHARE * slid
@@ -244,10 +267,9 @@ class _Sliding:
             largest = format_percent(float(np.max(np.abs(ratio))), 3)
             size = format_percent(load, 3) if load else f"up to {largest}"
             return (
-                f"{self.name}: the load is {size} of {limit}, so that friction "
-                f"should hold it, but it creeps over {amount}, because {name} is "
-                f"{self.law.speed:g} m/s; "
-                f"use a smaller {name}=."
+                f"{self.name}: the load is {size} of {limit}, so that friction should hold it, but "
+                f"it creeps over {amount}, because {name} is {self.law.speed:g} m/s; use a smaller "
+                f"{name}=."
             )
         mean = float(duration @ np.abs(ratio)) / slow
         if mean > _RATIO_AT_FRICTION_SPEED:
