@@ -209,7 +209,7 @@ def _zero_force_warnings(
 
 
 def _friction_warnings(mechanism: Mechanism) -> Iterator[str]:
-    """Yield a warning per part with implausible friction, or whose static friction is reduced."""
+    """Yield warnings about parts with implausible friction, or with reduced static friction."""
     for part in mechanism.parts.values():
         law = getattr(part, "regularized_friction", None)
         if law is None:
@@ -218,7 +218,7 @@ def _friction_warnings(mechanism: Mechanism) -> Iterator[str]:
         if largest > _MAX_FRICTION:
             yield (
                 f"{part.name}: the friction coefficient is {largest:g}, but those of dry surfaces "
-                "are seldom above 1; pass a ratio, not a percentage."
+                "are seldom above 1; if it is a percentage, divide it by 100."
             )
         if law.static is None or law.stribeck is None:
             continue
@@ -287,7 +287,7 @@ def _switch_warnings(mechanism: Mechanism) -> Iterator[str]:
     activated = {name for _, switch in switches for name in switch.on}
     deactivated = {name for _, switch in switches for name in switch.off}
     impacts = [(event, impact) for event in events for impact in select_impacts(event.do)]
-    # An inactive joint is the stop of an impact.
+    # Impacts act on inactive joints.
     stops = {impact.on.name for _, impact in impacts if isinstance(impact.on, Part)}
     for name in sorted(mechanism.inactive - activated - stops):
         yield (

@@ -275,9 +275,11 @@ def _name_cause(
     """
     if status.kind not in ("failed", "limited"):
         return status
-    cause = describe_growth(repeated) or growing_loop
-    if not cause:
-        cause = next(growing_loop_warnings(equations, trajectory), "")
+    cause = (
+        describe_growth(repeated)
+        or growing_loop
+        or next(growing_loop_warnings(equations, trajectory), "")
+    )
     # Vibrations with meaningless strains are an effect, not a cause.
     is_meaningless = MEANINGLESS_DEFORMATION in status.sentence
     if not cause and status.kind == "limited" and not is_meaningless:
@@ -351,7 +353,7 @@ class _RunInProgress:
         self.methods = MethodCache(method_on, self.method, self._configuration)
         self._sampled_equations = equations.with_loads_of(self._configuration)
         self.repeated = context.repeated
-        self.growing_loop = ""  # that stopped the run
+        self.growing_loop = ""  # warning about a loop that stopped the run
         self._sampler = Sampler(self._sampled_equations, context.repeated)
         self._detector: EventDetector | None = None
         self._max_batch: int | None = None

@@ -502,5 +502,5 @@ def test_regression_friction_in_percent_is_reported(coefficient):
     block = mech.add(bd.PointMass("block", 1.0, at=(0.0, 0.0)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.add(bd.Contact("floor", block.point, floor, 1e5, friction=coefficient))
-    warnings = [x for x in bd.check(mech).warnings if "pass a ratio" in x]
+    warnings = [x for x in bd.check(mech).warnings if "if it is a percentage" in x]
     assert len(warnings) == (coefficient > 5.0)

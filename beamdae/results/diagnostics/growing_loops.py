@@ -223,50 +223,57 @@ def _limited_growth_warnings(
     """
     remaining = np.abs(np.diff(values(0.75, 1.0), axis=0)).max(axis=0)
     duration = trajectory.end - trajectory.start
-    # Rate of growth, factor and window by number, because loops reach limits at different times.
-    windows: dict[int, tuple[float, float, float, float]] = {}
+    # Loops reach limits at different times: the first window of growth by number
+    growths: dict[int, _Growth] = {}
     for end, (part, counts) in product(_ENDS_OF_GROWTH, _GROWING_PARTS.items()):
         growing = values(part * end, end)
         changes = np.abs(np.diff(growing, axis=0)).max(axis=0)
         goes_on = remaining >= _MIN_REMAINING_CHANGE * changes
         goes_on &= changes >= _MIN_GROWN_SHARE * largest
         growth = np.where(goes_on, _exponential_growth(growing, largest, counts), 0.0)
-        begin = part * end
+        begin, last = (trajectory.start + x * duration for x in (part * end, end))
         for k in np.flatnonzero(growth).tolist():
-            rate = float(np.log(growth[k])) / (end - begin)
-            windows.setdefault(k, (rate, float(growth[k]), begin, end))
-    if not windows:
-        return
-    k, *others = sorted(windows, key=lambda k: -windows[k][0])
-    name, remedy = labels[k]
-    name = name_with_others(name, list(dict.fromkeys(labels[x][0] for x in others)))
-    _, factor, *ends = windows[k]
-    begin, last = (trajectory.start + x * duration for x in ends)
-    yield _describe_growth(name, remedy, factor, begin, last)
+            growths.setdefault(k, _Growth(*labels[k], float(growth[k]), begin, last))
+    yield from _describe_growths(list(growths.values()))
 
 
-def _describe_growth(name: str, remedy: str, factor: float, begin: float, end: float) -> str:
-    return (
-        f"{name} grows exponentially, by a factor of {factor:.2g} from t = {begin:.3g} to "
-        f"{end:.3g} s, and does not decay again, so its loop seems to be unstable; check the signs "
-        f"and sizes of its {remedy}."
-    )
+class _Growth(NamedTuple):
+    """Exponential growth of a command by a factor between two times [s]."""
+
+    name: str
+    remedy: str
+    factor: float
+    begin: float
+    end: float
+
+    @property
+    def rate(self) -> float:
+        return float(np.log(self.factor)) / (self.end - self.begin)
+
+
+def _describe_growths(growths: Sequence[_Growth]) -> Iterator[str]:
+    """Yield a warning about the fastest growth, with the names of the others, if there are any."""
+    if growths:
+        fastest, *others = sorted(growths, key=lambda x: -x.rate)
+        names = dict.fromkeys(x.name for x in others if x.name != fastest.name)
+        yield (
+            f"{name_with_others(fastest.name, list(names))} grows exponentially, by a factor of "
+            f"{fastest.factor:.2g} from t = {fastest.begin:.3g} to {fastest.end:.3g} s, and does "
+            "not decay again, so its loop seems to be unstable; check the signs and sizes of its "
+            f"{fastest.remedy}."
+        )
 
 
 def _swing_warnings(equations: EquationsOfMotion, histories: Sequence[_History]) -> Iterator[str]:
     """Yield a warning if few swings of a continuous command grow, and do not decay again."""
-    found = []
+    growths = []
     for command, times, values, _ in histories:
         growth = _find_growing_swings(values)
         if growth is not None:
             factor, first, last = growth
             if not _has_varying_laws(equations.mechanism, times[first : last + 1]):
-                begin, end = times[first], times[last]
-                found.append((np.log(factor) / (end - begin), command.name, factor, begin, end))
-    if found:
-        (_, name, *window), *others = sorted(found, reverse=True)
-        name = name_with_others(name, list(dict.fromkeys(x[1] for x in others)))
-        yield _describe_growth(name, "gains", *window)
+                growths.append(_Growth(command.name, "gains", factor, times[first], times[last]))
+    yield from _describe_growths(growths)
 
 
 def _find_growing_swings(values: Array) -> tuple[float, int, int] | None:
