@@ -157,7 +157,7 @@ class RecordingErrors:
             if _looks_scaled(self._problem, first, series, rows)
             and not _has_scaling_parameter(self._problem, first, rows)
         ]
-        # Delays that the search estimates may look like signs and scales before it.
+        # Before their search, free delays may look like signs and scales.
         if not headers or self._problem.sensors.shifts:
             return ""
         with np.errstate(all="ignore"):
@@ -196,8 +196,6 @@ class RecordingErrors:
             return clause
         problem = _with_linear_sensors(self._problem, headers)
         scaled, scales = self._search_scales(problem, first, limit)
-        if scaled is not None and self._problem.sensors.shifts and self._is_needless(scaled):
-            scales = {}
         if scaled is not None and scales:
             factors = [-x for x in scales.values() if _is_mirrored(x)]
             is_sign = all(abs(x - 1.0) < _MAX_SIGN_ERROR for x in factors)
@@ -234,8 +232,8 @@ class RecordingErrors:
             end = self._search(problem, self._scaling, self._scaling.first)
             if end is None or end.chi_square > limit:
                 continue
-            # Parameters may compensate small changes of a scale, but not a sign.
-            scales = {x: scale for x, scale in _added_scales(problem, end) if _is_scale(scale)}
+            # Another search decides whether parameters compensate the scale, not derivatives.
+            scales = {name: scale for _, name, scale in _list_scales(problem, end)}
             if scales and not self._is_needless(end):
                 return _describe_scales(problem, end, scales)
         return ""
@@ -245,11 +243,16 @@ class RecordingErrors:
     ) -> tuple[Evaluation | None, dict[str, float]]:
         """Return the end of a search of scales, and those that are errors.
 
-        There are none if the end leaves more than a sum of squares.
+        There are none if the end leaves more than a sum of squares, or if delays that the fit
+        estimates explain them.
         """
         end = self._search(problem, self._scaling, first)
-        is_end = end is not None and end.chi_square <= limit
-        return end, _find_scales(problem, end) if end is not None and is_end else {}
+        if end is None or end.chi_square > limit:
+            return end, {}
+        scales = _find_scales(problem, end)
+        if scales and self._problem.sensors.shifts and self._is_needless(end):
+            return end, {}
+        return end, scales
 
     def _search_delay(self, evaluations: Sequence[Evaluation], limit: float) -> Evaluation | None:
         """Return the end of a search of a delay of all data, or None.
@@ -343,7 +346,7 @@ def _has_scaling_parameter(problem: FitProblem, first: Evaluation, rows: slice) 
 
     It may if its value is zero, or if the model is about proportional to a power of it.
     """
-    # Delays, which follow, do not scale it.
+    # The values of delays, which follow those of parameters, do not scale it.
     count = len(problem.names)
     values, jacobian = first.values[:count], first.projected_jacobian[rows, :count]
     is_zero = (values == 0.0) & np.any(jacobian, axis=0)
@@ -462,22 +465,21 @@ def _is_mirrored(scale: float) -> bool:
 
 def _find_scales(problem: FitProblem, end: Evaluation) -> dict[str, float]:
     """Return the scales that are errors, by header."""
-    count, sensors = len(problem.variables), problem.sensors.scales
-    constants = np.arange(count + len(sensors), end.jacobian.shape[1])
-    names = [x.name for x in sensors]
+    offsets = len(problem.variables) + len(problem.sensors.scales)
+    constants = np.arange(offsets, end.jacobian.shape[1])
     return {
         name: scale
-        for name, scale in _added_scales(problem, end)
-        if _is_scale(scale)
-        and _is_significant(end, count + names.index(name), scale - 1.0, constants)
+        for column, name, scale in _list_scales(problem, end)
+        if _is_significant(end, column, scale - 1.0, constants)
     }
 
 
-def _added_scales(problem: FitProblem, end: Evaluation) -> Iterator[tuple[str, float]]:
-    """Yield header and value of the scales of `_with_linear_sensors`."""
-    for sensor, scale in zip(problem.sensors.scales, end.coefficients.tolist(), strict=False):
-        if sensor.name in problem.headers:
-            yield sensor.name, scale
+def _list_scales(problem: FitProblem, end: Evaluation) -> Iterator[tuple[int, str, float]]:
+    """Yield column of the Jacobian, header and value of the large scales that were added."""
+    scales = zip(problem.sensors.scales, end.coefficients.tolist(), strict=False)
+    for column, (sensor, scale) in enumerate(scales, len(problem.variables)):
+        if sensor.name in problem.headers and _is_scale(scale):
+            yield column, sensor.name, scale
 
 
 def _describe_scales(problem: FitProblem, end: Evaluation, scales: Mapping[str, float]) -> str:
