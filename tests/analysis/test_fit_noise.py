@@ -503,7 +503,9 @@ def test_regression_undetermined_combinations_stay_close_to_the_first_values(exa
     assert result.status.kind == "ok"
 
 
-def test_regression_one_mirrored_column_beside_others_is_named():
+@pytest.mark.slow(reason="one to three seconds")
+@pytest.mark.parametrize("shift", [(), "*"], ids=["times", "delay"])
+def test_regression_one_mirrored_column_beside_others_is_named(shift):
     """Searches with the scales of all columns lost the phase, and parameters ran away."""
     times = np.linspace(0.3, 3.0, 91)
     method = bd.GeneralizedAlpha(step=0.015)
@@ -516,7 +518,7 @@ def test_regression_one_mirrored_column_beside_others_is_named():
         data[column] = values + sigma[column] * rng.normal(size=91)
     data["two.x"] = 4.0 - data["two.x"]
     first = {"k1": 35.0, "k2": 50.0, "damping": 0.4}
-    options = {"sigma": sigma, "parameters": first, "log": list(first)}
+    options = {"sigma": sigma, "parameters": first, "log": list(first), "shift": shift}
     with pytest.warns(bd.BeamdaeWarning, match="because the data of two.x look mirrored"):
         result = bd.fit(chain, data, list(first), method, **options)
     assert result.parameters == pytest.approx(first)
