@@ -792,7 +792,24 @@ def test_regression_searches_with_adaptive_steps_end_within_their_tolerance():
     assert result.evaluations < 32
 
 
-@pytest.mark.slow(reason="half a second")
+def test_regression_only_values_of_runs_with_adaptive_steps_are_noisy():
+    """With rtol=1e-2, limits of the mass were satisfied at 1.01 times the limit."""
+    limits = [bd.at_most(bd.Mass(), 1.0), bd.at_most(bd.EndValue("mass.x"), 1.0)]
+    noises = [
+        DesignProblem(
+            oscillator,
+            bd.SquaredErrors("mass.x", [1.0], [1.0]),
+            "stiffness",
+            limits,
+            {"stiffness": (5.0, 35.0)},
+            None,
+            RunSettings(integrator, None, None),
+        ).noise.tolist()
+        for integrator in (bd.Radau(rtol=1e-2), bd.GeneralizedAlpha(step=0.01))
+    ]
+    assert noises == [[0.01, 0.0, 0.01], [0.0, 0.0, 0.0]]
+
+
 def test_regression_steps_are_accurate_enough_for_active_limits_of_zero():
     """Changes were relative to a value near zero: use GeneralizedAlpha(step=3e-09)."""
     size = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")

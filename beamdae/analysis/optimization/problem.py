@@ -212,15 +212,14 @@ class DesignProblem:
         return self._settings.integrator or DEFAULT_METHOD
 
     @property
-    def noise(self) -> float:
-        """Relative size of jumps of the values between designs: `rtol` of runs, 0 without them.
+    def noise(self) -> Array:
+        """Relative sizes (1 + C,) of jumps of the values between designs: `rtol` of runs, or 0.
 
         Values of runs with adaptive steps jump where the steps of two designs differ.
         """
-        accuracy = self.integrator.accuracy
-        leaves = (leaf for quantity in self.quantities for leaf in quantity.leaves)
-        has_runs = any(isinstance(x, RunQuantity) for x in leaves)
-        return accuracy.value if has_runs and accuracy.name == "rtol" else 0.0
+        name, value = self.integrator.accuracy
+        has_runs = [any(isinstance(y, RunQuantity) for y in x.leaves) for x in self.quantities]
+        return np.where(has_runs, value if name == "rtol" else 0.0, 0.0)
 
     def starting_at(self, values: Array) -> DesignProblem:
         """Return the problem with other first values (k,) of the numbers."""

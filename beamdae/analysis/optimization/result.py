@@ -434,13 +434,13 @@ def _list_constraints(
     multipliers = nothing if stationarity is None else stationarity.multipliers.tolist()
     _, *units = problem.units_of(search.first_analyses)
     values, firsts = (x.values[1:].tolist() for x in (search.best, search.trials[0]))
-    ratios = search.ratios.tolist()
-    rows = zip(problem.limits, values, ratios, firsts, multipliers, units, strict=True)
+    ratios, noise = search.ratios.tolist(), problem.noise[1:].tolist()
+    rows = zip(problem.limits, values, ratios, firsts, multipliers, units, noise, strict=True)
     constraints = []
-    for limit, smooth, ratio, first, multiplier, unit in rows:
+    for limit, smooth, ratio, first, multiplier, unit, jump in rows:
         value = ratio * smooth
         margin = limit.margin(value)
-        relative = _relative_margin(limit, margin, first, problem.noise)
+        relative = _relative_margin(limit, margin, first, jump)
         numbers = (value, limit.bound, margin, multiplier, relative)
         largest, exponent = _find_largest(limit.quantity, smooth, design)
         if ratio > 1.0 and isinstance(limit.quantity, LargestOf):

@@ -270,8 +270,9 @@ class Search:
 
     def _rate(self, numbers: Array, values: Array) -> Trial:
         """Return an analyzed design with its violation."""
-        violation = float(np.max(-self._margins(values), initial=0.0))
-        return Trial(numbers, values, violation if violation > self._problem.noise else 0.0)
+        excess = -self._margins(values)
+        is_violated = excess > self._problem.noise[1:]
+        return Trial(numbers, values, float(np.max(excess[is_violated], initial=0.0)))
 
     def _margins(self, values: Array) -> Array:
         """Return the scaled margins (C,) of the constraints for values (1 + C,) of a design."""
@@ -337,9 +338,9 @@ class Search:
         is_stationary = stationarity and stationarity.residual <= _STATIONARITY_TOLERANCE
         if status.kind == "limited" and is_feasible and is_stationary:
             status = Status("ok", "converged to the accuracy of the analyses")
-        elif self._problem.noise and self._is_stuck(best, status):
+        elif self._problem.noise.any() and self._is_stuck(best, status):
             status = Status(status.kind, f"{status.sentence}; {self._advise_fixed_steps(best)}")
-        elif self._problem.noise and status.success:
+        elif self._problem.noise.any() and status.success:
             idle = count_idle_trials(trials)
             if idle >= _MIN_IDLE_TRIALS and 2 * idle > len(trials):
                 sentence = f"{idle} of {len(trials)} designs hardly differ from the one before"
@@ -387,8 +388,8 @@ class Search:
         where = f", with {list_first(names, _MAX_NAMES)} at a bound," if names else ","
         is_far = limit.bound and abs(value / limit.bound) > _MAX_LIMIT_RATIO
         hint = "; check the unit of the limit" if is_far and unit and not limit.unit else ""
-        tolerance = max(FEASIBILITY_TOLERANCE, problem.noise)
-        others = int(np.sum(margins < -tolerance)) - 1
+        tolerances = np.maximum(FEASIBILITY_TOLERANCE, problem.noise[1:])
+        others = int(np.sum(margins < -tolerances)) - 1
         more = f" ({format_count(others, 'further limit')} violated)" if others > 0 else ""
         return (
             f"no evaluated design satisfies the constraints; in the best one{where} "
@@ -411,7 +412,7 @@ class Search:
         try:
             status = self._minimize(first)
         except _SearchEndError as end:
-            if not self._problem.noise or _RESTING not in end.status.sentence:
+            if not self._problem.noise.any() or _RESTING not in end.status.sentence:
                 raise
             return end.status, True
         return status, status.success
@@ -539,7 +540,8 @@ class Search:
         """Return the number of last designs that hardly differ, or 0 if they are too few."""
         trials = list(self._trials.values())
         is_far = min(x.violation for x in trials if not x.failure) > _FAR_VIOLATION
-        is_short = is_far or self._problem.noise
+        noise = float(np.max(self._problem.noise))
+        is_short = is_far or noise > 0.0
         count = _MAX_SHORT_RESTING_TRIALS if is_short else _MAX_RESTING_TRIALS
         trials = trials[self._trials_before :][-count:]
         if self._method != "SLSQP" or len(trials) < count:
@@ -548,8 +550,8 @@ class Search:
             return 0
         moved = np.ptp([x.numbers / self._problem.sizes for x in trials], axis=0)
         changes = np.ptp([(x.values[0] / self._scales[0], x.violation) for x in trials], axis=0)
-        change = max(_RESTING_CHANGE, self._problem.noise)
-        is_resting = np.max(moved) <= _RESTING_DISTANCE and np.max(changes) <= change
+        is_resting = np.max(moved) <= _RESTING_DISTANCE
+        is_resting &= np.max(changes) <= max(_RESTING_CHANGE, noise)
         return count if is_resting else 0
 
     def _record(self, numbers: Array, design: Design) -> Trial:
