@@ -5,8 +5,8 @@ Amplitudes of periodic motions must not depend on the number of output rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,43 @@ class ColumnRange:
     def largest_magnitude(self) -> float:
         """Largest absolute value."""
         return max(abs(self.least), abs(self.largest))
+
+
+def refine_step_extremes(
+    headers: Sequence[str],
+    extremes: Mapping[str, StepExtremes],
+    row_times: Array,
+    trajectory: Trajectory,
+    observe_at: Callable[[Array], Array],
+) -> ColumnDict:
+    """Return the extremes of columns with peaks between the steps, such as those of stiff contacts.
+
+    Parameters
+    ----------
+    headers
+        Headers of all observed columns.
+    extremes
+        Extremes at steps and rows of some of them, see `measure_step_extremes`.
+    row_times, trajectory, observe_at
+        See `measure_column_ranges`.
+    """
+    names = [x for x in headers if x in extremes]
+    if not names or len(row_times) < 3:
+        return ColumnDict(extremes)
+    selected = [headers.index(x) for x in names]
+    values = np.array([(extremes[x].min, extremes[x].max) for x in names]).T
+    times = np.array([(extremes[x].min_time, extremes[x].max_time) for x in names]).T
+    steps = np.concatenate([row_times, *(x.t for x in trajectory.intervals)])
+    distances = _find_distances(np.unique(steps), times)
+    centers = np.clip(times, row_times[0] + distances, row_times[-1] - distances)
+    times, values = _refine(times, values, centers, distances, lambda t: observe_at(t)[:, selected])
+    refined = zip(names, *values.tolist(), *times.tolist(), strict=True)
+    return ColumnDict(
+        {
+            name: replace(extremes[name], min=low, max=high, min_time=low_time, max_time=high_time)
+            for name, low, high, low_time, high_time in refined
+        }
+    )
 
 
 def measure_column_ranges(
@@ -64,12 +101,12 @@ def measure_column_ranges(
     if not columns:
         return ColumnDict()
     rows = np.column_stack(list(columns.values()))
-    low, high = np.min(rows, axis=0), np.max(rows, axis=0)
+    values = np.stack([np.min(rows, axis=0), np.max(rows, axis=0)])
     times = row_times[np.stack([np.argmin(rows, axis=0), np.argmax(rows, axis=0)])]
     at_steps = np.isin(list(columns), list(extremes))
     for k in np.flatnonzero(at_steps).tolist():
         extreme = extremes[list(columns)[k]]
-        low[k], high[k] = extreme.min, extreme.max
+        values[:, k] = extreme.min, extreme.max
         times[:, k] = extreme.min_time, extreme.max_time
     if len(row_times) > 2:
         steps = np.concatenate([row_times, *(x.t for x in trajectory.intervals)])
@@ -77,8 +114,8 @@ def measure_column_ranges(
             at_steps, _find_distances(np.unique(steps), times), _find_distances(row_times, times)
         )
         centers = np.clip(times, row_times[0] + distances, row_times[-1] - distances)
-        low, high = _refine(low, high, centers, distances, observe_at)
-    ranges = map(ColumnRange, low.tolist(), high.tolist())
+        _, values = _refine(times, values, centers, distances, observe_at)
+    ranges = map(ColumnRange, *values.tolist())
     return ColumnDict(dict(zip(columns, ranges, strict=True)))
 
 
@@ -91,9 +128,13 @@ def _find_distances(nodes: Array, times: Array) -> Array:
 
 
 def _refine(
-    low: Array, high: Array, centers: Array, distances: Array, observe_at: Callable[[Array], Array]
+    extreme_times: Array,
+    extremes: Array,
+    centers: Array,
+    distances: Array,
+    observe_at: Callable[[Array], Array],
 ) -> tuple[Array, Array]:
-    """Return extremes (n,) that include the vertices of parabolas through three points.
+    """Return times and values (2, n) of extremes with the vertices of parabolas through 3 points.
 
     The points of the smallest and the largest value of each column are at the centers (2, n) and at
     these distances (2, n) before and after them.
@@ -101,17 +142,18 @@ def _refine(
     stencils = centers + distances * np.array([-1.0, 0.0, 1.0])[:, None, None]
     times, index = np.unique(stencils, return_inverse=True)
     columns = observe_at(times)
-    before, here, after = columns[index.reshape(stencils.shape), np.arange(len(low))]
+    before, here, after = columns[index.reshape(stencils.shape), np.arange(columns.shape[1])]
     # Columns may be infinite or not a number at some times.
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         shifts = 0.5 * (before - after) / (before - 2.0 * here + after)
     has_vertex = np.abs(shifts) < 1.0
-    vertices = (centers + shifts * distances)[has_vertex]
-    at_vertices = observe_at(np.unique(vertices))
-    for values in (columns, at_vertices):
-        low = np.minimum(low, np.min(values, axis=0, initial=np.inf))
-        high = np.maximum(high, np.max(values, axis=0, initial=-np.inf))
-    return low, high
+    vertices = np.unique((centers + shifts * distances)[has_vertex])
+    candidates = np.concatenate([extremes, columns, observe_at(vertices)])
+    candidates = np.where(np.isfinite(candidates), candidates, extremes[0])
+    of_candidates = np.concatenate([times, vertices])[:, None] + np.zeros(columns.shape[1])
+    of_candidates = np.concatenate([extreme_times, of_candidates])
+    rows = np.stack([np.argmin(candidates, axis=0), np.argmax(candidates, axis=0)])
+    return np.take_along_axis(of_candidates, rows, 0), np.take_along_axis(candidates, rows, 0)
 
 
 def measure_column_means(

@@ -16,7 +16,11 @@ from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives
-from beamdae.results.column_ranges import measure_column_means, measure_column_ranges
+from beamdae.results.column_ranges import (
+    measure_column_means,
+    measure_column_ranges,
+    refine_step_extremes,
+)
 from beamdae.results.columns import ColumnDict, Header
 from beamdae.results.diagnostics.contacts.hard_impacts import (
     HardImpact,
@@ -133,16 +137,21 @@ class RunData:
     def step_extremes(self) -> ColumnDict:
         """Extremes of the observed columns over all steps and rows, by header or name of a column.
 
-        They include peaks between the rows. Accelerations are omitted in models without abrupt
-        forces, such as contacts.
+        They include peaks between the rows and, with adaptive steps, between the steps.
+        Accelerations are omitted in models without abrupt forces, such as contacts.
         """
-        return measure_step_extremes(
+        extremes = measure_step_extremes(
             self.equations,
             self.trajectory,
             self.t,
             lambda: self.columns,
             self._has_fixed_steps,
         )
+        has_all_steps = all(x.record is None for x in self.trajectory.intervals)
+        if self._has_fixed_steps or not has_all_steps:
+            return extremes
+        headers = list(self.equations.observed_headers)
+        return refine_step_extremes(headers, extremes, self.t, self.trajectory, self._observe_at)
 
     @cached_property
     def _extremes_above_rounding(self) -> ColumnDict:

@@ -58,7 +58,7 @@ class CoulombSliding(NamedTuple):
     Attributes
     ----------
     deviation
-        Largest deviation from the sliding of the run [m].
+        Largest deviation from the sliding of the run, or of the distance if it is larger [m].
     distance
         Largest distance between two positions [m].
     """
@@ -117,7 +117,7 @@ def estimate_coulomb_sliding(
 
     static = law.coefficient if law.static is None else law.static
     v, e, position = float(velocities[0]), 0.0, 0.0
-    deviation = lowest = highest = 0.0
+    deviation = lowest = highest = lowest_of_run = highest_of_run = 0.0
     for step, begin, end, force, friction in rows:
         if step <= 0.0:
             v += end - begin  # at impacts between intervals
@@ -146,7 +146,12 @@ def estimate_coulomb_sliding(
             position, left = position + slid, left - duration
         deviation = max(deviation, abs(e))
         lowest, highest = min(lowest, position), max(highest, position)
-    return CoulombSliding(deviation, highest - lowest)
+        of_run = position - e
+        lowest_of_run, highest_of_run = min(lowest_of_run, of_run), max(highest_of_run, of_run)
+    distance = highest - lowest
+    # Both ends of a motion to and fro deviate.
+    deviation = max(deviation, abs(distance - (highest_of_run - lowest_of_run)))
+    return CoulombSliding(deviation, distance)
 
 
 def _mean_sign(begin: Array, end: Array) -> Array:

@@ -230,7 +230,7 @@ class _SlidingCheck:
         return (
             f"{self.name}: it slides over a distance that is wrong by about "
             f"{format_percent(share)}, because {name} is {self.law.speed:g} m/s, below which the "
-            f"part creeps; use {name}={speed:.2g} or less."
+            f"part creeps; use {name}={speed:.2g}."
         )
 
     def _warning_of_slow_sliding(self) -> str | None:
