@@ -1,5 +1,7 @@
 """Warnings about runs that stay on an unstable path because nothing disturbs their symmetry."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -76,3 +78,19 @@ def test_a_load_that_increases_beyond_the_branch_point_is_named():
 
     assert not is_named(at(320.0))
     assert is_named(at(380.0))
+
+
+@pytest.mark.slow(reason="a second")
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_a_bar_that_vibrates_in_flight_is_not_named():
+    # Its rotation grows linearly with time, because the forces of the vibration turn with it.
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.005)
+    mech = bd.Mechanism()
+    line = bd.Line((0, 0), (LENGTH, 0))
+    bar = mech.add(bd.Beam("bar", line, section, elements=1, formulation="exact"))
+    for end, sign in ((bar.start, 1.0), (bar.end, -1.0)):
+        mech.add(bd.PointMass(f"mass at {end}", 0.1, on=end))
+        blow = partial(lambda sign, t: sign * 2e4 * np.exp(-t / 1e-4), sign)
+        mech.add(bd.Force(f"blow at {end}", end, (blow, 0.0)))
+    mech.observe("left", bar.start)
+    assert not is_named(bd.simulate(mech, t_end=0.01))
