@@ -307,3 +307,34 @@ def test_regression_responses_of_long_elements_are_reported(elements, share):
         assert str(warning.message).endswith("or more, or lower frequencies.")
     if error < 0.002:
         assert not record
+
+
+def rotating_blade(elements, speed):
+    """Return a linear model of a tapered blade on a shaken hub that turns at `speed` [rad/s]."""
+    mech = bd.Mechanism()
+    alloy = bd.Material(E=70e9, nu=0.33, rho=2700.0)
+    section = bd.taper(bd.Section.rectangle, alloy, width=0.04, height=(0.006, 0.003), damping=1e-4)
+    hub = mech.add(bd.RigidBody("hub", mass=5.0, inertia=0.03))
+    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    line = bd.Line((0.15, 0.0), (0.65, 0.0))
+    blade = mech.add(bd.Beam("blade", line, section, elements=elements, strain="exact"))
+    mech.add(bd.Weld("clamp", hub.at(0.15, 0.0), blade.start))
+    mech.add(bd.PointMass("tip", 0.05, on=blade.end))
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), lambda t: speed * t))
+    mech.observe("root", blade.stress(0.0, "top"))
+    mech.observe("end", blade.deflection(0.5))
+    return bd.linearize(mech, about=bd.rotation(speed), inputs=["motor"])
+
+
+@pytest.mark.slow(reason="three linear models of rotating beams")
+def test_regression_boundary_layers_of_rotating_blades_have_a_warning(recwarn):
+    """Four elements had an error of 7.5 % of the stress at the clamp, without a warning."""
+    coarse = rotating_blade(4, 523.6)
+    with pytest.warns(bd.BeamdaeWarning, match=r"mesh error of root.*about 7.1 %; use elements=12"):
+        response = coarse.frequency_response([60.0])
+    exact = rotating_blade(12, 523.6).frequency_response([60.0])
+    row = [x.name for x in coarse.outputs].index("root")
+    error = 1.0 - abs(response[0, row, 0] / exact[0, row, 0])
+    assert 0.05 < error < 0.1
+    rotating_blade(4, 100.0).frequency_response([60.0])
+    assert len(recwarn) == 0

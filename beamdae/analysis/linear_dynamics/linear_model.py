@@ -229,8 +229,9 @@ class LinearModel(HasPage):
         -----
         BeamdaeWarning
             If the elements of a beam are too long for the modes up to 1.5 times the largest
-            frequency, or 20 or more frequencies miss the peak of a resonance between them by more
-            than 5 %.
+            frequency, or, by more than 2 % of a stress, strain or section force, for the boundary
+            layer of a beam under tension, or 20 or more frequencies miss the peak of a resonance
+            between them by more than 5 %.
         """
         values = [
             require_finite("frequency_response", "frequencies", f)
@@ -241,7 +242,9 @@ class LinearModel(HasPage):
         response = self._evaluate_response(values)
         if self._linearization is not None and values:
             for warning in response_mesh_warnings(
-                self._linearization, float(np.max(np.abs(values)))
+                self._linearization,
+                float(np.max(np.abs(values))),
+                {x.header for x in self.outputs},
             ):
                 warn_user(f"frequency_response: {warning}")
         missed_peak = self._missed_peak_warning(np.array(values), response)

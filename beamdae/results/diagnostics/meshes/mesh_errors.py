@@ -26,10 +26,10 @@ Array = np.ndarray
 
 # In 98 equilibria and runs beside a mesh of 4 times as many elements, 61 have a warning. In 3 of
 # these, all errors of its columns are below 1 %; from a limit of 4 %, 1 of 49.
-_MAX_UNREPORTED_ERROR = 0.02
+MAX_UNREPORTED_ERROR = 0.02
 # Values below this share of the largest one along the beam, such as moments near hinges, have
 # errors relative to this share.
-_MIN_SHARE = 0.25
+MIN_SHARE = 0.25
 # Interpolation across the end of an element indicates mesh errors. Columns with a smaller indicated
 # error, relative to their largest magnitude, are not compared with the loads, which takes ten times
 # as long. Indicated errors are at least 0.15 times the mesh error; smaller ones, of 0.02 to 0.12,
@@ -123,7 +123,7 @@ def mesh_error_warnings(
             error = evaluator.measure(
                 header, column_of(header), quantity, all_names.index(column), *sections
             )
-            if error is not None and error.relative > _MAX_UNREPORTED_ERROR:
+            if error is not None and error.relative > MAX_UNREPORTED_ERROR:
                 errors.setdefault(sections[0], []).append(error)
     for beam, of_beam in errors.items():
         yield _describe(beam, of_beam)
@@ -199,11 +199,11 @@ class _Evaluator:
         scale = max(
             abs(value),
             abs(value + change),
-            _MIN_SHARE * float(np.max(np.abs(balanced))),
+            MIN_SHARE * float(np.max(np.abs(balanced))),
             float(np.max(np.abs(units))),
         )
         relative = abs(change) / scale
-        if relative > _MAX_UNREPORTED_ERROR and not Beam.covers_beam(quantity):
+        if relative > MAX_UNREPORTED_ERROR and not Beam.covers_beam(quantity):
             rows = np.unique(np.linspace(0, len(values) - 1, _COMPARED_ROWS).astype(int))
             along_beam = (self._find_largest(quantity, column, beam, k) for k in rows.tolist())
             if max(abs(value), abs(value + change)) < _NEGLIGIBLE_SHARE * max(along_beam):
