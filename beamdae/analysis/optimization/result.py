@@ -147,8 +147,9 @@ class Optimization:
         Number of evaluated designs of the best search, including those whose analyses failed.
     residual
         Norm of the gradient of the Lagrange function, relative to that of the objective and at
-        least to the first value of the objective per size of a parameter. It is 0 at an exact
-        optimum, and NaN if the search was interrupted.
+        least to the largest one of the search, within 0.1 to 1 times the first value of the
+        objective per size of a parameter. It is 0 at an exact optimum, and NaN if the search was
+        interrupted.
     analyses
         Results of the analyses of the best design: `Solution`, `Equilibrium` and `Modes`.
     first_analyses
@@ -509,9 +510,10 @@ def _relative_margin(limit: Limit, margin: float, first: float, noise: float) ->
 def _check_steps(problem: DesignProblem, search: SearchResult) -> tuple[str, ...]:
     """Return a warning if errors of the steps change values of the best design.
 
-    Changes are relative to the limits, and to the first or the best value of the objective and of
-    quantities whose limit is zero. Errors e of a method of order p are proportional to h^p, where h
-    is the step or `rtol`: a finer one, f h, changes a value by (1 - f^p) e.
+    Changes are relative to the larger one of the limit and the value, and to the first or the best
+    value of the objective and of quantities whose limit is zero. Errors e of a method of order p
+    are proportional to h^p, where h is the step or `rtol`: a finer one, f h, changes a value by
+    (1 - f^p) e.
     """
     best, first = search.best, search.trials[0]
     try:
@@ -520,7 +522,8 @@ def _check_steps(problem: DesignProblem, search: SearchResult) -> tuple[str, ...
         # For example a limit on the number of steps: the values are those of the given steps.
         return ()
     bounds = np.abs([0.0, *(x.bound for x in problem.limits)])
-    sizes = np.where(bounds, bounds, np.maximum(np.abs(best.values), np.abs(first.values)))
+    values, firsts = np.abs(best.values), np.abs(first.values)
+    sizes = np.maximum(values, np.where(bounds, bounds, firsts))
     changes /= np.maximum(sizes, np.finfo(float).tiny)
     worst = int(np.argmax(changes))
     if changes[worst] <= _MAX_STEP_ERROR:
