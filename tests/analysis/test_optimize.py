@@ -513,6 +513,27 @@ def test_regression_a_search_that_ends_in_front_of_failing_designs_is_reported()
 
 
 @pytest.mark.slow(reason="half a second and more")
+@pytest.mark.parametrize("constant", [0.0, 40.0])
+def test_regression_constant_parts_of_the_objective_do_not_hide_failing_designs(constant):
+    """With the constant, the search reported that it had converged."""
+    size = bd.ParameterFunction(lambda soft: constant + soft, "size")
+    limit = bd.at_most(bd.EquilibriumValue("mass.x"), 100.0)
+    with pytest.warns(bd.BeamdaeWarning, match="ended next to designs at which analyses fail"):
+        result = bd.optimize(pair, size, "soft", limit, {"soft": (0.01, 5.0)})
+    assert result.status.kind == "limited"
+    assert result.parameters["soft"] >= 0.5
+
+
+@pytest.mark.parametrize("first", [1.0, 1.01, 1.1, 3.0])
+def test_free_minima_of_objectives_with_a_large_constant_converge(first):
+    size = bd.ParameterFunction(lambda soft: 40.0 + (soft - 1.0) ** 2, "size")
+    arguments = (pair, size, "soft", (), {"soft": (0.5, 5.0)})
+    result = bd.optimize(*arguments, parameters={"soft": first})
+    assert result.status.kind == "ok"
+    assert result.parameters["soft"] == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("load", [LOAD, -LOAD])
 def test_regression_limits_of_signed_stresses_beyond_the_limit_in_magnitude_are_reported(load):
     """A compression of 1567 MPa satisfied the upper limit of 200 MPa without a warning."""
@@ -833,6 +854,18 @@ def test_regression_steps_that_change_the_design_are_told():
     result = bd.optimize(*arguments, {"stiffness": (5.0, 35.0)})
     assert not result.warnings
     assert result.parameters["stiffness"] == pytest.approx(np.pi**2, rel=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore:optimize. no evaluated design")
+def test_regression_errors_of_steps_are_relative_to_values_far_beyond_their_limit():
+    """Changes were relative to a limit in the wrong unit: 100 % or more."""
+    size = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")
+    limit = bd.at_most(bd.EndValue("mass.x"), 1e-6)
+    method = bd.GeneralizedAlpha(step=0.01)
+    arguments = (oscillator, size, "stiffness", limit, {"stiffness": (25.0, 35.0)}, method)
+    result = bd.optimize(*arguments, max_evaluations=3)
+    assert result.status.kind == "limited"
+    assert not any("steps of the run" in x for x in result.warnings)
 
 
 @bd.model(t_end=0.1)

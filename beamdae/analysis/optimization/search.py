@@ -38,6 +38,10 @@ _STATIONARITY_TOLERANCE = 1e-3
 # Residual above which the end of a search is no optimum: steps also become short before designs
 # whose analyses fail, and at jumps.
 _MAX_RESIDUAL = 0.1
+# The residual is relative to the largest gradient of the search, within this range: a constant part
+# of the objective makes its gradient small, but at a minimum without active constraints and bounds,
+# SciPy's tolerance of the objective leaves gradients up to about 1e-3.
+_MIN_GRADIENT, _MAX_GRADIENT = 0.1, 1.0
 # First values below this ratio to their change over the size of the numbers are rounding errors.
 _MIN_RELATIVE_VALUE = 1e-8
 # The search ends after this number of failed analyses in a row.
@@ -113,7 +117,8 @@ class Stationarity:
     multipliers
         Lagrange multipliers (C,): decrease of the objective per unit by which a limit is relaxed.
     residual
-        Norm of the gradient of the Lagrange function, relative to that of the objective.
+        Norm of the gradient of the Lagrange function, relative to that of the objective; where
+        this is small, relative to its largest gradient in the search, within 0.1 to 1.
     has_effect
         False (k,) for numbers on which neither the objective nor a constraint depends.
     """
@@ -183,6 +188,7 @@ class Search:
         self._first_analyses: tuple[Any, ...] = ()
         self._last_gradients: tuple[Array, Array] | None = None
         self._last_margins = np.zeros(len(problem.limits))
+        self._largest_gradient = 0.0  # norm, of the scaled objective
         # Factors of limited smooth maxima, see `_limit_maxima`.
         self._ratios = np.ones(len(problem.limits))
         self._is_logarithmic = problem.lower > 0.0
@@ -601,6 +607,7 @@ class Search:
         count = len(problem.limits)
         rows = np.array([design.gradient(k) for k in range(1 + count)])
         rows *= problem.sizes / self._scales[:, None]
+        self._largest_gradient = max(self._largest_gradient, float(np.linalg.norm(rows[0])))
         signs = self._ratios * [limit.sign for limit in problem.limits]
         return rows[0], -signs[:, None] * rows[1:] if count else np.zeros((0, len(numbers)))
 
@@ -633,7 +640,8 @@ class Search:
         multipliers = np.zeros(len(problem.limits))
         multipliers[active] = solution[: len(active)]
         # A stationary objective without constraints has a gradient of the size of its rounding.
-        size = max(float(np.linalg.norm(gradient)), 1.0)
+        least = min(max(self._largest_gradient, _MIN_GRADIENT), _MAX_GRADIENT)
+        size = max(float(np.linalg.norm(gradient)), least)
         multipliers *= self._scales[0] / self._scales[1:]
         has_effect = np.any(np.vstack([gradient, jacobian]), axis=0)
         return Stationarity(multipliers, float(residual) / size, has_effect)
