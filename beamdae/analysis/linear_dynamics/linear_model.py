@@ -64,9 +64,11 @@ _MIN_GRID_SIZE = 20
 # peak. At a distance of 0.3 half bandwidths, a response is 4 % smaller than at the peak.
 _MIN_PEAK_SHARE = 0.95
 _DISTANCE_RATIO = 0.3
-# Damping ratios of vibrations with a peak; smaller ones are rounding errors.
+# Damping ratios of vibrations with a finite peak; smaller ones are rounding errors.
 _MAX_DAMPING_RATIO = 0.3
 _MIN_DAMPING_RATIO = 1e-9
+# Distance from undamped resonances at which responses are compared, relative to the frequency.
+_UNDAMPED_DISTANCE = 1e-6
 
 
 @read_only_data
@@ -259,22 +261,31 @@ class LinearModel(HasPage):
             return None
         rates, decays = self.poles.imag / (2.0 * np.pi), np.abs(self.poles.real) / (2.0 * np.pi)
         is_inside = (rates > grid[0]) & (rates < grid[-1])
-        # Peaks of modes without damping are infinite.
-        vibrates = (decays < rates * _MAX_DAMPING_RATIO) & (decays > rates * _MIN_DAMPING_RATIO)
+        vibrates = decays < rates * _MAX_DAMPING_RATIO
+        is_undamped = decays <= rates * _MIN_DAMPING_RATIO
         distances = np.min(np.abs(rates[:, None] - grid), axis=1)
         missed: dict[float, tuple[float, float]] = {}
         for k in np.flatnonzero(is_inside & vibrates & (distances > _DISTANCE_RATIO * decays)):
             after = int(np.searchsorted(grid, rates[k]))
-            peak = np.abs(self._evaluate_response([float(rates[k])])[0])
+            # Peaks of modes without damping are infinite.
+            at = rates[k] * (1.0 + _UNDAMPED_DISTANCE * is_undamped[k])
+            peak = np.abs(self._evaluate_response([float(at)])[0])
             nearest = np.max(np.abs(response[rows[after - 1 : after + 1]]), axis=0)
             share = float(np.min(nearest[peak > 0.0] / peak[peak > 0.0], initial=1.0))
             if share < _MIN_PEAK_SHARE:
-                missed[float(rates[k])] = (share, 2.0 * float(decays[k]))
+                bandwidth = 0.0 if is_undamped[k] else 2.0 * float(decays[k])
+                missed[float(rates[k])] = (share, bandwidth)
         if not missed:
             return None
         f = min(missed, key=lambda x: missed[x])
         share, bandwidth = missed[f]
         more = f" (as do {len(missed) - 1} others)" if len(missed) > 1 else ""
+        if bandwidth == 0.0:
+            return (
+                f"frequency_response: the resonance at {f:.6g} Hz{more} lies between frequencies "
+                "and has no damping, so its peak is infinite and the largest response depends on "
+                "the frequencies; add damping."
+            )
         return (
             f"frequency_response: the resonance at {f:.6g} Hz{more} lies between frequencies "
             f"that reach {format_percent(share)} of its peak, because its bandwidth is "
