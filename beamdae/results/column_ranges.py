@@ -61,8 +61,8 @@ def refine_step_extremes(
     times = np.array([(extremes[x].min_time, extremes[x].max_time) for x in names]).T
     steps = np.concatenate([row_times, *(x.t for x in trajectory.intervals)])
     distances = _find_distances(np.unique(steps), times)
-    centers = np.clip(times, row_times[0] + distances, row_times[-1] - distances)
-    times, values = _refine(times, values, centers, distances, lambda t: observe_at(t)[:, selected])
+    ends = row_times[0], row_times[-1]
+    times, values = _refine(times, values, distances, ends, lambda t: observe_at(t)[:, selected])
     refined = zip(names, *values.tolist(), *times.tolist(), strict=True)
     return ColumnDict(
         {
@@ -113,8 +113,8 @@ def measure_column_ranges(
         distances = np.where(
             at_steps, _find_distances(np.unique(steps), times), _find_distances(row_times, times)
         )
-        centers = np.clip(times, row_times[0] + distances, row_times[-1] - distances)
-        _, values = _refine(times, values, centers, distances, observe_at)
+        ends = row_times[0], row_times[-1]
+        _, values = _refine(times, values, distances, ends, observe_at)
     ranges = map(ColumnRange, *values.tolist())
     return ColumnDict(dict(zip(columns, ranges, strict=True)))
 
@@ -130,15 +130,17 @@ def _find_distances(nodes: Array, times: Array) -> Array:
 def _refine(
     extreme_times: Array,
     extremes: Array,
-    centers: Array,
     distances: Array,
+    ends: tuple[float, float],
     observe_at: Callable[[Array], Array],
 ) -> tuple[Array, Array]:
     """Return times and values (2, n) of extremes with the vertices of parabolas through 3 points.
 
-    The points of the smallest and the largest value of each column are at the centers (2, n) and at
-    these distances (2, n) before and after them.
+    The points of the smallest and the largest value of each column are at their times (2, n) and at
+    these distances (2, n) before and after them, moved between the ends [s] of the rows.
     """
+    begin, end = ends
+    centers = np.clip(extreme_times, begin + distances, end - distances)
     stencils = centers + distances * np.array([-1.0, 0.0, 1.0])[:, None, None]
     times, index = np.unique(stencils, return_inverse=True)
     columns = observe_at(times)
