@@ -182,7 +182,7 @@ class Search:
         self._problem, self._method, self._tolerance = problem, method, tolerance
         self._max_evaluations, self._progress = max_evaluations, progress
         self._trials: dict[bytes, Trial] = {}
-        self._trials_before = 0  # the present search
+        self._trials_before = 0  # number of trials before the present search of SciPy
         self._failures = 0
         self._end: Trial | None = None
         self._first_analyses: tuple[Any, ...] = ()
