@@ -471,16 +471,21 @@ def chain(k1=60.0, k2=90.0, damping=0.5):
     return mech
 
 
-def test_regression_searches_that_start_out_of_phase_reach_the_solution():
-    """Steps that reduce the amplitude ended in another minimum with the status "ok"."""
-    times = np.linspace(0.03, 3.0, 101)
-    run = bd.simulate(chain(), METHOD, t_end=3.0).at_times(times)
-    rng = np.random.default_rng(2)
+def noisy_chain(times, method, t_end, share, seed):
+    """Return data of the chain, and standard deviations of their noise as shares of the ranges."""
+    run = bd.simulate(chain(), method, t_end=t_end).at_times(times)
+    rng = np.random.default_rng(seed)
     data, sigma = {"t [s]": times}, {}
     for column in ("one.x", "two.x"):
         values = run[column].to_numpy()
-        sigma[column] = 0.01 * np.ptp(values)
-        data[column] = values + rng.normal(scale=sigma[column], size=101)
+        sigma[column] = share * np.ptp(values)
+        data[column] = values + rng.normal(scale=sigma[column], size=len(times))
+    return data, sigma
+
+
+def test_regression_searches_that_start_out_of_phase_reach_the_solution():
+    """Steps that reduce the amplitude ended in another minimum with the status "ok"."""
+    data, sigma = noisy_chain(np.linspace(0.03, 3.0, 101), METHOD, 3.0, 0.01, seed=2)
     first = {"k1": 175.5, "k2": 51.4, "damping": 0.62}
     result = bd.fit(chain, data, list(first), METHOD, sigma=sigma, parameters=first)
     assert result.status.kind == "ok"
@@ -507,15 +512,8 @@ def test_regression_undetermined_combinations_stay_close_to_the_first_values(exa
 @pytest.mark.parametrize("shift", [(), "*"], ids=["times", "delay"])
 def test_regression_one_mirrored_column_beside_others_is_named(shift):
     """Searches with the scales of all columns lost the phase, and parameters ran away."""
-    times = np.linspace(0.3, 3.0, 91)
     method = bd.GeneralizedAlpha(step=0.015)
-    run = bd.simulate(chain(), method, t_end=3.5).at_times(times)
-    rng = np.random.default_rng(3)
-    data, sigma = {"t [s]": times}, {}
-    for column in ("one.x", "two.x"):
-        values = run[column].to_numpy()
-        sigma[column] = 0.005 * np.ptp(values)
-        data[column] = values + sigma[column] * rng.normal(size=91)
+    data, sigma = noisy_chain(np.linspace(0.3, 3.0, 91), method, 3.5, 0.005, seed=3)
     data["two.x"] = 4.0 - data["two.x"]
     first = {"k1": 35.0, "k2": 50.0, "damping": 0.4}
     options = {"sigma": sigma, "parameters": first, "log": list(first), "shift": shift}
