@@ -54,7 +54,7 @@ def refine_step_extremes(
         See `measure_column_ranges`.
     """
     names = [x for x in headers if x in extremes]
-    if not names or len(row_times) < 3:
+    if not names or len(row_times) < 2:
         return ColumnDict(extremes)
     selected = [headers.index(x) for x in names]
     values = np.array([(extremes[x].min, extremes[x].max) for x in names]).T
@@ -140,6 +140,7 @@ def _refine(
     these distances (2, n) before and after them, moved between the ends [s] of the rows.
     """
     begin, end = ends
+    distances = np.minimum(distances, 0.5 * (end - begin))
     centers = np.clip(extreme_times, begin + distances, end - distances)
     stencils = centers + distances * np.array([-1.0, 0.0, 1.0])[:, None, None]
     times, index = np.unique(stencils, return_inverse=True)

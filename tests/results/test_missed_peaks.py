@@ -627,6 +627,15 @@ def test_regression_a_latch_between_panels_names_the_force_without_damping():
     np.testing.assert_allclose(value, -4.3, rtol=0.05)
 
 
+@pytest.mark.parametrize("rows", [[0.0, 1.0], [0.0, 0.01, 1.0]])
+def test_extremes_of_runs_with_few_rows_contain_peaks_between_steps(rows):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    stone = mech.add(bd.PointMass("stone", 1.0, at=(0.0, 0.0), velocity=(1.0, 2.0)))
+    mech.observe("stone", stone.point)
+    solution = bd.Radau(1e-3).integrate(bd.equations_of_motion(mech), np.array(rows))
+    assert_allclose(solution.step_extremes["stone.y"].max, 2.0**2 / (2.0 * 9.81), rtol=1e-6)
+
+
 @pytest.mark.slow(reason="two runs of a falling frame")
 def test_regression_extremes_contain_peaks_between_steps():
     """The largest force of a stiff contact was 2 % too small, because the steps missed it."""
