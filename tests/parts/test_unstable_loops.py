@@ -343,6 +343,44 @@ def test_regression_unstable_sampled_loops_of_ten_samples_have_a_warning(every, 
         assert len(loop_warnings(mech, t_end, bd.GeneralizedAlpha(5e-4))) == is_unstable
 
 
+def build_shaker(kd, frequency, limit=np.inf, by_index=False, noise=0.0):
+    """Return a mass of 1 kg that follows a sine at 1 kHz, unstable from kd = 2000 N s/m on."""
+    mech = bd.Mechanism()
+    stage = mech.add(bd.PointMass("stage", 1.0, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    x, v = (mech.sensor(name, stage.point, name) for name in ("x", "x_dot"))
+    force = mech.input("force", unit="N")
+    mech.add(bd.Force("motor", stage.point, (force, 0.0)))
+
+    def law(sample):
+        position, speed = sample.reads
+        time = sample.index * sample.every if by_index else sample.t
+        goal = STEP * np.sin(2.0 * np.pi * frequency * time)
+        goal += noise * sample.random.standard_normal()
+        return float(np.clip(4000.0 * (goal - position) - kd * speed, -limit, limit))
+
+    mech.add(bd.Controller("servo", 1e-3, [x, v], [force], law))
+    return mech
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"frequency": 250.0, "by_index": True},
+        {"frequency": 300.0, "noise": 1e-2 * STEP},
+        {"frequency": 400.0, "limit": 3.0},
+    ],
+)
+def test_regression_commands_that_follow_a_fast_reference_have_no_warning(settings):
+    """A command that alternated as the sine in the law was that of an unstable loop."""
+    assert not loop_warnings(build_shaker(kd=60.0, **settings), t_end=0.06)
+
+
+@pytest.mark.parametrize("frequency", [2.0, 300.0])
+def test_unstable_loops_with_a_fast_reference_have_a_warning(frequency):
+    assert loop_warnings(build_shaker(4000.0, frequency, limit=20.0), t_end=0.06)
+
+
 @pytest.mark.parametrize("every", [1e-3, 1e-2])
 def test_sampled_relays_have_no_gains(every):
     """The level of a thermostat alternates as it should."""

@@ -70,6 +70,9 @@ _MIN_REMAINING_ALTERNATION = 0.9
 # quantization), 5 repeated: 2 followed sines with periods of less than 18 samples and a delay of 2
 # samples, 3 were limit cycles of quantization or almost unstable. Noise reaches 0.5.
 _MIN_CORRELATION = 0.8
+# Samples of the reference that explain a held value, and the share of its standard deviation that
+# they leave at most.
+_REFERENCE_LAGS, _MAX_UNEXPLAINED = 4, 0.5
 # Noise does not repeat. It is named if the value is at both of its limits in turn at least this
 # often, once per this number of samples.
 _MIN_REVERSALS = 6
@@ -321,6 +324,8 @@ def _sampled_cycle_warnings(
         held = trajectory.positions_at(np.concatenate([first, last]))[:, term.rows]
         for k in range(len(controller.drives)):
             limits = _find_alternation(held[:, k], len(first), 1 + controller.delay)
+            if limits is not None and _follows_reference(equations, trajectory, stream, k, last):
+                continue
             is_levels = limits is not None and has_few_levels(held[:, k], limits)
             if is_levels and _is_switch(equations, trajectory, stream, k, last):
                 continue
@@ -435,6 +440,8 @@ def _find_limit_cycle(
         if _find_decay(reads) > _MAX_DECAY or _moves_on(equations, states[1].q):
             continue
         newest = every * (samples[-_MAX_LAST_SAMPLES:] + 0.5)
+        if _follows_reference(equations, trajectory, stream, drive, newest):
+            return None
         is_levels = has_few_levels(held, (low, high))
         if not is_levels or not _is_switch(equations, trajectory, stream, drive, newest):
             return low, high
@@ -554,6 +561,59 @@ def _find_alternation(held: Array, n_first: int, latency: int) -> tuple[float, f
     if 0.5 * (high - low) < _MIN_AMPLITUDE * np.abs(held).max():
         return None
     return (low, high) if is_at_limits or _repeats(last, _MAX_PERIOD * latency) else None
+
+
+def _follows_reference(
+    equations: EquationsOfMotion, trajectory: Trajectory, stream: int, drive: int, last: Array
+) -> bool:
+    """Return True if a held value alternates because the reference in the law of a controller does.
+
+    Without feedback, the law is called with the measured values of the mean state, which change
+    with time only. The held value follows the reference if it is a linear combination of the
+    results at a few samples, of a constant and of a ramp. A loop that is unstable alternates at
+    another frequency.
+
+    Parameters
+    ----------
+    equations, trajectory
+        The equations of motion and the steps of the run.
+    stream
+        Number of the controller in the mechanism.
+    drive
+        Number of the driven input.
+    last
+        Times [s] in the middle between the last samples.
+    """
+    term = equations.controllers[stream]
+    controller = term.controller
+    samples = last - 0.5 * controller.every
+    times, states = trajectory.at(samples)
+    q, v = (np.broadcast_to(x.mean(axis=0), x.shape) for x in (states.q, states.v))
+    reads = evaluate_reads(term, equations.p, times, states._replace(q=q, v=v))
+    values = trajectory.positions_at(last)[:, term.rows]
+    held, before = values[:, drive], values[0]
+    newest = len(controller.drives) * controller.delay + drive
+    first = round(samples[0] / controller.every)
+    try:
+        # Noise alternates without feedback, too, but is no reference.
+        start = samples[0], first, reads[0], before
+        one, other = (controller.next_values(*start, stream + k) for k in (0, 1))
+        has_noise = not np.array_equal(one, other)
+        of_reference = []
+        for k, (time, read) in enumerate(zip(samples.tolist(), reads, strict=True)):
+            index = first if has_noise else first + k
+            before = controller.next_values(time, index, read, before, stream)
+            of_reference.append(before[newest])
+    except BeamdaeError:
+        return False
+    lags = range(_REFERENCE_LAGS)
+    count = len(held) - _REFERENCE_LAGS
+    columns = [of_reference[_REFERENCE_LAGS - k : len(held) - k] for k in lags]
+    matrix = np.column_stack([*columns, np.ones(count), np.arange(count)])
+    scaled = matrix / np.maximum(np.abs(matrix).max(axis=0), np.finfo(float).tiny)
+    held = held[_REFERENCE_LAGS:]
+    rest = held - scaled @ np.linalg.lstsq(scaled, held, rcond=_ROUNDING)[0]
+    return bool(np.std(rest) < _MAX_UNEXPLAINED * np.std(held))
 
 
 def _is_switch(
