@@ -127,6 +127,7 @@ class LinearModel(HasPage):
         return iter((self.A, self.B, self.C, self.D))
 
     @cached_property
+    @single_threaded
     def poles(self) -> Array:
         """Eigenvalues l of `A` [1/s], (states,), in ascending order of |l|.
 
@@ -154,6 +155,7 @@ class LinearModel(HasPage):
             count += int(is_pair and np.sum(slow[:count].imag) != 0.0)
         return np.concatenate([slow[:count], fast[count:]])
 
+    @single_threaded
     def state_space(self, every: float | None = None) -> StateSpace:
         """Return the model as a `scipy.signal.StateSpace`, for step and impulse responses.
 
@@ -208,6 +210,7 @@ class LinearModel(HasPage):
         a, b = exponential[:, :n] * scale[:, None] / scale, exponential[:, n:] * scale[:, None]
         return StateSpace(a, b, self.C, self.D, dt=step)
 
+    @single_threaded
     def frequency_response(self, frequencies: Any) -> Array:
         """Return the transfer matrix G = C (i w I - A)^-1 B + D, w = 2 pi f.
 

@@ -271,14 +271,15 @@ def _section_force_changes(
     """
     e, solver = lin.equations, ConsistencySolver(lin.equations)
     change = _DIFFERENCE / np.max(np.abs(shape) / e.position_scales) * shape
-    # The shape is at rest in the rotating frame.
+    # The shape is at rest in the frame that rotates at the speed of the linear model, which the laws
+    # of drivers need not prescribe.
     rates = np.zeros(e.n)
     if lin.rotation is not None:
         rates = lin.rotation.speed * (RotatingCoordinates.from_equations(e).generator @ change)
-    states = [
-        solver.state(lin.time, lin.state.q + sign * change, lin.state.v + sign * rates)
-        for sign in (1.0, -1.0)
-    ]
+    states = []
+    for sign in (1.0, -1.0):
+        q, v = lin.state.q + sign * change, lin.state.v + sign * rates
+        states.append(State(q, v, *solver.acceleration(lin.time, q, v)))
     rows = State(*(np.stack(x) for x in zip(*states, strict=True)))
     before = s > (1.0 - SAME_SECTION_TOLERANCE) * beam.length
     times = np.stack([lin.time, lin.time])
