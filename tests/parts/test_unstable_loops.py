@@ -159,8 +159,8 @@ def build_hard_stage(kp, kd, ki=0.0, goal=STEP, limits=None, damping=0.5):
     return mech
 
 
-def build_sampled_stage(every, kp, kd, ki=0.0, goal=STEP, limit=1e9, delay=0):
-    """Return the stage of `build_hard_stage` with a sampled controller."""
+def build_sampled_stage(every, kp, kd, ki=0.0, goal=STEP, limit=1e9, delay=0, resolution=None):
+    """Return the stage of `build_hard_stage` with a sampled controller and an ideal encoder."""
     mech = build_hard_stage(0.0, 0.0)
     stage = mech.parts["stage"]
     force = mech.input("force", unit="N")
@@ -168,6 +168,8 @@ def build_sampled_stage(every, kp, kd, ki=0.0, goal=STEP, limit=1e9, delay=0):
 
     def law(sample):
         (x,) = sample.reads
+        if resolution is not None:
+            x = resolution * np.round(x / resolution)
         integral, last = sample.state
         error = goal - x
         integral += every * error
@@ -379,6 +381,16 @@ def test_regression_commands_that_follow_a_fast_reference_have_no_warning(settin
 @pytest.mark.parametrize("frequency", [2.0, 300.0])
 def test_unstable_loops_with_a_fast_reference_have_a_warning(frequency):
     assert loop_warnings(build_shaker(4000.0, frequency, limit=20.0), t_end=0.06)
+
+
+@pytest.mark.parametrize("resolution", [1e-8, 1e-7, 1e-6])
+@pytest.mark.parametrize(("delay", "is_unstable"), [(0, False), (3, True), (5, True)])
+def test_regression_loops_with_encoders_are_linearized(resolution, delay, is_unstable):
+    """Short differences of laws that round their readings jump or vanish."""
+    gains = {"ki": 1e5, "limit": 20.0, "delay": delay, "resolution": resolution}
+    mech = build_sampled_stage(1e-3, 2e4, 60.0, **gains)
+    found = loop_warnings(mech, 0.15, bd.GeneralizedAlpha(5e-4))
+    assert len(found) == is_unstable
 
 
 @pytest.mark.parametrize("every", [1e-3, 1e-2])

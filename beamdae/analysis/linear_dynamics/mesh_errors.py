@@ -271,8 +271,8 @@ def _section_force_changes(
     """
     e, solver = lin.equations, ConsistencySolver(lin.equations)
     change = _DIFFERENCE / np.max(np.abs(shape) / e.position_scales) * shape
-    # The shape is at rest in the frame that rotates at the speed of the linear model, which the laws
-    # of drivers need not prescribe.
+    # The shape is at rest in the frame that rotates at the speed of the linear model. The laws of
+    # drivers need not prescribe this speed.
     rates = np.zeros(e.n)
     if lin.rotation is not None:
         rates = lin.rotation.speed * (RotatingCoordinates.from_equations(e).generator @ change)
