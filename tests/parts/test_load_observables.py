@@ -50,6 +50,7 @@ def random_state(mech, seed):
 def generalized_force(mech, numeric, load, q, v):
     """Return the generalized forces of the load: those of the mechanism with and without it."""
     del mech.parts[load.name]
+    mech.observables.clear()
     without = NumericEquations(mech, time=TIME)
     mech.parts[load.name] = load
     zero = np.zeros(numeric.n)
@@ -77,6 +78,7 @@ def test_power_is_the_rate_of_work_in_the_energy_ledger(name):
     numeric, q, v = random_state(mech, 0)
     power = observe(mech, load.power, q, v)[0]
     del mech.parts[load.name]
+    mech.observables.clear()
     without = NumericEquations(mech, time=TIME)
 
     def energies(at):
@@ -211,6 +213,18 @@ def test_law_on_several_points_has_numbered_columns():
     assert [x.header for x in load.force.columns] == ["Fx1 [N]", "Fy1 [N]", "Fx2 [N]", "Fy2 [N]"]
     assert [x.header for x in load.moment.columns] == ["M1 [N m]", "M2 [N m]"]
     assert [x.header for x in load.load_on("2").columns] == ["Fx [N]", "Fy [N]", "M [N m]"]
+
+
+def test_regression_loads_of_parts_that_were_not_added_are_refused_by_name():
+    """A contact that was observed but not added had a force of 0.2 MN and no effect."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 0.2, at=(0.0, 0.1)))
+    contact = bd.Contact("floor", ball.point, bd.LineSurface(mech.ground.at(0.0, 0.0)), 1e6)
+    mech.observe("force", contact.force)
+    with pytest.raises(bd.BeamdaeError, match="force: 'floor' is not part of the mechanism, so it"):
+        bd.equations_of_motion(mech)
+    mech.add(contact)
+    bd.equations_of_motion(mech)
 
 
 def test_observed_loads_follow_changes_of_inputs():

@@ -393,6 +393,20 @@ def test_regression_loops_with_encoders_are_linearized(resolution, delay, is_uns
     assert len(found) == is_unstable
 
 
+@pytest.mark.parametrize("acts", [True, False])
+def test_regression_states_without_effect_belong_to_no_loop(acts):
+    """The work of a load in a run with a bad step was called a loop with wrong gains."""
+    mech = bd.Mechanism()
+    cart = mech.add(bd.PointMass("cart", 1.0, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), cart.point))
+    growing = mech.state("growing", start=1e-6)
+    growing.follows(30.0 * growing)
+    integral = mech.state("integral", growing)
+    force = integral if acts else mech.input("force", 1.0)
+    mech.add(bd.Force("push", cart.point, (force, 0.0)))
+    assert len(loop_warnings(mech, 1.0)) == acts
+
+
 @pytest.mark.parametrize("every", [1e-3, 1e-2])
 def test_sampled_relays_have_no_gains(every):
     """The level of a thermostat alternates as it should."""

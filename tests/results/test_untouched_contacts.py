@@ -72,6 +72,23 @@ def test_contacts_that_touch_or_may_be_guards_have_no_warning() -> None:
     assert untouched(mech, 0.3) == []
 
 
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize(
+    ("gap", "friction", "count"), [(1e-3, 0.3, 1), (1e-3, 0.0, 0), (0.0, 0.3, 0)]
+)
+def test_regression_pads_with_friction_that_do_not_touch_have_a_warning(
+    gap: float, friction: float, count: int
+) -> None:
+    """A wiper 1 mm above the glass had forces of zero and no warning."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    pad = mech.add(bd.PointMass("pad", 1.0, at=(0.0, 0.0))).point
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), pad))
+    mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), pad, 100.0, free_length=0.9))
+    glass = bd.LineSurface(mech.ground.at(0.0, -gap))
+    mech.add(bd.Contact("glass", pad, glass, 1e5, friction=friction))
+    assert len(untouched(mech, 1.0)) == count
+
+
 def leaf_on_cam(offset: float, far_stop: float = 0.0) -> bd.Mechanism:
     """Return a cam of 40 mm below which a leaf spring of 0.15 m is clamped."""
     mech = bd.Mechanism()

@@ -39,6 +39,7 @@ from beamdae.parts.mechanism import AS_DRAWN, MINIMUM_NORM, Mechanism, require_s
 from beamdae.parts.part import AttachedPart, Part
 from beamdae.read_only import ReadOnlyDict
 from beamdae.symbolic.statements import (
+    LOAD_UNITS,
     ConstraintStatement,
     ForceStatement,
     Quantity,
@@ -133,6 +134,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
             outlines[id(part)] += [np.reshape(x.point, (1, 2)) for x in part.attachments]
     for name, quantity in snapshot.observables.items():
         require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
+        _require_load_exists(name, quantity, mechanism)
 
     def measure(members: Sequence[Part]) -> float:
         points = np.concatenate([points for part in members for points in outlines[id(part)]])
@@ -240,6 +242,16 @@ def _prepare_parts(mechanism: Mechanism, start: Any) -> None:
         warn_about_moving_load(part.name, part.beam, attached.get(id(part.beam), []))
     if has_changed:
         forget_meshes()
+
+
+def _require_load_exists(name: str, quantity: Quantity, mechanism: Mechanism) -> None:
+    part = quantity.load_of
+    is_load = any(x.unit in LOAD_UNITS for x in quantity.columns)
+    if part is not None and is_load and part not in mechanism.parts:
+        raise BeamdaeError(
+            f"{name}: {part!r} is not part of the mechanism, so it exerts no force that can be "
+            "observed; add it with mech.add."
+        )
 
 
 def _connected_parts(parts: Sequence[Part], coordinate_map: CoordinateMap) -> list[list[Part]]:

@@ -19,6 +19,7 @@ from beamdae.equations.controller_reads import evaluate_reads
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, name_with_others
 from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.signals import State
 from beamdae.results.diagnostics.rest import is_motionless
 from beamdae.results.diagnostics.switching_laws import has_few_levels, is_switch
 from beamdae.results.trajectory import Trajectory
@@ -673,12 +674,15 @@ def _repeats(values: Array, max_period: float) -> bool:
 
 
 def _describe_rows(equations: EquationsOfMotion) -> dict[int, tuple[str, str]]:
-    """Return name and remedy of the coordinates that controllers hold, and of other states."""
-    controllers = {term.controller.name for term in equations.controllers}
+    """Return name and remedy of the coordinates that controllers hold, and of other states.
+
+    States on which nothing depends, such as the work of a load, belong to no loop.
+    """
+    acting = _find_acting_states(equations)
     rows = {
         k: (part.name, "gains")
         for part in equations.parts
-        if part.is_state and part.name not in controllers
+        if part.is_state and part.name in acting
         for k in range(part.rows.start, part.rows.stop)
     }
     for term in equations.controllers:
@@ -686,6 +690,22 @@ def _describe_rows(equations: EquationsOfMotion) -> dict[int, tuple[str, str]]:
             name = f"{term.controller.name}: {drive.name}"
             rows[term.rows.start + k] = name, "gains, and every="
     return rows
+
+
+def _find_acting_states(equations: EquationsOfMotion) -> set[str]:
+    """Return the names of the states on which loads or controllers depend, also by other states."""
+    sources = {
+        part.name: {x.signal.name for force in forces for x in force.signals}
+        for part, _, forces in equations.statements
+    }
+    controllers = [x.controller for x in equations.controllers]
+    states = {x.name for x in equations.parts if x.is_state} - {x.name for x in controllers}
+    reads = {x.name for y in controllers for x in y.reads if isinstance(x, State)}
+    of_loads = (names for part, names in sources.items() if part not in states)
+    acting = reads.union(*of_loads) & states
+    while more := acting.union(*(sources.get(x, set()) for x in acting)) & states - acting:
+        acting |= more
+    return acting
 
 
 def _exponential_growth(

@@ -6,8 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from beamdae.beams.beam import beams_of
+from beamdae.beams.beam import Beam, beams_of
+from beamdae.beams.sections import Section
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.parts.bodies.point_mass import PointMass
+from beamdae.parts.bodies.rigid_body import RigidBody
 from beamdae.results.columns import ColumnDict, Header
 from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
 
@@ -29,23 +32,38 @@ def rounding_limits(
 
     In free fall, all strains, stresses and forces of a beam are rounding errors, and so are
     reactions at its joints and changes of accelerations. The limits are a strain of 1e-11, the
-    stresses, forces and moments that it causes in the stiffest beam, accelerations of 1e-9 of
-    gravity, and velocities of 1e-12 of the length of the mechanism, or 1e-12 rad, in a mean `step`
-    [s] of the run. They are zero for columns in other units.
+    stresses, forces and moments that it causes in the stiffest beam, the acceleration of the
+    mechanism by this force or 1e-9 of gravity, and velocities of 1e-12 of the length of the
+    mechanism, or 1e-12 rad, in a mean `step` [s] of the run. They are zero for columns in other
+    units.
     """
-    sections = [beam.section.at(0.5 * beam.length) for beam in beams_of(equations.mechanism)]
     mechanism = equations.mechanism
+    sections = [_middle_section(beam) for beam in beams_of(mechanism)]
     gravity = 0.0 if mechanism is None else float(np.linalg.norm(mechanism.gravity))
     acceleration = _ROUNDING_OF_GRAVITY * gravity
     velocity = _ROUNDING_OF_POSITIONS / step
     limits = {"m/s": velocity * equations.length, "rad/s": velocity}
-    limits |= {"m/s^2": acceleration, "rad/s^2": acceleration / equations.length}
     if sections:
         limits["-"] = _ROUNDING_STRAIN
         limits["Pa"] = _ROUNDING_STRAIN * max(x.material.E for x in sections)
         limits["N"] = _ROUNDING_STRAIN * max(x.EA for x in sections)
         limits["N m"] = _ROUNDING_STRAIN * max(np.sqrt(x.EA * x.EI) for x in sections)
+        mass = _total_mass(equations)
+        acceleration = max(acceleration, limits["N"] / mass)
+    limits |= {"m/s^2": acceleration, "rad/s^2": acceleration / equations.length}
     return np.array([limits.get(Header.of(x).unit, 0.0) for x in headers])
+
+
+def _middle_section(beam: Beam) -> Section:
+    section: Section = beam.section.at(0.5 * beam.length)
+    return section
+
+
+def _total_mass(equations: EquationsOfMotion) -> float:
+    mechanism = equations.mechanism
+    beams = [x.length * _middle_section(x).rhoA for x in beams_of(mechanism)]
+    parts = [] if mechanism is None else mechanism.parts.values()
+    return sum(beams) + sum(x.mass for x in parts if isinstance(x, (PointMass, RigidBody)))
 
 
 def without_rounding_errors(

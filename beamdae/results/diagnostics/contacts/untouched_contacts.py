@@ -26,10 +26,11 @@ def untouched_contact_warnings(
 ) -> Iterator[str]:
     """Yield a warning per contact that is far away, or one if no contact of the mechanism touches.
 
-    The bodies of all contacts have to approach, or to depart. Contacts beside others that touch,
-    and in mechanisms with events, may be guards that are not reached. So may be contacts whose gap
-    does not change in one direction, such as stops of vibrations, those whose gap changes by less
-    than a tenth, and pairs of end stops, of which one approaches and the other one departs.
+    The bodies of all contacts have to approach, or to depart, or a contact has friction: a pad is
+    meant to slide. Contacts beside others that touch, and in mechanisms with events, may be guards
+    that are not reached. So may be contacts without friction whose gap does not change in one
+    direction, such as stops of vibrations, those whose gap changes by less than a tenth, and pairs
+    of end stops, of which one approaches and the other one departs.
 
     Parameters
     ----------
@@ -50,7 +51,9 @@ def untouched_contact_warnings(
     times = np.concatenate([x.t for x in intervals])
     rows = [gaps_of_run(x, trajectory) for x in gaps]
     changes = [_steady_change(values) for values in rows]
-    if not (min(changes) > 0.0 or max(changes) < 0.0):
+    is_pad = any(contacts[x.part].friction > 0.0 for x in gaps)
+    is_untouched = min(np.min(values) for values in rows) > 0.0
+    if not (min(changes) > 0.0 or max(changes) < 0.0 or (is_pad and is_untouched)):
         return
     closest = min(range(len(gaps)), key=lambda k: float(np.min(rows[k])))
     smallest = int(np.argmin(rows[closest]))
