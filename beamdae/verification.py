@@ -465,7 +465,13 @@ def _run_again(
     """Repeat the run; return None if it has a single row or the repeated run is not completed."""
     if len(solution.t) < 2:
         return None
-    other = integrator.integrate(solution.equations, solution.t, progress)
+    # The rows of `Solution.at_times` may begin later than the run.
+    begin = solution.trajectory.start
+    is_later = solution.t[0] > begin
+    times = np.append(begin, solution.t) if is_later else solution.t
+    other = integrator.integrate(solution.equations, times, progress)
+    if is_later:
+        other = replace(other, t=other.t[1:])
     if other.status.kind == "interrupted":
         raise Interrupted(other.status.sentence)
     return other if other.status.success else None

@@ -38,6 +38,15 @@ def test_the_estimate_covers_the_error_and_is_of_its_magnitude(integrator, refer
     assert np.all(errors < 5.0 * true)
 
 
+@pytest.mark.parametrize("method", [bd.Radau(1e-3), bd.GeneralizedAlpha(5e-4)])
+def test_regression_rows_that_begin_after_the_start_have_the_errors_of_the_run(method):
+    """The second run began at the first row, and the errors of positions were above 100 %."""
+    run = bd.simulate(hub_beam(elements=2), method, t_end=0.2, output_step=0.01)
+    late = run.at_times(run.t[10:])
+    assert bd.error_estimate(late).loc["tip.x [m]", RELATIVE_ERROR] < 0.02
+    assert bd.verify(late).loc["tip.x [m]", "verdict"] == "agrees"
+
+
 def test_the_signed_error_is_the_error_of_the_run(reference):
     solution = bd.simulate(hub_beam(elements=4), bd.Ida(1e-3), t_end=0.5, output_step=5e-3)
     columns = ["tip.x [m]", "tip.y [m]", "hub.angle [rad]", "tip.x_dot [m/s]"]
