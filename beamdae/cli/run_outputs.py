@@ -191,6 +191,7 @@ def integrate_run(
     KeyboardInterrupt
         If the command is interrupted before the run starts.
     """
+    from beamdae.results.run_checks import skip_error_estimates
     from beamdae.simulation import simulate
 
     with show_run_progress(t_end or run.model.t_end) as show_progress:
@@ -202,16 +203,18 @@ def integrate_run(
                 raise KeyboardInterrupt
 
         try:
-            return simulate(
-                run.model,
-                run.integrator,
-                t_end,
-                output_step,
-                partial(update, run.integrator.label),
-                *start,
-                partial="return",
-                sensitivities=sensitivities,
-            )
+            # `estimate_errors` follows, with a progress bar of its own.
+            with skip_error_estimates():
+                return simulate(
+                    run.model,
+                    run.integrator,
+                    t_end,
+                    output_step,
+                    partial(update, run.integrator.label),
+                    *start,
+                    partial="return",
+                    sensitivities=sensitivities,
+                )
         except KeyboardInterrupt:
             reason = "interrupted before the run started; nothing was written"
             raise Interrupted(reason) from None

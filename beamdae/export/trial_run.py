@@ -14,10 +14,15 @@ from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.radau.radau import Radau
 from beamdae.results.columns import remove_unit
 from beamdae.results.diagnostics.suspected_errors import refuted_warnings
-from beamdae.results.run_checks import find_suspected_errors
+from beamdae.results.run_checks import find_suspected_errors, skip_error_estimates
 from beamdae.results.solution import Solution
 from beamdae.simulation import compute_output_times
-from beamdae.verification import RELATIVE_ERROR, estimate_errors, mark_negligible_columns
+from beamdae.verification import (
+    RELATIVE_ERROR,
+    describe_step_errors,
+    estimate_errors,
+    mark_negligible_columns,
+)
 
 _MAX_NAMES = 3  # of parts in a warning
 _MAX_TRIAL_STEPS = 20_000
@@ -59,9 +64,10 @@ def warn_of_trial_run(
     elif t_end > _MAX_TRIAL_STEPS * method.step:
         return
     run = method.integrate(equations, compute_output_times(call, t_end, None))
-    # An FMU has other output rows.
-    omitted = {*equations.build_warnings, *run.row_warnings}
-    messages = [x for x in run.warnings if x not in omitted]
+    with skip_error_estimates():
+        # An FMU has other output rows.
+        omitted = {*equations.build_warnings, *run.row_warnings}
+        messages = [x for x in run.warnings if x not in omitted]
     if run.status.kind == "failed":
         messages.append(run.status.sentence)
     elif run.status.kind == "limited":
@@ -72,17 +78,18 @@ def warn_of_trial_run(
     else:
         has_fixed_steps = isinstance(method, GeneralizedAlpha)
         errors, large = _estimate_output_errors(run, outputs, has_fixed_steps)
-        # Warnings about columns that are no outputs, that are accurate, or, with adaptive steps,
-        # whose estimates are reported: those of fixed steps name a sufficient step.
-        named = {} if has_fixed_steps else large
+        # Warnings about columns that are no outputs, that are accurate, or whose estimates are
+        # reported.
         suspected = (
-            0.0 if header not in outputs or header in named else error
+            0.0 if header not in outputs or header in large else error
             for header, error in zip(run.columns, errors, strict=True)
         )
         refuted = refuted_warnings(find_suspected_errors(run), run.columns, suspected)
         messages = [x for x in messages if x not in refuted]
         if large:
-            messages.append(_describe_errors(large, has_fixed_steps))
+            messages.append(
+                describe_step_errors(large, method) if has_fixed_steps else _describe_errors(large)
+            )
     for sentence in messages:
         warn_user(f"{call}: in a trial run, {sentence}")
     # An FMU does not search its steps for these peaks.
@@ -111,12 +118,11 @@ def _estimate_output_errors(
     return relative, large
 
 
-def _describe_errors(large: Mapping[str, float], has_fixed_steps: bool) -> str:
+def _describe_errors(large: Mapping[str, float]) -> str:
     """Return the warning about outputs whose estimated errors are too large."""
     worst = sorted(large, key=lambda header: -large[header])
     listed = [f"{remove_unit(x)} {format_percent(large[x])}" for x in worst]
-    setting = "step" if has_fixed_steps else "rtol"
     return (
         f"the estimated errors of {list_first(listed, _MAX_NAMES)} of half the range are large; "
-        f"reduce {setting}, or damp fast vibrations (damping= of the sections)."
+        "reduce rtol, or damp fast vibrations (damping= of the sections)."
     )

@@ -8,6 +8,8 @@ steps, and by a function of the run in this module if it reads more.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from functools import partial
 
 import numpy as np
@@ -22,6 +24,7 @@ from beamdae.equations.part_warnings import (
     supplied_energy_warnings,
     unguided_driver_warnings,
 )
+from beamdae.errors import BeamdaeError
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.results.diagnostics.contacts.deep_contacts import deep_contact_warnings
@@ -46,7 +49,6 @@ from beamdae.results.diagnostics.quality_warnings import balance_warnings, colum
 from beamdae.results.diagnostics.rare_samples import rare_sample_warnings
 from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.resolution.driven_reactions import driven_reaction_warnings
-from beamdae.results.diagnostics.resolution.long_steps import long_step_warnings
 from beamdae.results.diagnostics.resolution.missed_parts import missed_part_warnings
 from beamdae.results.diagnostics.resolution.missed_peaks import (
     damping_peak_warnings,
@@ -77,6 +79,8 @@ from beamdae.results.trajectory import Trajectory
 
 Check = Callable[[RunData], Iterable[str]]
 
+# False if checks must not repeat runs with fixed steps, see `skip_error_estimates`.
+_estimates_errors: ContextVar[bool] = ContextVar("estimates_errors", default=True)
 _POWER_SAMPLES = 201  # times at which the power of user-written damping is evaluated
 
 
@@ -129,17 +133,6 @@ def _strains(run: RunData) -> Iterable[str]:
 
 def find_suspected_errors(run: RunData) -> Iterator[SuspectedError]:
     """Yield the warnings of a run that an estimate of the errors of columns may exclude."""
-    # Errors of motions that the constraints determine do not accumulate.
-    has_errors = run._has_fixed_steps and run.equations.m < run.equations.n
-    if has_errors and not run._is_at_rest:
-        yield from long_step_warnings(
-            run._extremes_above_rounding,
-            run.trajectory.steps,
-            run.trajectory.end - run.trajectory.start,
-            run.equations.length,
-            run.integrator.get("period_error", 0.0),
-            lambda: run._energy_ledger.has_free_vibrations,
-        )
     yield from small_motion_warnings(run.equations, run.trajectory, run.integrator)
     if not is_motionless(run.equations, run.trajectory):
         yield from sudden_vibration_warnings(
@@ -153,6 +146,32 @@ def find_suspected_errors(run: RunData) -> Iterator[SuspectedError]:
 
 def _suspected_errors(run: RunData) -> Iterable[str]:
     return (x.sentence for x in find_suspected_errors(run))
+
+
+@contextmanager
+def skip_error_estimates() -> Iterator[None]:
+    """Within the context, checks of runs with fixed steps make no second run.
+
+    For callers that estimate the errors themselves, and for runs that belong to an estimate.
+    """
+    token = _estimates_errors.set(False)
+    try:
+        yield
+    finally:
+        _estimates_errors.reset(token)
+
+
+def _step_errors(run: RunData) -> Iterator[str]:
+    # Runs that were loaded from a file do not contain their integrator.
+    can_repeat = run.made_by is not None and run._has_fixed_steps and run.status.success
+    if not (_estimates_errors.get() and can_repeat and run.columns) or run._is_at_rest:
+        return
+    verification = deferred.module("verification")
+    warning = ""
+    with suppress(BeamdaeError):  # The second run cannot begin.
+        warning = verification.accuracy_warning(run, verification.estimate_errors(run))
+    if warning:
+        yield warning
 
 
 def _hard_impacts(run: RunData) -> Iterable[str]:
@@ -330,6 +349,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _singular_positions,
     _beam_ranges,
     _strains,
+    _step_errors,
     _suspected_errors,
     _hard_impacts,
     # Missed extremes.

@@ -145,7 +145,6 @@ class RunData:
             self.trajectory,
             self.t,
             lambda: self.columns,
-            self._has_fixed_steps,
         )
         has_all_steps = all(x.record is None for x in self.trajectory.intervals)
         if self._has_fixed_steps or not has_all_steps:

@@ -635,6 +635,28 @@ def test_the_error_of_an_interrupted_run_is_not_estimated(command, monkeypatch):
     assert "interrupted at t = 0 s" in result.output
 
 
+@pytest.mark.parametrize(
+    ("options", "steps"),
+    [([], [2e-3, 4e-3]), (["--no-estimate"], [2e-3]), (["--verify"], [2e-3])],
+)
+def test_runs_with_fixed_steps_are_repeated_once(command, monkeypatch, options, steps):
+    taken, integrate = [], bd.GeneralizedAlpha.integrate
+
+    def count(method, *arguments, **settings):
+        taken.append(method.step)
+        return integrate(method, *arguments, **settings)
+
+    monkeypatch.setattr(bd.GeneralizedAlpha, "integrate", count)
+    method = ["--integrator", "generalized-alpha", "--step", "2e-3"]
+    result = command("run", ARM, *method, "--no-page", "--no-picture", *options)
+    assert result.exit_code == 0, result.output
+    assert taken == steps
+    text = " ".join(result.output.split())
+    assert ("the error with fixed steps of 0.002 s is estimated" in text) == (
+        "--no-estimate" not in options
+    )
+
+
 def test_draw_shows_a_model_without_a_run(command):
     result = command("draw", ARM, "--set", "name=$pin")
     assert result.exit_code == 0, result.output

@@ -62,15 +62,6 @@ class AlphaParameters(NamedTuple):
         """
         return 1.0 / 6.0 - 0.5 * self.shift - self.beta
 
-    @property
-    def period_error(self) -> float:
-        """Relative error of the period of an undamped oscillator / (h w)^2, for small h w.
-
-        It follows from the characteristic equation of second-order members; 1/12 is that of the
-        trapezoidal rule.
-        """
-        return 0.5 * (self.beta + self.shift * self.alpha_f - 1.0 / 12.0)
-
 
 def family_parameters(family: str, rho_inf: float) -> AlphaParameters:
     """Return the parameters of a family for the spectral radius `rho_inf` at infinite frequency.

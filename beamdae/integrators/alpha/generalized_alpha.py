@@ -64,8 +64,10 @@ class GeneralizedAlpha(Integrator):
     Parameters
     ----------
     step
-        Step [s], shortened so that steps end at breakpoints and at the end time. With `rtol`, it
-        limits the first step after the start, every breakpoint and every event that switches parts.
+        Step [s], shortened so that steps end at breakpoints and at the end time. `simulate` warns
+        if the error, estimated by a second run, exceeds 20 % of half the range of a column. With
+        `rtol`, `step` limits the first step after the start, every breakpoint and every event that
+        switches parts.
     rho_inf
         Spectral radius at infinite frequency, from 0 (strongest damping) to 1 (none).
     formulation

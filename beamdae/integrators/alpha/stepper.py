@@ -239,6 +239,7 @@ class FixedAlphaStepper(AlphaStepper):
         See `SamplingMethod`.
     """
 
+    resolved_options: ClassVar[dict[str, Any]] = {}
     steps_per_check: ClassVar[int] = FIXED_STEPS_PER_CHECK
     _loop: ClassVar[Callable[[Any], int]] = staticmethod(take_fixed_steps)
 
@@ -249,11 +250,6 @@ class FixedAlphaStepper(AlphaStepper):
         self.awaits_sample = False
         self._call = RepeatedCall(self._step_loop, _SAMPLE_INPUTS, ("filled",))
         self._problem: BeamdaeError | None = None
-
-    @property
-    def resolved_options(self) -> dict[str, Any]:
-        """The relative error of periods of free vibrations, see `AlphaParameters`."""
-        return {"period_error": self._alpha_start.member.period_error}
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
         """Begin the smooth interval from `start` to `end` [s] at a consistent state."""

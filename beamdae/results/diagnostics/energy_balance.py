@@ -244,25 +244,12 @@ class EnergyLedger:
         return LocalImbalance(float(ratios[worst]), float(times[last]))
 
     @property
-    def has_free_vibrations(self) -> bool:
-        """True if no driver does work, and damping leaves a part of the energy.
-
-        Errors of other vibrations do not accumulate.
-        """
-        work = float(np.max(np.abs(self._step_rows[:, 4])))
-        is_driven = work > _ROUNDING_OF_FORCES * self._vibration_energy
-        return bool(not is_driven and self.is_lightly_damped)
-
-    @property
     def is_lightly_damped(self) -> bool:
         """True if damping leaves a part of the energy."""
-        dissipated = float(np.max(np.abs(self._step_rows[:, 5])))
-        return bool(dissipated <= _MAX_DISSIPATED_SHARE * self._vibration_energy)
-
-    @property
-    def _vibration_energy(self) -> float:
         rows = self._step_rows
-        return float(np.max(rows[:, 0])) + float(np.ptp(rows[:, 1]))
+        dissipated = float(np.max(np.abs(rows[:, 5])))
+        energy = float(np.max(rows[:, 0])) + float(np.ptp(rows[:, 1]))
+        return bool(dissipated <= _MAX_DISSIPATED_SHARE * energy)
 
     @property
     def force(self) -> Imbalance:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -57,20 +56,14 @@ _MIN_DECAY, _MIN_DECAY_OF_RANGE = 0.5, 0.05
 _MAX_ROWS_AT_ONCE = 2048
 _MIN_KNOWN_SHARE = 0.5  # of the steps that are output rows and need not be evaluated again
 _MAX_NAMES = 3  # of further columns in a warning
-_SAME_STEP = 1e-6  # relative difference of equal steps
-_AMPLITUDE_TO_MEAN = 0.5 * math.pi  # of a vibration
-_BLOCKS_AT_ONCE, _MIN_BLOCK = 16, 8  # parts of a vibration with its own amplitude, in steps
 
 
 @dataclass(frozen=True)
 class StepExtremes:
     """Extremes of an observed column, their times [s], and its root mean square.
 
-    All of them include the steps and the output rows. For adaptive steps, the last two are 0.
-    `roughness` is the root mean square of the second differences between fixed steps, without
-    jumps. `delay` is the error of a vibration that accumulates if its periods change by (w h)^2,
-    with the angular frequency w and the step h. `missed_parts` are extremes of tenths of the run
-    that the output rows miss by more than 10 % of half the range.
+    All of them include the steps and the output rows. `missed_parts` are extremes of tenths of the
+    run that the output rows miss by more than 10 % of half the range.
     """
 
     min: float
@@ -78,8 +71,6 @@ class StepExtremes:
     max: float
     max_time: float
     rms: float
-    roughness: float = 0.0
-    delay: float = 0.0
     missed_parts: tuple[MissedPart, ...] = ()
 
     @property
@@ -170,7 +161,6 @@ def measure_step_extremes(
     trajectory: Trajectory,
     row_times: Array,
     observed: Callable[[], Mapping[str, Array]],
-    has_fixed_steps: bool = False,
 ) -> ColumnDict:
     """Return the extremes of the observed columns over the steps and the output rows.
 
@@ -186,8 +176,6 @@ def measure_step_extremes(
         Times (k,) of the output rows [s].
     observed
         Function that returns the observed columns (k,) at these times, by header.
-    has_fixed_steps
-        True to measure roughness and delay of the columns.
     """
     headers = equations.observed_headers
     if not headers:
@@ -196,7 +184,7 @@ def measure_step_extremes(
     omitted_units = _UNITS_OF_ACCELERATIONS if has_transients else ()
     begin, end = row_times[0], row_times[-1]
     rows_of_table = np.column_stack([row_times, *observed().values()])
-    squares, differences = _SquareIntegral(rows_of_table), _StepDifferences(len(headers))
+    squares = _SquareIntegral(rows_of_table)
     parts = PartExtremes(row_times, rows_of_table[:, 1:])
     extremes: tuple[Array, Array] | None = None
     intervals_of_rows = trajectory.interval_index(row_times)
@@ -214,8 +202,6 @@ def measure_step_extremes(
             # The columns of all steps may exceed the memory.
             squares.extend(rows[block, 0], columns)
             parts.extend(rows[block, 0], columns)
-            if has_fixed_steps and interval.record is None:
-                differences.extend(rows[block, 0], columns)
             of_block = _find_extremes(rows[block, 0], columns)
             if extremes is not None:
                 pairs = zip(extremes, of_block, strict=True)
@@ -229,7 +215,6 @@ def measure_step_extremes(
     of_rows = _find_extremes(row_times, numbers)
     pairs = zip(extremes, of_rows, strict=True)
     times, values = _find_extremes(*(np.concatenate(pair) for pair in pairs))
-    roughness, delay = differences.finish()
     return ColumnDict(
         {
             header: StepExtremes(low, low_time, high, high_time, *others)
@@ -238,8 +223,6 @@ def measure_step_extremes(
                 values.T.tolist(),
                 times.T.tolist(),
                 squares.finish().tolist(),
-                roughness.tolist(),
-                delay.tolist(),
                 parts.finish(len(headers)),
                 strict=True,
             )
@@ -316,55 +299,6 @@ class _SquareIntegral:
         self._next = len(self._rows)
         duration = self._rows[-1, 0] - self._rows[0, 0]
         return np.sqrt(self._sum / duration) if duration > 0.0 else np.abs(self._rows[0, 1:])
-
-
-class _StepDifferences:
-    """Roughness and delay of columns from the differences between equal steps.
-
-    Of three consecutive differences, the smallest magnitude counts: jumps contain only two. A
-    vibration with the amplitude A has third differences of A (w h)^3, and its delay is their sum.
-    If its amplitude decays, so do the errors before: the number of steps times the differences is
-    an upper bound. Both hold for vibrations that few blocks of steps contain, such as impacts.
-    """
-
-    def __init__(self, n_columns: int) -> None:
-        self._squares, self._count, self._n_steps = np.zeros(n_columns), 0, 0
-        self._sum, self._delay = np.zeros(n_columns), np.zeros(n_columns)
-
-    def extend(self, times: Array, columns: Array) -> None:
-        """Add ascending steps with the columns (k, n)."""
-        steps = np.diff(times)
-        is_equal = np.abs(np.diff(steps)) <= _SAME_STEP * steps[1:]
-        # Columns may be infinite or not a number at some steps.
-        with np.errstate(invalid="ignore", over="ignore"):
-            seconds = np.diff(columns, 2, axis=0) * is_equal[:, None]
-            smallest = _smallest_of_three(seconds)
-            self._squares += np.sum(smallest**2, axis=0)
-            thirds = _smallest_of_three(np.diff(seconds, axis=0))
-            if len(thirds):
-                self._add_delay(thirds)
-        self._count += len(smallest)
-        self._n_steps += len(times)
-
-    def _add_delay(self, thirds: Array) -> None:
-        size = max(len(thirds) // _BLOCKS_AT_ONCE, _MIN_BLOCK)
-        starts = np.arange(0, len(thirds), size)
-        counts = np.diff(np.append(starts, len(thirds)))[:, None]
-        amplitudes = _AMPLITUDE_TO_MEAN * np.add.reduceat(thirds, starts, axis=0) / counts
-        sums = self._sum + np.cumsum(counts * amplitudes, axis=0)
-        bounds = (self._n_steps + np.cumsum(counts)[:, None]) * amplitudes
-        self._delay = np.fmax(self._delay, np.max(np.minimum(sums, bounds), axis=0))
-        self._sum = sums[-1]
-
-    def finish(self) -> tuple[Array, Array]:
-        """Return roughness and delay of each column, (n,) each."""
-        return np.sqrt(self._squares / max(self._count, 1)), self._delay
-
-
-def _smallest_of_three(differences: Array) -> Array:
-    """Return the smallest magnitude of three consecutive rows (k, n)."""
-    sizes = np.abs(differences)
-    return np.asarray(np.minimum(np.minimum(sizes[2:], sizes[1:-1]), sizes[:-2]))
 
 
 def may_have_short_peaks(equations: EquationsOfMotion) -> bool:
