@@ -22,6 +22,7 @@ from beamdae.results.columns import (
     measure_amplitudes,
     remove_unit,
 )
+from beamdae.results.diagnostics.rounding_limits import rounding_limits
 from beamdae.results.run_data import find_drift
 from beamdae.results.solution import Solution
 
@@ -571,6 +572,8 @@ def _compare(
             rtol,
             lambda: tuple(np.max([find_drift(run) for run in runs], axis=0)),
         )
+        rounding = rounding_limits(solution.equations, headers, solution.trajectory.mean_step)
+        is_at_rest |= np.maximum(half_range, 0.5 * np.abs(difference)) <= rounding
     error = np.where(np.isfinite(half_range), error, np.nan)
     if not np.isnan(fraction):
         error, signed = (np.where(is_at_rest, 0.0, x) for x in (error, signed))

@@ -276,6 +276,19 @@ def test_regression_columns_that_are_constant_or_noise_have_no_warning():
     assert not step_errors_of(run)
 
 
+def test_regression_rounding_errors_have_no_estimate():
+    """Velocities of 1e-14 m/s of a beam that stays in equilibrium had errors of 190 %."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
+    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.004, damping=1e-5)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=4))
+    clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.observe("tip", beam.end)
+    mech.observe("clamp", clamp.reaction)
+    run = bd.simulate(mech, bd.GeneralizedAlpha(1e-3), 0.1, output_step=1e-3)
+    assert max(bd.error_estimate(run)["error over half the range"]) == 0.0
+    assert not step_errors_of(run)
+
+
 def test_loaded_runs_have_no_integrator(tmp_path):
     run = bd.simulate(oscillator(), bd.GeneralizedAlpha(0.01), 1.0)
     loaded = bd.load(run.save(tmp_path / "run.beamdae"), oscillator())
