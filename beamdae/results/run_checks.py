@@ -178,6 +178,10 @@ def _hard_impacts(run: RunData) -> Iterable[str]:
     return hard_impact_warnings(run._hard_impacts)
 
 
+def _has_wrong_forces(run: RunData) -> bool:
+    return any(not x.column for x in run._hard_impacts)
+
+
 def _missed_peaks(run: RunData) -> Iterable[str]:
     peaks, jumps = run.missed_peaks, [x.t for x in run.event_records if x.energy_lost > 0.0]
     damping = max((x.section.at(0.0).damping for x in beams_of(run.equations.mechanism)), default=0)
@@ -190,7 +194,7 @@ def _missed_peaks(run: RunData) -> Iterable[str]:
     known = {x.peak for x in of_damping}
     others = {name: peak for name, peak in peaks.items() if peak not in known}
     others = remove_minor_peaks(others, run.step_extremes, run.equations.length)
-    yield from missed_peak_warnings(others, len(run.t), is_resolved=not run._hard_impacts)
+    yield from missed_peak_warnings(others, len(run.t), is_resolved=not _has_wrong_forces(run))
 
 
 def _observe_columns(run: RunData, times: np.ndarray) -> dict[str, np.ndarray]:
@@ -217,7 +221,7 @@ def _coarse_rows(run: RunData) -> Iterable[str]:
 
 def _missed_parts(run: RunData) -> Iterable[str]:
     # Elements that do not resolve an impact vibrate faster than any rows show.
-    missed = {} if run._hard_impacts else run._missed_parts
+    missed = {} if _has_wrong_forces(run) else run._missed_parts
     return missed_part_warnings(
         missed,
         {header: run.step_extremes[header].half_range for header in missed},

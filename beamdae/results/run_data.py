@@ -208,9 +208,10 @@ class RunData:
 
     @cached_property
     def _hard_impacts(self) -> tuple[HardImpact, ...]:
-        """Contacts whose force rises faster than the elements of a touched beam resolve."""
+        """Contacts whose force rises faster than the elements of a beam resolve."""
         has_failed = self.status.kind == "failed"
-        return find_hard_impacts(self.equations, self.trajectory, has_failed)
+        motion = self.equations, self.trajectory, self.step_extremes, self._observe_at
+        return find_hard_impacts(*motion, has_failed)
 
     def all_columns(self) -> dict[str, Array]:
         """Return the columns (k,) of `table` by header."""
