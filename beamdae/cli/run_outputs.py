@@ -413,6 +413,7 @@ def print_results(run: Run, solution: Solution) -> None:
     from beamdae.results.event_records import format_event_times
 
     rows = text_tables.run_facts(solution.summary(), solution.integrator)
+    rows |= text_tables.sampling_facts(solution)
     if solution.equations.events:
         rows["events"] = format_event_times(solution.event_records)
     if run.certificate is not None:

@@ -114,6 +114,7 @@ def _build_tables(
     certificate: Mapping[str, str] | None,
 ) -> list[PageTable]:
     facts = terminal.run_facts(solution.summary(), solution.integrator)
+    facts |= terminal.sampling_facts(solution)
     if solution.equations.events:
         facts["events"] = format_event_times(solution.event_records)
     observed = {name: columns[name] for name in observed_columns(columns)}

@@ -225,6 +225,26 @@ def test_unknowns_that_limit_the_step_are_listed(settings, expected):
     assert "orders" not in facts["integrator"]
 
 
+@pytest.mark.parametrize(
+    ("rate", "rtol", "is_named"), [(2000.0, 1e-5, True), (20.0, 1e-5, False), (2000.0, None, False)]
+)
+def test_many_adaptive_steps_between_samples_are_listed(rate, rtol, is_named):
+    """Steps of a spring with the natural frequency `rate` [rad/s] were not related to samples."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point))
+    mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), mass.point, rate**2))
+    force = mech.input("force", unit="N")
+    mech.add(bd.Force("motor", mass.point, (force, 0.0)))
+    mech.add(bd.Controller("servo", 0.01, [mass.point], [force], lambda sample: rate**2))
+    method = bd.GeneralizedAlpha(1e-3) if rtol is None else bd.Radau(rtol)
+    facts = terminal.sampling_facts(bd.simulate(mech, method, t_end=0.03))
+    assert bool(facts) == is_named
+    if is_named:
+        text = "of servo; GeneralizedAlpha(step=0.001) takes 10, without an error test"
+        assert facts["steps per sample"].endswith(text)
+
+
 def test_regression_values_without_a_unit_are_never_rounding():
     table = terminal.range_table(pd.DataFrame({"a [-]": [1.0, 2.0], "b [-]": [1e15, np.inf]}))
     (line,) = [line for line in render(table, 120).splitlines() if "a [-]" in line]

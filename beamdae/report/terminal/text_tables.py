@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from beamdae.results.diagnostics.meshes.beam_ranges import BeamRange
     from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
+    from beamdae.results.solution import Solution
 
     # A table by header.
     Columns = Mapping[str, Any] | pd.DataFrame
@@ -35,6 +36,10 @@ _SHOWN_HEADERS = {"error over half the range": "error of time integration over h
 
 _SETTINGS_IN_FILES = ("orders", "error_test_failures")  # shown only in files
 _SETTINGS_WITH_ROWS = ("integrator", "amplitudes", "limited_by")  # shown in separate rows
+
+# From this number of adaptive steps between samples of a controller on, reports compare it with a
+# number of fixed steps.
+_MANY_STEPS_PER_SAMPLE, _FIXED_STEPS_PER_SAMPLE = 20, 10
 
 # Columns of a comparison in the terminal.
 _COMPARISON_COLUMNS = {
@@ -122,6 +127,23 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
         "drift": f"{s['max_position_drift']} in positions, {s['max_velocity_drift']} in velocities",
         "residual": f"{s['max_residual']} of the largest force",
         "energy imbalance": f"{s['energy_imbalance']} of the energy exchanged",
+    }
+
+
+def sampling_facts(solution: Solution) -> dict[str, str]:
+    """Return a text about many adaptive steps between samples of controllers, by topic."""
+    controllers = [x.controller for x in solution.equations.controllers]
+    if not controllers or solution.integrator.get("rtol") is None:
+        return {}
+    fastest = min(controllers, key=lambda x: x.every)
+    count = (solution.trajectory.end - solution.trajectory.start) / fastest.every
+    ratio = solution.statistics.steps / max(count, 1.0)
+    if ratio < _MANY_STEPS_PER_SAMPLE:
+        return {}
+    step = format_number(fastest.every / _FIXED_STEPS_PER_SAMPLE)
+    return {
+        "steps per sample": f"{ratio:.0f} of {fastest.name}; GeneralizedAlpha(step={step}) takes "
+        f"{_FIXED_STEPS_PER_SAMPLE}, without an error test"
     }
 
 
