@@ -70,8 +70,9 @@ _VELOCITY_SAMPLES = 16
 # change the motion noticeably.
 _MAX_SUPPLIED_SHARE = 1e-3
 _POWER_ROUNDING = 1e-9  # rounding errors of the damping, relative to the work of the whole law
-# The largest friction may be less than the static friction by this fraction.
-_MAX_PEAK_REDUCTION = 0.05
+# The largest friction may be less than the static friction by this fraction. Near self-locking,
+# forces change by ten times this fraction and more.
+_MAX_PEAK_REDUCTION = 0.005
 # Largest plausible friction coefficient; those of rubber and of clean metals reach about 3.
 _MAX_FRICTION = 5.0
 _SEED = 1

@@ -217,15 +217,16 @@ class Contact(ObservableLoad):
     friction_speed
         Regularization velocity [m/s] of Coulomb friction, at which friction reaches 76 % of its
         full value. At lower velocities, friction is nearly viscous, so a sticking contact creeps.
-        Defaults to 1e-3, or to a twentieth of `stribeck` if this is less.
+        Defaults to 1e-3, or to 1/200 of `stribeck` if this is less.
     max_step
         Largest step of adaptive integrators [s]. Defaults to no limit: a step that passes over a
         contact is repeated from the onset of the contact.
     static, stribeck
         Static coefficient of friction [-], and the velocity scale [m/s] of the decrease from the
         static to the kinetic coefficient `friction`. If both are omitted, the coefficient does not
-        depend on the velocity. With a `friction_speed` above a tenth of `stribeck`, the static
-        friction is not reached, and runs warn.
+        depend on the velocity. With a `friction_speed` of 1/200 of `stribeck`, the largest friction
+        is up to 0.1 % below the static friction, with 1/20 up to 3 %. Errors of forces are ten
+        times as large near self-locking. Runs warn if the friction is more than 0.5 % too small.
 
     Raises
     ------
