@@ -327,7 +327,7 @@ def test_extremes_do_not_depend_on_the_steps_that_are_rows(integrator, rows, mon
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
         run = bd.simulate(ball(stiffness=1e6), integrator, output_step=0.6 / rows)
-    arguments = run.equations, run.trajectory, run.t, lambda: run.columns, run._has_fixed_steps
+    arguments = run.equations, run.trajectory, run.t, lambda: run.columns
     extremes = missed_peaks.measure_step_extremes(*arguments)
     assert len(extremes) > 0
     nothing_known = missed_peaks._KnownSteps(np.zeros(0, int), np.zeros((0, 1)))
