@@ -142,9 +142,9 @@ def find_hard_impacts(
         # Reversals of friction are fast, too, but their forces are known.
         smooth = replace(part, friction=0.0, static=None, stribeck=None)
         of_part = [
-            _measure(run, part.name, section, smooth.load_on(place, axes="body"), section is x.at)
+            _measure(run, part.name, section, smooth.load_on(place, axes="body"), mass)
             for place, x in smooth.loaded_points.items()
-            for section in _find_struck_sections(equations, x.at)
+            for section, mass in _find_struck_sections(equations, x.at)
         ]
         unresolved = [x for x in of_part if x.ratio > 1.0 and x.error > _MIN_ERROR]
         if unresolved:
@@ -162,17 +162,34 @@ class _Run(NamedTuple):
     end: float
 
 
-def _find_struck_sections(equations: EquationsOfMotion, at: Attachment) -> Iterator[BeamAttachment]:
-    """Yield a touched section of a beam, or the sections that joints attach to a touched body."""
+def _find_struck_sections(
+    equations: EquationsOfMotion, at: Attachment
+) -> Iterator[tuple[BeamAttachment, float]]:
+    """Yield sections of beams that a force at a point strikes, and the mass of bodies between [kg].
+
+    These are a touched section, or those that joints attach to the touched body and to further
+    bodies which joints attach to it.
+    """
     if isinstance(at, BeamAttachment):
         if at.s is not None:
-            yield at
-    elif isinstance(at.body, (PointMass, RigidBody)) and equations.mechanism is not None:
-        for part in equations.mechanism.parts.values():
-            if isinstance(part, Joint) and any(x.body is at.body for x in part.attachments):
-                for x in part.attachments:
-                    if isinstance(x, BeamAttachment) and x.s is not None:
-                        yield x
+            yield at, 0.0
+        return
+    mechanism = equations.mechanism
+    parts = () if mechanism is None else mechanism.parts.values()
+    joints = [x for x in parts if isinstance(x, Joint)]
+    bodies = [at.body] if isinstance(at.body, (PointMass, RigidBody)) else []
+    mass = 0.0
+    for body in bodies:  # grows
+        mass += body.mass
+        for joint in (x for x in joints if any(y.body is body for y in x.attachments)):
+            for other in joint.attachments:
+                if isinstance(other, BeamAttachment):
+                    if other.s is not None:
+                        yield other, mass
+                    continue
+                is_new = not any(other.body is x for x in bodies)
+                if is_new and isinstance(other.body, (PointMass, RigidBody)):
+                    bodies.append(other.body)
 
 
 def hard_impact_warnings(impacts: tuple[HardImpact, ...]) -> Iterator[str]:
@@ -197,9 +214,12 @@ def hard_impact_warnings(impacts: tuple[HardImpact, ...]) -> Iterator[str]:
 
 
 def _measure(
-    run: _Run, part: str, at: BeamAttachment, load: Quantity, is_touched: bool
+    run: _Run, part: str, at: BeamAttachment, load: Quantity, struck_mass: float
 ) -> HardImpact:
-    """Compare the fastest rise of a contact force with the element at a section of a beam."""
+    """Compare the fastest rise of a contact force with the element at a section of a beam.
+
+    `struck_mass` [kg] is that of bodies between the contact and the section, 0 if it is touched.
+    """
     size, rate, time = _measure_rates(run, part, load, at.inclination)
     beam = at.body
     element, _ = beam.mesh.locate(at.s)
@@ -215,11 +235,11 @@ def _measure(
     ratio = max(of_bending, of_tension)
     # The force on a heavy mass hardly depends on the elements.
     mass = section.rhoA * length
-    share = mass / (mass + attached_mass(run.equations, beam, at.s))
+    share = mass / (mass + max(struck_mass, attached_mass(run.equations, beam, at.s)))
     highest = float(np.max(rate))
     rise_time = size / highest if highest > 0.0 else math.inf
     error, column = share * _ERROR_PER_RATIO * ratio, ""
-    if not is_touched:
+    if struck_mass > 0.0:
         error *= share if ratio > _MIN_RATIO_AT_JOINT else 0.0
     if of_bending > 1.0 and section.damping > 0.0:
         viscous = section.damping * transverse / (1.0 + section.damping * transverse)
