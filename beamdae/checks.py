@@ -56,7 +56,8 @@ from beamdae.interrupts import interruptible
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.model_parameters import split_unit
 from beamdae.parts.events import select_impacts
-from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.mechanism import Mechanism, require_start
+from beamdae.parts.rotation import Rotation
 from beamdae.read_only import read_only_data
 from beamdae.report.terminal.check_report import describe_check
 from beamdae.results.columns import mark_resting_columns, mark_vanishing_columns
@@ -268,7 +269,12 @@ class Check:
 
 
 @interruptible
-def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check:
+def check(
+    model: Any,
+    t_end: float | None = None,
+    predict: bool = True,
+    start: Rotation | str | Mapping[str, float] | None = None,
+) -> Check:
     """Check a model without a complete run.
 
     Determines mobility, dependent constraints, free motions, constraint residuals at the start,
@@ -285,6 +291,8 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         True to predict the cost from a run that is stopped after 1 s of wall time, in addition to
         at most 3 s for its pilot runs. If the run does not reach its end, its cost is extrapolated
         by a run with a loose tolerance, which takes at most 3 s.
+    start
+        Start of the run, as in `simulate`, but no earlier run. Defaults to the start of the model.
 
     Returns
     -------
@@ -312,7 +320,9 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     if isinstance(model, (Model, HasOrigin)) and model.origin is not None:
         name, t_end = model.origin.name, model.origin.t_end if t_end is None else t_end
     end = None if t_end is None else require_positive("check", "t_end", t_end)
-    equations = as_equations("check", model, sampled=True)
+    if start is not None:
+        start = require_start("check", start)
+    equations = as_equations("check", model, start, sampled=True)
     starter, state, problem = _plan_start(equations, end or 1.0)
     # This solver includes redundant constraints, unlike `starter`.
     time, solver = time_on_branch(equations.breakpoints, 0.0, end), ConsistencySolver(equations)
@@ -352,7 +362,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
             spectrum = compute_frequency_range(starter.equations, time, state)
             findings = replace(findings, spectrum=spectrum)
     if predict and end is not None and not problem:
-        prediction, errors = _predict_run(equations, end)
+        prediction, errors = _predict_run(equations, end, start)
         sentences = (
             *findings.warnings,
             *_mesh_warning(errors),
@@ -441,7 +451,7 @@ def _assess_meshes(mechanism: Mechanism | None) -> tuple[MeshAssessment, ...]:
 
 
 def _predict_run(
-    equations: EquationsOfMotion, end: float
+    equations: EquationsOfMotion, end: float, start: Any
 ) -> tuple[RunPrediction | None, dict[str, float]]:
     """Measure the cost of a run, or extrapolate it; None if the run fails or takes no step.
 
@@ -463,11 +473,11 @@ def _predict_run(
     method = f"{auto.get('method', '')}, {auto.get('auto', '')}".rstrip(", ")
     seconds = measured.pilot_time + measured.main_time * growth
     prediction = RunPrediction(solution.statistics.steps * growth, seconds, method, reached / end)
-    return prediction, _measure_mesh_errors(equations, solution, end)
+    return prediction, _measure_mesh_errors(equations, solution, end, start)
 
 
 def _measure_mesh_errors(
-    equations: EquationsOfMotion, solution: Solution, end: float
+    equations: EquationsOfMotion, solution: Solution, end: float, start: Any
 ) -> dict[str, float]:
     """Return the root mean square of the change of each observed column with halved elements.
 
@@ -495,7 +505,7 @@ def _measure_mesh_errors(
     }
     if not columns or not meshes:
         return {}
-    fine = as_equations("check", with_meshes(mechanism, meshes, {}))
+    fine = as_equations("check", with_meshes(mechanism, meshes, {}), start)
     other = _BriefRun(fine, Auto(), end, _MAX_LOOSE_TIME).solution
     if not other.status.success or len(other.t) != len(solution.t):
         return {}
@@ -504,7 +514,8 @@ def _measure_mesh_errors(
         np.column_stack([x.columns[name] for name in headers]) for x in (solution, other)
     )
     ranges = 0.5 * np.ptp(rows, axis=0)
-    at_rest = mark_resting_columns(headers, rows, ranges, equations.length)
+    rate = 2.0 * np.pi / end  # of the slowest vibration within the run
+    at_rest = mark_resting_columns(headers, rows, ranges, equations.length, rate)
     at_rest |= mark_vanishing_columns(headers, ranges, equations.length)
     changes = np.sqrt(np.mean((others - rows) ** 2, axis=0))
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli.options import ModelName, ModelPath, Settings, load_configured_model
+from beamdae.cli.options import (
+    ModelName,
+    ModelPath,
+    Settings,
+    Starts,
+    load_configured_model,
+    parse_start,
+)
 from beamdae.cli.output import create_console, record_results, record_warning
 from beamdae.errors import BeamdaeError
 
@@ -19,6 +26,7 @@ def check_command(
     path: ModelPath,
     settings: Settings = None,
     model_name: ModelName = None,
+    start: Starts = None,
     predict: Annotated[
         bool, typer.Option(help="Predict steps and wall time from at most 1 s of the run.")
     ] = True,
@@ -36,7 +44,7 @@ def check_command(
     from beamdae.report.terminal.check_report import describe_check
 
     mechanism = model()
-    result = check(mechanism, model.t_end, predict)
+    result = check(mechanism, model.t_end, predict, parse_start(start, model))
     parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
     types = {name: type(part).__name__ for name, part in parts.items()}
     record_results(lambda: {**_json_results(result), "parts": types})
