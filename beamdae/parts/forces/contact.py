@@ -415,7 +415,8 @@ class Contact(ObservableLoad):
     def sliding(self) -> Quantity:
         """Normal force N [N], and sliding velocity v [m/s] of the point relative to the surface.
 
-        v is positive in the direction in which `force` counts T as positive.
+        v is positive in the direction in which `force` counts T as positive, so that T v is the
+        power of the friction.
         """
         kind = _ContactSliding(*self._law_arguments)
         values, data = FormulaExpression.of(kind, self._functions)
