@@ -14,7 +14,7 @@ from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     FrequencyRange,
     compute_frequency_range,
 )
-from beamdae.beams.beam import beams_of
+from beamdae.beams.beam import MAX_SECTION_ERROR, beams_of
 from beamdae.beams.beam_loads import MovingForce
 from beamdae.beams.damping import EXAMPLE_DAMPING, find_undamped_beams
 from beamdae.beams.remeshing import choose_base_meshes, with_meshes
@@ -77,10 +77,10 @@ _MAX_COORDINATES = 600
 _MAX_MEASURED_TIME = 1.0
 _MAX_PILOT_TIME = 3.0
 _MAX_LOOSE_TIME = 3.0
-# Largest error (of arc length, or of curvature times length) of good and of fair meshes. For the
-# hub beam, the error of the tip deformation is 3e-4 of its amplitude if the mesh error is 4e-3, and
-# 1e-2 if the mesh error is 1.5e-2 (validation/mesh_convergence).
-_MAX_GOOD_MESH_ERROR = 5e-3
+# Largest error (of arc length, of curvature times length, or by sections) of good and of fair
+# meshes. For the hub beam, the error of the tip deformation is 3e-4 of its amplitude if the mesh
+# error is 4e-3, and 1e-2 if the mesh error is 1.5e-2 (validation/mesh_convergence).
+_MAX_GOOD_MESH_ERROR = MAX_SECTION_ERROR
 # Columns that change more if all elements are halved have a warning.
 _MAX_MESH_ERROR = 0.03
 _UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
@@ -115,7 +115,7 @@ class ConstraintResidual:
 
 @dataclass(frozen=True)
 class MeshAssessment:
-    """Accuracy of the geometry of a beam mesh.
+    """Accuracy of the geometry and of the sections of a beam mesh.
 
     Attributes
     ----------
@@ -126,6 +126,8 @@ class MeshAssessment:
     curvature_error
         Largest error of the curvature times the length of the beam [-]; 0 if the kinematics of the
         beam do not define this error.
+    section_error
+        Estimated relative error of deflections by sections that change within elements [-].
     verdict
         "good", or "fair" or "coarse" with a recommended number of elements.
     """
@@ -133,6 +135,7 @@ class MeshAssessment:
     beam: str
     length_error: float
     curvature_error: float
+    section_error: float
     verdict: str
 
 
@@ -441,12 +444,14 @@ def _assess_meshes(mechanism: Mechanism | None) -> tuple[MeshAssessment, ...]:
     assessments = []
     for beam in beams_of(mechanism):
         length, curvature = beam.mesh.length_error, beam.kinematics.curvature_error
-        error = max(length, curvature)
+        error = max(length, curvature, beam.section_error)
         verdict = "good"
         if not error <= _MAX_GOOD_MESH_ERROR:
             grade = "fair" if error <= _MAX_FAIR_MESH_ERROR else "coarse"
             verdict = f"{grade}; use elements={2 * beam.mesh.elements}"
-        assessments.append(MeshAssessment(beam.name, length, curvature, verdict))
+        assessments.append(
+            MeshAssessment(beam.name, length, curvature, beam.section_error, verdict)
+        )
     return tuple(assessments)
 
 

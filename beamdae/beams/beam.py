@@ -111,14 +111,18 @@ _DIGITS_OF_RATIOS = 2
 # First frequency of a cantilever, (1.8751^2 / (2 pi L^2)) sqrt(EI / rhoA).
 _CANTILEVER_FREQUENCY = 1.8751040687**2 / (2.0 * np.pi)
 
-# Error of the bending flexibility above which `prepare` warns of sections that change within
-# elements. Deflections of stepped cantilevers have errors of up to 2.5 times this estimate.
-_MAX_SECTION_ERROR = 4e-3
-# Differences of the integral of 1 / EI between two quadratures, relative to its sum, and of 1 / EI
-# at the ends of an element from its extrapolation, above which more sections are evaluated.
+# Estimate of the error above which `prepare` warns of sections that change within elements. In 408
+# meshes of 1 to 8 elements of 68 tapers with steps, kinks and waves beside 64 elements, it is at
+# least the error of the deflection of a cantilever under a force at its end, a uniform load or a
+# moment; of 172, 153 and 198 warnings, 6, 8 and 19 are of smaller errors. Between two supports, 25
+# of 750 errors of more than 0.4 % have no warning, and 273 of 998 warnings are of smaller errors.
+MAX_SECTION_ERROR = 4e-3
+# Differences of the integral of M^2 / EI between two quadratures, relative to the mean over the
+# elements, and of M^2 / EI at the ends of an element from its extrapolation, above which more
+# sections are evaluated.
 _RESOLVED_FLEXIBILITY = 1e-3
 _EXTRAPOLATED_FLEXIBILITY = 0.05
-_SECTIONS_PER_ELEMENT = 64  # evaluated where the section changes
+_SECTIONS_PER_ELEMENT = 128  # evaluated where the section changes
 
 # Winkler & Bach: the bending stiffness of a curved rectangle whose axis keeps its length is
 # EI (1 + 0.15 (h/R)^2); without a normal force, the factor is 0.067.
@@ -160,8 +164,10 @@ class Beam(Part):
         another `PlaneCurve`.
     section
         Cross-section. For a section that varies along the beam, a `taper` or a function of arc
-        length s [m] that returns a `Section`. Where it jumps, elements must end (`elements=[...]`):
-        sections that change within elements, with an error of more than 0.4 %, have a warning.
+        length s [m] that returns a `Section`. Where it jumps or has kinks, elements must end
+        (`elements=[...]`): sections that change within elements have a warning if the error of
+        deflections is more than 0.4 %. Between two supports, this is an estimate: 25 of 750
+        errors, of up to 1.2 %, have no warning.
     elements
         Number of elements, or the arc lengths of the element ends [m], ascending from 0 to the
         length of the curve. With a number n, the elements have equal arc length, unless a joint, a
@@ -308,7 +314,7 @@ class Beam(Part):
     def __repr__(self) -> str:
         return f"Beam(name={self.name!r}, {self.length:.6g} m in {self.mesh.elements} elements)"
 
-    # The first assembly replaces the values of the following three properties. They are cached
+    # The first assembly replaces the values of the following properties. They are cached
     # properties because fingerprints of models omit these.
 
     @cached_property
@@ -334,6 +340,14 @@ class Beam(Part):
         return self._requested_mesh.bounds is not None or self._make_kinematics is not None
 
     @cached_property
+    def section_error(self) -> float:
+        """Relative error of deflections by sections that change within elements, estimated [-].
+
+        It is known after the first assembly, and 0 before.
+        """
+        return 0.0
+
+    @cached_property
     def _stress_mesh(self) -> Mesh | None:
         """Mesh that determines the sections of `largest_stress`; None for the present mesh."""
         return None
@@ -350,9 +364,9 @@ class Beam(Part):
         The mesh does not change if it is final already (after an earlier assembly, with given
         element ends, or with custom kinematics) or if `has_fixed_coordinates` is True. Warn if an
         attachment that remains inside an element causes a relative error of more than 2e-4 in
-        deflections, sections that change within elements cause an error of more than 0.4 %,
-        the section is over three times as high as the curve is long, or a damping of more than
-        1 ms with two digits would give a metal cantilever of its length a damping ratio above 0.1.
+        deflections, sections that change within elements cause one of more than 0.4 %, the section
+        is over three times as high as the curve is long, or a damping of more than 1 ms with two
+        digits would give a metal cantilever of its length a damping ratio above 0.1.
         """
         sections = [x for x in attached if x.attachment.s is not None]
         last = self.mesh
@@ -363,7 +377,9 @@ class Beam(Part):
                 vars(self).pop("kinematics", None)
         set_fields(self, _has_final_mesh=True)
         _warn_about_units(self)
-        _warn_about_sections_inside_elements(self.name, self.mesh, self.section)
+        error = estimate_section_error(self.mesh, self.section, sections)
+        set_fields(self, section_error=error)
+        _warn_about_sections_inside_elements(self.name, error)
         _warn_about_attachments_inside_elements(self.name, self.mesh, self.section, sections)
         return self.mesh is not last
 
@@ -394,7 +410,7 @@ class Beam(Part):
         other = copy(self)
         if mesh is not self.mesh:
             other._stress_mesh = self._stress_mesh or stress_mesh or self.mesh
-        for name in ("mesh", "kinematics", "_has_final_mesh"):
+        for name in ("mesh", "kinematics", "_has_final_mesh", "section_error"):
             vars(other).pop(name, None)
         other._requested_mesh = mesh
         if formulation is not None and formulation != self._formulation:
@@ -1192,71 +1208,104 @@ def _warn_about_units(beam: Beam) -> None:
         )
 
 
-def _warn_about_sections_inside_elements(
-    part: str, mesh: Mesh, section: Section | VaryingSection
-) -> None:
-    if isinstance(section, Section):
-        return
-    error = section_error(mesh, section)
-    if error > _MAX_SECTION_ERROR:
+def _warn_about_sections_inside_elements(part: str, error: float) -> None:
+    if error > MAX_SECTION_ERROR:
         message = (
-            f"{part}: the section changes within elements, which causes a relative error of about "
-            f"{error:.1g} in deflections; end elements where it jumps (elements=[...]), and use "
-            "shorter elements where it changes fast."
+            f"{part}: the section changes within elements, which causes a relative error of up to "
+            f"about {error:.1g} in deflections; end elements where it jumps or has kinks "
+            "(elements=[...]), and use shorter elements where it changes fast."
         )
         warn_user(message)
 
 
-def section_error(mesh: Mesh, section: VaryingSection) -> float:
+def estimate_section_error(
+    mesh: Mesh, section: Section | VaryingSection, attached: Sequence[AttachedPart]
+) -> float:
     """Estimate the relative error of deflections by sections that change within elements.
 
-    It is the sum of the absolute errors of the integral of 1 / EI over each element by its reduced
-    quadrature. Towards an end at which the section is thinnest, such as the tip of a wedge, bending
-    moments are assumed to vanish with the square of the distance.
+    Under a bending moment M, it is the sum of the absolute errors of the integral of M^2 / EI over
+    each element by its reduced quadrature. The result is the largest error of the moments that are
+    usual for the parts attached to the ends: of a cantilever under a force at its end or under a
+    uniform load, it is not less than the error of the deflection of the end.
 
     Parameters
     ----------
     mesh, section
         Mesh and section of a beam.
+    attached
+        Parts attached to sections of this beam.
     """
+    if isinstance(section, Section):
+        return 0.0
     starts, sizes, length = mesh.element_bounds[:-1], mesh.element_lengths, mesh.curve.length
-
-    def flexibility(s: Array) -> Array:
-        return np.array([1.0 / section.at(x).EI for x in s.ravel().tolist()]).reshape(s.shape)
 
     def points_at(places: Array, of: Array | slice = slice(None)) -> Array:
         return starts[of, None] + np.outer(sizes[of], places)
 
+    def flexibility(s: Array) -> Array:
+        return np.array([1.0 / section.at(x).EI for x in s.ravel().tolist()]).reshape(s.shape)
+
     xi, weights = gauss_points(mesh.nodes - 1)
-    s = points_at(0.5 * (1.0 + xi))
-    halves = np.array_split(flexibility(s).ravel(), 2)
-    at_ends = flexibility(np.array([0.0, length]))
-    thin_ends = [
-        end
-        for end, value, half in zip((0.0, length), at_ends, halves, strict=True)
-        if value > np.max(half)
-    ]
-
-    def weighted(s: Array) -> Array:
-        distances = [(s - end) / length for end in thin_ends]
-        return np.asarray(flexibility(s) * np.prod([x**4 for x in distances], axis=0))
-
-    values = weighted(s)
-    integrals = 0.5 * sizes * (values @ weights)
     more_xi, more_weights = gauss_points(mesh.nodes)
-    others = 0.5 * sizes * (weighted(points_at(0.5 * (1.0 + more_xi))) @ more_weights)
-    total = float(np.sum(integrals))
-    # A jump near an end of an element may lie beyond the points of both quadratures.
+    at_points, at_more_points, at_bounds = (
+        (s, flexibility(s))
+        for s in (
+            points_at(0.5 * (1.0 + xi)),
+            points_at(0.5 * (1.0 + more_xi)),
+            points_at(np.array([_END_GAP, 1.0 - _END_GAP])),
+        )
+    )
     extrapolation = np.linalg.solve(np.vander(xi).T, np.vander([-1.0, 1.0], len(xi)).T)
-    at_bounds = weighted(points_at(np.array([_END_GAP, 1.0 - _END_GAP])))
-    jumps = np.max(np.abs(at_bounds - values @ extrapolation), axis=1) * sizes
-    sizes_of_jumps = np.minimum(np.max(values, axis=1) * sizes, total)
-    changes = np.abs(integrals - others) > _RESOLVED_FLEXIBILITY * total
-    changes |= jumps > _EXTRAPOLATED_FLEXIBILITY * sizes_of_jumps
     places = (np.arange(_SECTIONS_PER_ELEMENT) + 0.5) / _SECTIONS_PER_ELEMENT
-    accurate = sizes[changes] * np.mean(weighted(points_at(places, changes)), axis=1)
-    errors = accurate - integrals[changes]
-    return float(np.sum(np.abs(errors)) / (total + np.sum(errors)))
+    largest = 0.0
+    for powers in _powers_of_squared_moments(mesh, attached):
+
+        def weighted(s: Array, flexibilities: Array, powers: tuple[int, int] = powers) -> Array:
+            return np.asarray(
+                flexibilities * (s / length) ** powers[0] * (1.0 - s / length) ** powers[1]
+            )
+
+        values = weighted(*at_points)
+        integrals = 0.5 * sizes * (values @ weights)
+        others = 0.5 * sizes * (weighted(*at_more_points) @ more_weights)
+        total = float(np.sum(integrals))
+        # A jump near an end of an element may lie beyond the points of both quadratures.
+        jumps = np.max(np.abs(weighted(*at_bounds) - values @ extrapolation), axis=1) * sizes
+        sizes_of_jumps = np.minimum(np.max(values, axis=1) * sizes, total)
+        changes = np.abs(integrals - others) > _RESOLVED_FLEXIBILITY * total / len(sizes)
+        changes |= jumps > _EXTRAPOLATED_FLEXIBILITY * sizes_of_jumps
+        if np.any(changes):
+            s = points_at(places, changes)
+            accurate = sizes[changes] * np.mean(weighted(s, flexibility(s)), axis=1)
+            errors = accurate - integrals[changes]
+            error = float(np.sum(np.abs(errors)) / (total + np.sum(errors)))
+            largest = max(largest, error)
+    return largest
+
+
+def _powers_of_squared_moments(
+    mesh: Mesh, attached: Sequence[AttachedPart]
+) -> list[tuple[int, int]]:
+    """Return the powers of the distances from the start and from the end in squared moments.
+
+    Towards a free end, the product of the moment by a uniform load and that by a force at the end
+    vanishes with the power 3; towards an end on which parts exert forces alone, that by a force at
+    the end with the power 2. The moment at a clamp may be the largest or, if there is a support or
+    a moment at the other end, have any other size.
+    """
+    parts = [
+        [x.part for x in attached if abs(float(x.attachment.s or 0.0) - end) <= tolerance]
+        for tolerance in [ARC_LENGTH_TOLERANCE * mesh.curve.length]
+        for end in (0.0, mesh.curve.length)
+    ]
+    powers: list[tuple[int, ...]] = []
+    for at_end, at_other_end in (parts, parts[::-1]):
+        if any(x.exerts_moments for x in at_end):
+            is_held = any(isinstance(x, KinematicConstraint) for x in at_other_end)
+            powers.append((0, 1, 2) if is_held else (0,))
+        else:
+            powers.append((2,) if at_end else (3,))
+    return [(a, b) for a in powers[0] for b in powers[1]]
 
 
 def _measure_curvature(mesh: Mesh, section: Section | VaryingSection) -> Mapping[str, float]:

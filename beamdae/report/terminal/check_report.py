@@ -63,6 +63,7 @@ def describe_check(check: Any, parts: Mapping[str, Any] | None = None) -> Mappin
         facts[f"mesh of {mesh.beam}"] = (
             f"{mesh.verdict}; error of the arc length {mesh.length_error:.2g}, of curvature times "
             f"length {mesh.curvature_error:.2g}"
+            + (f", by the section {mesh.section_error:.2g}" if mesh.section_error else "")
         )
     if check.mesh_errors:
         errors = sorted(check.mesh_errors.items(), key=lambda item: -item[1])
