@@ -1311,3 +1311,75 @@ def test_regression_searches_with_limits_of_stress_converge_from_thick_designs()
         for first in (0.005, 0.008)
     ]
     assert masses[1] == pytest.approx(masses[0], rel=1e-5)
+
+
+def optimize_height(model, limit=3e8, **parameters):
+    """Return the lightest design with a limit of the stress at the root, and its warnings."""
+    stress = bd.at_most(bd.EquilibriumValue("stress 0"), limit)
+    bounds = {"height": (0.01, 0.05)}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        design = bd.optimize(model, bd.Mass(), "height", stress, bounds, parameters=parameters)
+    assert [str(x.message) for x in caught] == [f"optimize: {x}" for x in design.warnings]
+    return design
+
+
+def test_regression_limits_of_stresses_that_are_rounding_errors_have_a_warning():
+    """Without its load, the search converged to the lower bounds without a warning."""
+    design = optimize_height(cantilever, height=(0.02,), load=1e-12)
+    assert 0.0 < design.constraints[0].value < 1e-3
+    (message,) = design.warnings
+    assert "stress 0 at equilibrium is negligible for every design, at most" in message
+    assert "so that its limit has no effect; check the loads" in message
+
+
+def test_regression_designs_at_bounds_far_from_all_limits_have_a_warning():
+    """A leaf whose clamp was forgotten swings down; its stresses were no concern."""
+
+    @bd.model(t_end=1.0)
+    def pendulum(height=bd.param(0.02, "m")):
+        mech = bd.Mechanism()
+        section = bd.Section.rectangle(STEEL, width=WIDTH, height=height)
+        line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
+        beam = mech.add(bd.Beam("beam", line, section, elements=1))
+        mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.Force("load", beam.end, (0.0, -LOAD)))
+        mech.observe("stress 0", beam.stress(0.0, "top"))
+        return mech
+
+    (message,) = optimize_height(pendulum).warnings
+    assert "all numbers are at bounds, and no quantity is within a factor of 10" in message
+    assert "check loads, supports (beam can rotate about (0, 0) without strains)" in message
+    (message,) = optimize_height(cantilever, height=(0.02,), load=0.5).warnings
+    assert "check loads, supports and limits" in message
+
+
+def test_designs_at_bounds_near_a_limit_have_no_warning():
+    # The stress at the root is 54 MPa at the lower bound.
+    design = optimize_height(cantilever, height=(0.02,), load=20.0)
+    assert design.at_bounds
+    assert not design.warnings
+
+
+def test_regression_first_designs_that_fail_name_meaningless_strains():
+    """With E in MPa, neither the error nor a warning mentioned units."""
+    soft = bd.Material(E=211e3, nu=0.31, rho=7800.0)
+
+    @bd.model(t_end=1.0)
+    def leaf(height=0.006):
+        mech = bd.Mechanism()
+        section = bd.Section.rectangle(soft, width=0.05, height=height)
+        line = bd.Line((0.0, 0.0), (0.4, 0.0))
+        beam = mech.add(bd.Beam("leaf", line, section, elements=4, formulation="exact"))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.Force("load", beam.end, (0.0, -300.0)))
+        mech.observe("tip", beam.end)
+        return mech
+
+    tip = bd.at_least(bd.EquilibriumValue("tip.y"), -0.01)
+    hint = "the largest strain is .*, far beyond linear elasticity"
+    with (
+        pytest.warns(bd.BeamdaeWarning, match=hint),
+        pytest.raises(bd.BeamdaeError, match=f"did not reach its end.*{hint}.*check .* units"),
+    ):
+        bd.optimize(leaf, bd.Mass(), "height", tip)

@@ -34,11 +34,16 @@ from beamdae.analysis.optimization.search import (
     find_active_bounds,
 )
 from beamdae.beams.beam import Beam
-from beamdae.errors import BeamdaeError, format_count, format_error, format_percent
+from beamdae.equations.smooth_intervals import time_on_branch
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.dependent_constraints import analyze_constraint_rank
+from beamdae.equations.starts.mobility import describe_free_motions
+from beamdae.errors import BeamdaeError, format_count, format_error, format_percent, list_first
 from beamdae.integrators.integrator import refine
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import format_with_unit
 from beamdae.read_only import read_only_data
+from beamdae.results.diagnostics.rounding_limits import rounding_limits
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -60,6 +65,13 @@ _MAX_BOUND_EXCESS = 5e-3
 _EQUAL_OBJECTIVES = 1e-3
 # Relative excess for which an exponent is recommended.
 _RECOMMENDED_BOUND_EXCESS = 0.01
+# Values below this share of their limit, and rounding errors below the second one, are negligible:
+# the stress of a steel beam without loads is about 1e-4 Pa.
+_NEGLIGIBLE_SHARE, _MAX_ROUNDING_SHARE = 1e-9, 1e-6
+# Ratio of a value to its upper limit, or of a lower limit to the value, below which the limit is
+# far from active.
+_MAX_INACTIVE_RATIO = 0.1
+_MAX_NAMES = 3  # of free motions in a warning
 
 
 class Constraint(NamedTuple):
@@ -160,7 +172,8 @@ class Optimization:
         Sentences on values that depend on the steps of the run (a run with half the step or a tenth
         of `rtol` would change the objective or a constrained quantity by more than 1 %), on
         stresses within a limit of their signed value whose magnitude is beyond it, on quantities
-        that are zero for every design, and the warnings of `analyses`.
+        that are zero or negligible for every design, on designs of which all numbers are at bounds,
+        far from all limits, and the warnings of `analyses`.
     """
 
     parameters: Mapping[str, Any]
@@ -387,9 +400,10 @@ def create_optimization(
         messages = tuple(x for x in messages if x not in about_end)
     if not search.was_ended:
         try:
+            zeros = _check_zeros(problem, search)
             own = (
                 *_check_steps(problem, search),
-                *_check_zeros(problem, search),
+                *(zeros or _check_inactive_limits(problem, constraints, best.numbers, design)),
             )
             messages = tuple(dict.fromkeys((*own, *_check_signs(problem, constraints), *messages)))
         except KeyboardInterrupt:
@@ -561,14 +575,16 @@ def _check_signs(problem: DesignProblem, constraints: Sequence[Constraint]) -> t
 
 
 def _check_zeros(problem: DesignProblem, search: SearchResult) -> tuple[str, ...]:
-    """Return a warning for each quantity that is exactly zero for every design.
+    """Return a warning for each quantity that is zero or negligible for every design.
 
     It is of a column that nothing moves, for example because an equilibrium is at a time at which
-    a driver is at zero.
+    a driver is at zero. Without loads, strains and forces are rounding errors.
     """
     values = np.array([x.values for x in search.trials if not x.failure])
+    largest = np.max(np.abs(values), axis=0)
+    units = problem.units_of(search.first_analyses)
     messages = []
-    for k in np.flatnonzero(~np.any(values, axis=0)).tolist():
+    for k in np.flatnonzero(largest <= _negligible_sizes(problem, search, units)).tolist():
         quantity = problem.quantities[k]
         is_static = any(isinstance(x, EquilibriumQuantity) for x in quantity.leaves)
         cause = (
@@ -576,6 +592,57 @@ def _check_zeros(problem: DesignProblem, search: SearchResult) -> tuple[str, ...
             if is_static
             else "check the column and the motion of the model"
         )
-        effect = "its limit has no effect" if k else "any design minimizes it"
-        messages.append(f"{quantity.label} is zero for every design, so that {effect}; {cause}.")
+        effect = "any design minimizes it"
+        if k:
+            is_satisfied = problem.limits[k - 1].margin(0.0) >= 0.0
+            effect = "its limit has no effect" if is_satisfied else "no design satisfies its limit"
+        size = "zero for every design"
+        if largest[k]:
+            most = format_with_unit(float(f"{largest[k]:.2g}"), units[k])
+            size = f"negligible for every design, at most {most}"
+        messages.append(f"{quantity.label} is {size}, so that {effect}; {cause}.")
     return tuple(messages)
+
+
+def _negligible_sizes(
+    problem: DesignProblem, search: SearchResult, units: Sequence[str]
+) -> np.ndarray:
+    """Return the sizes (1 + C,) up to which the objective and limited quantities are negligible.
+
+    These are a billionth of the limit and, within a millionth of it, the rounding errors of strains
+    and forces.
+    """
+    equations = next((x.equations for x in search.first_analyses if hasattr(x, "equations")), None)
+    rounding = np.zeros(len(units))
+    if equations is not None:
+        rounding = rounding_limits(equations, [Variable("", x).header for x in units])
+    limits = np.array([np.inf, *(abs(x.bound) or np.inf for x in problem.limits)])
+    shares = np.where(np.isfinite(limits), _NEGLIGIBLE_SHARE * limits, 0.0)
+    return np.maximum(shares, np.minimum(rounding, _MAX_ROUNDING_SHARE * limits))
+
+
+def _check_inactive_limits(
+    problem: DesignProblem, constraints: Sequence[Constraint], numbers: np.ndarray, design: Design
+) -> tuple[str, ...]:
+    """Return a warning if all numbers are at bounds and no limit is near its quantity."""
+    if not constraints or not np.all(np.any(find_active_bounds(problem, numbers), axis=0)):
+        return ()
+    for limit, constraint in zip(problem.limits, constraints, strict=True):
+        value, bound = abs(constraint.value), abs(constraint.limit)
+        is_upper = limit.sign * constraint.limit > 0.0
+        small, large = (value, bound) if is_upper else (bound, value)
+        if constraint.margin < 0.0 or not small < _MAX_INACTIVE_RATIO * large:
+            return ()
+    path = next((x for x in design.results if isinstance(x, Equilibrium)), None)
+    motions: tuple[str, ...] = ()
+    if path is not None:
+        e = path.equations
+        time = time_on_branch(e.breakpoints, path.t)
+        joints = analyze_constraint_rank(ConsistencySolver(e), time, e.q0)
+        motions = describe_free_motions(e, e.q0, joints)
+    free = f" ({list_first(motions, _MAX_NAMES)} without strains)" if motions else ""
+    return (
+        "all numbers are at bounds, and no quantity is within a factor of "
+        f"{1.0 / _MAX_INACTIVE_RATIO:.0f} of its limit, so that the bounds alone determine the "
+        f"design; check loads, supports{free} and limits.",
+    )

@@ -18,7 +18,10 @@ from beamdae.errors import (
     call_progress,
     format_count,
     format_exception,
+    kind_of_message,
     list_first,
+    record_messages,
+    warn_of_result,
 )
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import format_with_unit
@@ -204,7 +207,7 @@ class Search:
             If an analysis of the first design or its gradient fails.
         """
         problem = self._problem
-        first = problem.design(problem.first)
+        first = self._analyze_first()
         problem.require_known_units()
         self._first_analyses = first.results
         try:
@@ -232,6 +235,22 @@ class Search:
             failure = Status("failed", str(error))
             return replace(self._result(self._best(), failure), progress_error=error.problem)
         return self._finish(status)
+
+    def _analyze_first(self) -> Design:
+        """Return the first design; if its analysis fails, issue the warnings of the analysis."""
+        with record_messages() as messages:
+            try:
+                return self._problem.design(self._problem.first)
+            except BeamdaeError as error:
+                # The sentence on the end of an analysis is part of the error.
+                text, issued = str(error), self._problem.build_warnings
+                warn_of_result(
+                    x
+                    for x in messages
+                    if x.partition(": ")[2].rstrip(".") not in text
+                    and kind_of_message(x) not in issued
+                )
+                raise
 
     def _limit_maxima(self) -> bool:
         """Update the ratios of maxima to smooth maxima; return False if all remain the same.

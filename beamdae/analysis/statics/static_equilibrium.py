@@ -31,7 +31,9 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.parts.rotation import Rotation
+from beamdae.results.diagnostics.meshes.beam_ranges import describe_meaningless_strain
 from beamdae.results.equilibrium import Equilibrium
+from beamdae.results.outcome import Status
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
@@ -162,7 +164,7 @@ def equilibrium(
         result = Equilibrium(
             equations,
             float(loading.systems[0].loaded.time[0]),
-            path.status,
+            _add_meaningless_strain(equations, positions[-1:], path.status),
             loading.stages,
             path.factors,
             positions,
@@ -187,6 +189,14 @@ def equilibrium(
         warn_of_incomplete_result(_describe_early_end(result))
     warn_of_result(result.warnings, equations.build_warnings)
     return result
+
+
+def _add_meaningless_strain(equations: EquationsOfMotion, q: Array, status: Status) -> Status:
+    """Return the status of a path; if it failed at large strains at q (1, n), it names them."""
+    strain = describe_meaningless_strain(equations, q, 1.0) if status.kind == "failed" else ""
+    if not strain:
+        return status
+    return Status(status.kind, f"{status.sentence}; {strain}: check loads, section and units")
 
 
 def _describe_early_end(path: Equilibrium) -> str:

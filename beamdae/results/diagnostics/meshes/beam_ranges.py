@@ -349,10 +349,14 @@ def strain_warnings(
         yield f"{clause}; reduce the loads, or check section and units."
 
 
-def describe_meaningless_strain(equations: EquationsOfMotion, q: Array) -> str:
-    """Return the clause of `strain_warnings` if strains at q (k, n) are twice as large, or ""."""
-    strains = _largest_strains(equations, q)
-    return next(_describe_strains(equations, strains, _MEANINGLESS_STRAIN_RATIO), "")
+def describe_meaningless_strain(
+    equations: EquationsOfMotion, q: Array, ratio: float = _MEANINGLESS_STRAIN_RATIO
+) -> str:
+    """Return the clause of `strain_warnings` for strains at q (k, n), or "".
+
+    Strains of up to `ratio` times those with a warning have none.
+    """
+    return next(_describe_strains(equations, _largest_strains(equations, q), ratio), "")
 
 
 def rotation_warnings(equations: EquationsOfMotion, q: Array, speed: float) -> Iterator[str]:
