@@ -223,8 +223,9 @@ def test_regression_warnings_of_runs_are_reported():
         mech.observe("tip", beam.end)
         return mech
 
+    method = bd.GeneralizedAlpha(2e-3)
     with pytest.warns(bd.BeamdaeWarning, match=r"1 of 2 runs ended with warnings, .*=0.01: strip"):
-        swept = bd.sweep(falling, {"height": [0.1, 0.01]}, integrator=ALPHA, t_end=0.4)
+        swept = bd.sweep(falling, {"height": [0.1, 0.01]}, integrator=method, t_end=0.4)
     assert list(swept.table["status"]) == ["ok", "ok"]
     assert list(swept.table["warnings"] != "") == [False, True]
     assert "warnings" in swept._repr_html_()
