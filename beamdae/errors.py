@@ -496,9 +496,8 @@ def require_finite(part: str, name: str, value: Any) -> float:
     if not math.isfinite(number):
         raise BeamdaeError(f"{part}: {name} must be finite, got {short_repr(unbox_scalar(value))}.")
     if abs(number) > MAX_MAGNITUDE:
-        raise BeamdaeError(
-            f"{part}: {name} must not exceed {MAX_MAGNITUDE:g} in absolute value, got {number:g}."
-        )
+        most, given = format_distinct(MAX_MAGNITUDE, number)
+        raise BeamdaeError(f"{part}: {name} must not exceed {most} in absolute value, got {given}.")
     return number
 
 
@@ -729,6 +728,25 @@ def join_names(names: Iterable[str]) -> str:
 def format_count(count: int, noun: str) -> str:
     """Return a count with its noun in the singular or the plural, such as "2 points"."""
     return f"{count} {noun}{'s' * (count != 1)}"
+
+
+def format_distinct(*values: float, digits: int = 6) -> list[str]:
+    """Format numbers that a message compares, with enough digits to tell different ones apart.
+
+    Parameters
+    ----------
+    *values
+        Numbers; those that differ in their sign alone need no more digits.
+    digits
+        Least number of significant digits.
+    """
+    count = len({abs(x) for x in values})
+    texts: list[str] = []
+    for more in (digits, 9, 12, 15, 17):
+        texts = [f"{x:.{more}g}" for x in values]
+        if len({x.lstrip("-") for x in texts}) >= count:
+            break
+    return texts
 
 
 def format_percent(fraction: float, digits: int = 2) -> str:

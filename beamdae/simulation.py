@@ -17,6 +17,7 @@ from beamdae.equations.model_hash import hash_model
 from beamdae.equations.smooth_intervals import SAME_TIME
 from beamdae.errors import (
     BeamdaeError,
+    format_distinct,
     is_valid_path,
     path_as_text,
     require_choice,
@@ -457,9 +458,8 @@ def compute_output_times(name: str, t_end: Any, output_step: Any, begin: float =
     """
     t_end = require_positive(name, "t_end", t_end)
     if not t_end > begin:
-        raise BeamdaeError(
-            f"{name}: t_end = {t_end:g} s must be later than the start, t = {begin:g} s."
-        )
+        end, start = format_distinct(t_end, begin)
+        raise BeamdaeError(f"{name}: t_end = {end} s must be later than the start, t = {start} s.")
     if output_step is None:
         step = t_end / _DEFAULT_ROWS
     else:

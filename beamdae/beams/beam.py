@@ -38,6 +38,7 @@ from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve, Segmen
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    format_distinct,
     format_percent,
     optional_finite,
     optional_point,
@@ -582,8 +583,9 @@ class Beam(Part):
         s = require_finite(self.name, "arc length s", s)
         slack = ARC_LENGTH_TOLERANCE
         if not -slack * self.length <= s <= self.length * (1.0 + slack):
+            length, given = format_distinct(self.length, s)
             raise BeamdaeError(
-                f"{self.name}: arc length s must lie in [0, {self.length:.6g}] m, got {s:g} m."
+                f"{self.name}: arc length s must lie in [0, {length}] m, got {given} m."
             )
         return s
 
@@ -779,9 +781,8 @@ class Beam(Part):
             arc_lengths = tuple(self._require_arc_length(x) for x in entries)
         p = require_finite(self.name, "exponent", exponent)
         if not 1.0 <= p <= _MAX_EXPONENT:
-            raise BeamdaeError(
-                f"{self.name}: exponent must be between 1 and {_MAX_EXPONENT:g}, got {p:g}."
-            )
+            _, most, given = format_distinct(1.0, _MAX_EXPONENT, p)
+            raise BeamdaeError(f"{self.name}: exponent must be between 1 and {most}, got {given}.")
         return self._evaluate_largest_stress(arc_lengths, p)
 
     @rebuilt_for_mesh

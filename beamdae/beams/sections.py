@@ -13,6 +13,7 @@ from beamdae.beams.materials import Material, require_material
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    format_distinct,
     format_exception,
     require_choice,
     require_finite,
@@ -350,9 +351,10 @@ class Section:
             return 0.5 * self.height if offset == "top" else -0.5 * self.height
         offset = require_finite(part, "offset", offset)
         if self.height is not None and abs(offset) > 0.5 * self.height * (1.0 + 1e-9):
+            half, given = format_distinct(0.5 * self.height, offset)
             raise BeamdaeError(
-                f"{part}: offset must lie within half the height of the section "
-                f"({0.5 * self.height:g} m), got {offset:g} m."
+                f"{part}: offset must lie within half the height of the section ({half} m), got "
+                f"{given} m."
             )
         return offset
 
@@ -388,9 +390,10 @@ class Section:
         eta = self.fiber_offset(part, offset)
         half_height = abs(eta) if self.height is None else 0.5 * self.height
         if not half_height * abs(curvature) < 1.0:
+            extent, radius = format_distinct(half_height, 1.0 / abs(curvature))
             raise BeamdaeError(
-                f"{part}: the section extends {half_height:g} m from the axis and reaches the "
-                f"center of curvature at {1.0 / abs(curvature):g} m, so stresses are undefined; "
+                f"{part}: the section extends {extent} m from the axis and reaches the "
+                f"center of curvature at {radius} m, so stresses are undefined; "
                 "reduce the height or the curvature."
             )
         factor = 1.0
@@ -434,9 +437,8 @@ class Section:
 
 def _require_less(part: str, name: str, value: float, what: str, limit: float) -> None:
     if not value < limit:
-        raise BeamdaeError(
-            f"{part}: {name} must be less than {what} ({limit:g} m), got {value:g} m."
-        )
+        bound, given = format_distinct(limit, value)
+        raise BeamdaeError(f"{part}: {name} must be less than {what} ({bound} m), got {given} m.")
 
 
 def _shear_coefficient_of_thin_i(

@@ -22,7 +22,12 @@ from beamdae.analysis.statics.static_equilibrium import equilibrium
 from beamdae.beams.beam import EXACT_FORMULATION
 from beamdae.beams.remeshing import BaseMesh, choose_base_meshes, with_meshes
 from beamdae.beams.sliding import MAX_ELEMENTS_WITH_SLIDER
-from beamdae.errors import BeamdaeError, require_count, require_positive
+from beamdae.errors import (
+    BeamdaeError,
+    format_distinct,
+    require_count,
+    require_positive,
+)
 from beamdae.integrators import Integrator
 from beamdae.interrupts import interruptible
 from beamdae.parts.mechanism import Mechanism, require_start
@@ -277,9 +282,8 @@ def _certify(
     """
     accuracy = require_positive(name, "accuracy", accuracy)
     if accuracy > MAX_ACCURACY:
-        raise BeamdaeError(
-            f"{name}: accuracy must be at most {MAX_ACCURACY:g}, got {accuracy:g}; 0.01 is 1 %."
-        )
+        most, given = format_distinct(MAX_ACCURACY, accuracy)
+        raise BeamdaeError(f"{name}: accuracy must be at most {most}, got {given}; 0.01 is 1 %.")
     names = require_certified_columns(name, columns)
     model = as_mechanism(name, model)
     bases = choose_base_meshes(model, _FIRST_ELEMENTS, start)

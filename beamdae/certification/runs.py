@@ -23,6 +23,7 @@ from beamdae.errors import (
     BeamdaeError,
     ProgressError,
     call_progress,
+    format_distinct,
     list_first,
     require_choice,
     require_finite,
@@ -230,9 +231,9 @@ def certify(
     require_choice("certify", "partial", partial, PARTIAL_RESULTS)
     accuracy = require_finite("certify", "accuracy", accuracy)
     if not _MIN_ACCURACY <= accuracy <= MAX_ACCURACY:
+        least, most, given = format_distinct(_MIN_ACCURACY, MAX_ACCURACY, accuracy)
         raise BeamdaeError(
-            f"certify: accuracy must lie between {_MIN_ACCURACY:g} and {MAX_ACCURACY:g}, got "
-            f"{accuracy:g}; 0.01 is 1 %."
+            f"certify: accuracy must lie between {least} and {most}, got {given}; 0.01 is 1 %."
         )
     required = require_certified_columns("certify", columns)
     if time_limit is not None:

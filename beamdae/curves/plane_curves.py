@@ -11,6 +11,7 @@ import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
+    format_distinct,
     is_instance,
     require_finite,
     require_point,
@@ -187,9 +188,10 @@ class Arc:
         warn_of_degrees("Arc", "angle", self.angle)
         circle = 2.0 * np.pi * abs(self.radius)
         if self.length > circle * (1.0 + _CIRCLE_TOLERANCE):
+            length, most = format_distinct(self.length, circle)
             raise BeamdaeError(
-                f"Arc: a length of {self.length:g} m folds the curve onto itself; "
-                f"at most one full circle of {circle:g} m is allowed."
+                f"Arc: a length of {length} m folds the curve onto itself; "
+                f"at most one full circle of {most} m is allowed."
             )
 
     def point(self, s: Any) -> Array:

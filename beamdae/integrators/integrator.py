@@ -12,6 +12,7 @@ from beamdae import deferred
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
+    format_distinct,
     plain_text,
     require_count,
     require_positive,
@@ -165,9 +166,8 @@ def require_tolerance(settings: Any) -> None:
     name = type(settings).__name__
     rtol = require_positive(name, "rtol", settings.rtol)
     if not _MIN_RTOL <= rtol <= _MAX_RTOL:
-        raise BeamdaeError(
-            f"{name}: rtol must lie between {_MIN_RTOL:g} and {_MAX_RTOL:g}, got {rtol:g}."
-        )
+        least, most, given = format_distinct(_MIN_RTOL, _MAX_RTOL, rtol)
+        raise BeamdaeError(f"{name}: rtol must lie between {least} and {most}, got {given}.")
     set_fields(settings, rtol=rtol)
     if getattr(settings, "max_step", None) is not None:
         set_fields(settings, max_step=require_positive(name, "max_step", settings.max_step))

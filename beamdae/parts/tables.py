@@ -18,6 +18,7 @@ from beamdae.csv_reader import parse_numbers, read_csv_table
 from beamdae.errors import (
     BeamdaeError,
     as_text,
+    format_distinct,
     is_valid_path,
     path_as_text,
     require_choice,
@@ -691,9 +692,10 @@ def _create_table(label: str, x: Any, y: Any, kind: str, outside: str) -> Table:
     if outside == "repeat":
         first, last = values[[0, -1]].tolist()
         if abs(last - first) > _MAX_GAP * np.max(np.abs(values)):
+            one, other = format_distinct(first, last)
             raise BeamdaeError(
                 f"{label}: with outside='repeat', the first and last values must be equal, got "
-                f"{first:.6g} and {last:.6g}; end the table one period after its first row, with "
+                f"{one} and {other}; end the table one period after its first row, with "
                 "the value of this row."
             )
         values[-1] = first
@@ -724,8 +726,9 @@ def _require_axis(part: str, name: str, values: Any, kind: str) -> Array:
             else f"sort the rows by {name} and give each value once, or make a table of each "
             "branch of a measured loop"
         )
+        first, second = format_distinct(axis[k], axis[k + 1])
         raise BeamdaeError(
-            f"{part}: {name} must ascend, but {axis[k]:g} is followed by {axis[k + 1]:g}; {remedy}."
+            f"{part}: {name} must ascend, but {first} is followed by {second}; {remedy}."
         )
     require_positive(part, f"the shortest interval of {name}", float(steps[k]))
     return axis

@@ -18,6 +18,7 @@ from beamdae.equations.assembly.building import add_observable
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
+    format_distinct,
     hold_messages,
     require_finite,
     require_sequence,
@@ -474,10 +475,10 @@ class Solution(RunData, TimeSeries):
             raise BeamdaeError(f"followed_by: later must be a solution, got {short_repr(later)}.")
         end, start = self.trajectory.end, float(later.t[0])
         if end != start:
+            begins, ends = format_distinct(start, end)
             raise BeamdaeError(
-                f"followed_by: the later run begins at t = {start:g} s, but this run "
-                f"ends at {end:g} s; simulate the later run with start= set to this "
-                "solution."
+                f"followed_by: the later run begins at t = {begins} s, but this run ends at "
+                f"{ends} s; simulate the later run with start= set to this solution."
             )
         one, other = self.equations, later.equations
         if one.q_names != other.q_names or not np.array_equal(one.p, other.p):

@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.equations import measures
-from beamdae.errors import BeamdaeError, require_finite, require_positive, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    format_distinct,
+    require_finite,
+    require_positive,
+    short_repr,
+)
 from beamdae.results.columns import can_select, merge_columns, observed_columns, select_columns
 from beamdae.results.displays import Plot, load_views
 from beamdae.results.step_response import StepResponse, measure_step_response
@@ -167,15 +173,16 @@ class TimeSeries:
         times = self.times
         begin = times[0] if t is None else require_finite("step_response", "t", t)
         if not times[0] <= begin < times[-1]:
+            start, stop, given = format_distinct(times[0], times[-1], begin)
             raise BeamdaeError(
-                f"step_response: t must be within the run, {times[0]:g} to {times[-1]:g} s, got "
-                f"{begin:g} s."
+                f"step_response: t must be within the run, {start} to {stop} s, got {given} s."
             )
         end = times[-1] if t_end is None else require_finite("step_response", "t_end", t_end)
         if not begin < end <= times[-1]:
+            start, stop, given = format_distinct(begin, times[-1], end)
             raise BeamdaeError(
-                f"step_response: t_end must be later than {begin:g} s and within the run, which "
-                f"ends at {times[-1]:g} s, got {end:g} s."
+                f"step_response: t_end must be later than {start} s and within the run, which "
+                f"ends at {stop} s, got {given} s."
             )
         width = require_positive("step_response", "band", band)
         first, last = np.interp([begin, end], times, values)
@@ -238,10 +245,11 @@ class TimeSeries:
         end = min(self.times[-1], other.times[-1])
         common = self.times[(self.times >= begin) & (self.times <= end)]
         if not len(common):
+            ends = (self.times[0], self.times[-1], other.times[0], other.times[-1])
+            one_start, one_end, other_start, other_end = format_distinct(*ends)
             raise BeamdaeError(
-                "difference: no output time of this run "
-                f"({self.times[0]:g} to {self.times[-1]:g} s) lies within the other run "
-                f"({other.times[0]:g} to {other.times[-1]:g} s); choose runs that overlap in time."
+                f"difference: no output time of this run ({one_start} to {one_end} s) lies within "
+                f"the other run ({other_start} to {other_end} s); choose runs that overlap in time."
             )
         one, two = self.at_times(common), other.at_times(common)
         headers = [header for name in names for header in one._select(name)]

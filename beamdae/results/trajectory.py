@@ -14,7 +14,12 @@ import scipy.sparse as sp
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.bounded_cache import bounded_cache
 from beamdae.equations.equations_of_motion import Configuration, EquationsOfMotion, State
-from beamdae.errors import BeamdaeError, require_finite, warn_user
+from beamdae.errors import (
+    BeamdaeError,
+    format_distinct,
+    require_finite,
+    warn_user,
+)
 from beamdae.read_only import read_only, read_only_data
 from beamdae.symbolic.sparse_operators import assemble_csr
 
@@ -684,9 +689,9 @@ class Instant(NamedTuple):
         """
         t = require_finite("Solution.at", "t", t)
         if not trajectory.start <= t <= trajectory.end:
+            start, end, given = format_distinct(trajectory.start, trajectory.end, t)
             raise BeamdaeError(
-                f"Solution.at: t must lie within the run, {trajectory.start:g} to "
-                f"{trajectory.end:g} s, got {t:g} s."
+                f"Solution.at: t must lie within the run, {start} to {end} s, got {given} s."
             )
         times = np.array([t])
         trajectory.warn_between_rows("Solution.at", times)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import replace
 
@@ -20,6 +21,7 @@ from support import (
 )
 
 import beamdae as bd
+from beamdae.errors import format_distinct
 
 ALLOY = bd.Material.of("aluminum")
 LINE = bd.Line((0.0, 0.0), (1.0, 0.0))
@@ -454,3 +456,19 @@ def test_regression_checks_call_meshes_fair_whose_sections_change_within_element
         (mesh,) = bd.check(mech, predict=False).meshes
         assert mesh.verdict == verdict
         assert mesh.section_error == pytest.approx({2: 0.0167, 4: 7.5e-4}[elements], rel=0.05)
+
+
+def test_regression_messages_tell_values_apart_that_they_compare():
+    """It was "must lie within half the height of the section (0.003 m), got 0.003 m"."""
+    beam = bd.Beam("leaf", LINE, bd.Section.rectangle(ALLOY, width=0.02, height=0.0059999992))
+    text = "within half the height of the section (0.0029999996 m), got 0.003 m."
+    with pytest.raises(bd.BeamdaeError, match=re.escape(text)):
+        beam.stress(0.0, 0.003)
+    text = "within half the height of the section (0.0029999996 m), got -0.003 m."
+    with pytest.raises(bd.BeamdaeError, match=re.escape(text)):
+        beam.stress(0.0, -0.003)
+    with pytest.raises(bd.BeamdaeError, match=r"must lie in \[0, 1\] m, got 1.0000001 m"):
+        beam.at(1.0000001)
+    assert format_distinct(0.1, 0.25) == ["0.1", "0.25"]
+    assert format_distinct(-1.0, 1.0, 1.0) == ["-1", "1", "1"]
+    assert format_distinct(0.1, 0.1 + 1e-14) == ["0.1", "0.10000000000001"]

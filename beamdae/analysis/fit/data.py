@@ -15,6 +15,7 @@ from beamdae.errors import (
     InputWarning,
     as_real,
     as_text,
+    format_distinct,
     is_valid_path,
     list_first,
     path_as_text,
@@ -682,9 +683,10 @@ def _read_wide_table(
     _require_times(part, used, rows, name)
     if np.any(np.diff(used) <= 0.0):
         k = int(np.argmax(np.diff(used) <= 0.0))
+        later, before = format_distinct(used[k + 1], used[k])
         raise BeamdaeError(
-            f"{part}: the times of {name} must be finite and ascend, got {used[k + 1]:g} s after "
-            f"{used[k]:g} s in row {rows[k + 1] + 1}; sort the rows and average repeated ones."
+            f"{part}: the times of {name} must be finite and ascend, got {later} s after "
+            f"{before} s in row {rows[k + 1] + 1}; sort the rows and average repeated ones."
         )
     series: list[Series] = []
     for column in columns:

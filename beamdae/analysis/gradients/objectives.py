@@ -13,6 +13,7 @@ from beamdae.errors import (
     BeamdaeError,
     as_real,
     as_text,
+    format_distinct,
     require_choice,
     require_finite,
     require_positive,
@@ -308,8 +309,9 @@ class SmoothMaximum(ColumnObjective):
     def __post_init__(self) -> None:
         p = require_finite("SmoothMaximum", "exponent", self.exponent)
         if not 1.0 <= p <= _MAX_EXPONENT:
+            _, most, given = format_distinct(1.0, _MAX_EXPONENT, p)
             raise BeamdaeError(
-                f"SmoothMaximum: exponent must be between 1 and {_MAX_EXPONENT:g}, got {p:g}."
+                f"SmoothMaximum: exponent must be between 1 and {most}, got {given}."
             )
         set_fields(self, column=self._require_column(), exponent=p)
 
@@ -404,9 +406,11 @@ class SquaredErrors(ColumnObjective):
     def sample_times(self, grid: SampleGrid) -> Array:
         """See `ColumnObjective`."""
         if self.times[0] < grid.start or self.times[-1] > grid.end:
+            ends = (grid.start, grid.end, self.times[0], self.times[-1])
+            start, end, first, last = format_distinct(*ends)
             raise BeamdaeError(
-                f"SquaredErrors: times must lie within the run, {grid.start:g} to {grid.end:g} s, "
-                f"got {self.times[0]:g} to {self.times[-1]:g} s."
+                f"SquaredErrors: times must lie within the run, {start} to {end} s, got {first} to "
+                f"{last} s."
             )
         return np.asarray(self.times)
 

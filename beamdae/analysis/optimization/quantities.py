@@ -20,6 +20,7 @@ from beamdae.errors import (
     BeamdaeError,
     as_real,
     as_text,
+    format_distinct,
     require_choice,
     require_count,
     require_finite,
@@ -147,9 +148,8 @@ class LargestOf(Quantity):
             raise BeamdaeError("LargestOf: quantities is empty; pass at least one quantity.")
         p = require_finite("LargestOf", "exponent", self.exponent)
         if not 1.0 <= p <= MAX_EXPONENT:
-            raise BeamdaeError(
-                f"LargestOf: exponent must be between 1 and {MAX_EXPONENT:g}, got {p:g}."
-            )
+            _, most, given = format_distinct(1.0, MAX_EXPONENT, p)
+            raise BeamdaeError(f"LargestOf: exponent must be between 1 and {most}, got {given}.")
         quantities = tuple(as_quantity("LargestOf: quantities", x) for x in entries)
         set_fields(self, quantities=quantities, exponent=p)
 

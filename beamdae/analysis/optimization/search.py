@@ -17,6 +17,7 @@ from beamdae.errors import (
     ProgressError,
     call_progress,
     format_count,
+    format_distinct,
     format_exception,
     kind_of_message,
     list_first,
@@ -405,9 +406,8 @@ class Search:
         worst = int(np.argmin(margins))
         limit, unit = problem.limits[worst], problem.units_of(self._first_analyses)[1 + worst]
         value = float(self._ratios[worst] * best.values[1 + worst])
-        # Enough digits to tell the value from the limit.
-        digits = next((n for n in (4, 6, 9) if f"{value:.{n}g}" != f"{limit.bound:.{n}g}"), 12)
-        allowed, actual = (format_with_unit(f"{x:.{digits}g}", unit) for x in (limit.bound, value))
+        numbers = format_distinct(limit.bound, value, digits=4)
+        allowed, actual = (format_with_unit(x, unit) for x in numbers)
         at_bound = np.any(find_active_bounds(problem, best.numbers), axis=0)
         names = np.array(problem.names)[at_bound].tolist()
         where = f", with {list_first(names, _MAX_NAMES)} at a bound," if names else ","

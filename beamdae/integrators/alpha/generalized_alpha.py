@@ -10,6 +10,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.errors import (
     BeamdaeError,
+    format_distinct,
     require_choice,
     require_finite,
     require_positive,
@@ -137,9 +138,9 @@ class GeneralizedAlpha(Integrator):
         least = 0.5 if self.family == "hht" else 0.0
         if not least <= self.rho_inf <= 1.0:
             where = " for family 'hht'" if self.family == "hht" else ""
+            lower, upper, given = format_distinct(least, 1.0, self.rho_inf)
             raise BeamdaeError(
-                f"GeneralizedAlpha: rho_inf must lie in [{least:g}, 1]{where}, "
-                f"got {self.rho_inf:g}."
+                f"GeneralizedAlpha: rho_inf must lie in [{lower}, {upper}]{where}, got {given}."
             )
         require_choice("GeneralizedAlpha", "formulation", self.formulation, FORMULATIONS)
         require_choice("GeneralizedAlpha", "start", self.start, ("cured", "plain"))

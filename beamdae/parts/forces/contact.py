@@ -13,6 +13,7 @@ import numpy as np
 from beamdae.errors import (
     BeamdaeError,
     NumberWithUnit,
+    format_distinct,
     require_finite,
     require_name,
     require_non_negative,
@@ -291,17 +292,15 @@ class Contact(ObservableLoad):
         if self.friction:
             require_angle(self.name, self.surface.on)
         if not _MIN_EXPONENT <= self.exponent <= _MAX_EXPONENT:
-            raise BeamdaeError(
-                f"{self.name}: exponent must lie in [{_MIN_EXPONENT:g}, {_MAX_EXPONENT:g}], "
-                f"got {self.exponent:g}."
-            )
+            least, most, given = format_distinct(_MIN_EXPONENT, _MAX_EXPONENT, self.exponent)
+            raise BeamdaeError(f"{self.name}: exponent must lie in [{least}, {most}], got {given}.")
         if self.restitution is not None:
             set_fields(self, restitution=require_finite(self.name, "restitution", self.restitution))
         restitution = self.restitution_or_elastic
         if not _MIN_RESTITUTION <= restitution <= 1.0:
+            least, most, given = format_distinct(_MIN_RESTITUTION, 1.0, restitution)
             raise BeamdaeError(
-                f"{self.name}: restitution must lie in [{_MIN_RESTITUTION:g}, 1], got "
-                f"{restitution:g}."
+                f"{self.name}: restitution must lie in [{least}, {most}], got {given}."
             )
         if self.max_step is not None:
             set_fields(self, max_step=require_positive(self.name, "max_step", self.max_step))

@@ -7,7 +7,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_finite, require_positive, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    format_distinct,
+    require_finite,
+    require_positive,
+    short_repr,
+)
 
 
 def positive_part(x: Any) -> Any:
@@ -89,9 +95,10 @@ def require_stribeck(
     static = require_finite(part, "static", static)
     stribeck = require_positive(part, "stribeck", stribeck)
     if not static >= kinetic > 0.0:
+        static_text, kinetic_text = format_distinct(static, kinetic)
         raise BeamdaeError(
             f"{part}: static must be at least {name}, and {name} must be positive, got "
-            f"{static:g} and {kinetic:g}."
+            f"{static_text} and {kinetic_text}."
         )
     return static, stribeck
 

@@ -10,7 +10,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_positive, set_fields
+from beamdae.errors import (
+    BeamdaeError,
+    format_distinct,
+    require_positive,
+    set_fields,
+)
 from beamdae.parts.joints.drivers import DrivenJoint
 from beamdae.parts.joints.joint import meeting_tolerance
 from beamdae.parts.joints.kinematic_constraint import PlacedPoint
@@ -72,10 +77,10 @@ class Distance(DrivenJoint):
         if not (isinstance(length, Law) or callable(length) or length is None):
             set_fields(self, length=require_positive(self.name, "length", length))
             if abs(self.length - reference_length) > tolerance:
+                drawn, given = format_distinct(reference_length, self.length)
                 raise BeamdaeError(
-                    f"{self.name}: length must equal the distance in the reference "
-                    f"configuration ({reference_length:.6g} m) or be a time law, got "
-                    f"{self.length:.6g} m."
+                    f"{self.name}: length must equal the distance in the reference configuration "
+                    f"({drawn} m) or be a time law, got {given} m."
                 )
         require_positive(self.name, "length at t = 0", self._initial_value)
 

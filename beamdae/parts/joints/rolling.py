@@ -7,7 +7,14 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_name, require_pair, require_positive, set_fields
+from beamdae.errors import (
+    BeamdaeError,
+    format_distinct,
+    require_name,
+    require_pair,
+    require_positive,
+    set_fields,
+)
 from beamdae.parts.attachments import (
     Attachment,
     require_angle,
@@ -82,10 +89,11 @@ class RollingOnLine(_RollingJoint):
         set_fields(self, radius=require_positive(self.name, "radius", self.radius))
         height = abs(float(self._reference_arm @ left_normal(self.name, self.direction)))
         if abs(height - self.radius) > _CONTACT_TOLERANCE * self.radius:
+            distance, radius = format_distinct(height, self.radius)
             raise BeamdaeError(
-                f"{self.name}: the disk must touch the line in the reference "
-                f"configuration, but the center {self.b} is {height:.6g} m off the "
-                f"line through {self.a} and the radius is {self.radius:.6g} m."
+                f"{self.name}: the disk must touch the line in the reference configuration, but "
+                f"the center {self.b} is {distance} m off the line through {self.a} and the radius "
+                f"is {radius} m."
             )
 
     @property
@@ -166,11 +174,12 @@ class RollingOnCircle(_RollingJoint):
             tolerance = _CONTACT_TOLERANCE * max(self.radii)
             if touching_distance > 0.0 and abs(touching_distance - distance) <= tolerance:
                 return arms
+        radii = f"{circle:.9g} m and {disk:.9g} m"
+        drawn, *_ = format_distinct(distance, *arms_by_distance)
         raise BeamdaeError(
-            f"{self.name}: the disk must touch the circle in the reference "
-            f"configuration, but the distance between the centers {self.b} and {self.a}, "
-            f"{distance:.6g} m, is neither the sum nor the difference of the radii "
-            f"{circle:.6g} m and {disk:.6g} m."
+            f"{self.name}: the disk must touch the circle in the reference configuration, but the "
+            f"distance between the centers {self.b} and {self.a}, {drawn} m, is neither the sum "
+            f"nor the difference of the radii {radii}."
         )
 
     @staticmethod

@@ -6,7 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_choice, require_finite
+from beamdae.errors import (
+    BeamdaeError,
+    format_distinct,
+    require_choice,
+    require_finite,
+)
 from beamdae.report.pictures.figures import COLORS, disable_math_text, draw_grid, wrap_title
 from beamdae.results.displays import Plot
 from beamdae.results.section_forces.section_forces import SECTION_FORCE_HEADERS, SectionForces
@@ -63,8 +68,9 @@ def _find_row(forces: SectionForces, t: Any) -> int | None:
     row = int(np.argmin(np.abs(forces.t - t)))
     distance = np.ptp(forces.t) / max(len(forces.t) - 1, 1)
     if abs(forces.t[row] - t) > _MAX_TIME_DISTANCE * distance + _TIME_ROUNDING * abs(t):
+        first, last, given = format_distinct(forces.t[0], forces.t[-1], t)
         raise BeamdaeError(
-            f"{forces.beam.name}: t must be close to a time of the section forces "
-            f"({forces.t[0]:g} to {forces.t[-1]:g} s), got {t:g} s."
+            f"{forces.beam.name}: t must be close to a time of the section forces ({first} to "
+            f"{last} s), got {given} s."
         )
     return row

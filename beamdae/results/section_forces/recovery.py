@@ -13,6 +13,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    format_distinct,
     plain_text,
     require_finite,
     require_iterable,
@@ -42,9 +43,10 @@ def recover_section_forces(
     times = run.t if t is None else _require_numbers(beam.name, "t", t)
     first, last = trajectory.start, trajectory.end
     if not (np.all(np.diff(times) > 0.0) and first <= times[0] and times[-1] <= last):
+        begin, end, *_ = format_distinct(first, last, times[0], times[-1])
         raise BeamdaeError(
-            f"{beam.name}: t must contain ascending times of the run ({first:g} to "
-            f"{last:g} s), got {short_repr(t)}."
+            f"{beam.name}: t must contain ascending times of the run ({begin} to {end} s), got "
+            f"{short_repr(t)}."
         )
     trajectory.warn_between_rows(beam.name, times)
     if s is None:
@@ -171,8 +173,9 @@ def _requested_sections(beam: Beam, s: Any) -> tuple[Array, Array]:
     arc_lengths = _require_numbers(beam.name, "s", s)
     near = SAME_SECTION_TOLERANCE * beam.length
     if np.any(arc_lengths < -near) or np.any(arc_lengths > beam.length + near):
+        length, _ = format_distinct(beam.length, np.max(arc_lengths))
         raise BeamdaeError(
-            f"{beam.name}: arc length s must lie in [0, {beam.length:.6g}] m, got {short_repr(s)}."
+            f"{beam.name}: arc length s must lie in [0, {length}] m, got {short_repr(s)}."
         )
     arc_lengths = np.clip(arc_lengths, 0.0, beam.length)
     return arc_lengths, arc_lengths > beam.length - near

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.equations.measures import TIME
+from beamdae.errors import format_distinct
 from beamdae.results.outcome import Kind
 from beamdae.results.storage.schema import (
     FieldError,
@@ -176,7 +177,6 @@ def parse_rows(text: bytes, content: dict[str, Any]) -> pd.DataFrame:
     if reached is not None:
         excess, rounding = times[-1] - reached, _ROUNDING_OF_TIMES * reached
         if excess > rounding or (content["status"]["kind"] == "ok" and excess < -rounding):
-            raise FieldError(
-                f"must end at {reached:g} s as in the record, got {times[-1]:g} s", TIME
-            )
+            recorded, end = format_distinct(reached, times[-1])
+            raise FieldError(f"must end at {recorded} s as in the record, got {end} s", TIME)
     return table
