@@ -63,6 +63,25 @@ def test_regression_an_interrupted_fit_has_its_best_estimates():
     assert "interrupted after" in repr(result)
 
 
+@pytest.mark.slow(reason="three fits")
+def test_interrupted_searches_with_parts_of_the_data_have_estimates_for_all_data():
+    times = np.linspace(0.0, 2.0, 101)
+    data = {"t [s]": times, "mass.x": 1.0 + 0.2 / 40.0**0.5 * np.sin(40.0**0.5 * times)}
+    options = {"sigma": 1e-4, "parameters": {"stiffness": 900.0}}
+    spring, oscillator = model()
+    result = bd.fit(spring, data, "stiffness", bd.GeneralizedAlpha(step=0.01), **options)
+    assert result.status.kind == "ok"
+    found = []
+    for share in (0.4, 0.5, 0.6):
+        interrupted, _ = model(int(share * oscillator.calls))
+        with pytest.raises(Interrupted) as caught:
+            bd.fit(interrupted, data, "stiffness", bd.GeneralizedAlpha(step=0.01), **options)
+        best = caught.value.partial
+        assert best.residuals.size == times.size
+        found.append("with a part of the data" in best.status.sentence)
+    assert any(found)
+
+
 def test_regression_the_first_run_of_a_fit_has_no_partial_result():
     with pytest.raises(Interrupted) as caught:
         bd.fit(model(3)[0], DATA, "stiffness", METHOD)

@@ -100,6 +100,14 @@ class Series:
     problem: str = ""
     time_header: str = ""
 
+    def first(self, share: float) -> Series:
+        """Return the values of the first `share` of the time, at least one of them."""
+        count = max(int(np.searchsorted(self.times, share * self.times[-1], side="right")), 1)
+        first = slice(count)
+        return replace(
+            self, times=self.times[first], values=self.values[first], sigma=self.sigma[first]
+        )
+
     @property
     def label(self) -> str:
         """Name of the column and, if the data name experiments, of the experiment."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -190,6 +190,17 @@ class FitProblem:
             for x, header in zip(self.data.series, self.headers, strict=True)
         ]
         other._values = self._values * np.concatenate(signs)
+        return other
+
+    def with_first_data(self, share: float) -> FitProblem:
+        """Return a problem with the data of the first `share` of the time of each series."""
+        other = copy.copy(self)
+        other.__dict__.pop("variation", None)
+        other.data = replace(self.data, series=tuple(x.first(share) for x in self.data.series))
+        other._times = np.concatenate([x.times for x in other.data.series])
+        other._values = np.concatenate([x.values for x in other.data.series])
+        other.weights = 1.0 / np.concatenate([x.sigma for x in other.data.series])
+        other._t_end = other._latest_times()
         return other
 
     @property
