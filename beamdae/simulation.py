@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -475,12 +477,28 @@ def compute_output_times(name: str, t_end: Any, output_step: Any, begin: float =
     return np.append(begin, times[times > begin * (1.0 + SAME_TIME)])
 
 
+_skips_checks: ContextVar[bool] = ContextVar("_skips_checks", default=False)
+
+
+@contextmanager
+def skip_run_checks() -> Iterator[None]:
+    """Let runs issue no warnings about their results; `Solution.warnings` evaluates them later.
+
+    The checks take as long as a short run.
+    """
+    token = _skips_checks.set(True)
+    try:
+        yield
+    finally:
+        _skips_checks.reset(token)
+
+
 def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[str, ...]]:
     """Return the solution and its warnings; Ctrl-C skips the checks and changes the status."""
     sentences: tuple[str, ...] = ()
     try:
         # After an interrupt, no further evaluations delay the return.
-        if solution.status.kind != "interrupted":
+        if solution.status.kind != "interrupted" and not _skips_checks.get():
             sentences = solution.warnings
     except KeyboardInterrupt:
         acknowledge()

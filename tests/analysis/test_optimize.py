@@ -10,6 +10,7 @@ from scipy.optimize import OptimizeResult, linprog
 
 import beamdae as bd
 from beamdae.analysis.fit.problem import FitProblem, Scaling
+from beamdae.analysis.gradients import gradients
 from beamdae.analysis.gradients.number_derivatives import FlatModel
 from beamdae.analysis.optimization import analyses, search
 from beamdae.analysis.optimization.analyses import DesignModel, RunSettings, create_analysis
@@ -413,6 +414,26 @@ def test_regression_warnings_of_the_analyses_of_the_best_design_are_kept():
     assert design.warnings == expected
     # Designs of the search are not reported.
     assert [str(x.message) for x in caught] == list(expected)
+
+
+@pytest.mark.slow(reason="half a second")
+def test_only_the_first_and_the_best_run_of_a_search_are_checked(monkeypatch):
+    """The checks of all runs took a fifth of the time of the search."""
+    solutions = []
+
+    def simulate(*arguments, **settings):
+        solutions.append(bd.simulate(*arguments, **settings))
+        return solutions[-1]
+
+    monkeypatch.setattr(gradients, "simulate", simulate)
+    tip = bd.at_least(bd.EndValue("tip.y"), -0.008)
+    given, bounds = {"height": (0.02,)}, {"height": (0.01, 0.05)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        design = bd.optimize(cantilever, bd.Mass(), "height", tip, bounds, ALPHA, parameters=given)
+    assert design.evaluations > 2
+    checked = [x for x in solutions if "warnings" in vars(x)]
+    assert [id(x) for x in checked] == [id(x[0]) for x in (design.first_analyses, design.analyses)]
 
 
 @pytest.mark.slow(reason="a second")

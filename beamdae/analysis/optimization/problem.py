@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -45,7 +46,7 @@ from beamdae.errors import (
 from beamdae.integrators.integrator import Integrator, refine
 from beamdae.model_parameters import parse_unit, split_unit
 from beamdae.results.solution import Solution
-from beamdae.simulation import as_equations
+from beamdae.simulation import as_equations, skip_run_checks
 
 Array = np.ndarray
 
@@ -306,10 +307,13 @@ class DesignProblem:
         analyses: dict[tuple[Any, ...], Analysis] = {}
         results: dict[AnalysisQuantity, float] = {}
         with warnings.catch_warnings():
-            # The analyses of the last design warn.
+            # The result evaluates the warnings of the best design; those of the first one are
+            # issued if its analysis fails.
             warnings.simplefilter("ignore", BeamdaeWarning)
+            is_first = np.array_equal(values, self.first)
             for key, leaves in groups.items():
-                analysis = create_analysis(model, leaves, self._settings)
+                with nullcontext() if is_first else skip_run_checks():
+                    analysis = create_analysis(model, leaves, self._settings)
                 analyses[key] = analysis
                 results |= {leaf: analysis.value(leaf) for leaf in leaves}
         combined = [quantity.combine(results) for quantity in self.quantities]
