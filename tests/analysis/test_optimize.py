@@ -1380,6 +1380,8 @@ def test_designs_at_bounds_near_a_limit_have_no_warning():
     design = optimize_height(cantilever, height=(0.02,), load=20.0)
     assert design.at_bounds
     assert not design.warnings
+    # No value is far from a limit of zero.
+    assert not optimize_height(cantilever, 0.0, height=(0.02,), load=-20.0).warnings
 
 
 def test_regression_first_designs_that_fail_name_meaningless_strains():

@@ -631,7 +631,7 @@ def _check_inactive_limits(
         value, bound = abs(constraint.value), abs(constraint.limit)
         is_upper = limit.sign * constraint.limit > 0.0
         small, large = (value, bound) if is_upper else (bound, value)
-        if constraint.margin < 0.0 or not small < _MAX_INACTIVE_RATIO * large:
+        if not bound or constraint.margin < 0.0 or not small < _MAX_INACTIVE_RATIO * large:
             return ()
     path = next((x for x in design.results if isinstance(x, Equilibrium)), None)
     motions: tuple[str, ...] = ()
