@@ -283,8 +283,9 @@ def test_frequent_samples_need_no_pilot_run(start, rtol):
     calls = []
     mech = pushed(1e-3, lambda t: 4.0 * (t >= start - 1e-9), calls)
     run = bd.simulate(mech, bd.Radau(rtol), 1.0, output_step=0.01)
-    # Samples 0, 1, 2, 4, ... are repeated twice.
-    assert len(calls) < 1.1 * 1000
+    # A pilot run calls the law another 1000 times. Samples 0, 1, 2, 4, ... are repeated twice, and
+    # the check of the loop adds about 85 calls.
+    assert len(calls) < 1.2 * 1000
     exact = 0.01 * (1.0 - np.cos(20.0 * np.clip(run.t - start, 0.0, None)))
     assert_allclose(run["mass.x"], exact, atol=0.2 * rtol)
     assert run.integrator["amplitudes"]["mass"] > 0.0

@@ -187,6 +187,12 @@ def _differentiate_law(
     def evaluate(index: int, x: Array) -> Array:
         return controller.next_values(every * index, index, x[:n_reads], x[n_reads:], stream)
 
+    def depends_on_reads(index: int, x: Array) -> bool:
+        """Return False for most laws that do not, or are at a limit, after two calls."""
+        change = scales * np.where(np.arange(len(x)) < n_reads, _LAW_STEPS[0], 0.0)
+        ends = [evaluate(index, x + sign * change)[newest] for sign in (1.0, -1.0)]
+        return not np.array_equal(ends[0], ends[1])
+
     def scaled_slopes(index: int, x: Array, step: float, count: int) -> Array:
         """Return means of `count` backward and forward differences, times the scales.
 
@@ -206,11 +212,6 @@ def _differentiate_law(
     def differentiate(
         index: int, x: Array, count: int, max_deviation: float
     ) -> tuple[Array, Array] | None:
-        # Most laws that do not depend on the reads, or are at a limit, are excluded by two calls.
-        change = scales * np.where(np.arange(len(x)) < n_reads, _LAW_STEPS[0], 0.0)
-        ends = [evaluate(index, x + sign * change)[newest] for sign in (1.0, -1.0)]
-        if np.array_equal(ends[0], ends[1]):
-            return None
         coarse = scaled_slopes(index, x, _LAW_STEPS[0], count)
         derivatives = np.full(coarse.shape[1:], np.nan)
         for step in _LAW_STEPS[1:]:
@@ -232,9 +233,11 @@ def _differentiate_law(
     half_range = np.maximum(0.5 * (high - low), np.finfo(float).tiny)
     extremity = np.max(np.abs(values - 0.5 * (low + high)) / half_range, axis=1)
     tried = np.argsort(extremity, kind="stable")[:_MAX_TRIED_SAMPLES]
+    samples_within = [(int(indices[k]), arguments[k]) for k in tried]
+    samples_within = [x for x in samples_within if depends_on_reads(*x)]
     for differences in _DIFFERENCES:
-        for k in tried:
-            derivatives = differentiate(int(indices[k]), arguments[k], *differences)
+        for sample in samples_within:
+            derivatives = differentiate(*sample, *differences)
             if derivatives is not None:
                 return derivatives
     # All commands are at limits; between two opposite ones, a saturated law depends on the reads.
