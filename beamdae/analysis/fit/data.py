@@ -101,8 +101,8 @@ class Series:
     time_header: str = ""
 
     def first(self, share: float) -> Series:
-        """Return the values of the first `share` of the time, at least one of them."""
-        count = max(int(np.searchsorted(self.times, share * self.times[-1], side="right")), 1)
+        """Return the values of the first `share` of the time, at least two of them."""
+        count = max(int(np.searchsorted(self.times, share * self.times[-1], side="right")), 2)
         first = slice(count)
         return replace(
             self, times=self.times[first], values=self.values[first], sigma=self.sigma[first]

@@ -322,7 +322,13 @@ MODEL_CALLS: dict[str, WorkingCall] = {
         _close_view,
     ),
     "check": WorkingCall(
-        lambda box: {"model": box.mech, "t_end": T_END, "predict": False}, return_result
+        lambda box: {
+            "model": box.mech,
+            "t_end": T_END,
+            "predict": False,
+            "start": "as drawn",
+        },
+        return_result,
     ),
     "Equilibrium.to_csv": WorkingCall(
         lambda box: {"path": Path("path.csv")},
