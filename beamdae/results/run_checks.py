@@ -275,7 +275,7 @@ def _long_elements(run: RunData) -> Iterator[str]:
 def _fast_loads(run: RunData) -> Iterable[str]:
     if run._is_at_rest:
         return ()
-    return fast_load_warnings(run.equations, run.trajectory, run.step_extremes)
+    return fast_load_warnings(run.equations, run.trajectory, run._extremes_above_rounding)
 
 
 def _start_transients(run: RunData) -> Iterable[str]:

@@ -358,3 +358,14 @@ def test_regression_boundary_layers_do_not_depend_on_the_law_of_the_driver():
     resting = rotating_blade(4, 523.6, prescribed_speed=0.0)
     with pytest.warns(bd.BeamdaeWarning, match=r"mesh error of root.*about 7.1 %; use elements=12"):
         resting.frequency_response([60.0])
+
+
+@pytest.mark.slow(reason="two linear models of rotating beams")
+def test_regression_each_response_of_a_loop_has_its_warnings():
+    """Those that differed in numbers were not shown, and an array has no attribute for them."""
+    models = [rotating_blade(elements, 523.6) for elements in (2, 4)]
+    with warnings.catch_warnings(record=True) as record:
+        warnings.simplefilter("default")
+        for model in models:
+            model.frequency_response([60.0])
+    assert sum("mesh error of root" in str(x.message) for x in record) == 2

@@ -53,3 +53,22 @@ def test_a_distance_whose_slope_jumps_has_a_warning():
 )
 def test_continuous_slopes_have_no_warning(law, integrator):
     assert not any("slope" in x for x in bd.simulate(crank(law), integrator, t_end=1.2).warnings)
+
+
+@pytest.mark.parametrize("kind", ["linear", "spline"])
+def test_regression_angles_that_a_driver_holds_have_no_jumps(kind):
+    """Velocities of 1e-17 rad/s at the rows of the force table were jumps of the constant law."""
+    mech = bd.Mechanism()
+    steel = bd.Material(E=210e9, nu=0.3, rho=7850.0)
+    section = bd.Section.rectangle(steel, width=0.05, height=0.008, damping=2e-5)
+    line = bd.Line((0.0, 0.0), (0.4, 0.0))
+    leaf = mech.add(bd.Beam("leaf", line, section, elements=2, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf.start))
+    tip = mech.add(bd.RigidBody("tip", 0.5, 1e-3, center=(0.4, 0.0)))
+    mech.add(bd.Weld("bolt", leaf.end, tip.at(0.4, 0.0)))
+    mech.add(bd.Driver("guide", mech.ground.at(0.4, 0.0), tip.at(0.4, 0.0), law=0.0))
+    force = bd.table(np.linspace(0.0, 0.01, 5), [0.0, -400.0, -600.0, -400.0, 0.0], kind)
+    mech.add(bd.Force("pulse", leaf.end, (0.0, force)))
+    mech.observe("tip", leaf.end)
+    run = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-4), t_end=0.02)
+    assert not any("slope" in x for x in run.warnings)

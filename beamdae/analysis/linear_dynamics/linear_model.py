@@ -251,10 +251,11 @@ class LinearModel(HasPage):
                 float(np.max(np.abs(values))),
                 {x.header for x in self.outputs},
             ):
-                warn_user(f"frequency_response: {warning}")
+                # The response is an array, whose warnings cannot be read later.
+                warn_user(f"frequency_response: {warning}", merges=False)
         missed_peak = self._missed_peak_warning(np.array(values), response)
         if missed_peak:
-            warn_user(missed_peak)
+            warn_user(missed_peak, merges=False)
         return response
 
     def _missed_peak_warning(self, frequencies: Array, response: Array) -> str | None:

@@ -19,6 +19,9 @@ _MIN_JUMP = 1e-2
 # Smallest jump relative to the sum of the terms of this rate at the largest velocities of the run;
 # smaller ones are rounding or constraint drift.
 _MIN_SHARE = 1e-3
+# Velocities below this ratio to the largest one, both relative to the natural sizes of coordinates,
+# are rounding errors, such as those of an angle that a driver holds.
+_ROUNDING = 1e-9
 
 
 def velocity_jump_warnings(
@@ -35,6 +38,8 @@ def velocity_jump_warnings(
     if not driven or len(trajectory.intervals) == 1:
         return
     largest = np.max([np.max(np.abs(x.rows[1]), axis=0) for x in trajectory.intervals], axis=0)
+    sizes = equations.position_scales
+    largest = np.maximum(largest, _ROUNDING * np.max(largest / sizes) * sizes)
     at_events = {record.t for record in event_records}
     jumps: dict[str, set[float]] = {}
     for before, after in pairwise(trajectory.intervals):

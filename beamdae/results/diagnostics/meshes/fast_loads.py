@@ -55,6 +55,9 @@ _MAX_ERROR = 0.05
 _UNITS = ("m", "rad", "-", "Pa", "N", "N m")
 # Columns whose half range is smaller, relative to the largest one of their kind, are left out.
 _MIN_SHARE = 1e-2
+# Half ranges of positions up to which they are rounding errors, as in a steady rotation, relative
+# to the length of the mechanism or to 1 rad.
+_ROUNDING = 1e-10
 _HALVINGS = 2  # of the compared elements
 _MAX_ITERATIONS = 8  # of Newton's method for the state of shorter elements
 _NEWTON_TOLERANCE = 1e-4  # relative to the first residual
@@ -270,7 +273,9 @@ def _select_columns(
         for header in o.headers
         if header in extremes and Header.of(header).unit in _UNITS
     ]
-    return select_large_columns(headers, extremes, equations.length, _MIN_SHARE)
+    columns = select_large_columns(headers, extremes, equations.length, _MIN_SHARE)
+    limits = {"m": _ROUNDING * equations.length, "rad": _ROUNDING}
+    return {x: size for x, size in columns.items() if size > limits.get(Header.of(x).unit, 0.0)}
 
 
 def _refine(
