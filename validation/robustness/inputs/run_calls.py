@@ -152,7 +152,7 @@ SOLUTION_CALLS: dict[str, WorkingCall] = {
         lambda box: {"name": "bar.angle"}, return_result, lambda box, name: box.solution[name]
     ),
     "Solution.step_response": WorkingCall(
-        lambda box: {"name": "knee.x", "target": 1.0, "t": 0.0, "band": 0.02},
+        lambda box: {"name": "knee.x", "target": 1.5, "t": 0.0, "band": 0.02},
         return_result,
         lambda box, **arguments: box.solution.step_response(**arguments),
     ),
