@@ -51,10 +51,7 @@ def main() -> None:
     except KeyboardInterrupt:
         signals.ignore_signals()
         sys.exit(signals.exit_code())
-    try:
-        run()
-    finally:
-        startup.skip_final_collection()
+    startup.exit_without_teardown(run())
 
 
 if __name__ == "__main__":

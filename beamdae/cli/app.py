@@ -54,8 +54,8 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-def main() -> None:
-    """Run the command line and exit with its exit code, even after signals and stream errors."""
+def main() -> int:
+    """Run the command line and return its exit code, even after signals and stream errors."""
     code = 0
     try:
         streams.secure_streams()
@@ -72,7 +72,7 @@ def main() -> None:
     signals.ignore_signals()
     if signals.is_interrupted():
         code = signals.exit_code()
-    sys.exit(streams.flush_output(code))
+    return streams.flush_output(code)
 
 
 def _configure_warnings() -> None:

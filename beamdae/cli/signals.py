@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from time import monotonic
@@ -27,6 +28,7 @@ def install_handlers() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _handle_signal)
+    sys.unraisablehook = _report_unraisable
 
 
 def ignore_signals() -> None:
@@ -43,6 +45,12 @@ def _handle_signal(number: int, _: Any) -> None:
         if _raise_times and monotonic() - _raise_times[-1] < _REPEAT_INTERVAL:
             return
     _raise_interrupt()
+
+
+def _report_unraisable(problem: sys.UnraisableHookArgs) -> None:
+    # Compiled libraries discard the exception of an interrupt, or one that follows from it.
+    if not is_interrupted():
+        sys.__unraisablehook__(problem)
 
 
 def _raise_interrupt() -> NoReturn:

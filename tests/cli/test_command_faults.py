@@ -196,6 +196,39 @@ def test_interrupt_while_building_ends_the_run(here):
     assert not Path("results").exists()
 
 
+DISCARDING = """
+class Incomplete:
+    def __del__(self, abort=os.abort):
+        abort()
+
+sys.incomplete = Incomplete()
+
+class Callback:
+    def __del__(self):
+        send_signal()
+
+Callback()
+"""
+
+
+@pytest.mark.slow(reason="starts processes")
+@pytest.mark.parametrize("name", ["run", "check"])
+def test_regression_incomplete_objects_do_not_crash_an_interrupted_command(here, name):
+    """The exception of an interrupt was discarded with a traceback; objects crashed at the end."""
+    Path("model.py").write_text(MODEL.replace("# importing", DISCARDING), encoding="utf-8")
+    command = process(name, "model.py")
+    _, errors = command.communicate(timeout=60)
+    assert (command.returncode, errors) == (130, "interrupted\n")
+
+
+@pytest.mark.slow(reason="starts a process")
+def test_files_that_a_model_left_open_are_complete(here):
+    lines = "file = open('log.txt', 'w')\nfile.write('written')"
+    Path("model.py").write_text(MODEL.replace("# importing", lines), encoding="utf-8")
+    assert shell("{beamdae} check model.py")[0] == 0
+    assert Path("log.txt").read_text() == "written"
+
+
 @pytest.mark.slow(reason="starts processes")
 def test_interrupt_in_the_second_run_keeps_the_first(here):
     lines = """
