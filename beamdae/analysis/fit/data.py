@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -174,6 +175,16 @@ class FitData:
     def count(self) -> int:
         """Number of values."""
         return sum(len(x.values) for x in self.series)
+
+    @cached_property
+    def variation(self) -> float:
+        """Sum of the squared deviations from the mean of each series, in standard deviations."""
+        series = self.series
+        return sum(float(np.sum(((x.values - x.values.mean()) / x.sigma) ** 2)) for x in series)
+
+    def first(self, share: float) -> FitData:
+        """Return the data of the first `share` of the time of each series."""
+        return replace(self, series=tuple(x.first(share) for x in self.series))
 
 
 def label_series(column: str, experiment: str) -> str:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import copy
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -153,7 +152,7 @@ class FitProblem:
         measured = read_measurements("fit", data, data_columns)
         self._settings = self._read_experiments(experiments, measured.experiments)
         self.build_warnings: set[str] = set()
-        self.data: FitData = read_fit_data(measured, self._observed_headers(), sigma)
+        self._set_data(read_fit_data(measured, self._observed_headers(), sigma))
         self.sensors: Sensors = read_sensors(self.data.series, self.headers, scale, offset, shift)
         if not self.sensors.scales:
             pairs = zip(self.data.series, self.headers, strict=True)
@@ -162,10 +161,6 @@ class FitProblem:
             [self.parameters[name] for name in self.names]
             + [float(np.clip(0.0, *shift.bounds)) for shift in self.sensors.shifts]
         )
-        series = self.data.series
-        self._times = np.concatenate([x.times for x in series])
-        self._values = np.concatenate([x.values for x in series])
-        self.weights = 1.0 / np.concatenate([x.sigma for x in series])
         if self.data.count < (count := len(self.variables) + len(self.coefficients)):
             raise BeamdaeError(
                 f"fit: {self.data.count} data do not determine {count} parameters; add data "
@@ -174,6 +169,12 @@ class FitProblem:
         self._t_end = self._latest_times()
         for sentence in self.duration_warnings:
             warn_user(f"fit: {sentence}", InputWarning, merges=False)
+
+    def _set_data(self, data: FitData) -> None:
+        self.data = data
+        self._times = np.concatenate([x.times for x in data.series])
+        self._values = np.concatenate([x.values for x in data.series])
+        self.weights = 1.0 / np.concatenate([x.sigma for x in data.series])
 
     def with_sensors(self, sensors: Sensors, first_values: Array) -> FitProblem:
         """Return a problem with other unknown properties of sensors, and first values of all."""
@@ -195,11 +196,7 @@ class FitProblem:
     def with_first_data(self, share: float) -> FitProblem:
         """Return a problem with the data of the first `share` of the time of each series."""
         other = copy.copy(self)
-        other.__dict__.pop("variation", None)
-        other.data = replace(self.data, series=tuple(x.first(share) for x in self.data.series))
-        other._times = np.concatenate([x.times for x in other.data.series])
-        other._values = np.concatenate([x.values for x in other.data.series])
-        other.weights = 1.0 / np.concatenate([x.sigma for x in other.data.series])
+        other._set_data(self.data.first(share))
         other._t_end = other._latest_times()
         return other
 
@@ -212,12 +209,6 @@ class FitProblem:
     def weighted_square(self) -> float:
         """Sum of the squares of the data in standard deviations."""
         return float(np.sum((self._values * self.weights) ** 2))
-
-    @cached_property
-    def variation(self) -> float:
-        """Sum of the squared deviations of the data from the mean of each series, in sigma."""
-        series = self.data.series
-        return sum(float(np.sum(((x.values - x.values.mean()) / x.sigma) ** 2)) for x in series)
 
     @property
     def last_time(self) -> float:

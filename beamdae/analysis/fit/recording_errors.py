@@ -190,7 +190,8 @@ class RecordingErrors:
         self._is_searched = True
         assert self.first is not None
         limit = min(
-            _MAX_LEFT_RESIDUALS * best.chi_square, _MAX_LEFT_VARIATION * self._problem.variation
+            _MAX_LEFT_RESIDUALS * best.chi_square,
+            _MAX_LEFT_VARIATION * self._problem.data.variation,
         )
         if clause := self._find_in_part(headers, limit):
             return clause

@@ -1009,7 +1009,7 @@ def _check_chi_square(
     outliers = np.concatenate([part[_find_outliers(part)] for part in parts])
     if outliers @ outliers > _MIN_OUTLIERS_SHARE * (residuals @ residuals):
         return (f"{sentence}; most of their squares are outliers.", *_name_outliers(problem, parts))
-    if residuals @ residuals > _MIN_LOCAL_SHARE * problem.variation:
+    if residuals @ residuals > _MIN_LOCAL_SHARE * problem.data.variation:
         return (
             f"{sentence}; start from other values, or pass bounds= and starts= to search from "
             f"several, because the search may have ended at a local minimum, "
@@ -1133,7 +1133,10 @@ def _check_noise(problem: FitProblem, evaluation: Evaluation) -> tuple[str, ...]
     residuals = evaluation.residuals
     parts = _split_by_series(problem, residuals)
     left = float(residuals @ residuals)
-    if residuals.size < _MIN_NOISE_COUNT or left <= _MAX_NOISELESS_RATIO**2 * problem.variation:
+    if (
+        residuals.size < _MIN_NOISE_COUNT
+        or left <= _MAX_NOISELESS_RATIO**2 * problem.data.variation
+    ):
         return ()
     correlation = sum(float(x[:-1] @ x[1:]) for x in parts) / left
     if correlation > MAX_NOISE_CORRELATION:

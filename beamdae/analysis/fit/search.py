@@ -187,10 +187,11 @@ def search(
     def residuals(x: Array) -> Array:
         evaluation = evaluate(x)
         if evaluation is None:
-            return np.full(problem.data.count + (prior is not None) * len(x), np.nan)
-        if prior is None:
-            return evaluation.residuals / size
-        return np.append(evaluation.residuals, prior_weight * (x - prior[free])) / size
+            return np.full(problem.data.count + len(attraction), np.nan)
+        whole = first.copy()
+        whole[free] = x
+        distance = np.zeros(len(first)) if prior is None else whole - prior
+        return np.append(evaluation.residuals, attraction @ distance) / size
 
     def jacobian(x: Array) -> Array:
         nonlocal accepted
@@ -199,12 +200,13 @@ def search(
         accepted = x.tobytes(), evaluation
         whole = first.copy()
         whole[free] = x
-        rows = (evaluation.projected_jacobian * scaling.derivatives(whole))[:, free]
-        return (rows if prior is None else np.vstack([rows, prior_weight * np.eye(len(x))])) / size
+        rows = evaluation.projected_jacobian * scaling.derivatives(whole)
+        return np.vstack([rows, attraction])[:, free] / size
 
-    # The variance of the data, or a guess.
-    sigma = _GUESSED_SIGMA * np.sqrt(problem.variation / problem.data.count)
-    prior_weight = _PRIOR_WEIGHT * (1.0 if problem.data.is_sigma_known else sigma)
+    # Rows of the residuals that attract the variables to `prior`.
+    attraction = np.zeros((0, len(first)))
+    if prior is not None:
+        attraction = _PRIOR_WEIGHT * _guess_sigma(problem) * np.eye(len(first))
     begin = first[free]
     start = evaluate(begin)
     assert start is not None
@@ -262,6 +264,7 @@ def search(
             max_evaluations - evaluations,
             given,
             has_short_steps=has_short_steps,
+            prior=prior,
         )
         return replace(again, evaluations=evaluations + again.evaluations)
     at_bounds[free] = result.active_mask != 0
@@ -279,6 +282,13 @@ def search(
         sentence = f"{status.sentence}; {count} failed, the last one: {failures[-1]}"
         status = Status(status.kind, sentence)
     return SearchResult(last, evaluations, status, at_bounds, rejected)
+
+
+def _guess_sigma(problem: FitProblem) -> float:
+    """Return the standard deviation of weighted residuals, which may have unknown units."""
+    if problem.data.is_sigma_known:
+        return 1.0
+    return float(_GUESSED_SIGMA * np.sqrt(problem.data.variation / problem.data.count))
 
 
 def reject_data(first: Evaluation, evaluations: int, clause: str) -> SearchResult:
@@ -429,7 +439,7 @@ def _search_with_first_data(
     for share in _FIRST_SHARES:
         part = problem.with_first_data(share)
         remaining = min(_MAX_PART_EVALUATIONS, max_evaluations - evaluations)
-        if part.variation < _MIN_PART_VARIATION * problem.variation or remaining < 1:
+        if part.data.variation < _MIN_PART_VARIATION * problem.data.variation or remaining < 1:
             continue
         begin = logarithmic.start(scaling.values(first) if values is None else values)
         prior = logarithmic.first
@@ -454,7 +464,7 @@ def is_explained(problem: FitProblem, evaluation: Evaluation) -> bool:
 
 def _unexplained_share(problem: FitProblem, evaluation: Evaluation) -> float:
     square = evaluation.chi_square
-    return square / problem.variation if problem.variation else np.inf * bool(square)
+    return square / problem.data.variation if problem.data.variation else np.inf * bool(square)
 
 
 def is_noise(residuals: Array) -> bool:

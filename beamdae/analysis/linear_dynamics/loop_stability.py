@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg as la
 
+from beamdae.analysis.linear_dynamics.law_derivatives import differentiate_law
 from beamdae.analysis.linear_dynamics.linear_model import StateReduction
 from beamdae.analysis.linear_dynamics.linearization import (
     Linearization,
@@ -22,8 +23,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
 )
 from beamdae.equations.assembly.building import remove_forces
 from beamdae.equations.commands import Command, find_commanded_loads
-from beamdae.equations.controller_reads import evaluate_reads
-from beamdae.equations.equations_of_motion import ControllerTerm, EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.errors import BeamdaeError
 from beamdae.results.trajectory import Trajectory
@@ -37,16 +37,6 @@ _MAX_COORDINATES = 300
 _MAX_OPEN_RATIO = 0.5
 # Growth rates below this fraction of the largest eigenvalue are rounding errors.
 _EIGENVALUE_ROUNDING = 1e-13
-# Samples at which a law is evaluated, and those at which its derivatives are tried: those whose
-# commands are farthest from their extremes, which may be limits.
-_MAX_SAMPLES, _MAX_TRIED_SAMPLES = 60, 12
-# Steps of finite differences of laws, relative to the ranges of their arguments in the run. The
-# derivatives of two adjacent steps agree unless the law has a limit or a switch there.
-_LAW_STEPS = np.geomspace(3e-2, 1e-6, 10)
-# Numbers of differences for a mean, and largest relative deviations of derivatives that agree.
-# Means follow laws that round their readings, as those of encoders.
-_DIFFERENCES = ((1, 1e-3), (9, 3e-2))
-_BISECTIONS = 40
 
 
 class GrowingMode(NamedTuple):
@@ -132,7 +122,7 @@ def _find_sampled_mode(equations: EquationsOfMotion, trajectory: Trajectory) -> 
         return None
     laws = []
     for stream, term in enumerate(terms):
-        law = _differentiate_law(equations, trajectory, term, stream)
+        law = differentiate_law(equations, trajectory, term, stream)
         if law is None:
             return None
         laws.append(law)
@@ -157,105 +147,6 @@ def _find_sampled_mode(equations: EquationsOfMotion, trajectory: Trajectory) -> 
         np.log(np.where(x == 0.0, np.finfo(float).tiny, x)) / every for x in multipliers
     )
     return _select_mode(closed_poles, open_poles)
-
-
-def _differentiate_law(
-    equations: EquationsOfMotion, trajectory: Trajectory, term: ControllerTerm, stream: int
-) -> tuple[Array, Array] | None:
-    """Return the derivatives of the values of a law by its reads and the values before a sample.
-
-    They are those of a sample at which the commands depend on the reads and the law has no limit or
-    jump nearby, or between two samples with commands at opposite limits; None if there are
-    no such samples, as for relays. Small jumps, by the rounding of readings, are averaged.
-    """
-    controller, every = term.controller, term.controller.every
-    first, last = np.ceil(trajectory.start / every) + 1, np.floor(trajectory.end / every)
-    if not controller.reads or last - first < 1:
-        return None
-    samples = first - 1 + np.geomspace(1, last - first + 1, _MAX_SAMPLES)
-    indices = np.unique(samples.astype(int))
-    indices = indices[indices <= last]
-    times, states = trajectory.at(every * indices)
-    before = trajectory.positions_at(every * (indices - 0.5))[:, term.rows]
-    reads = evaluate_reads(term, equations.p, times, states)
-    arguments = np.hstack([reads, before])
-    n_reads, n_driven = reads.shape[1], len(controller.drives)
-    scales = np.ptp(arguments, axis=0)
-    scales = np.where(scales > 0.0, scales, 1.0 + np.abs(arguments[0]))
-    newest = slice(n_driven * controller.delay, n_driven * (1 + controller.delay))
-
-    def evaluate(index: int, x: Array) -> Array:
-        return controller.next_values(every * index, index, x[:n_reads], x[n_reads:], stream)
-
-    def depends_on_reads(index: int, x: Array) -> bool:
-        """Return False for most laws that do not, or are at a limit, after two calls."""
-        change = scales * np.where(np.arange(len(x)) < n_reads, _LAW_STEPS[0], 0.0)
-        ends = [evaluate(index, x + sign * change)[newest] for sign in (1.0, -1.0)]
-        return not np.array_equal(ends[0], ends[1])
-
-    def scaled_slopes(index: int, x: Array, step: float, count: int) -> Array:
-        """Return means of `count` backward and forward differences, times the scales.
-
-        The shape is (2, values, arguments).
-        """
-        steps = step * np.linspace(1.0, 1.5, count)
-        at = evaluate(index, x)
-        columns = []
-        for dx in np.diag(scales):
-            slopes = [
-                [(evaluate(index, x + h * dx) - at) / h for h in steps * sign]
-                for sign in (-1.0, 1.0)
-            ]
-            columns.append(np.mean(slopes, axis=1))
-        return np.stack(columns, axis=2)
-
-    def differentiate(
-        index: int, x: Array, count: int, max_deviation: float
-    ) -> tuple[Array, Array] | None:
-        coarse = scaled_slopes(index, x, _LAW_STEPS[0], count)
-        derivatives = np.full(coarse.shape[1:], np.nan)
-        for step in _LAW_STEPS[1:]:
-            fine = scaled_slopes(index, x, step, count)
-            slopes = np.concatenate([coarse, fine])
-            # Values have different units.
-            sizes = np.max(np.abs(fine), axis=(0, 2))[:, None]
-            agrees = np.all(np.ptp(slopes, axis=0) <= max_deviation * sizes, axis=0)
-            is_new = agrees & np.isnan(derivatives)
-            derivatives = np.where(is_new, np.mean(fine, axis=0), derivatives)
-            if np.all(np.isfinite(derivatives)):
-                by_reads, by_values = np.split(derivatives / scales, [n_reads], axis=1)
-                return (by_reads, by_values) if np.any(by_reads[newest]) else None
-            coarse = fine
-        return None
-
-    values = np.array([evaluate(*x)[newest] for x in zip(indices.tolist(), arguments, strict=True)])
-    low, high = np.min(values, axis=0), np.max(values, axis=0)
-    half_range = np.maximum(0.5 * (high - low), np.finfo(float).tiny)
-    extremity = np.max(np.abs(values - 0.5 * (low + high)) / half_range, axis=1)
-    tried = np.argsort(extremity, kind="stable")[:_MAX_TRIED_SAMPLES]
-    samples_within = [(int(indices[k]), arguments[k]) for k in tried]
-    samples_within = [x for x in samples_within if depends_on_reads(*x)]
-    for differences in _DIFFERENCES:
-        for sample in samples_within:
-            derivatives = differentiate(*sample, *differences)
-            if derivatives is not None:
-                return derivatives
-    # All commands are at limits; between two opposite ones, a saturated law depends on the reads.
-    jumps = np.abs(np.diff(values, axis=0))
-    if not np.any(jumps):
-        return None
-    k, drive = np.unravel_index(np.argmax(jumps), jumps.shape)
-    index, begin, end = int(indices[k]), arguments[k], arguments[k + 1]
-    first_value, last_value = values[k : k + 2, drive]
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (begin + end)
-        value = evaluate(index, middle)[newest][drive]
-        share = (value - first_value) / (last_value - first_value)
-        if 0.25 < share < 0.75:
-            results = (differentiate(index, middle, *x) for x in _DIFFERENCES)
-            return next((x for x in results if x is not None), None)
-        begin, end = (middle, end) if share <= 0.25 else (begin, middle)
-    return None
 
 
 def _linearize(equations: EquationsOfMotion, q: Array, t: float = 0.0) -> Linearization:
