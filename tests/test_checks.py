@@ -215,6 +215,7 @@ def test_parts_with_the_same_motion_are_grouped():
     assert "; and 6 more" in str(linked)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_sound_mechanism_has_no_findings():
     findings = slider_crank.check()
     assert findings.ok
@@ -242,6 +243,7 @@ def test_regression_a_stopped_run_predicts_the_method_and_steps_of_the_complete_
     assert prediction.steps == pytest.approx(run.statistics.steps, rel=0.5)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_long_runs_of_beams_without_damping_have_a_warning(monkeypatch):
     def count_warnings(damping):
         warnings = bd.check(bd.load_model("example:hub_beam")(elements=2, damping=damping)).warnings

@@ -76,6 +76,7 @@ def test_another_method_agrees_and_another_model_differs(reference):
     assert wrong.loc["tip.y [m]", "verdict"] == "differs"
 
 
+@pytest.mark.slow(reason="half a second")
 def test_runs_without_a_second_run_are_not_verified():
     solution = bd.simulate(hub_beam, bd.Ida(1e-4, max_steps=5), t_end=0.5)
     assert not solution.status.success

@@ -111,6 +111,7 @@ def test_regression_responses_name_the_largest_error_of_beams():
     assert response.warnings[1].startswith("f = 9: arm: with strain='exact' and twice as many")
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_periodic_motions_have_no_errors_of_a_start():
     """The response to a start from rest had errors of 10 %, next to those of the motion."""
     with pytest.warns(bd.BeamdaeWarning, match="errors by the strains and elements"):
@@ -118,6 +119,7 @@ def test_regression_periodic_motions_have_no_errors_of_a_start():
     assert not any("faster than waves" in warning for warning in motion.warnings)
 
 
+@pytest.mark.slow(reason="one second")
 def test_pulses_after_rest_in_periodic_motions_have_errors_of_waves():
     mech, period = bd.Mechanism(), 0.02
     steel = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)

@@ -216,6 +216,7 @@ def test_unwritable_folder_is_reported_before_the_run(command, name, monkeypatch
     assert_usage_error(command(name, ARM, "--out", "file/below"), "file/below", "not a folder")
 
 
+@pytest.mark.slow(reason="half a second")
 def test_run_writes_table_settings_picture_and_page(command):
     result = command("run", ARM, "--set", "elements=2", "--out", "there/here", "--rtol", "1e-4")
     assert result.exit_code == 0
@@ -301,6 +302,7 @@ def test_model_without_observables_is_drawn_and_written(command):
     assert Path("results/arm.png").exists()
 
 
+@pytest.mark.slow(reason="half a second")
 def test_failed_run_keeps_its_results(command):
     result = command("run", with_line(FAILING_LAW), "--integrator", "generalized-alpha")
     assert result.exit_code == 1

@@ -161,6 +161,7 @@ def test_several_starts_have_a_table(here):
     assert "pass those of mass, stiffness in --bounds NAME=LOW:HIGH" in result.stderr
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_searches_without_a_feasible_design_state_value_and_limit(here):
     """They stated a relative violation only, and the advice named an argument of Python."""
     options = ["--at-most", "frequency:1:equilibrium=0.1 Hz", "--bounds", "mass=500g:3kg"]

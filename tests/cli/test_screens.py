@@ -295,6 +295,7 @@ def test_list_of_a_study_omits_models_of_other_files(here):
     assert "swings" not in result.stdout
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("columns", ["60", "400"])
 def test_regression_help_texts_keep_brackets(monkeypatch, columns):
     """`beamdae run --help` printed 'tip.y ' instead of 'tip.y [mm]'."""

@@ -71,6 +71,7 @@ def test_json_document_of_each_command(here, command):
         assert "printed by the model" in result.stderr
 
 
+@pytest.mark.slow(reason="half a second")
 def test_the_guide_lists_the_keys_of_documents(here):
     guide = Path(__file__).parents[2] / ".docs" / "guide" / "commands.md"
     rows = re.findall(r"^\| `(\w+)` \| (.*) \|$", guide.read_text(encoding="utf-8"), re.MULTILINE)

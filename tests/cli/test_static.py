@@ -103,6 +103,7 @@ def test_branch_switches_are_made_in_turn(static):
     assert read_metadata()["settings"]["switch"] == [1, 1]
 
 
+@pytest.mark.slow(reason="one second")
 def test_a_model_without_equilibrium_fails_with_the_coordinate(static):
     result = static(model="falling")
     assert result.exit_code == 1
@@ -110,6 +111,7 @@ def test_a_model_without_equilibrium_fails_with_the_coordinate(static):
     assert read_metadata("falling")["load factor"] == 0.0
 
 
+@pytest.mark.slow(reason="half a second")
 def test_targets_and_steps_with_units(static):
     result = static("--to", "crown.y=150mm", "--to", "crown.y=10cm", "--step", "20mm")
     assert result.exit_code == 0

@@ -78,6 +78,7 @@ def test_regression_steps_end_at_the_equilibrium(monkeypatch):
     assert squares[-1] > 1e3 * squares[-2]
 
 
+@pytest.mark.slow(reason="half a second")
 def test_a_coordinate_without_equilibrium_is_named():
     mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
     mech.add(bd.RigidBody("stone", 1.0, 1.0))

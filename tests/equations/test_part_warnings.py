@@ -79,6 +79,7 @@ def test_deep_starts_are_reported_at_any_depth_and_stiffness(height, stiffness):
     assert bool(bd.check(mech, predict=False).warnings) == is_deep
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize(
     ("at", "side", "depth"),
     [((0.0, 0.0), "outside", 1.0), ((0.3, 0.4), "outside", 0.5), ((3.0, 4.0), "inside", 4.0)],
@@ -98,6 +99,7 @@ def test_a_ball_held_between_two_reversed_surfaces_is_reported():
     assert [x.partition(":")[0] for x in findings(mech)] == ["floor", "ceiling"]
 
 
+@pytest.mark.slow(reason="one second")
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_beams_inside_a_surface_are_reported_but_not_resting_beams(formulation):
     def lying(height, direction):
@@ -125,6 +127,7 @@ def test_static_penetration_is_not_reported(stiffness, exponent):
     assert bd.check(mech, predict=False).warnings == ()
 
 
+@pytest.mark.slow(reason="half a second")
 def test_levers_and_springs_press_contacts_into_surfaces():
     """The start is an equilibrium with a contact force of 100 weights."""
     mech = bd.Mechanism(gravity=(0.0, -G), start="equilibrium")
@@ -153,6 +156,7 @@ def preloaded_lip(length=0.3, depth=0.003, speed=0.5, stiffness=2000.0, **settin
     return mech
 
 
+@pytest.mark.slow(reason="one second")
 @pytest.mark.parametrize("settings", [{}, {"start": "equilibrium"}])
 @pytest.mark.parametrize("speed", [0.05, 0.5, 5.0])
 def test_regression_elastic_preloads_are_not_reported(settings, speed):
@@ -323,6 +327,7 @@ def vibrating(part):
     return mech
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_damping_that_supplies_energy_is_reported(sign):
     for part in (

@@ -39,6 +39,7 @@ def check_poles(law, intervals=((0.0, 1.0),)):
     require_no_pole(collect_unbounded_laws([FollowsLaw(law)]), intervals)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_poles_are_detected_at_any_time():
     for pole in np.random.default_rng(0).uniform(0.0, 1.0, 100):
         with pytest.raises(bd.BeamdaeError, match="ball: the law becomes infinite near t = 0"):

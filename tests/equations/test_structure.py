@@ -140,6 +140,7 @@ def test_other_connections_of_bodies_have_another_structure():
     assert chain([(0, 1), (1, 2)]) is not chain([(0, 1), (0, 2)])
 
 
+@pytest.mark.slow(reason="half a second")
 def test_the_total_size_of_cached_structures_is_limited(empty_caches, monkeypatch):
     first = equations().structure
     assert equations().structure is first
@@ -152,6 +153,7 @@ def test_the_total_size_of_cached_structures_is_limited(empty_caches, monkeypatc
     assert equations().structure is not first
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_equilibria_of_fine_meshes_plan_their_sums_once(empty_caches, monkeypatch):
     """The structures of one model displaced each other in the cache: 36 ms instead of 22 ms."""
 

@@ -114,12 +114,14 @@ def test_contents(tmp_path, fmi):
     assert {"N m", "m", "N"} <= units
 
 
+@pytest.mark.slow(reason="half a second")
 def test_equal_models_give_equal_files(tmp_path):
     first = export(tmp_path, outputs=["tip.y"]).path.read_bytes()
     assert export(tmp_path, outputs=["tip.y"]).path.read_bytes() == first
     assert export(tmp_path, outputs=["tip.x"]).path.read_bytes() != first
 
 
+@pytest.mark.slow(reason="half a second")
 def test_unsuitable_models_and_arguments_are_rejected(tmp_path):
     controlled = swing()
     angle = controlled.sensor("angle", controlled.parts["rod"].at(0.0, 0.0), "angle")
@@ -592,6 +594,7 @@ def test_radau_finds_contacts_that_steps_pass_over(tmp_path, compiled):
     assert json.loads(line) == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_contacts_are_exported_with_radau(tmp_path):
     """Fixed steps passed over contacts without notice."""
     with pytest.warns(bd.BeamdaeWarning, match=r"contacts \(pin\) last only a few steps"):
@@ -628,6 +631,7 @@ def test_regression_undamped_beams_have_a_warning_if_inputs_jump(tmp_path):
     export(tmp_path, mech, integrator="radau", **settings)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("width", [0.002, 0.1])
 def test_regression_short_peaks_that_an_fmu_passes_over_have_a_warning(tmp_path, width):
     """A force that acts in a narrow region was lost without notice, with both integrators."""
@@ -718,6 +722,7 @@ def test_regression_outputs_that_steps_do_not_resolve_have_a_warning(tmp_path):
     assert re.search(r"tip.y: .* at up to \d+ % of half its range; use a step of 0.001 s", warning)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_radau_rejects_parameters_that_change_surfaces(tmp_path):
     with pytest.raises(bd.BeamdaeError, match="the surface of pin changes"):
         export(tmp_path, ball_and_pin, integrator="radau", parameters=["radius"])
@@ -1102,6 +1107,7 @@ def test_binaries_of_other_platforms(tmp_path):
         assert b"fmi3GetDirectionalDerivative" in binary
 
 
+@pytest.mark.slow(reason="half a second")
 def test_tables_that_end_runs_are_rejected(tmp_path):
     def build(outside):
         table = bd.table([0.0, 1.0, 2.0], [0.0, 1.0, 4.0], kind="linear", outside=outside)

@@ -74,6 +74,7 @@ def test_regression_long_runs_keep_the_bound(integrator):
     assert case.errors(solution, reference=case.exact(case.times)).max() < 30.0 * rtol
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("integrator", [bd.Auto, bd.Ida])
 def test_regression_incomplete_pilot_runs_count_the_periods(integrator, monkeypatch):
     """Errors were 2400 rtol after 800 periods, because pilot runs ended after less than 0.2."""
@@ -88,6 +89,7 @@ def test_regression_incomplete_pilot_runs_count_the_periods(integrator, monkeypa
     assert case.errors(solution, reference=case.exact(case.times)).max() < 30.0 * rtol
 
 
+@pytest.mark.slow(reason="one second")
 def test_auto_repeats_the_run_of_the_chosen_integrator():
     for model, chosen in ((hub_beam(elements=2), bd.Radau), (swing(), bd.Ida)):
         auto, same = (bd.simulate(model, one, t_end=0.5) for one in (bd.Auto(1e-4), chosen(1e-4)))
@@ -95,6 +97,7 @@ def test_auto_repeats_the_run_of_the_chosen_integrator():
         assert auto.integrator["amplitudes"] == same.integrator["amplitudes"]
 
 
+@pytest.mark.slow(reason="one second")
 def test_ida_notes_that_its_order_is_limited():
     mechs = hub_beam(elements=2), swing()
     notes = [

@@ -94,6 +94,7 @@ def test_positive_bending_moment_lengthens_the_left_side():
     assert_allclose(observed["left [-]"], -0.1 * 0.005 / beam.section.EI, rtol=1e-3)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_drift_at_a_breakpoint_is_not_reported_as_a_jump():
     """The restart corrected a drift of 1.3e-3, which was reported as a jump of the run-up."""
     from slider_crank import slider_crank

@@ -315,6 +315,7 @@ def test_regression_runs_start_no_threads_to_limit_blas(monkeypatch, two_threads
     assert {threads_of_blas()[path] for path in two_threads_of_blas} == {number}
 
 
+@pytest.mark.slow(reason="one second")
 def test_regression_blas_of_sundials_has_one_thread():
     """SUNDIALS is opened without an import, which alone made the libraries be searched again."""
     program = (
@@ -450,6 +451,7 @@ def test_integrators_without_a_method_are_rejected():
         bd.simulate(rolling(), Motionless(), 1.0)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_progress_during_the_pilot_run_gets_the_start_time():
     times = []
     mech = hub_beam(elements=2)
@@ -497,6 +499,7 @@ def test_interrupted_pilot_run_is_named_in_the_status():
     assert "of the pilot run with rtol = 0.01" in solution.status.sentence
 
 
+@pytest.mark.slow(reason="one second")
 def test_progress_can_stop_the_pilot_run():
     times = []
 

@@ -142,6 +142,7 @@ def test_a_pendulum_passes_its_bottom_at_times_of_the_elliptic_integral(integrat
     assert {one["event"] for one in solution.metadata()["events"]} == set(times)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_events_of_generalized_alpha_are_of_order_two():
     bottom = bd.Event("x", 0.0, do="record", name="bottom")
     errors = []

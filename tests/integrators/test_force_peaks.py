@@ -83,6 +83,7 @@ def test_regression_lower_pulse_in_the_same_step_is_not_passed_over():
     assert run["ball.y_dot"].iloc[-1] == pytest.approx(1.4, abs=1e-3)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("method", METHODS, ids=["ida", "radau", "alpha"])
 def test_regression_pulses_between_frequent_samples_are_not_passed_over(method):
     """Steps between samples of controllers were not checked, however few and long they were."""

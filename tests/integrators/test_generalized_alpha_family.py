@@ -214,6 +214,7 @@ def test_rho_inf_is_the_spectral_radius_at_infinite_frequency(family, rho_inf):
     assert_allclose(radius, rho_inf, rtol=0.0, atol=2e-3)
 
 
+@pytest.mark.slow(reason="half a second")
 @every_member
 def test_amplification_is_at_most_one(family, rho_inf):
     radii = [np.max(np.abs(amplification(family, rho_inf, x))) for x in np.logspace(-2, 4, 25)]
@@ -757,6 +758,7 @@ def test_runs_are_independent():
     assert_allclose(again.lam, first.lam, rtol=0.0, atol=0.0)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_reactions_with_friction_converge_in_driven_mechanisms():
     """The joints determine all positions; reactions were up to 9e-4 of their maximum off."""
     loose, tight = (

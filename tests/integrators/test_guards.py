@@ -542,6 +542,7 @@ def slow_slider_crank(damping=0.0):
     return mech
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_runs_that_follow_undamped_vibrations_name_them():
     """Extreme loads, units and np.arctan2 were the causes named for a slider-crank at 12 rpm."""
     with pytest.warns(bd.BeamdaeWarning, match="the steps follow vibrations of rod with a period"):
@@ -553,6 +554,7 @@ def test_regression_runs_that_follow_undamped_vibrations_name_them():
     ).status.success
 
 
+@pytest.mark.slow(reason="half a second")
 def test_runs_that_stop_within_few_periods_do_not_blame_them():
     """A limit of the user ends a run whose oscillation is the motion of interest."""
     with pytest.warns(bd.BeamdaeWarning, match="reached max_steps = 5000"):

@@ -71,6 +71,7 @@ def test_installed_sksundae_shares_its_vectors(formulation, callbacks):
     assert callbacks[0]._vectors_are_shared
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_solver_memory_does_not_grow_with_the_run(callbacks):
     """The time of every residual was stored, gigabytes in a long run."""
     for t_end in (0.1, 2.0):
@@ -178,6 +179,7 @@ def test_unstable_max_order_does_not_affect_the_pilot_run():
 UNDAMPED, DAMPED = (bd.equations_of_motion(hub_beam(elements=2, damping=d)) for d in (0.0, 0.01))
 
 
+@pytest.mark.slow(reason="half a second")
 @compiled
 @pytest.mark.parametrize("formulation", ida.FIRST_ORDER)
 @pytest.mark.parametrize("equations", [UNDAMPED, DAMPED], ids=["undamped", "damped"])
@@ -358,6 +360,7 @@ def test_pending_interrupt_is_caught_in_the_callback():
     renewing.close()
 
 
+@pytest.mark.slow(reason="half a second")
 @compiled
 def test_regression_solver_is_freed_with_its_last_reference():
     """Memory of SUNDIALS is freed at once, not by the garbage collector."""
@@ -380,6 +383,7 @@ def test_regression_solver_is_freed_with_its_last_reference():
         gc.enable()
 
 
+@pytest.mark.slow(reason="half a second")
 @compiled
 def test_regression_old_factors_do_not_reduce_the_steps():
     """Newton errors from factors of 500 earlier steps excited vibrations: 26 395 steps."""

@@ -110,6 +110,7 @@ def failing_law(sample):
     return 30.0 * (0.5 - sample.reads[0])
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize(
     "options",
     [{}, {"delay": 2}, {"every": 0.0005}, {"every": 0.0371}, {"law": failing_law}],
@@ -184,6 +185,7 @@ def test_regression_impacts_just_before_a_sample_are_kept(method, distance):
     assert_allclose(run["ball.y"].iloc[-1], 11.0 * 0.2 - 10.0 * 0.04, atol=0.02)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("method", ["Ida", "Radau"])
 def test_regression_samples_without_a_change_do_not_restart(method, monkeypatch):
     """IDA began at order 1 at each sample, although a saturated law held the same value."""

@@ -63,6 +63,7 @@ def test_steps_of_generalized_alpha_do_not_depend_on_the_unit_of_length(scale):
     require_equal_runs(bd.GeneralizedAlpha(rtol=1e-5), scale, 0.03)
 
 
+@pytest.mark.slow(reason="one second")
 @pytest.mark.parametrize("scale", SCALES)
 def test_periodic_motions_do_not_depend_on_the_unit_of_length(scale):
     deflections = []

@@ -61,6 +61,7 @@ def patterns(draw):
     return dense, rng
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("kind", [float, complex])
 @given(given_pattern=patterns())
 @settings(max_examples=80, deadline=None)

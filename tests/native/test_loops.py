@@ -116,6 +116,7 @@ def compile_without_warnings(function, work, **callbacks):
         return CompiledLoop(function, work, **callbacks)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("size", [1, 4, 7])
 def test_compiled_loop_agrees_with_plain_python(size):
     plain, compiled = work(size), work(size)

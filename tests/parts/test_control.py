@@ -416,6 +416,7 @@ def test_regression_loops_that_grow_late_are_named(begin, part):
     assert f"in the {part} of the run" in sentence
 
 
+@pytest.mark.slow(reason="half a second")
 def test_loops_that_follow_noise_forces_or_a_switch_have_no_warning():
     def three_levels(sample):
         error = 5e-4 - sample.reads[0]
@@ -566,6 +567,7 @@ def build_stage(goal=0.1, kp=300.0, **options):
     return mech
 
 
+@pytest.mark.slow(reason="half a second")
 def test_step_response_of_a_pid():
     run = bd.simulate(build_stage(filter_time=0.01), bd.Radau(1e-9), t_end=2.0, output_step=0.05)
     s = control.tf("s")

@@ -421,6 +421,7 @@ def test_unprintable_characters_are_escaped():
     assert re.fullmatch("L+…L+", shorten_text(LONG, 7))
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("number", [13, 60])
 def test_regression_headings_of_sweep_pictures_do_not_cover_titles(number):
     """The line "12 of 17 columns" covered the titles of the first row."""

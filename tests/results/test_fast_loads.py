@@ -57,6 +57,7 @@ def find_warnings(mech, t_end, subject=": this law "):
     return [x for x in solution.warnings if subject in x]
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("late", [0.0, 1e-4])
 def test_regression_pulse_on_a_coarse_rod_has_a_warning(late):
     """The displacement was wrong by 120 % of half its range, in silence."""

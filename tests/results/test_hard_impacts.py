@@ -224,6 +224,7 @@ def test_regression_estimates_of_diverging_forces_have_no_absurd_numbers():
         assert words in text
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_regression_forces_of_a_failing_run_are_no_impacts():
     """Where an electrostatic switch fails, its contact force rose within 1e-16 s."""

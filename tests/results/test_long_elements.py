@@ -52,6 +52,7 @@ def error_of_half_range(coarse, fine, header):
     return np.max(np.abs(coarse.columns[header] - exact)) / (0.5 * np.ptp(exact))
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_regression_phase_errors_by_long_elements_are_estimated(formulation):
     """100 periods of the second mode with two elements were off by 30 % without a word."""
@@ -376,6 +377,7 @@ def test_regression_vibrations_that_decay_in_the_first_half_of_a_run():
     assert error_of_half_range(coarse, fine, "tip.angle_dot [rad/s]") > 0.1
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_vibrations_between_events_that_switch_parts():
     """Runs whose events switch parts were not examined."""
     mech, beam = kicked_cantilever(1, 1e-4)

@@ -115,6 +115,7 @@ def test_section_forces_of_beams_in_a_feedback_loop() -> None:
     assert np.max(np.abs(forces.M)) > 0.0
 
 
+@pytest.mark.slow(reason="half a second")
 def test_rounding_errors_of_unloaded_beams_have_no_warning() -> None:
     assert mesh_warnings(bd.equilibrium(clamped_strip(8, 0.0, 0.0, formulation="exact"))) == []
     assert mesh_warnings(bd.equilibrium(rotating_blade(64))) == []

@@ -12,6 +12,7 @@ import beamdae as bd
 from beamdae.read_only import ReadOnlyDict, copy_containers, read_only
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("name", list(RESULTS))
 def test_writing_into_everything_handed_out_changes_nothing(name, tmp_path):
     with np.errstate(all="ignore"):

@@ -426,6 +426,7 @@ def four_bar(friction_speed, thickness):
     return mech
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize("thickness", [1e-3, 3e-3])
 def test_regression_pins_of_elastic_couplers_are_not_held_by_friction(thickness):

@@ -32,6 +32,7 @@ def find_warnings(solution):
     return [x for x in solution.warnings if "the drawing is not in" in x]
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("speed", [1.0, 6.28])
 def test_regression_peaks_of_the_start_are_named(speed):
     """The weight of the ram acts suddenly on the unstressed rod: twice the static force."""
@@ -105,6 +106,7 @@ WIPER_LAWS = {
 }
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize("law", WIPER_LAWS.values(), ids=WIPER_LAWS)
 def test_regression_loads_on_an_unloaded_contact_are_the_cause_beside_a_driver(law):

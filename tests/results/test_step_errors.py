@@ -95,6 +95,7 @@ def count_runs(monkeypatch):
     return steps
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("divisor", [1, 16])
 @pytest.mark.parametrize(
     ("build", "t_end", "step"),
@@ -276,6 +277,7 @@ def test_regression_columns_that_are_constant_or_noise_have_no_warning():
     assert not step_errors_of(run)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_rounding_errors_have_no_estimate():
     """Velocities of 1e-14 m/s of a beam that stays in equilibrium had errors of 190 %."""
     mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")

@@ -184,6 +184,7 @@ def test_regression_certificates_and_designs_have_the_stress_at_the_load() -> No
     assert 0.98 * 100e6 < 24.0 / (0.02 * design**2 / 6.0) < 100.1e6
 
 
+@pytest.mark.slow(reason="one second")
 def test_bound_of_the_largest_stress_is_differentiated_on_the_divided_mesh() -> None:
     static = bd.equilibrium_sensitivities(ramped_bar, ["height"])
     rate = static.sensitivity("stress.largest", "height").to_numpy()[-1]
@@ -219,6 +220,7 @@ def test_regression_jumps_of_the_moment_are_no_errors(
     assert np.max(forces.error[2]) < 0.01
 
 
+@pytest.mark.slow(reason="one second")
 @pytest.mark.parametrize("elements", [5, 10])
 def test_regression_jumps_of_the_moment_are_no_errors_in_runs(elements: int) -> None:
     """Runs warned of a mesh error of 16 and 8 %, which was the jump divided by the elements."""
@@ -367,6 +369,7 @@ def largest_in_leaf(height: Heights) -> float:
     return float(np.max(6.0 * TIP_FORCE * (LEAF_LENGTH - s) / LEAF_WIDTH / height(s) ** 2))
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 @pytest.mark.parametrize(
     ("heights", "elements"),
@@ -394,6 +397,7 @@ def test_regression_largest_stress_includes_kinks_of_the_section(
     assert safety.lower_bound > 0.998 * safety.factor
 
 
+@pytest.mark.slow(reason="one second")
 def test_regression_largest_stress_includes_kinks_of_the_section_in_runs() -> None:
     """After a sudden load, the largest stress was 12 % too low."""
     mech = clamped_leaf(linear_heights(10, 4, 10, 4, 10, 4), 12, formulation="exact")
@@ -405,6 +409,7 @@ def test_regression_largest_stress_includes_kinks_of_the_section_in_runs() -> No
     assert run.section_forces("leaf").safety(500e6).stress == pytest.approx(at_kink, rel=2e-3)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize(
     "height",
     [

@@ -68,6 +68,7 @@ def test_values_inside_agree_with_the_strains(swinging):
         np.testing.assert_allclose(balanced, observed, rtol=0.0, atol=0.1 * size)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_tables_envelopes_and_safety(swinging):
     forces = swinging.section_forces("beam")
     table = forces.table()
@@ -460,6 +461,7 @@ def loaded_bar(height=0.01, load=-10.0):
     return mech
 
 
+@pytest.mark.slow(reason="half a second")
 def test_bound_of_the_largest_stress_is_differentiated_in_statics():
     static = bd.equilibrium_sensitivities(loaded_bar, ["height"])
     rate = static.sensitivity("stress.bound", "height").to_numpy()[-1]

@@ -77,6 +77,7 @@ def read_later(sentence):
     return float(re.search(r"value later: (\S+)", sentence)[1])
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize("damping", [1e-5, 1e-4])
 def test_regression_vibrations_of_a_crank_at_full_speed_are_no_peaks_of_its_motion(damping):
@@ -89,6 +90,7 @@ def test_regression_vibrations_of_a_crank_at_full_speed_are_no_peaks_of_its_moti
     assert "start the law of motor smoothly" in sentence
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_regression_the_torque_of_a_crank_at_its_dead_center_is_named():
     """Only forces of the rod had the warning, because the start does not change the torque."""
@@ -116,6 +118,7 @@ def test_recommended_starts_of_a_crank_have_the_later_extremes():
     assert run.step_extremes["stress.largest"].max > 1.4 * later
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize(("speed", "formulation"), [(9.0, "floating frame"), (30.0, "exact")])
 def test_regression_rotations_are_started_with_the_strain_of_the_rotation(speed, formulation):
@@ -129,6 +132,7 @@ def test_regression_rotations_are_started_with_the_strain_of_the_rotation(speed,
     assert read_later(sentence) == pytest.approx(steady.step_extremes["hub.Fx"].min, rel=0.01)
 
 
+@pytest.mark.slow(reason="one second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_regression_starts_with_an_acceleration_count_if_the_motion_repeats():
     """The vibration after a single stroke from rest is the motion of interest."""
@@ -138,12 +142,14 @@ def test_regression_starts_with_an_acceleration_count_if_the_motion_repeats():
     assert not find_warning(bd.simulate(yoke(turns=1.0), bd.Radau(1e-5), t_end=duration))
 
 
+@pytest.mark.slow(reason="half a second")
 def test_larger_loads_of_the_motion_have_no_warning():
     """The vibration of the start is smaller than the force of the press, and decays."""
     model = slider_crank(1e-4, load=2000.0)
     assert not find_warning(bd.simulate(model, bd.Radau(1e-5), t_end=2.0 * PERIOD))
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize("restitution", [0.05, 0.6])
 @pytest.mark.parametrize("speed", [2.0, 4.43])

@@ -50,12 +50,14 @@ def test_recommended_steps_are_sufficient():
     assert not warnings
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("load", [-2.0, bd.piecewise((0.05, 0.0), -2.0)])
 def test_damped_vibrations_have_no_warning(load):
     _, warnings = _run(_suddenly_loaded(load, damping=1e-5))
     assert not warnings
 
 
+@pytest.mark.slow(reason="one second")
 @pytest.mark.parametrize("filter_time", [1e-4, 2e-3])
 def test_regression_vibrations_that_filters_damp_have_no_warning(filter_time):
     """The derivative of a PID counted as a stiffness without damping: errors of "100 %"."""
@@ -117,11 +119,13 @@ def test_smooth_loads_have_no_warning():
     assert not warnings
 
 
+@pytest.mark.slow(reason="one second")
 def test_loads_that_jump_later_are_named():
     _, (warning,) = _run(_suddenly_loaded(bd.piecewise((0.05, 0.0), -2.0)))
     assert "t = 0.05 s" in warning
 
 
+@pytest.mark.slow(reason="half a second")
 def test_ida_is_advised_to_choose_radau():
     _, (warning,) = _run(_suddenly_loaded(), bd.Ida(1e-3), t_end=0.02)
     assert "use Radau(max_step=" in warning
@@ -140,6 +144,7 @@ def _driven(law, damping=1e-4):
     return mech
 
 
+@pytest.mark.slow(reason="one second")
 @pytest.mark.parametrize("rate", [2.4, 8.0])
 def test_regression_motions_of_drivers_are_no_sudden_vibrations(rate):
     """The velocity of the driver at the start was said to cause errors of over 100 %."""
@@ -184,6 +189,7 @@ def test_regression_weak_modes_are_not_followed_through_the_steps(monkeypatch):
     assert 0 < sum(followed) < 40
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_modes_that_grow_about_rest_are_left_out():
     """A force that is unstable about rest overflowed an exponential: NumPy warned."""
     mech = _suddenly_loaded(damping=1e-5)

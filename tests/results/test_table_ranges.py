@@ -78,6 +78,7 @@ def turning(angles, values, outside="hold", unit=1.0):
 TURN = np.radians([0.0, 90.0, 180.0, 270.0, 360.0])
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_tables_of_one_turn_that_turn_on_carry_a_warning():
     """A press had no load from its second turn on, because its table is zero at both ends."""
     load = [0.0, 0.0, -1.0, 0.0, 0.0]
@@ -114,6 +115,7 @@ def test_runs_inside_the_table_carry_no_warning():
         bd.simulate(falling(table), t_end=0.3)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_arguments_in_other_units_than_a_table_carry_a_warning():
     """A table in millimeters was without effect, and without a warning, at its zero end."""
     message = r"^pull: x = .* leaves the range .* times its length; check the units of the table"

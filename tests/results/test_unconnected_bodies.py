@@ -27,6 +27,7 @@ def unconnected(mech: bd.Mechanism) -> list[str]:
     return [x for x in run.warnings if "no joint connects" in x]
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_regression_forgotten_clamps_have_a_warning(formulation: str) -> None:
     """A beam without its clamp, under friction that acts at speeds only, rested silently."""
@@ -61,6 +62,7 @@ def add_contact(mech: bd.Mechanism, arm: Any, disk: Any) -> None:
     mech.add(bd.Contact("floor", mech.ground.at(0.0, 0.2), floor, 1e3))
 
 
+@pytest.mark.slow(reason="one second")
 @pytest.mark.parametrize("add", [add_weld, add_soft_spring, add_late_force, add_contact])
 def test_held_moved_and_waiting_bodies_have_no_warning(add: Any) -> None:
     mech = driven_disk()

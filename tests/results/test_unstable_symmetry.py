@@ -51,6 +51,7 @@ def test_a_straight_column_above_its_buckling_load_is_named(formulation, ratio, 
     assert is_named(run) is expected
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_a_column_that_buckles_is_not_named():
     load = -1.5 * BUCKLING_LOAD
@@ -70,6 +71,7 @@ def test_a_load_that_vibrates_below_the_buckling_load_is_not_named():
     assert not is_named(run)
 
 
+@pytest.mark.slow(reason="one second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_a_load_that_increases_beyond_the_branch_point_is_named():
     # The path branches at 336 N, before its limit point at 389 N (`bd.equilibrium`).

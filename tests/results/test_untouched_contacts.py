@@ -48,6 +48,7 @@ def test_regression_a_stop_of_two_points_that_is_not_reached_has_a_warning(
     assert remedy in sentence
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 def test_contacts_that_touch_or_may_be_guards_have_no_warning() -> None:
     assert untouched(dropped_ball(), 0.5) == []

@@ -55,6 +55,7 @@ def test_continuous_slopes_have_no_warning(law, integrator):
     assert not any("slope" in x for x in bd.simulate(crank(law), integrator, t_end=1.2).warnings)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("kind", ["linear", "spline"])
 def test_regression_angles_that_a_driver_holds_have_no_jumps(kind):
     """Velocities of 1e-17 rad/s at the rows of the force table were jumps of the constant law."""

@@ -201,6 +201,7 @@ def test_regression_results_expire_when_a_file_read_by_the_model_changes(tmp_pat
     assert masses[1] / masses[0] == pytest.approx(2.0 * 4.5)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_a_model_and_its_files_may_move_together(tmp_path):
     mass = 'float(np.loadtxt(Path(__file__).parent / "curve.csv"))'
     one, other = (

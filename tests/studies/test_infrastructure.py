@@ -239,6 +239,7 @@ def test_lock_of_a_killed_process_is_taken_over(tmp_path):
     assert not (tmp_path / ".lock").exists()
 
 
+@pytest.mark.slow(reason="half a second")
 def test_deleted_working_folder_is_reported(tmp_path, monkeypatch):
     folder = tmp_path / "gone"
     folder.mkdir()

@@ -168,6 +168,7 @@ def test_axes_of_parameters_have_units():
     assert results.plot("parts", x="ratio").figure.axes[0].get_xlabel() == "ratio"
 
 
+@pytest.mark.slow(reason="one second")
 def test_constant_responses_are_not_plotted_by_default():
     swept = run_sweep({"speed": [1.0, 2.0, 4.0], "radius": [0.5, 2.0]})
     table = swept.table.assign(**{"tip.x max [m]": 3.0})

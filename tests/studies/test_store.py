@@ -268,6 +268,7 @@ def run(tmp_path_factory):
     return folder, study_run.run_study(STUDY, folder, SerialPool())
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_damaged_results_are_run_again_with_a_warning(run):
     folder, before = run
     file = folder / before.table["trajectory"][0]
@@ -320,6 +321,7 @@ def test_names_of_trajectories_are_valid_in_any_file_system():
     assert len(create_file_names([("\u6881" * 300, "\u6881" * 300)])[0].encode()) < 130
 
 
+@pytest.mark.slow(reason="half a second")
 def test_a_run_with_two_labels_is_stored_once(tmp_path, run):
     """A parameter may be given with its default value; the first label counts."""
     by_default, explicit = (
@@ -341,6 +343,7 @@ def write_half(self, content):
     raise OSError(28, "No space left on device")
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_a_full_disk_ends_the_study_with_an_error(tmp_path, monkeypatch):
     """Stored results stay valid, and no unfinished file is left."""
     writes, write_bytes = [], Path.write_bytes

@@ -190,6 +190,7 @@ def test_errors_are_relative_to_a_reference_of_two_methods(swings):
         assert (rows["reference uncertainty [-]"] == reference.uncertainty).all()
 
 
+@pytest.mark.slow(reason="half a second")
 def test_unresolved_errors_are_marked(tmp_path):
     cases = [bd.Case(swing, {}, method) for method in (bd.GeneralizedAlpha(0.02), bd.Radau(1e-9))]
     table = run(create_study(cases, REFERENCES), tmp_path).table
@@ -207,6 +208,7 @@ def springs():
     return mech
 
 
+@pytest.mark.slow(reason="one second")
 def test_regression_columns_without_reference_do_not_hide_the_errors_of_others(tmp_path):
     """One column whose references differed left all columns without errors, and was not named."""
     cases = [bd.Case(springs, {}, bd.GeneralizedAlpha(step=h)) for h in (0.02, 0.01)]
@@ -318,6 +320,7 @@ def test_cases_of_mesh_studies_must_set_the_refined_parameter():
 # Failures -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow(reason="half a second")
 def test_failures_are_rows_with_a_reason(tmp_path):
     cases = [
         bd.Case(swing, {}, ALPHA),
@@ -339,6 +342,7 @@ def test_failures_are_rows_with_a_reason(tmp_path):
     assert results.failed
 
 
+@pytest.mark.slow(reason="half a second")
 def test_exceptions_of_a_model_end_its_own_case_only(tmp_path):
     cases = [bd.Case(swing, {}, ALPHA), bd.Case(zero_division, {}, ALPHA)]
     table = run(create_study(cases), tmp_path).table
@@ -498,6 +502,7 @@ def test_regression_modules_next_to_a_study_are_sent_to_its_processes(tmp_path, 
     assert other.part("ball").mass == 5.0
 
 
+@pytest.mark.slow(reason="half a second")
 def test_damaged_results_are_computed_again(tmp_path):
     study = create_study(SWINGS[:1])
     store, task = Store(tmp_path), study.task(SWINGS[0])
@@ -514,6 +519,7 @@ def test_damaged_results_are_computed_again(tmp_path):
     pd.testing.assert_frame_equal(again.outcome(SWINGS[0]).table, before.table)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_failures_under_other_limits_are_repeated(tmp_path):
     cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=5e-4))]
     first = run(create_study(cases, limits=Limits(time=1e-3)), tmp_path)

@@ -34,6 +34,7 @@ FINE = bd.Radau(rtol=1e-9)
 FIRST_TIME = "event bottom, first [s]"
 
 
+@pytest.mark.slow(reason="half a second")
 def test_rows_contain_events_and_the_errors_of_their_times():
     cases = [bd.Case(pendulum, {}, bd.GeneralizedAlpha(step=h)) for h in (4e-3, 2e-3)]
     table = bd.compare(cases, reference=bd.Case(pendulum, {}, FINE))
@@ -66,6 +67,7 @@ def test_a_case_with_other_events_than_the_reference_warns():
     assert early["warnings"][0] == ""
 
 
+@pytest.mark.slow(reason="half a second")
 def test_references_that_end_at_an_event_are_extrapolated():
     study = bd.Study(
         name="caught",
@@ -94,6 +96,7 @@ def test_references_that_end_at_an_event_are_extrapolated():
     assert np.isnan(table[f"error of {FIRST_TIME}"][0])
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_summaries_of_sweeps_name_the_runs_that_events_stopped():
     """A sweep whose runs were stopped by events said that they "reached the end time"."""
     results = bd.sweep(pendulum, {"turn": [2.6, 4.0]}, of="bob.x", integrator=FINE)

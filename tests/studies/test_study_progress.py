@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 import beamdae as bd
 from beamdae.results.outcome import Status
 from beamdae.studies.execution import study_run
@@ -52,6 +54,7 @@ def test_remaining_time_follows_the_cost_of_finished_runs():
     assert estimator.remaining_time == 0.0
 
 
+@pytest.mark.slow(reason="half a second")
 def test_progress_reports_the_remaining_time(tmp_path):
     reports = []
     study = create_study(bd.Case(swing, {}, ALPHA), bd.Case(swing, {}, bd.Ida(rtol=1e-3)))

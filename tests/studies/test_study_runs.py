@@ -180,6 +180,7 @@ def test_regression_different_parameters_with_equal_labels_are_different_groups(
     assert [plan.group_by_case[id(case)] for case in cases[::2]] == names
 
 
+@pytest.mark.slow(reason="half a second")
 def test_study_with_errors_of_some_cases(tmp_path):
     cases = [*MIXED, bd.Case(swing, {"mass": -1.0}, ALPHA)]
     results = study_run.run_study(bd.Study("mixed", tuple(cases)), tmp_path, SerialPool())

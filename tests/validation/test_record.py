@@ -299,6 +299,7 @@ def test_regression_rebuild_stops_if_a_tool_cannot_be_imported(tmp_path):
     record.require_tools(["plain"], str(python))
 
 
+@pytest.mark.slow(reason="half a second")
 def test_table_of_results_shows_the_stored_scores(tmp_path):
     scores = record.read_scores(FOLDER / "results" / "scores.csv")
     scorer.write_markdown(scores, tmp_path / "scores.md", record.FIRST)

@@ -150,6 +150,7 @@ def test_summaries_of_a_table_with_known_errors():
     assert (cost["cases"], cost["worst"], cost["share up to 1.5"]) == (2, 2.0, 0.5)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_error_rows_without_estimates_list_kinds_of_columns():
     case = BY_NAME["cart_mast"]
     (row,) = error_tables.error_rows([case], ["Radau"], [1e-3], estimate=False)
