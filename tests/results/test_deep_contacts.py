@@ -1,4 +1,4 @@
-"""Warnings about contacts whose penetration exceeds the thickness of a beam."""
+"""Warnings about contacts whose penetration exceeds the size of a touching part."""
 
 import warnings
 
@@ -45,3 +45,58 @@ def test_contacts_less_deep_than_the_beam_have_no_warning(start):
     assert deep_warnings(bd.simulate, cantilever(1e5, start=start), t_end=0.05) == []
     assert deep_warnings(bd.check, cantilever(1e5, start=start)) == []
     assert deep_warnings(bd.simulate, cantilever(1e3, 0.05, start), t_end=0.05) == []
+
+
+def falling_crate(stiffness, height=0.1, has_shape=True):
+    """Crate of 5 kg that falls by 0.25 m on two of its corners."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    outline = [
+        (x, 0.3 + y * height) for x, y in ((-0.1, -0.5), (0.1, -0.5), (0.1, 0.5), (-0.1, 0.5))
+    ]
+    body = bd.RigidBody("crate", 5.0, 0.02, (0.0, 0.3), shape=outline if has_shape else ())
+    crate, floor = mech.add(body), bd.LineSurface(mech.ground.at(0.0, 0.05 - height / 2.0))
+    law = {"exponent": 1.0, "restitution": 0.3, "impact_speed": 2.2}
+    for name, x in (("left", -0.1), ("right", 0.1)):
+        point = crate.at(x, 0.3 - height / 2.0)
+        mech.add(bd.Contact(name, point, floor, stiffness, **law))
+    mech.observe("crate", crate.at(0.0, 0.3))
+    return mech
+
+
+def colliding_balls(stiffness, side="outside"):
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(5.0, 0.0)))
+    other = mech.add(bd.PointMass("other", 1.0, at=(0.0 if side == "inside" else 0.5, 0.0)))
+    circle = bd.CircleSurface(other.point, 0.1, side)
+    law = {"exponent": 1.0, "restitution": 0.5, "impact_speed": 5.0}
+    mech.add(bd.Contact("hit", ball.point, circle, stiffness, **law))
+    mech.observe("ball", ball.point)
+    return mech
+
+
+def test_regression_rigid_bodies_and_circles_passed_through_each_other_in_silence():
+    """A crate 0.1 m high sank 0.3 m into the floor, and balls passed through each other."""
+    (text,) = deep_warnings(bd.simulate, falling_crate(100.0), t_end=0.8)
+    assert "(also " in text
+    assert ": the contact sinks 0.301 m deep" in text
+    assert "more than crate is thick in this direction (0.1 m)" in text
+    (text,) = deep_warnings(bd.simulate, falling_crate(100.0, has_shape=False), t_end=0.8)
+    assert "more than the largest distance between points of crate (0.2 m)" in text
+    (text,) = deep_warnings(bd.simulate, colliding_balls(100.0), t_end=0.3)
+    assert text.startswith("hit: the contact sinks 0.1 m deep")
+    assert "more than half the radius of the circle (0.05 m)" in text
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        falling_crate(1e4),
+        falling_crate(100.0, height=0.4),  # as soft, but not as deep as the crate is high
+        falling_crate(1e4, has_shape=False),
+        colliding_balls(1e4),
+        # The clearance of a bore says nothing about the thickness of its wall.
+        colliding_balls(100.0, side="inside"),
+    ],
+)
+def test_stiff_contacts_of_rigid_bodies_and_clearances_have_no_warning(model):
+    assert deep_warnings(bd.simulate, model, t_end=0.5) == []

@@ -1,18 +1,19 @@
-"""Warnings about contacts whose penetration exceeds the thickness of a touching part."""
+"""Warnings about contacts whose penetration exceeds the size of a touching part."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from beamdae.beams.beam import BeamAttachment
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.part_warnings import starts_in_equilibrium
-from beamdae.equations.surface_gaps import compile_surface_gaps
+from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.errors import list_first
-from beamdae.results.diagnostics.contacts.model_contacts import contacts_of, gaps_of_run
+from beamdae.parts.bodies.rigid_body import RigidBody
+from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -22,10 +23,29 @@ Array = np.ndarray
 
 _MAX_NAMES = 3  # of further contacts
 _MIN_DEEPENING = 1.01  # depth relative to the one in the drawing
+# Points pass through a circle beside its center less deep than by its radius.
+_MAX_DEPTH_IN_CIRCLE = 0.5  # relative to the radius
+_GAP_STEP = 1e-6  # of finite differences, relative to the length of the mechanism
+# Width over length of outlines below which they are lines, which have no thickness.
+_MAX_LINE_WIDTH = 1e-6
+
+
+class _Depth(NamedTuple):
+    """Largest penetration of a contact [m], with its time, branch and coordinates (n,)."""
+
+    depth: float
+    t: float
+    branch: float
+    q: Array
+    gap: SurfaceGapTerm
 
 
 def deep_contact_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
     """Yield one warning about contacts that sink deeper than a touching part is thick.
+
+    The limit is the smallest known one: heights of beams, shapes of rigid bodies along the contact
+    normal (without a shape, the largest distance of its known points), and half the radius of a
+    circle that is touched from outside.
 
     Parameters
     ----------
@@ -36,15 +56,21 @@ def deep_contact_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
     """
     if not contacts_of(equations):
         return
-    depths: dict[str, float] = {}
+    depths: dict[str, _Depth] = {}
     for gap in compile_surface_gaps(equations):
-        gaps = gaps_of_run(gap, trajectory)
-        if not len(gaps):
+        rows = [
+            _Depth(-float(values[k]), float(x.t[k]), x.branch, x.state.q[k], gap)
+            for x in trajectory.intervals
+            if gap.part not in x.inactive
+            for values in [gap.evaluate(x.t, x.branch, x.state.q)]
+            for k in (0, int(np.argmin(values)))
+        ]
+        if not rows:
             continue
-        depth = -float(np.min(gaps))
+        deepest = max(rows, key=lambda x: x.depth)
         # Drawings may overlap by a preload, which has a warning if it is wrong.
-        if starts_in_equilibrium(equations) or depth > -_MIN_DEEPENING * gaps[0]:
-            depths[gap.part] = depth
+        if starts_in_equilibrium(equations) or deepest.depth > _MIN_DEEPENING * rows[0].depth:
+            depths[gap.part] = deepest
     yield from _describe(equations, depths)
 
 
@@ -52,39 +78,92 @@ def deep_start_warnings(equations: EquationsOfMotion, time: Array, state: State)
     """Yield the warning of `deep_contact_warnings` about a start in equilibrium at (t, branch)."""
     if not (contacts_of(equations) and starts_in_equilibrium(equations)):
         return
-    t, branch = time
+    t, branch = (float(x) for x in time)
     depths = {
-        gap.part: -float(gap.evaluate(np.array([t]), branch, state.q[None])[0])
+        gap.part: _Depth(
+            -float(gap.evaluate(np.array([t]), branch, state.q[None])[0]), t, branch, state.q, gap
+        )
         for gap in compile_surface_gaps(equations)
     }
     yield from _describe(equations, depths)
 
 
-def _describe(equations: EquationsOfMotion, depths: Mapping[str, float]) -> Iterator[str]:
-    """Yield one warning about the contact that is deepest relative to the thickness."""
+def _describe(equations: EquationsOfMotion, depths: Mapping[str, _Depth]) -> Iterator[str]:
+    """Yield one warning about the contact that is deepest relative to the limit."""
     deep = []
     for name, contact in contacts_of(equations).items():
-        thickness, part = _thinnest_part(contact)
-        if (depth := depths.get(name, 0.0)) > thickness:
-            deep.append((depth / thickness, name, depth, thickness, part))
+        if name not in depths or not (depth := depths[name].depth) > 0.0:
+            continue
+        limit, part = _smallest_size(equations, contact, depths[name])
+        if depth > limit:
+            deep.append((depth / limit, name, depth, limit, part))
     if not deep:
         return
-    (_, name, depth, thickness, part), *others = sorted(deep, reverse=True)
+    (_, name, depth, limit, part), *others = sorted(deep, reverse=True)
     also = f" (also {list_first([x[1] for x in others], _MAX_NAMES)})" if others else ""
     yield (
         f"{name}{also}: the contact sinks {depth:.3g} m deep, more than {part} "
-        f"({thickness:.3g} m), and may have passed through; raise the stiffness if it does not "
+        f"({limit:.3g} m), and may have passed through; raise the stiffness if it does not "
         "stand for a soft layer."
     )
 
 
-def _thinnest_part(contact: Contact) -> tuple[float, str]:
-    """Return the smallest known thickness at a contact [m], and its description."""
-    known = [
-        (section.height, f"{x.body.name} is thick")
-        for x in contact.attachments
-        if isinstance(x, BeamAttachment) and x.s is not None
-        for section in [x.body.section.at(x.s)]
-        if section.height is not None
-    ]
-    return min(known, default=(np.inf, ""))
+def _smallest_size(
+    equations: EquationsOfMotion, contact: Contact, deepest: _Depth
+) -> tuple[float, str]:
+    """Return the smallest known size at a contact [m], and its description."""
+    from beamdae.parts.forces.surfaces import CircleSurface
+
+    known = []
+    for x in contact.attachments:
+        if isinstance(x, BeamAttachment) and x.s is not None:
+            height = x.body.section.at(x.s).height
+            if height is not None:
+                known.append((height, f"{x.body.name} is thick"))
+        elif isinstance(x.body, RigidBody):
+            known.append(_size_of_body(equations, x.body, deepest))
+    surface = contact.surface
+    if isinstance(surface, CircleSurface) and surface.side == "outside":
+        known.append((_MAX_DEPTH_IN_CIRCLE * surface.radius, "half the radius of the circle"))
+    return min((x for x in known if x[0] > 0.0), default=(np.inf, ""))
+
+
+def _size_of_body(
+    equations: EquationsOfMotion, body: RigidBody, deepest: _Depth
+) -> tuple[float, str]:
+    """Return the size of a rigid body along the contact normal, and its description."""
+    points = np.array(body.shape).reshape(-1, 2)
+    if len(points) and _has_area(points):
+        normal = _normal_in_body(equations, body, deepest)
+        return float(np.ptp(points @ normal)), f"{body.name} is thick in this direction"
+    if not len(points):
+        assert equations.mechanism is not None
+        points = np.array(
+            [body.center]
+            + [
+                x.point
+                for part in equations.mechanism.parts.values()
+                for x in part.attachments
+                if x.body is body
+            ]
+        )
+    length = float(np.max(np.hypot(*(points[:, None] - points).T)))
+    return length, f"the largest distance between points of {body.name}"
+
+
+def _has_area(points: Array) -> bool:
+    length, width = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(width > _MAX_LINE_WIDTH * length)
+
+
+def _normal_in_body(equations: EquationsOfMotion, body: RigidBody, deepest: _Depth) -> Array:
+    """Return the unit normal of a contact relative to one of its rigid bodies, (2,)."""
+    rows = equations.coordinates_of_part(body.name).rows
+    step = _GAP_STEP * equations.length
+    q = np.repeat(deepest.q[None], 4, axis=0)
+    q[[0, 1, 2, 3], rows.start + np.array([0, 0, 1, 1])] += step * np.array([1.0, -1.0, 1.0, -1.0])
+    gaps = deepest.gap.evaluate(np.full(4, deepest.t), deepest.branch, q)
+    x, y = gaps[::2] - gaps[1::2]
+    c, s = np.cos(deepest.q[rows.start + 2]), np.sin(deepest.q[rows.start + 2])
+    normal = np.array([c * x + s * y, c * y - s * x])
+    return normal / np.linalg.norm(normal)
