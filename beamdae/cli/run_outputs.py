@@ -410,12 +410,14 @@ def print_results(run: Run, solution: Solution) -> None:
     from beamdae.model_parameters import format_with_unit, split_unit
     from beamdae.report.terminal import text_tables
     from beamdae.results.columns import remove_unit
-    from beamdae.results.event_records import format_event_times
+    from beamdae.results.event_records import describe_events
 
     rows = text_tables.run_facts(solution.summary(), solution.integrator)
     rows |= text_tables.sampling_facts(solution)
     if solution.equations.events:
-        rows["events"] = format_event_times(solution.event_records)
+        rows["events"] = describe_events(
+            solution.equations, solution.trajectory, solution.event_records
+        )
     if run.certificate is not None:
         rows |= run.certificate.facts()
     comparisons = _compare_with_data(run, solution)

@@ -14,7 +14,7 @@ from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.report.terminal import text_tables as terminal
 from beamdae.report.terminal.responsive_table import ResponsiveTable
 from beamdae.results.columns import is_derivative, observed_columns
-from beamdae.results.event_records import format_event_times
+from beamdae.results.event_records import describe_events
 from beamdae.results.solution import Solution
 
 _ID = "run"  # id of the case of the run and of its group
@@ -116,7 +116,9 @@ def _build_tables(
     facts = terminal.run_facts(solution.summary(), solution.integrator)
     facts |= terminal.sampling_facts(solution)
     if solution.equations.events:
-        facts["events"] = format_event_times(solution.event_records)
+        facts["events"] = describe_events(
+            solution.equations, solution.trajectory, solution.event_records
+        )
     observed = {name: columns[name] for name in observed_columns(columns)}
     validity = terminal.validity_table(solution.validity)
     tables: list[PageTable] = [

@@ -10,7 +10,7 @@ from beamdae.report.pictures.run_animation import draw_thumbnail
 from beamdae.report.terminal.text_tables import format_number
 from beamdae.results.analysis_certificate import AnalysisCertificate
 from beamdae.results.certificate import Certificate
-from beamdae.results.event_records import format_event_times
+from beamdae.results.event_records import describe_events
 from beamdae.results.solution import Solution
 
 _CELL_STYLE = 'style="text-align: left; padding: 1px 12px 1px 0; vertical-align: top; {}"'
@@ -49,7 +49,9 @@ def _collect_facts(solution: Solution) -> dict[str, str]:
         "observed": ", ".join(o.name for o in solution.equations.observables) or "nothing",
     }
     if solution.equations.events:
-        facts["events"] = format_event_times(solution.event_records)
+        facts["events"] = describe_events(
+            solution.equations, solution.trajectory, solution.event_records
+        )
     for k, sentence in enumerate(solution.warnings):
         facts[f"warning {k + 1}"] = sentence
     return facts

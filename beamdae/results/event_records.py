@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from beamdae.equations import measures
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm, State
+from beamdae.model_parameters import format_with_unit
 from beamdae.read_only import read_only_data
+from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
@@ -77,8 +79,13 @@ def format_event_counts(names: Iterable[str]) -> str:
     return ", ".join(name if n == 1 else f"{name} {n} times" for name, n in counts) or "none"
 
 
-def format_event_times(event_records: Sequence[EventRecord]) -> str:
-    """Format the number of occurrences and the first time [s] of each event."""
+def describe_events(
+    equations: EquationsOfMotion, trajectory: Trajectory, event_records: Sequence[EventRecord]
+) -> str:
+    """Return the number and first time [s] of each event, and how close missing events came.
+
+    Events of parts, such as the ends of a guide, are omitted if they did not occur.
+    """
     times: dict[str, list[float]] = {}
     for record in event_records:
         times.setdefault(record.name, []).append(record.t)
@@ -86,7 +93,35 @@ def format_event_times(event_records: Sequence[EventRecord]) -> str:
         f"{name} at {t[0]:.4g} s" if len(t) == 1 else f"{name} {len(t)} times from {t[0]:.4g} s"
         for name, t in times.items()
     ]
+    events = () if equations.mechanism is None else equations.mechanism.events
+    requested = {event.name for event in events}
+    phrases += [
+        f"{term.name} did not occur ({_describe_approach(equations, trajectory, term)})"
+        for term in equations.events
+        if term.name in requested and term.name not in times
+    ]
     return ", ".join(phrases) or "none"
+
+
+def _describe_approach(
+    equations: EquationsOfMotion, trajectory: Trajectory, term: EventTerm
+) -> str:
+    """Return the value at a step of a run at which an event that did not occur was closest."""
+    rows = []
+    for interval in trajectory.intervals:
+        times, (q, v, _, lam) = interval.times, interval.rows
+        p = equations.with_loads_of(interval.configuration).p
+        rows.append((times[:, 0], term.evaluate_difference(p, times, q, v, lam)))
+    t, difference = (np.concatenate(x) for x in zip(*rows, strict=True))
+    if np.min(difference) < 0.0 < np.max(difference):
+        return f"crossed only {DOWN if term.direction > 0 else UP}ward"
+    k = int(np.argmin(np.abs(difference)))
+    unit = term.observable.columns[term.column].unit
+    reached, needed = (
+        format_with_unit(float(f"{x:.4g}"), unit)
+        for x in (term.crosses + difference[k], term.crosses)
+    )
+    return f"closest {reached} at {t[k]:.4g} s, needed {needed}"
 
 
 def tabulate_events(

@@ -1,7 +1,9 @@
 """Text of event records, and drift of joints that events switch off."""
 
+from functools import partial
+
 import beamdae as bd
-from beamdae.results.event_records import format_event_times
+from beamdae.results.event_records import describe_events
 
 
 def test_events_are_formatted_with_their_first_time():
@@ -11,10 +13,28 @@ def test_events_are_formatted_with_their_first_time():
     mech.when("ball.y", crosses=1.0, name="half way", do="record")
     mech.when("ball.x", crosses=9.0, name="never", do="record")
     solution = bd.simulate(mech, bd.Radau(rtol=1e-6), 0.5)
+    described = partial(describe_events, solution.equations, solution.trajectory)
+    missing = "never did not occur (closest 0 m at 0 s, needed 9 m)"
     # sqrt(2 h / g), h = 1 m
-    assert format_event_times(solution.event_records) == "half way at 0.4515 s"
-    assert format_event_times(solution.event_records * 3) == "half way 3 times from 0.4515 s"
-    assert format_event_times(()) == "none"
+    assert described(solution.event_records) == f"half way at 0.4515 s, {missing}"
+    assert described(solution.event_records * 3) == f"half way 3 times from 0.4515 s, {missing}"
+
+
+def test_regression_reports_name_events_that_did_not_occur():
+    """A stop that was missed by 0.7 m, or in the other direction, was not in the report."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    mech.observe("ball", ball.point)
+    mech.when("ball.y", crosses=0.0, name="floor")
+    mech.when("ball.y", crosses=1.0, direction="up", name="return", do="record")
+    solution = bd.simulate(mech, bd.Radau(rtol=1e-6), 0.5)
+    text = describe_events(solution.equations, solution.trajectory, solution.event_records)
+    # 2 m - g t^2 / 2
+    assert text == (
+        "floor did not occur (closest 0.7738 m at 0.5 s, needed 0 m), "
+        "return did not occur (crossed only downward)"
+    )
+    assert "floor did not occur" in solution._repr_html_()
 
 
 def test_regression_deactivated_joints_have_no_drift():
