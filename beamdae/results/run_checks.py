@@ -33,7 +33,10 @@ from beamdae.results.diagnostics.contacts.hard_impacts import hard_impact_warnin
 from beamdae.results.diagnostics.contacts.impact_speeds import impact_speed_warnings
 from beamdae.results.diagnostics.contacts.impacts import impact_warnings
 from beamdae.results.diagnostics.contacts.slow_sliding import slow_sliding_warnings
-from beamdae.results.diagnostics.contacts.untouched_contacts import untouched_contact_warnings
+from beamdae.results.diagnostics.contacts.untouched_contacts import (
+    fallen_contact_warnings,
+    untouched_contact_warnings,
+)
 from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
 from beamdae.results.diagnostics.meshes.beam_ranges import (
     range_warnings,
@@ -95,11 +98,14 @@ def _of_complete_run(check: Callable[[EquationsOfMotion, Trajectory], Iterable[s
     """
 
     def check_run(run: RunData) -> Iterable[str]:
-        start, end = run.trajectory.start, run.trajectory.end
-        is_complete = start == 0.0 and end >= run.model.get("t_end", end)
-        return check(run.equations, run.trajectory) if is_complete else ()
+        return check(run.equations, run.trajectory) if _is_complete(run) else ()
 
     return check_run
+
+
+def _is_complete(run: RunData) -> bool:
+    start, end = run.trajectory.start, run.trajectory.end
+    return start == 0.0 and bool(end >= run.model.get("t_end", end))
 
 
 def _growing_loops(run: RunData) -> Iterable[str]:
@@ -319,7 +325,11 @@ def _parts_inside_surfaces(run: RunData) -> Iterable[str]:
         return ()
     first = run.trajectory.intervals[0]
     active, state = first.active_equations(run.equations), State(*(x[0] for x in first.rows))
-    return start_inside_warnings(run.equations, active, np.array([first.t[0], first.branch]), state)
+    time = np.array([first.t[0], first.branch])
+    inside = tuple(start_inside_warnings(run.equations, active, time, state))
+    if inside or not _is_complete(run):
+        return inside
+    return fallen_contact_warnings(run.equations, run.trajectory)
 
 
 def _supplied_energy(run: RunData) -> Iterable[str]:

@@ -128,3 +128,32 @@ def test_regression_contacts_that_are_meters_away_have_a_warning() -> None:
 
 def test_contacts_at_the_distance_of_some_bodies_have_no_warning() -> None:
     assert far_contacts(leaf_on_cam(0.002, far_stop=0.5)) == []
+
+
+def fallen(mech: bd.Mechanism, t_end: float = 0.3) -> list[str]:
+    return [x for x in bd.simulate(mech, t_end=t_end).warnings if "falls away from it" in x]
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+def test_regression_bodies_that_fall_through_a_reversed_floor_have_a_warning() -> None:
+    """A ball on a floor in reverse direction, or 0.1 mm above it, fell through it silently."""
+    for height in (1.0, 1.0001):
+        (sentence,) = fallen(dropped_ball(height, floor=1.0, side=-1.0))
+        assert sentence == (
+            f"floor: ball at (0, {height:g}) starts at the surface and falls away from it; turn "
+            "the direction of the line to (1, 0) if the body should rest on it."
+        )
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+def test_bodies_that_leave_stops_and_floors_have_no_warning_of_reversed_floors() -> None:
+    # An upper end stop, whose lower one is approached.
+    mech = dropped_ball(floor=1.0, side=-1.0)
+    ball = mech.parts["ball"].point
+    mech.add(bd.Contact("lower", ball, bd.LineSurface(mech.ground.at(0.0, 0.0)), 1e4))
+    assert fallen(mech) == []
+    # A spring that holds the ball below a ceiling, and a force that lifts it from a floor.
+    for side, force in ((-1.0, 2.0), (1.0, 2.0)):
+        mech = dropped_ball(floor=1.0, side=side)
+        mech.add(bd.Force("lift", mech.parts["ball"].point, (0.0, force)))
+        assert fallen(mech) == []

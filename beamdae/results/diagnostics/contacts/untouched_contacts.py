@@ -1,16 +1,22 @@
-"""Warnings about contacts that are far away, and about mechanisms none of whose contacts touch."""
+"""Warnings about contacts that are far away or left at once, and about bodies that do not touch."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.errors import name_with_others
+from beamdae.parts.mechanism import Mechanism
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of, gaps_of_run
 from beamdae.results.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from beamdae.parts.forces.contact import Contact
+    from beamdae.parts.forces.surfaces import LineSurface
 
 Array = np.ndarray
 
@@ -19,6 +25,12 @@ _ROUNDING = 1e-9  # of the gap, relative to its change
 # Smallest gap that indicates an error of units, relative to the sum of the sizes of all bodies and
 # of the change of the gap. Guards are seldom farther away; with mm in place of m, it is about 1000.
 _MAX_DISTANCE = 5.0
+# Bodies fall away from a surface above them: the cosine of the angle between its normal and gravity
+# is at least _MIN_CEILING, the gap opens within _MAX_OPENING of the run and ends at _MIN_FALL of
+# the length of the mechanism.
+_MIN_CEILING = 0.5
+_MAX_OPENING = 0.1
+_MIN_FALL = 1e-3
 
 
 def untouched_contact_warnings(
@@ -68,6 +80,63 @@ def untouched_contact_warnings(
         f"and their smallest distance is {rows[closest][smallest]:.3g} m at "
         f"t = {times[smallest]:.4g} s; {remedy}."
     )
+
+
+def fallen_contact_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
+    """Yield a warning about points that start at a line above them and fall away from it.
+
+    This is the motion through a floor whose direction is reversed. Mechanisms in which another
+    contact touches or approaches are exempt, because the line may be an upper end stop, and so are
+    those with events.
+
+    Parameters
+    ----------
+    equations, trajectory
+        The equations of motion and the steps of a run from its start to its planned end.
+    """
+    contacts, mechanism = contacts_of(equations), equations.mechanism
+    if not contacts or mechanism is None or mechanism.events or mechanism.gravity_laws:
+        return
+    if any(x.inactive for x in trajectory.intervals):
+        return
+    times = np.concatenate([x.t for x in trajectory.intervals])
+    is_early = times - times[0] < _MAX_OPENING * (times[-1] - times[0])
+    rounding = _ROUNDING * equations.length
+    fallen: dict[str, LineSurface] = {}
+    for gap in (x for x in compile_surface_gaps(equations) if x.part in contacts):
+        gaps = gaps_of_run(gap, trajectory)
+        is_opening = np.min(np.diff(gaps), initial=0.0) >= -rounding
+        is_left = is_opening and np.min(gaps[~is_early]) > 0.0
+        if gaps[0] > rounding:
+            if np.min(gaps) <= 0.0 or gaps[-1] < gaps[0] - rounding:
+                return
+            continue
+        ceiling = _ceiling_of(contacts[gap.part], mechanism)
+        if ceiling is None or not is_left:
+            return
+        if gaps[-1] > _MIN_FALL * equations.length:
+            fallen[gap.part] = ceiling
+    if not fallen:
+        return
+    first, *others = fallen
+    x, y = (0.0 - component for component in fallen[first].direction)
+    yield (
+        f"{name_with_others(first, others)}: {contacts[first].point} starts at the surface and "
+        f"falls away from it; turn the direction of the line to ({x:g}, {y:g}) if the body should "
+        "rest on it."
+    )
+
+
+def _ceiling_of(contact: Contact, mechanism: Mechanism) -> LineSurface | None:
+    """Return the surface if it is a line on the ground whose allowed side lies below it."""
+    from beamdae.parts.forces.surfaces import LineSurface
+
+    surface, gravity = contact.surface, np.asarray(mechanism.gravity)
+    if not isinstance(surface, LineSurface) or surface.on.body is not mechanism.ground:
+        return None
+    fall = float(np.dot(surface.numbers, gravity))
+    is_above = fall > 0.0 and fall >= _MIN_CEILING * float(np.hypot(*gravity))
+    return surface if is_above else None
 
 
 def _steady_change(gaps: Array) -> float:
