@@ -172,3 +172,37 @@ def test_spinning_free_ring_is_neutral(height, damping, speed, formulation):
     translations = np.sort(np.abs(np.abs(modes.eigenvalues) - speed))[:2]
     # The square root of rounding errors splits the pair, by at most 1e-2 1/s.
     assert np.all(translations < 1e-2)
+
+
+def rotor(is_clamped, formulation="exact"):
+    """Return a hub on a shaft with a blade, which is not clamped if its joint is forgotten."""
+    mech = bd.Mechanism()
+    hub = mech.add(bd.RigidBody.disk("hub", (0.0, 0.0), 0.1, mass=5.0))
+    mech.add(bd.Revolute("shaft", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    section = bd.Section.rectangle(STEEL, width=0.03, height=0.005)
+    line = bd.Line((0.1, 0.0), (0.6, 0.0))
+    blade = mech.add(bd.Beam("blade", line, section, elements=2, formulation=formulation))
+    if is_clamped:
+        mech.add(bd.Weld("clamp", hub.at(0.1, 0.0), blade.start))
+    return mech
+
+
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+def test_regression_modes_and_rotations_name_bodies_without_a_joint(formulation):
+    """Four frequencies of zero had no warning, and no steady state of a rotation no reason."""
+    mech = rotor(False, formulation)
+    with pytest.warns(bd.BeamdaeWarning, match="^blade: no joint or spring connects it") as caught:
+        assert_allclose(bd.modes(mech, n=4).frequencies, 0.0)
+    assert "so all modes are free motions; add a joint" in str(caught[0].message)
+    with pytest.raises(bd.BeamdaeError, match="because no joint or spring holds blade; add"):
+        bd.campbell(mech, [10.0])
+
+
+def test_free_motions_of_held_mechanisms_and_of_free_structures_have_no_warning():
+    # With warnings as errors: the rotation of a hub, and a structure that is free as a whole.
+    assert bd.modes(rotor(True), n=2).warnings == ()
+    assert bd.modes(strip("free", 0.005, 0.0), n=4).warnings == ()
+    held = rotor(False)
+    blade = held.parts["blade"]
+    held.add(bd.Spring("spring", held.ground.at(0.1, 0.1), blade.start, 1e3, free_length=0.1))
+    assert not any("no joint" in x for x in bd.modes(held, n=4).warnings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from beamdae.analysis.eigenproblems.eigensolution import (
     DECAY,
+    RIGID,
     UNSTABLE,
     VIBRATION,
     EigenSolution,
@@ -25,10 +27,12 @@ from beamdae.analysis.linear_dynamics.linearization import (
 )
 from beamdae.analysis.linear_dynamics.mesh_errors import kinetic_energy_shares, mesh_warnings
 from beamdae.beams.beam import Beam
+from beamdae.equations.starts.mobility import find_free_groups
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
     BeamdaeError,
     format_count,
+    list_first,
     require_choice,
     require_count,
     require_finite,
@@ -60,6 +64,7 @@ _MIN_DEFORMATION_SHARE = 1e-3
 # which leave out vibrations if they are at least this share of the requested modes.
 _EQUAL_RATE_TOLERANCE = 1e-3
 _MAX_DECAY_SHARE = 0.5
+_MAX_NAMES = 4  # of parts of a group without a joint
 # Number of frequencies shown in the repr.
 _REPR_FREQUENCIES = 5
 
@@ -92,8 +97,9 @@ class Modes(HasModeShapes):
     warnings
         Warnings that the state is unstable, not an equilibrium, or the end of an equilibrium path
         or a run that ended early, that the command of a controller has reached its limit, that
-        there are no modes, that rounding errors of the stiffness hide slow modes, or that the
-        elements of a beam are too long for modes (estimated errors of frequencies above 0.7 %).
+        there are no modes, that rounding errors of the stiffness hide slow modes, that nothing
+        holds a body, or that the elements of a beam are too long for modes (estimated errors of
+        frequencies above 0.7 %).
     """
 
     about: str
@@ -318,6 +324,7 @@ def compute_modes(
     mechanism = model if isinstance(model, Mechanism) else None
     lin = replace(lin, warnings=(*lin.warnings, *_rounding_warnings(lin, solution, mechanism)))
     lin = replace(lin, warnings=(*lin.warnings, *_decay_warnings(solution, kinds, count)))
+    lin = replace(lin, warnings=(*lin.warnings, *_free_body_warnings(lin, kinds, count)))
     warnings = list(lin.warnings)
     if lin.equations.n <= lin.equations.m:
         warnings.append("there are no modes because joints and drivers fix every coordinate.")
@@ -386,6 +393,32 @@ def _decay_warnings(
         "with material damping do at 1 / damping; vibrations with a larger |eigenvalue| are not "
         "among the modes. Set damping=False, or use a larger n."
     ]
+
+
+def _free_body_warnings(
+    lin: Linearization, kinds: tuple[str, ...], count: int | None
+) -> Iterator[str]:
+    """Yield a warning about bodies that nothing holds, if they are a part of the mechanism.
+
+    A mechanism that is free as a whole has one if all modes are free motions.
+    """
+    e = lin.full_equations
+    if RIGID not in kinds or e.mechanism is None:
+        return
+    groups = find_free_groups(e, lin.time, lin.state.q)
+    bodies = {part.name for part in e.parts if not part.is_state}
+    is_free_as_a_whole = any(bodies <= set(group) for group in groups)
+    if is_free_as_a_whole and set(kinds) != {RIGID}:
+        return
+    which = "all modes" if set(kinds) == {RIGID} else "modes of frequency 0"
+    remedy = ", or use a larger n" if is_free_as_a_whole and len(kinds) == count else ""
+    if groups:
+        names = "; ".join(list_first(group, _MAX_NAMES) for group in groups)
+        is_one = sum(map(len, groups)) == 1
+        yield (
+            f"{names}: no joint or spring connects {'it' if is_one else 'them'} to the ground, so "
+            f"{which} are free motions; add a joint, such as a Weld{remedy}."
+        )
 
 
 def _deforms_beams(lin: Linearization, shapes: Array, mechanism: Mechanism) -> Array:

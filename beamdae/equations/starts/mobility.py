@@ -26,6 +26,7 @@ Array = np.ndarray
 # elements), relative to the largest stiffness and to the inertia of a motion that lasts as long as
 # the run.
 _STIFFNESS_ROUNDING = 1e-13
+_DURATION = 1.0  # of a motion from a state [s], if there is no run
 _MIN_SHARE = 1e-9  # smaller coefficients of rigid motions, relative to the largest, are zero
 
 
@@ -161,3 +162,16 @@ def select_free_groups(
         if np.abs(forces).max() <= _STIFFNESS_ROUNDING * size:
             free.append(group)
     return tuple(free)
+
+
+def find_free_groups(e: EquationsOfMotion, time: Array, q: Array) -> tuple[tuple[str, ...], ...]:
+    """Return the groups of parts, by name, that neither joints nor forces hold at a state.
+
+    Parameters
+    ----------
+    e
+        The equations of motion.
+    time, q
+        (t, branch) and coordinates of the state.
+    """
+    return select_free_groups(e, time, q, _DURATION, find_loose_groups(e))

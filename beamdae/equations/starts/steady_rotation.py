@@ -25,7 +25,8 @@ import scipy.sparse as sp
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.errors import BeamdaeError
+from beamdae.equations.starts.mobility import find_free_groups
+from beamdae.errors import BeamdaeError, list_first
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.parts.joints.drivers import Driver
 from beamdae.parts.joints.joint import Revolute
@@ -52,6 +53,7 @@ _DIVERGENCE_LIMIT = 0.5
 _MAX_ITERATIONS = 30
 # Smallest permitted increment of the speed, relative to the requested speed.
 _MIN_SPEED_STEP = 2.0**-10
+_MAX_NAMES = 4  # of parts of a group without a joint
 # A multiple of the mass matrix is added to the stiffness, because the rotation angle may have no
 # stiffness: the sum of these fractions of W^2 and of the largest ratio of stiffness to mass.
 _SPEED_REGULARIZATION = 1e-9
@@ -190,6 +192,12 @@ def find_steady_rotation(
         if solution is None:
             step *= 0.5
             if step < _MIN_SPEED_STEP:
+                if free := find_free_groups(e, time, q):
+                    names = "; ".join(list_first(group, _MAX_NAMES) for group in free)
+                    raise BeamdaeError(
+                        f"rotation: no steady state was found at {rotation.speed:g} rad/s, because "
+                        f"no joint or spring holds {names}; add a joint, such as a Weld."
+                    )
                 raise BeamdaeError(
                     f"rotation: no steady state was found at {rotation.speed:g} rad/s "
                     f"about the center {rotation.center} [m] (the search from rest ended at "
