@@ -587,6 +587,44 @@ def test_regression_limits_of_signed_stresses_beyond_the_limit_in_magnitude_are_
     assert {x.unit for x in result.constraints} == {"Pa"}
 
 
+@bd.model(t_end=1.0)
+def hanging_mass(stiffness=1e4):
+    """A mass of 1 kg on a spring, below which it hangs by its weight."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (0.0, 1.0)))
+    anchor = mech.ground.at(0.0, 1.0)
+    mech.add(bd.Spring("spring", anchor, mass.point, stiffness, free_length=1.0))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+def test_regression_limits_without_effect_by_their_sign_are_reported():
+    """A sag of -98 mm satisfied the upper limit of 5 mm without a word."""
+    stiffness = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")
+    limit, bounds = bd.at_most(bd.EquilibriumValue("mass.y"), 0.005), {"stiffness": (100.0, 1e5)}
+    with pytest.warns(bd.BeamdaeWarning, match="mass.y at equilibrium is -0.0981 m, 19.6 times"):
+        result = bd.optimize(hanging_mass, stiffness, "stiffness", limit, bounds)
+    (text,) = result.warnings
+    assert "it is negative for every design, so that the limit has no effect; to limit" in text
+    assert "add at_least(quantity, -0.005)" in text
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_limits_of_the_right_sign_on_both_sides_or_of_magnitudes_have_no_warning():
+    stiffness = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")
+    sag = bd.EquilibriumValue("mass.y")
+    for limits in (
+        bd.at_least(sag, -0.005),
+        [bd.at_least(sag, -0.005), bd.at_most(sag, 0.001)],
+        bd.at_most(bd.LargestOf([sag]), 0.005),
+    ):
+        bounds = {"stiffness": (100.0, 1e5)}
+        result = bd.optimize(hanging_mass, stiffness, "stiffness", limits, bounds)
+        assert result.warnings == ()
+        assert result.parameters["stiffness"] == pytest.approx(1962.0, rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("limit", "margin", "relative", "text"),
     [

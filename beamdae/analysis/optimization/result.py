@@ -171,9 +171,9 @@ class Optimization:
     warnings
         Sentences on values that depend on the steps of the run (a run with half the step or a tenth
         of `rtol` would change the objective or a constrained quantity by more than 1 %), on
-        stresses within a limit of their signed value whose magnitude is beyond it, on quantities
-        that are zero or negligible for every design, on designs of which all numbers are at bounds,
-        far from all limits, and the warnings of `analyses`.
+        stresses, and quantities of one sign, within a limit of their signed value whose magnitude
+        is beyond it, on quantities that are zero or negligible for every design, on designs of
+        which all numbers are at bounds, far from all limits, and the warnings of `analyses`.
     """
 
     parameters: Mapping[str, Any]
@@ -405,7 +405,9 @@ def create_optimization(
                 *_check_steps(problem, search),
                 *(zeros or _check_inactive_limits(problem, constraints, best.numbers, design)),
             )
-            messages = tuple(dict.fromkeys((*own, *_check_signs(problem, constraints), *messages)))
+            messages = tuple(
+                dict.fromkeys((*own, *_check_signs(problem, search, constraints), *messages))
+            )
         except KeyboardInterrupt:
             acknowledge()
             status = Status("interrupted", INTERRUPTED_CHECKS)
@@ -553,23 +555,37 @@ def _check_steps(problem: DesignProblem, search: SearchResult) -> tuple[str, ...
     )
 
 
-def _check_signs(problem: DesignProblem, constraints: Sequence[Constraint]) -> tuple[str, ...]:
-    """Return a warning for each stress whose magnitude is beyond the limit of its signed value.
+def _check_signs(
+    problem: DesignProblem, search: SearchResult, constraints: Sequence[Constraint]
+) -> tuple[str, ...]:
+    """Return a warning for each quantity whose magnitude is beyond the limit of its signed value.
 
-    Quantities with limits on both sides have none.
+    Quantities with limits on both sides have none, nor have those other than stresses whose sign
+    is that of the limit for some design.
     """
     labels = [limit.quantity.label for limit in problem.limits]
+    trials = np.array([x.values[1:] for x in search.trials if not x.failure])
     messages = []
-    for limit, label, x in zip(problem.limits, labels, constraints, strict=True):
+    for k, (limit, label, x) in enumerate(zip(problem.limits, labels, constraints, strict=True)):
         # A limit on the side of compression, such as at_least(stress, -2e8), permits any tension.
         bound, value = limit.sign * x.limit, limit.sign * x.value
-        if x.unit != "Pa" or labels.count(label) > 1 or not 0.0 < bound < -value:
+        if labels.count(label) > 1 or not 0.0 < bound < -value:
             continue
+        if x.unit == "Pa":
+            reason = "because stresses have a sign"
+        elif np.max(limit.sign * trials[:, k]) < 0.0:
+            sign = "negative" if x.value < 0.0 else "positive"
+            reason = f"because it is {sign} for every design, so that the limit has no effect"
+        else:
+            continue
+        size, most = (
+            format_with_unit(float(f"{number:.4g}"), x.unit) for number in (x.value, x.limit)
+        )
         other = "at_least" if limit.sign > 0 else "at_most"
         messages.append(
-            f"{label} is {x.value:.4g} Pa, {-value / bound:.3g} times its limit of {x.limit:.4g} "
-            "Pa in magnitude, because stresses have a sign; to limit the magnitude, add "
-            f"{other}(quantity, {-x.limit:.4g}) or limit LargestOf([quantity])."
+            f"{label} is {size}, {-value / bound:.3g} times its limit of {most} in magnitude, "
+            f"{reason}; to limit the magnitude, add {other}(quantity, {-x.limit:.4g}) or limit "
+            "LargestOf([quantity])."
         )
     return tuple(messages)
 
