@@ -436,7 +436,60 @@ def test_regression_pins_of_elastic_couplers_are_not_held_by_friction(thickness)
         run = bd.simulate(four_bar(friction_speed, thickness), t_end=1.5)
         return [x for x in run.warnings if x.startswith("rub ")]
 
-    assert not reported(1e-2)
-    # The speeds in A and C are at most 0.04 m/s.
-    assert any("which reduces the friction to" in x for x in reported(0.1))
-    assert not any("should hold it" in x for x in reported(0.1))
+    assert not reported(1e-4)
+    # The speeds are at most 0.04 m/s in A and C.
+    found = reported(1e-2)
+    assert all("its friction is on average" in x for x in found)
+    assert all("its friction is on average" in x for x in reported(0.1))
+
+
+def wiper(friction_speed, **peak):
+    """Return a rubber lip that is pressed onto a moving glass."""
+    angle, length = math.radians(20.0), 0.014
+    tip = (length * math.sin(angle), -length * math.cos(angle))
+    mech = bd.Mechanism()
+    rubber = bd.Material(E=6e6, nu=0.48, rho=1150.0)
+    section = bd.Section.rectangle(rubber, width=0.4, height=2e-3, damping=2e-4)
+    lip = mech.add(bd.Beam("lip", bd.Line((0.0, 0.0), tip), section, 4, formulation="exact"))
+    holder = mech.add(bd.RigidBody("holder", mass=0.2, inertia=1e-4))
+    glass = mech.add(bd.RigidBody("glass", mass=1.0, inertia=1e-2, center=(0.0, tip[1])))
+    mech.add(bd.Weld("clamp", holder.at(0.0, 0.0), lip.start))
+
+    def pressing(t):
+        return -1.5e-3 * (10.0 * t) ** 2 * (3.0 - 20.0 * t)
+
+    press = bd.piecewise((0.1, pressing), -1.5e-3)
+    drive = bd.piecewise(
+        (0.1, 0.0), (0.15, lambda t: 0.5 * (t - 0.1) ** 2), lambda t: 0.05 * (t - 0.125)
+    )
+    for name, body, y, law, along in (
+        ("press", holder, 0.0, press, (0.0, 1.0)),
+        ("drive", glass, tip[1], drive, (1.0, 0.0)),
+    ):
+        ends = mech.ground.at(0.0, y), body.at(0.0, y)
+        mech.add(bd.Prismatic(f"guide of {name}", *ends, direction=along))
+        mech.add(bd.TranslationalDriver(name, *ends, law, direction=along))
+    surface = bd.LineSurface(glass.at(0.0, tip[1]))
+    law = {"restitution": 0.5, "impact_speed": 0.1, "friction": 0.4}
+    contact = bd.Contact(
+        "edge", lip.end, surface, 1e8, friction_speed=friction_speed, **law, **peak
+    )
+    edge = mech.add(contact)
+    mech.observe("edge", edge.force)
+    return mech
+
+
+@pytest.mark.slow(reason="two seconds")
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_regression_sliding_with_static_friction_is_not_blamed_for_creep():
+    """A distance was called wrong by 9 % at any friction_speed; the error was 0.07 %."""
+    run = bd.simulate(wiper(5e-5, static=0.7, stribeck=0.03), t_end=0.4)
+    assert not any(x.startswith("edge: it slides over") for x in run.warnings)
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_regression_reduced_friction_is_stated_beside_the_error_of_the_distance():
+    """A twentieth of the friction was reported as a distance that is wrong by 5.6 %."""
+    run = bd.simulate(wiper(1.0), t_end=0.4)
+    (sentence,) = [x for x in run.warnings if x.startswith("edge: ")]
+    assert re.search(r"and, while it slides, its friction is on average \S+ % of that", sentence)

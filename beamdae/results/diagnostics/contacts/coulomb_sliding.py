@@ -61,10 +61,16 @@ class CoulombSliding(NamedTuple):
         Largest deviation from the sliding of the run, or of the distance if it is larger [m].
     distance
         Largest distance between two positions [m].
+    sliding_share
+        Share of the impulse of the normal force during which the part slides.
+    friction_ratio
+        Friction of the run / friction with Coulomb's law, on average during this share.
     """
 
     deviation: float
     distance: float
+    sliding_share: float
+    friction_ratio: float
 
 
 def sliding_dynamics(
@@ -109,16 +115,19 @@ def estimate_coulomb_sliding(
 ) -> CoulombSliding:
     """Return the sliding with Coulomb's law from times, sliding velocities and forces of a run."""
     v0, v1 = velocities[:-1], velocities[1:]
-    # Accelerations by the normal force and by the friction of the run
-    normal = dynamics.inverse_mass * 0.5 * (normal_forces[:-1] + normal_forces[1:])
+    normal = 0.5 * (normal_forces[:-1] + normal_forces[1:])
     coefficient = law.coulomb_coefficient(0.5 * (v0 + v1))
     regularized = normal * coefficient * _mean_sign(v0 / law.speed, v1 / law.speed)
     rows = zip(*(x.tolist() for x in (np.diff(times), v0, v1, normal, regularized)), strict=True)
 
     static = law.coefficient if law.static is None else law.static
     v, e, position = float(velocities[0]), 0.0, 0.0
+    sliding = impulse = impulse_of_run = 0.0
     deviation = lowest = highest = lowest_of_run = highest_of_run = 0.0
-    for step, begin, end, force, friction in rows:
+    for step, begin, end, normal_force, friction_force in rows:
+        # Accelerations
+        force = dynamics.inverse_mass * normal_force
+        friction = dynamics.inverse_mass * friction_force
         if step <= 0.0:
             v += end - begin  # at impacts between intervals
             continue
@@ -144,6 +153,11 @@ def estimate_coulomb_sliding(
             v = v + rate * duration if duration == left else 0.0
             start += change * duration
             position, left = position + slid, left - duration
+            if slid:
+                coefficient_at_slip = law.coulomb_coefficient(slid / duration)
+                sliding += normal_force * duration
+                impulse += normal_force * coefficient_at_slip * duration
+                impulse_of_run += math.copysign(friction_force, slid * friction_force) * duration
         deviation = max(deviation, abs(e))
         lowest, highest = min(lowest, position), max(highest, position)
         of_run = position - e
@@ -151,7 +165,9 @@ def estimate_coulomb_sliding(
     distance = highest - lowest
     # Both ends of a motion to and fro deviate.
     deviation = max(deviation, abs(distance - (highest_of_run - lowest_of_run)))
-    return CoulombSliding(deviation, distance)
+    total = float(np.sum(np.diff(times) * normal))
+    share = sliding / total if total > 0.0 else 0.0
+    return CoulombSliding(deviation, distance, share, impulse_of_run / impulse if impulse else 1.0)
 
 
 def _mean_sign(begin: Array, end: Array) -> Array:

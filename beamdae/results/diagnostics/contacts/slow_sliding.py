@@ -14,6 +14,7 @@ from beamdae.equations.friction_sliding import SlidingTerm, compile_sliding
 from beamdae.errors import format_percent
 from beamdae.parts.forces.regularized_friction import RegularizedFriction
 from beamdae.results.diagnostics.contacts.coulomb_sliding import (
+    CoulombSliding,
     SlidingDynamics,
     estimate_coulomb_sliding,
     sliding_dynamics,
@@ -25,7 +26,6 @@ Array = np.ndarray
 _MAX_SLOW_SHARE = 0.5  # of the time with a normal force
 # Parts that move over smaller distances, relative to the length of the mechanism, stick. A load
 # below friction N lets them creep, unless drivers and joints prescribe their sliding.
-_MIN_DISTANCE = 1e-2
 _MIN_PRESCRIBED_DISTANCE = 1e-4
 # Parts that friction N moves by less than this share of a distance are not held by it there: the
 # pins of a flexible coupler between a crank and a rocker turn with them.
@@ -51,6 +51,11 @@ _FULL_FRICTION = float(np.arctanh(_MAX_CREEP_RATIO))
 _MAX_DEVIATION = 0.025
 _RECOMMENDED_DEVIATION = 0.005
 _MIN_HELD_DEVIATION = 20.0  # larger ones are those of parts that friction holds
+# Creep shifts the times at which sliding with static friction begins, and changes positions by up
+# to 9 times as much as it moves the part, as in blocks on belts.
+_MAX_AMPLIFICATION = 10.0
+# Largest reduction of the friction of parts that slide during this share of the time or more
+_MAX_REDUCTION, _MIN_SLIDING_SHARE = 0.1, 0.5
 # Estimates keep the friction of other parts that slide with it. If its power exceeds this share of
 # the power of the part, estimates of errors of 1 % are up to 10 %, as in two blocks on a spring.
 _MIN_COUPLING = 0.1
@@ -112,6 +117,12 @@ class _Sliding(NamedTuple):
     @property
     def is_loaded(self) -> Array:
         return self.normal_forces > self.term.law.min_force
+
+    @property
+    def travel(self) -> float:
+        """Largest distance between two positions of the part [m]."""
+        mean = 0.5 * (self.velocities[1:] + self.velocities[:-1])
+        return float(np.ptp(np.append(0.0, np.cumsum(mean * np.diff(self.times)))))
 
     @property
     def friction(self) -> float:
@@ -188,10 +199,28 @@ class _SlidingCheck:
     def warning(self) -> str | None:
         """Return the warning, None if there is none."""
         share = self._relative_deviation() if self._may_deviate() else 0.0
+        reduction = self._reduction() if self._may_be_reduced() else 0.0
         is_shared = share > _MAX_DEVIATION and self.dynamics.coupling > _MIN_COUPLING
-        if share > (_MAX_SHARED_DEVIATION if is_shared else _MAX_DEVIATION):
-            return self._describe_deviation(share)
-        return self._warning_of_slow_sliding()
+        has_deviation = share > (_MAX_SHARED_DEVIATION if is_shared else _MAX_DEVIATION)
+        errors = {}
+        if has_deviation:
+            errors[f"it slides over a distance that is wrong by about {format_percent(share)}"] = (
+                share
+            )
+        if reduction > _MAX_REDUCTION:
+            left = format_percent(1.0 - reduction)
+            errors[f"while it slides, its friction is on average {left} of that of its law"] = (
+                reduction
+            )
+        if errors:
+            name = self.law.speed_name
+            effect = "the part creeps" if has_deviation else "friction is reduced"
+            speed = self.law.speed * _RECOMMENDED_DEVIATION / max(errors.values())
+            return (
+                f"{self.name}: {' and, '.join(errors)}, because {name} is {self.law.speed:g} m/s, "
+                f"below which {effect}; use {name}={speed:.2g}."
+            )
+        return self._warning_of_creep()
 
     def _is_prescribed(self, distance: float) -> bool:
         """Return True if drivers and joints prescribe the sliding over a distance [m]."""
@@ -199,42 +228,55 @@ class _SlidingCheck:
 
     def _may_deviate(self) -> bool:
         """Return False if the sliding by Coulomb's law cannot differ by more than the limit."""
-        if self.law.static is not None:
-            return True
         times, slip = self.sliding.times, self.sliding.velocities
         is_slow = self.sliding.is_loaded & (np.abs(slip) < _FULL_FRICTION * self.law.speed)
         if not np.any(is_slow):
             return False
+        travel = self.sliding.travel
+        if self.law.static is not None:
+            creep = float(self.sliding.durations[is_slow] @ np.abs(slip[is_slow]))
+            return _MAX_AMPLIFICATION * creep > _MAX_DEVIATION * travel
         # From then on, the sliding speeds differ by at most this multiple of the regularization
         # velocity.
         deviation = _FULL_FRICTION * self.law.speed * (times[-1] - times[np.argmax(is_slow)])
-        travel = np.append(0.0, np.cumsum(0.5 * (slip[1:] + slip[:-1]) * np.diff(times)))
-        return bool(deviation > _MAX_DEVIATION * (np.ptp(travel) - deviation))
+        return bool(deviation > _MAX_DEVIATION * (travel - deviation))
 
-    def _relative_deviation(self) -> float:
-        """Return the error of the distance that the part slides, 0 if it rests or must slide."""
+    def _may_be_reduced(self) -> bool:
+        """Return False if the mean friction, also of a part that sticks, is near its limit."""
+        is_loaded = self.sliding.is_loaded
+        ratio = np.abs(np.tanh(self.sliding.velocities[is_loaded] / self.law.speed))
+        weights = (self.sliding.durations * self.sliding.normal_forces)[is_loaded]
+        return bool(np.average(ratio, weights=weights) < 1.0 - _MAX_REDUCTION)
+
+    @cached_property
+    def coulomb(self) -> CoulombSliding:
+        """Sliding with Coulomb's law."""
         times, force = self.sliding.times, self.sliding.normal_forces
         is_known = np.isfinite(force)
         normal = np.interp(times, times[is_known], force[is_known])
-        coulomb = estimate_coulomb_sliding(
-            self.law, self.dynamics, times, self.sliding.velocities, normal
-        )
-        if coulomb.distance <= _MAX_CREEP * self.size or self._is_prescribed(coulomb.distance):
+        dynamics = self.dynamics
+        if self._is_prescribed(self.sliding.travel):
+            dynamics = dynamics._replace(inverse_mass=0.0, stiffness_ratio=0.0)
+        return estimate_coulomb_sliding(self.law, dynamics, times, self.sliding.velocities, normal)
+
+    def _relative_deviation(self) -> float:
+        """Return the error of the distance that the part slides, 0 if it rests."""
+        if self.coulomb.distance <= _MAX_CREEP * self.size:
             return 0.0
-        share = coulomb.deviation / coulomb.distance
+        share = self.coulomb.deviation / self.coulomb.distance
         return share if share < _MIN_HELD_DEVIATION else 0.0
 
-    def _describe_deviation(self, share: float) -> str:
-        name = self.law.speed_name
-        speed = self.law.speed * _RECOMMENDED_DEVIATION / share
-        return (
-            f"{self.name}: it slides over a distance that is wrong by about "
-            f"{format_percent(share)}, because {name} is {self.law.speed:g} m/s, below which the "
-            f"part creeps; use {name}={speed:.2g}."
-        )
+    def _reduction(self) -> float:
+        """Return the share by which friction is reduced while the part slides, 0 if it sticks."""
+        is_prescribed = self._is_prescribed(self.coulomb.distance)
+        smallest = _MIN_PRESCRIBED_DISTANCE if is_prescribed else _MAX_CREEP
+        is_resting = self.coulomb.distance <= smallest * self.size
+        if is_resting or self.coulomb.sliding_share < _MIN_SLIDING_SHARE:
+            return 0.0
+        return 1.0 - self.coulomb.friction_ratio
 
-    def _warning_of_slow_sliding(self) -> str | None:
-        """Return the warning of sliding that is slow most of the time, None if there is none."""
+    def _warning_of_creep(self) -> str | None:
+        """Return the warning of a part that friction should hold, None if there is none."""
         is_loaded = self.sliding.is_loaded
         slip, duration = self.sliding.velocities[is_loaded], self.sliding.durations[is_loaded]
         ratio = np.tanh(slip / self.law.speed)
@@ -251,34 +293,22 @@ class _SlidingCheck:
         speed = self.law.speed * np.arctanh(ratio)
         # Vibrations of a part that sticks cancel.
         distance = float(np.ptp(np.append(0.0, np.cumsum(duration * speed))))
-        share_of_length = distance / self.size
-        is_fixed = share_of_length > _MIN_PRESCRIBED_DISTANCE and self._is_prescribed(distance)
         # A part that starts at rest and never slides is held under any load.
         is_held = load is not None or (not slid and abs(ratio[0]) < _MAX_START_RATIO)
-        has_crept = is_held and share_of_length > _MAX_CREEP and distance > _MAX_CREEP_SHARE * slid
-        if not (share_of_length > _MIN_DISTANCE or is_fixed or has_crept):
+        has_crept = distance > max(_MAX_CREEP * self.size, _MAX_CREEP_SHARE * slid)
+        if not (is_held and has_crept) or self._is_prescribed(distance):
             return None
         limit = f"{self.law.coefficient_name if self.law.static is None else 'static'} N"
         name = self.law.speed_name
-        if not is_fixed and has_crept:
-            amount = f"{distance:.3g} m"
-            if self.law.radius is not None:
-                amount = f"{distance / self.law.radius:.3g} rad"
-            largest = format_percent(float(np.max(np.abs(ratio))), 3)
-            size = format_percent(load, 3) if load else f"up to {largest}"
-            return (
-                f"{self.name}: the load is {size} of {limit}, so that friction should hold it, but "
-                f"it creeps over {amount}, because {name} is {self.law.speed:g} m/s; use a smaller "
-                f"{name}=."
-            )
-        mean = float(duration @ np.abs(ratio)) / slow
-        if mean > _RATIO_AT_FRICTION_SPEED:
-            return None
-        what = "contact" if self.law.is_contact else "run"
+        amount = f"{distance:.3g} m"
+        if self.law.radius is not None:
+            amount = f"{distance / self.law.radius:.3g} rad"
+        largest = format_percent(float(np.max(np.abs(ratio))), 3)
+        size = format_percent(load, 3) if load else f"up to {largest}"
         return (
-            f"{self.name}: the sliding speed is below {name} ({self.law.speed:g} m/s) during "
-            f"{100.0 * slow / total:.0f} % of the {what}, which reduces the friction to "
-            f"{100.0 * mean:.0f} % of {limit}; use a smaller {name}=."
+            f"{self.name}: the load is {size} of {limit}, so that friction should hold it, but "
+            f"it creeps over {amount}, because {name} is {self.law.speed:g} m/s; use a smaller "
+            f"{name}=."
         )
 
 
