@@ -73,7 +73,10 @@ from beamdae.results.diagnostics.table_ranges import (
     table_range_warnings,
     unentered_table_warnings,
 )
-from beamdae.results.diagnostics.unconnected_bodies import unconnected_body_warnings
+from beamdae.results.diagnostics.unconnected_bodies import (
+    unconnected_body_warnings,
+    undriven_body_warnings,
+)
 from beamdae.results.diagnostics.unstable_symmetry import unstable_symmetry_warnings
 from beamdae.results.diagnostics.velocity_jumps import velocity_jump_warnings
 from beamdae.results.run_data import RunData, find_drift
@@ -392,6 +395,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _idle_parts,
     _unguided_drivers,
     _of_complete_run(unconnected_body_warnings),
+    _of_complete_run(undriven_body_warnings),
     _parts_inside_surfaces,
     _supplied_energy,
     _built_model,

@@ -1,7 +1,8 @@
-"""Warnings about bodies without joints that rest because no force acts on them."""
+"""Warnings about bodies that rest because no joint, driver or force moves them."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -75,3 +76,54 @@ def test_runs_that_stop_early_have_no_warning() -> None:
     mech.observe("disk", mech.part("disk").at(0.0, 0.0))
     mech.when("disk.angle", 0.1)
     assert unconnected(mech) == []
+
+
+def guided_ram(angle: float = 0.0, gravity: float = -9.81, **start: Any) -> bd.Mechanism:
+    """Return a driven crank beside a ram on a guide, which was meant to be driven."""
+    mech = bd.Mechanism(gravity=(0.0, gravity))
+    ram = mech.add(bd.RigidBody("ram", 2.0, 0.1, (0.5, 0.0), **start))
+    direction = (math.cos(angle), math.sin(angle))
+    mech.add(bd.Prismatic("guide", mech.ground.at(0.5, 0.0), ram.at(0.5, 0.0), direction))
+    crank = mech.add(bd.RigidBody.rod("crank", (0.0, 0.0), (0.1, 0.0), mass=1.0))
+    hinge = mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)
+    mech.add(bd.Revolute("hinge", *hinge))
+    mech.add(bd.Driver("motor", *hinge, lambda t: 3.0 * t))
+    mech.observe("crank", crank.at(0.1, 0.0))
+    return mech
+
+
+def undriven(mech: bd.Mechanism) -> list[str]:
+    run = bd.simulate(mech, bd.Radau(1e-4), t_end=0.5, output_step=0.01)
+    return [x for x in run.warnings if "no driver and no force" in x]
+
+
+def test_regression_rams_without_a_driver_have_a_warning() -> None:
+    """A ram on a guide rested beside the crank that should drive it, without a word."""
+    (sentence,) = undriven(guided_ram())
+    assert sentence == (
+        "ram: no driver and no force moves it, so it rests during the whole run; add a driver, a "
+        "force, an initial velocity, or a joint with another body."
+    )
+
+
+@pytest.mark.slow(reason="half a second")
+def test_rams_and_wheels_that_something_moves_or_may_move_have_no_warning() -> None:
+    assert undriven(guided_ram(angle=0.5)) == []  # falls
+    assert undriven(guided_ram(velocity=(0.1, 0.0))) == []
+    late = guided_ram()
+    late.add(bd.Force("late", late.part("ram").at(0.5, 0.0), (bd.piecewise((0.4, 0.0), 1.0), 0.0)))
+    assert undriven(late) == []
+    buffer = guided_ram()
+    wall = bd.LineSurface(buffer.ground.at(1.0, 0.0), (0.0, 1.0))
+    buffer.add(bd.Contact("buffer", buffer.part("ram").at(0.5, 0.0), wall, 1e6))
+    assert undriven(buffer) == []
+    locked = guided_ram()
+    locked.add(bd.Weld("lock", locked.ground.at(0.5, 0.0), locked.part("ram").at(0.5, 0.0)))
+    locked.redundant = "minimum norm"
+    assert undriven(locked) == []
+    # A pendulum that hangs at rest; without gravity, it is a wheel that nothing drives.
+    for gravity, count in ((-9.81, 0), (0.0, 1)):
+        mech = bd.Mechanism(gravity=(0.0, gravity))
+        bar = mech.add(bd.RigidBody("bar", 1.0, 0.1, (0.0, -0.5)))
+        mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+        assert len(undriven(mech)) == count
