@@ -71,9 +71,50 @@ class StressSections(NamedTuple):
     arc_lengths: tuple[float, ...]
     located: tuple[_LocatedMaximum, ...]
 
+    def moved(self, key: tuple[float, ...], other_key: tuple[float, ...]) -> StressSections:
+        """Return the sections after the given arc lengths `key` have become `other_key`."""
+        if key == other_key:
+            return self
 
-# Sections by the name of the beam, whose numbers of stress sections beams of these names have.
-_REFERENCES: ContextVar[Mapping[str, VaryingSection]] = ContextVar("_REFERENCES")
+        def move(*places: float) -> tuple[float, ...]:
+            return tuple(np.interp(places, key, other_key).tolist())
+
+        located = []
+        for maximum in self.located:
+            s, start, end = move(*maximum[:3])
+            located.append(_LocatedMaximum(s, start, end, maximum.kind))
+        return StressSections(move(*self.arc_lengths), tuple(located))
+
+
+# Stress sections of a beam by given arc lengths, see `VaryingSection.stress_sections`.
+KnownSections = Mapping[tuple[float, ...], StressSections]
+
+# Known sections by the name of the beam, whose stress sections beams of these names have.
+_REFERENCES: ContextVar[Mapping[str, KnownSections]] = ContextVar("_REFERENCES")
+
+
+def list_known_sections(
+    sections: Mapping[str, Section | VaryingSection],
+) -> dict[str, KnownSections]:
+    """Return the stress sections of beams that vary, given their sections by name of the beam."""
+    varying = {name: x for name, x in sections.items() if isinstance(x, VaryingSection)}
+    return {name: x.stress_sections for name, x in varying.items() if x.stress_sections}
+
+
+def merge_known_sections(known: KnownSections, others: KnownSections) -> KnownSections:
+    """Return known sections with those of another model that these lack."""
+    result = dict(known)
+    for key, (arc_lengths, located) in known.items():
+        other = _find_known(others, key)
+        if other is None:
+            continue
+        near = _CHECKED_DISTANCE * (key[-1] - key[0])
+        places = np.array(arc_lengths)
+        new = [x for x in other.arc_lengths if np.min(np.abs(places - x)) > near]
+        of_new = [x for x in other.located if x.s in new]
+        merged = tuple(sorted((*arc_lengths, *new)))
+        result[key] = StressSections(merged, (*located, *of_new))
+    return result
 
 
 @contextmanager
@@ -83,8 +124,14 @@ def keep_numbers_of_sections(sections: Mapping[str, Section | VaryingSection]) -
     Models that differ in the value of a parameter then have columns of the same form. Sections are
     only searched again if a parameter moved a kink.
     """
-    varying = {name: x for name, x in sections.items() if isinstance(x, VaryingSection)}
-    token = _REFERENCES.set(varying)
+    with keep_known_sections(list_known_sections(sections)):
+        yield
+
+
+@contextmanager
+def keep_known_sections(known: Mapping[str, KnownSections]) -> Iterator[None]:
+    """Do the same as `keep_numbers_of_sections`, for known sections by name of the beam."""
+    token = _REFERENCES.set(known)
     try:
         yield
     finally:
@@ -112,19 +159,22 @@ def stress_sections(
     if isinstance(section, Section):
         return tuple(arc_lengths)
     key = tuple(arc_lengths)
-    reference = _REFERENCES.get({}).get(beam)
-    known = {} if reference is None else reference.stress_sections
+    known = _find_known(_REFERENCES.get({}).get(beam, {}), key)
     if key not in section.stress_sections:
-        if key in known and _are_maxima(section, known[key].located, key[-1] - key[0]):
-            section.stress_sections[key] = known[key]
+        if known is not None and _are_maxima(section, known.located, key[-1] - key[0]):
+            section.stress_sections[key] = known
         else:
             section.stress_sections[key] = _refine(section, key)
     result = section.stress_sections[key].arc_lengths
-    for other_key, (other, _) in known.items():
-        if len(other_key) == len(key) and len(other) != len(result):
-            places = other if other_key == key else np.interp(other, other_key, key).tolist()
-            return tuple(places)
-    return result
+    return result if known is None or len(known[0]) == len(result) else known.arc_lengths
+
+
+def _find_known(known: KnownSections, key: tuple[float, ...]) -> StressSections | None:
+    """Return known sections, between arc lengths that a parameter may have moved to `key`."""
+    if key in known:
+        return known[key]
+    others = (x.moved(other, key) for other, x in known.items() if len(other) == len(key))
+    return next(others, None)
 
 
 def _evaluate_moduli(section: VaryingSection, s: float) -> Array:

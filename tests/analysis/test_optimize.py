@@ -97,6 +97,67 @@ def test_regression_the_adjoint_differentiates_equilibria_of_slender_steel_beams
 
 
 @bd.model(t_end=1.0)
+def tapered_leaf(height=(0.008,) * 5, load=500.0, length=0.4):
+    """Steel cantilever of piecewise linear height, with a force at its tip."""
+    mech = bd.Mechanism()
+    section = bd.taper(bd.Section.rectangle, STEEL, width=0.05, height=height)
+    line = bd.Line((0.0, 0.0), (length, 0.0))
+    beam = mech.add(bd.Beam("leaf", line, section, elements=8, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.end, (0.0, -load)))
+    mech.observe("stress", beam.largest_stress())
+    return mech
+
+
+STRESS = bd.EquilibriumValue("stress.bound")
+LEAF_BOUNDS = {"height": (0.001, 0.03)}
+
+
+@pytest.mark.slow(reason="dozens of equilibria")
+@pytest.mark.parametrize("first", [0.006, 0.012])
+def test_regression_lightest_tapered_leaf_under_a_stress_limit(first):
+    """The stress bound jumped with the number of its sections, and the search never ended."""
+    limit = bd.at_most(STRESS, 5e8)
+    heights = {"height": (first,) * 5}
+    design = bd.optimize(tapered_leaf, bd.Mass(), "height", limit, LEAF_BOUNDS, parameters=heights)
+    assert design.status.success
+    assert design.evaluations < 70
+    # Without shortening of the lever by large deflections, the linear program of full stress has
+    # 0.7327 kg.
+    assert design.objective == pytest.approx(0.7278, rel=2e-4)
+    # The limit is that of the model, with its own stress sections.
+    path = bd.equilibrium(tapered_leaf(**design.parameters))
+    assert path["stress.bound"].iloc[-1] == pytest.approx(5e8, rel=2e-6)
+
+
+@pytest.mark.parametrize("by", ["height", "length"])
+def test_designs_of_a_search_have_the_stress_sections_of_its_first_design(by):
+    first = {"height": (0.008, 0.008, 0.008, 0.006, 0.003), "length": 0.4}
+    settings = RunSettings(None, None, None)
+    arguments = (tapered_leaf, bd.Mass(), by, bd.at_most(STRESS, 5e8), None, first, settings)
+    problem = DesignProblem(*arguments)
+    assert problem.design_with_own_sections(problem.first) is None
+    design = problem.design(problem.first)
+    problem.keep_sections(design, problem.first)
+    (path,) = design.results
+    own = path.equations.mechanism.parts["leaf"]._stress_sections(None)
+    other = problem.first * (1.1 if by == "length" else np.array([1.0, 0.6, 1.0, 1.0, 0.5]))
+    places = []
+    for x in (problem.design(other), problem.design_with_own_sections(other)):
+        (path,) = x.results
+        places.append(path.equations.mechanism.parts["leaf"]._stress_sections(None))
+    if by == "length":
+        assert places[0] == pytest.approx([1.1 * s for s in own], rel=1e-12)
+        return
+    assert places[0] == own
+    assert len(places[1]) > len(own)
+    problem.keep_sections(problem.design_with_own_sections(other), other, is_added=True)
+    (path,) = problem.design(other).results
+    both = path.equations.mechanism.parts["leaf"]._stress_sections(None)
+    assert set(both) == set(own) | set(places[1])
+
+
+@bd.model(t_end=1.0)
 def truss(rise=0.2, stiffness=1000.0):
     """Two springs that snap through."""
     mech = bd.Mechanism()

@@ -32,6 +32,13 @@ from beamdae.analysis.optimization.quantities import (
     find_unit,
 )
 from beamdae.analysis.parameter_bounds import convert_bounds, require_bounds_around
+from beamdae.beams.beam import beams_of
+from beamdae.beams.section_samples import (
+    KnownSections,
+    keep_known_sections,
+    list_known_sections,
+    merge_known_sections,
+)
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
@@ -174,6 +181,7 @@ class DesignProblem:
         self.lower, self.upper = self._read_bounds(bounds)
         self.sizes = self._choose_sizes()
         self._designs: dict[bytes, Design] = {}
+        self._sections: dict[str, KnownSections] = {}
         self.build_warnings: set[str] = set()
         self._unit_errors: list[BeamdaeError] = []
         self._require_units()
@@ -233,7 +241,7 @@ class DesignProblem:
     def without_designs(self) -> DesignProblem:
         """Return the problem without stored analyses, which need much memory."""
         other = copy.copy(self)
-        other._designs = {}
+        other._designs, other._sections = {}, {}
         return other
 
     def _require_units(self) -> None:
@@ -282,6 +290,37 @@ class DesignProblem:
             self._designs[key] = design
         return self._designs[key]
 
+    def design_with_own_sections(self, values: Array) -> Design | None:
+        """Return a design whose stress sections are not kept, see `keep_sections`.
+
+        Return None if none are kept.
+
+        Raises
+        ------
+        BeamdaeError
+            If an analysis fails.
+        """
+        return self.without_designs()._analyze(values) if self._sections else None
+
+    def keep_sections(self, design: Design, numbers: Array, is_added: bool = False) -> None:
+        """Let further designs have the stress sections of a design with values (k,) of the numbers.
+
+        Bounds of stresses jump where the number of sections changes. If `is_added`, keep the
+        present ones too, also for this design.
+        """
+        results = [x for x in design.results if hasattr(x, "equations")]
+        beams = [x for result in results for x in beams_of(result.equations.mechanism)]
+        sections = list_known_sections({x.name: x.section for x in beams})
+        self._designs = {} if is_added else {numbers.tobytes(): design}
+        if is_added:
+            for name, known in sections.items():
+                sections[name] = merge_known_sections(known, self._sections.get(name, {}))
+        self._sections = sections
+
+    def release_sections(self) -> None:
+        """Let designs have their own stress sections."""
+        self._designs, self._sections = {}, {}
+
     def step_errors(self, values: Array) -> Array:
         """Return how more accurate runs change the values (1 + C,) of a design; 0 without runs.
 
@@ -306,7 +345,7 @@ class DesignProblem:
                 groups.setdefault(analysis_key(leaf), []).append(leaf)
         analyses: dict[tuple[Any, ...], Analysis] = {}
         results: dict[AnalysisQuantity, float] = {}
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), keep_known_sections(self._sections):
             # The result evaluates the warnings of the best design; those of the first one are
             # issued if its analysis fails.
             warnings.simplefilter("ignore", BeamdaeWarning)

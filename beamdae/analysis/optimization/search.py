@@ -186,6 +186,10 @@ class Search:
         self._problem, self._method, self._tolerance = problem, method, tolerance
         self._max_evaluations, self._progress = max_evaluations, progress
         self._trials: dict[bytes, Trial] = {}
+        # Designs whose values are those of their own stress sections, and designs with values of
+        # other sections than those of the present search, see `_check_sections`.
+        self._checked: set[bytes] = set()
+        self._outdated: set[bytes] = set()
         self._trials_before = 0  # number of trials before the present search of SciPy
         self._failures = 0
         self._end: Trial | None = None
@@ -218,13 +222,20 @@ class Search:
             finally:
                 # The result of an interrupted search is at least the first design.
                 self._record(problem.first, first)
+                self._checked.add(problem.first.tobytes())
+                problem.keep_sections(first, problem.first)
             # Errors of the gradient concern the model rather than a design.
             self._gradients(self._variables(problem.first))
             status, is_complete = self._minimize_to_noise(problem.first)
             for _ in range(_MAX_CORRECTIONS):
-                if not is_complete or not self._limit_maxima():
+                if not is_complete:
                     break
-                status, is_complete = self._minimize_to_noise(self._best().numbers)
+                best = self._best()
+                if not self._check_sections(best):
+                    if not self._limit_maxima():
+                        break
+                    best = self._best()
+                status, is_complete = self._minimize_to_noise(best.numbers)
         except _SearchEndError as end:
             status = end.status
         except KeyboardInterrupt:
@@ -252,6 +263,42 @@ class Search:
                     and kind_of_message(x) not in issued
                 )
                 raise
+
+    def _check_sections(self, best: Trial) -> bool:
+        """Return True if a design is worse with its own stress sections; at first, if it differs.
+
+        All designs of a search have the sections of the first one, because bounds of stresses jump
+        where the number of sections changes. A search from the given design then has its sections.
+        Later ones also have those of the search before, so that two designs with different sections
+        cannot follow each other without end; further sections only make the bounds larger.
+        """
+        problem, key = self._problem, best.numbers.tobytes()
+        own = None if key in self._checked else problem.design_with_own_sections(best.numbers)
+        if own is None:
+            return False
+        self._checked.add(key)
+        trial = self._rate(best.numbers, own.values)
+        excess = np.append(0.0, self._margins(best.values) - self._margins(trial.values))
+        excess[0] = (trial.values[0] - best.values[0]) / self._scales[0]
+        is_added = bool(self._outdated)
+        if np.max(excess if is_added else np.abs(excess)) <= FEASIBILITY_TOLERANCE:
+            return False
+        problem.keep_sections(own, best.numbers, is_added)
+        self._trials[key] = trial
+        self._outdated = set(self._trials) - (set() if is_added else {key})
+        self._end = None
+        return True
+
+    def _best_by_sections(self) -> Trial:
+        """Return the best design, which its own stress sections do not make worse."""
+        best = self._best()
+        if not self._check_sections(best):
+            return best
+        for _ in range(_MAX_CORRECTIONS):
+            if not self._check_sections(self._best()):
+                break
+        self._problem.release_sections()
+        return min((self._trials[x] for x in self._checked), key=self._rank)
 
     def _limit_maxima(self) -> bool:
         """Update the ratios of maxima to smooth maxima; return False if all remain the same.
@@ -338,6 +385,7 @@ class Search:
     def _finish(self, status: Status) -> SearchResult:
         best, stationarity = self._best(), None
         try:
+            best = self._best_by_sections()
             best = self._best_by_maxima()
             stationarity = self._check_stationarity(best)
         except (BeamdaeError, ArithmeticError) as failure:
@@ -521,7 +569,7 @@ class Search:
         """
         numbers = self._numbers(x)
         trial = self._trials.get(numbers.tobytes())
-        if trial is None:
+        if trial is None or numbers.tobytes() in self._outdated:
             trial = self._evaluate(numbers)
         if trial.failure:
             return np.inf, self._last_margins
@@ -582,6 +630,7 @@ class Search:
     def _record(self, numbers: Array, design: Design) -> Trial:
         trial = self._rate(numbers, design.values)
         self._trials[numbers.tobytes()] = trial
+        self._outdated.discard(numbers.tobytes())
         if self._progress is not None:
             objective = float(design.values[0])
             call_progress(self._progress, len(self._trials), objective, trial.violation)
@@ -637,12 +686,13 @@ class Search:
         """
         if self._end is not None and self._end.violation <= FEASIBILITY_TOLERANCE:
             return self._end
+        return min((x for x in self._trials.values() if not x.failure), key=self._rank)
 
-        def rank(trial: Trial) -> tuple[bool, float, float]:
-            is_feasible = trial.violation <= FEASIBILITY_TOLERANCE
-            return not is_feasible, 0.0 if is_feasible else trial.violation, float(trial.values[0])
-
-        return min((x for x in self._trials.values() if not x.failure), key=rank)
+    def _rank(self, trial: Trial) -> tuple[bool, bool, float, float]:
+        is_feasible = trial.violation <= FEASIBILITY_TOLERANCE
+        is_outdated = trial.numbers.tobytes() in self._outdated
+        violation = 0.0 if is_feasible else trial.violation
+        return not is_feasible, is_outdated, violation, float(trial.values[0])
 
     def _check_stationarity(self, trial: Trial) -> Stationarity:
         """Return multipliers with the smallest residual of the conditions of first order."""
