@@ -531,7 +531,8 @@ def _interpolate_rows(knots: Array, values: Array, kind: str, is_repeated: bool)
     from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
 
     if kind == "spline":
-        return CubicSpline(knots, values, bc_type="periodic" if is_repeated else "natural")
+        # Natural ends change the slope at the edges, where laws of drivers often begin at rest.
+        return CubicSpline(knots, values, bc_type="periodic" if is_repeated else "not-a-knot")
     if not is_repeated:
         return PchipInterpolator(knots, values)
     # The slope of a row depends on both neighbors.
@@ -607,8 +608,9 @@ def table(
     kind
         "linear"; "pchip" (monotone between the rows, with a continuous slope; Fritsch & Butland,
         SIAM J. Sci. Stat. Comput. 5, 1984, doi:10.1137/0905021), for one argument only; or "spline"
-        (natural cubic spline with a continuous second derivative, which may overshoot, most of all
-        next to steps between unequal intervals).
+        (cubic spline with a continuous second derivative and, at the second and the last but one
+        row, a continuous third one, "not a knot"; it may overshoot, most of all next to steps
+        between unequal intervals).
     outside
         Outside the range of `x`, "hold" keeps the value at the edge; with "error", runs stop where
         an argument leaves the range, with a reason that names the table, argument and value; and
