@@ -279,6 +279,26 @@ def test_regression_limit_cycles_whose_first_swings_are_the_largest_have_a_warni
     assert sentence.startswith("servo: the command does not settle, and a mode of the loop")
 
 
+@pytest.mark.parametrize("growth", [6.0, 25.0])
+def test_regression_loops_that_grow_slowly_have_a_warning(growth):
+    """A loop that grew by less than a factor of 30 in the run was silent."""
+    mech = build_stage(1.5)
+    rate = np.max(bd.linearize(mech).poles.real)
+    (sentence,) = loop_warnings(mech, np.log(growth) / rate)
+    assert sentence.startswith("servo: the command does not settle, and a mode of the loop")
+
+
+def test_resonances_that_grow_slowly_have_no_warning_of_unstable_loops():
+    mech = build_stage(0.9, damping=0.02)
+    poles = bd.linearize(mech).poles
+    slowest = poles[np.argmax(poles.real)]
+    assert slowest.real < 0.0
+    frequency = abs(slowest.imag)
+    stage = mech.parts["stage"].point
+    mech.add(bd.Force("hum", stage, (lambda t: 0.1 * np.sin(frequency * t), 0.0)))
+    assert not loop_warnings(mech, 10.0 * 2.0 * np.pi / frequency)
+
+
 @pytest.mark.slow(reason="96 runs, some of which last 10 s")
 @pytest.mark.parametrize("limit", [4.0, 8.0, 30.0])
 @pytest.mark.parametrize("factor", [1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 20.0, 40.0])

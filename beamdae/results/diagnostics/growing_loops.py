@@ -118,6 +118,8 @@ _MIN_GROWING_SWINGS, _MIN_SWING_EXPONENT, _MAX_EXPONENT_RATIO = 3, 0.15, 2.0
 # gains and limits, 191 of 200 unstable loops (100 with a slow actuator, 100 sampled at least 8
 # times), and none of 200 stable ones.
 _MIN_LAST_SHARE, _MIN_DEPARTURE = 0.3, 4.0
+# Growth of this mode in the run. A resonance grows without such a mode.
+_MIN_MODE_GROWTH = 5.0
 # Samples of a run from which on, and at most, measured and held values are evaluated
 _MIN_READ_SAMPLES, _MAX_READ_SAMPLES = 8, 2048
 # Laws that change by more than this share of their largest value in the last samples may excite the
@@ -476,7 +478,7 @@ def _growing_mode_warnings(
     loops = deferred.module("analysis.linear_dynamics.loop_stability")
     mode = loops.find_growing_mode(equations, trajectory, [x.command for x in outputs])
     duration = trajectory.end - trajectory.start
-    if mode is None or mode.rate * duration < np.log(_MIN_GROWTH):
+    if mode is None or mode.rate * duration < np.log(_MIN_MODE_GROWTH):
         return
     last = trajectory.end - 0.25 * duration
     is_driven = _has_varying_laws(equations.mechanism, np.array([last, trajectory.end]))
