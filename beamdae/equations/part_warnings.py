@@ -427,8 +427,15 @@ def start_inside_warnings(
                 )
             ):
                 continue
-            remedy = x.gap.remedy
-            if find_rest() is not None and not starts_in_equilibrium(active):
+            remedy, rest = x.gap.remedy, find_rest()
+            if (
+                rest is not None
+                and _evaluate_gap(x.gap.quantity, coordinates, time, rest) < 0.0
+                and _holding_share(x, solver, time, state, others) > 0.0
+            ):
+                # The other forces press the point on the surface, whose side is right.
+                remedy = "move the point out of the surface"
+            if rest is not None and not starts_in_equilibrium(active):
                 remedy += (
                     ", or build the model with bd.Mechanism(start='equilibrium') if it is a preload"
                 )

@@ -67,6 +67,14 @@ def test_a_reversed_floor_is_reported_with_part_depth_and_remedy():
         bd.simulate(on_floor(1.0, (-1.0, 0.0)), t_end=0.01)
 
 
+def test_regression_points_that_rest_on_a_surface_are_not_advised_to_reverse_it():
+    """A ball 0.1 mm inside a floor that holds it would have fallen through the reversed one."""
+    (sentence,) = findings(on_floor(-1e-4, stiffness=1e8, exponent=1.0))
+    assert "starts 0.0001 m inside the surface" in sentence
+    assert "turn the direction" not in sentence
+    assert "; move the point out of the surface, or build the model with" in sentence
+
+
 @pytest.mark.parametrize("height", [1e-4, 1e-2, 1.0, 1e3])
 @pytest.mark.parametrize("stiffness", [1e4, 1e6, 1e9])
 def test_deep_starts_are_reported_at_any_depth_and_stiffness(height, stiffness):
