@@ -660,6 +660,7 @@ def hanging_mass(stiffness=1e4):
     return mech
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_limits_without_effect_by_their_sign_are_reported():
     """A sag of -98 mm satisfied the upper limit of 5 mm without a word."""
     stiffness = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")
