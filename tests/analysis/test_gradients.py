@@ -325,11 +325,35 @@ def test_parameters_that_affect_different_numbers_are_changed_together(monkeypat
     np.testing.assert_array_equal(again.p, together.p)
     assert len(builds) <= 12
     monkeypatch.setattr(number_derivatives, "_MIN_SEARCHED", 13)
+    monkeypatch.setattr(number_derivatives, "_MIN_SEARCHED_AGAIN", 13)
     apart = differentiate_numbers(model, base, assemble, time)
     # Differences of fourth order along both ways.
     size = np.abs(apart.p).max(axis=0)
     assert np.all(np.abs(together.p - apart.p) <= 1e-9 * size)
     assert np.count_nonzero(apart.p) > 50
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_few_parameters_are_changed_together_from_the_second_time_on():
+    heights = (0.006, 0.005, 0.004, 0.0035, 0.003)
+    entries = {f"height[{k}]": ("height", k) for k in range(5)}
+    model = FlatModel(leaf, {"height": heights}, entries)
+    base = bd.equations_of_motion(leaf(height=heights))
+    builds = []
+
+    def assemble(mechanism):
+        builds.append(1)
+        return bd.equations_of_motion(mechanism)
+
+    number_derivatives._latest_effects.pop(leaf.build, None)
+    first, second, third = (
+        (differentiate_numbers(model, base, assemble, np.zeros(2)).p, len(builds)) for _ in range(3)
+    )
+    assert first[1] == 4 * 5
+    # Two groups of differences of fourth order, and two models that verify them.
+    assert third[1] - second[1] == 4 * 2 + 2
+    for p, _ in (second, third):
+        assert np.all(np.abs(p - first[0]) <= 1e-9 * np.abs(first[0]).max(axis=0))
 
 
 @bd.model(t_end=1.0)

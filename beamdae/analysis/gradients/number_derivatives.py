@@ -49,8 +49,10 @@ _FOURTH_ORDER: _Stencil = (
     (2, -1 / 12, -1 / 6),
 )
 _SECOND_ORDER: _Stencil = ((-1, -0.5, 0.5), (1, 0.5, 0.5))
-# Fewer parameters are changed one by one, without a search for those that affect the same numbers.
-_MIN_SEARCHED = 9
+# Parameters are searched for those that affect the same numbers if they are at least this many or,
+# where a model is differentiated again, at least the second number: a search for a few parameters
+# builds more models than it saves the first time.
+_MIN_SEARCHED, _MIN_SEARCHED_AGAIN = 9, 4
 # The search ends if no parts of a division into this number of parts can be changed together.
 _MAX_DENSE_PARTS = 8
 # Largest error of the sum of the derivatives along a common change of all parameters, relative to
@@ -140,10 +142,14 @@ class NumberDerivatives:
 
 
 class _Effects(NamedTuple):
-    """Names of numbers, the entries that they affect, and numbers that are changed together."""
+    """Names of numbers, the entries that they affect, and numbers that are changed together.
+
+    `masks` is None if no search found numbers that can be changed together; there are no groups
+    before a search.
+    """
 
     names: tuple[str, ...]
-    masks: Array
+    masks: Array | None
     groups: list[list[int]]
 
 
@@ -194,13 +200,20 @@ def _differentiate_together(
 ) -> tuple[Array | None, list[int]]:
     """Return the derivatives with numbers changed in groups, or None if there are no groups."""
     names, function = tuple(model.entries), model.model.build
-    if len(names) < _MIN_SEARCHED:
-        return None, []
     known = _latest_effects.get(function)
-    is_known = known is not None and known.names == names
-    for first in (known, None) if is_known else (None,):
+    if known is None or known.names != names:
+        known = _Effects(names, None, [])
+    singles = [[k] for k in range(len(names))]
+    if len(names) < _MIN_SEARCHED:
+        is_first = _latest_effects.get(function) is not known
+        if len(names) < _MIN_SEARCHED_AGAIN or is_first or known.groups == singles:
+            _latest_effects[function] = known
+            return None, []
+        # Unless the search succeeds, it is not repeated.
+        _latest_effects[function] = _Effects(names, None, singles)
+    for first in (known, None) if known.masks is not None else (None,):
         try:
-            if first is None:
+            if first is None or first.masks is None:
                 masks = _find_affected(differencing)
             elif first.masks.shape == differencing.shape:
                 masks = first.masks
@@ -210,7 +223,9 @@ def _differentiate_together(
             return None, []
         if masks is None:
             return None, []
-        groups = _group_disjoint([[k] for k in range(len(names))], masks)
+        groups = _group_disjoint(singles, masks)
+        if groups == singles and len(names) < _MIN_SEARCHED:
+            return None, []
         derivatives, irregular = differencing.differentiate(groups, masks)
         if not irregular and differencing.is_verified(derivatives):
             _latest_effects[function] = _Effects(names, masks, groups)
