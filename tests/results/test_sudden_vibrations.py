@@ -81,6 +81,27 @@ def test_regression_vibrations_that_filters_damp_have_no_warning(filter_time):
     assert np.max(np.abs(speed - accurate)) < 1e-3 * np.max(np.abs(accurate))
 
 
+@pytest.mark.slow(reason="one second")
+def test_regression_controllers_that_are_saturated_at_the_start_damp_vibrations():
+    """Errors of "100 %": damping was that of the start, at which the force has its limit."""
+    mech, length = bd.Mechanism(), 0.025
+    section = bd.Section.rectangle(_STEEL, width=0.015, height=5e-4, damping=2e-5)
+    stage = mech.add(bd.RigidBody("stage", 0.2, 2e-4, (0.0, length)))
+    for name, x in (("left", -0.045), ("right", 0.045)):
+        line = bd.Line((x, 0.0), (x, length))
+        leaf = mech.add(bd.Beam(name, line, section, elements=2, formulation="exact"))
+        mech.add(bd.Weld(f"{name} foot", mech.ground.at(x, 0.0), leaf.start))
+        mech.add(bd.Weld(f"{name} top", leaf.end, stage.at(x, length)))
+    center = stage.at(0.0, length)
+    error = 2e-4 - mech.sensor("x", center, "x")
+    gains = {"kp": 4e4, "ki": 2.5e6, "kd": 180.0, "filter_time": 3e-4, "scale": 1e-4}
+    force = bd.pid(mech, "pid", error, **gains, limits=(-40.0, 40.0))
+    mech.add(bd.Force("coil", center, (force, 0.0)))
+    mech.observe("stage", center)
+    _, warnings = _run(mech)
+    assert not warnings
+
+
 @pytest.mark.slow(reason="half a second")
 def test_regression_mechanisms_with_first_order_states_are_examined():
     """The equations of the states were missing, and no mechanism with a filter had a warning."""
@@ -162,7 +183,7 @@ def test_regression_motions_of_drivers_are_no_sudden_vibrations(rate):
 
 def _jump(random, columns):
     steps, counts = np.sort(random.exponential(1e-3, 20)), np.ones(20)
-    rates, decays = 10.0 ** random.uniform(1.0, 6.0, 40), np.zeros(40)
+    rates, decays = 10.0 ** random.uniform(1.0, 6.0, 40), np.zeros((20, 40))
     return sudden_vibrations._Jump(0.0, steps, counts, rates, decays, columns)
 
 

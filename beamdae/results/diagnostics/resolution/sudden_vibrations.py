@@ -9,7 +9,7 @@ dv and of the accelerations by da excites a mode x with x^T M x = 1 to the ampli
 
 A step h multiplies it by R(i w h) instead of exp(i w h). Errors are the products of A and the
 largest difference from 1 of the products of R(i w h) / exp(i w h), up to the time to which the
-damping of the section lets the vibration last.
+damping of sections and controllers lets the vibration last.
 """
 
 from __future__ import annotations
@@ -68,6 +68,10 @@ _INERTIA_TOLERANCE = 1e-14
 _MAX_GROWTH = 1.0
 _DIFFERENCE = 1e-5  # change of a coordinate, relative to its scale, for differences
 _BDF_ORDER = 2  # of `Ida` with fast modes that are lightly damped
+_DAMPING_SAMPLES = 16  # states of a run at which the damping of vibrations is computed
+# Change of the stiffness of a mode by which its shape still describes the vibration at another
+# position. After large rotations, it strains exact beams, whose damping would be far too large.
+_MAX_STIFFNESS_RATIO = 1.5
 _TINY = 1e-300  # prevents a division by zero
 
 
@@ -101,8 +105,10 @@ class _Jump(NamedTuple):
         Time of the jump [s].
     steps, counts
         Lengths of the groups of steps [s] and numbers of their steps, (groups,).
-    rates, decays
-        Angular frequencies and decay rates of the modes, (k,) [1/s].
+    rates
+        Angular frequencies of the modes, (k,) [rad/s].
+    decays
+        Exponents (groups, k) by which the modes have decayed at the ends of the groups [-].
     columns
         Amplitudes of the columns (k, columns).
     """
@@ -149,13 +155,19 @@ def sudden_vibration_warnings(
     examined = []
     for interval, v, dv, da in _list_jumps(equations, trajectory):
         try:
-            jump = _excite(equations, interval, v, dv, da, min_phase, observe, numbers)
-        except (BeamdaeError, np.linalg.LinAlgError):
-            continue  # unstable or singular positions have their own warnings
-        if jump is not None:
+            excited = _excite(equations, interval, v, dv, da, min_phase, observe, numbers)
+            if excited is None:
+                continue
+            jump, modes = excited
             errors = _find_large_errors(jump, amplify, _MAX_ERROR * sizes)
             if errors is not None:
-                examined.append((jump, errors / sizes))
+                later = _accumulate_later_decays(equations, interval, modes, jump)
+                jump = jump._replace(decays=np.maximum(jump.decays, later))
+                errors = _find_large_errors(jump, amplify, _MAX_ERROR * sizes)
+        except (BeamdaeError, np.linalg.LinAlgError):
+            continue  # unstable or singular positions have their own warnings
+        if errors is not None:
+            examined.append((jump, errors / sizes))
     jump, errors = max(examined, key=lambda x: float(np.max(x[1])), default=(None, sizes))
     if jump is not None and np.max(errors) > _MAX_ERROR:
         yield _describe(jump, errors, list(half_ranges), sizes, method == "Radau")
@@ -254,8 +266,8 @@ def _excite(
     min_phase: float,
     observe: Callable[..., Array],
     numbers: list[int],
-) -> _Jump | None:
-    """Return the vibrations after a jump, or None if steps resolve all modes."""
+) -> tuple[_Jump, _Modes] | None:
+    """Return the vibrations after a jump and their modes, or None if steps resolve all modes."""
     active = interval.active_equations(equations)
     steps, counts = _group_steps(interval)
     time = interval.times[0]
@@ -272,13 +284,16 @@ def _excite(
     if not is_lasting.any():
         return None
     modes = _Modes(*(x[..., is_lasting] for x in modes))
+    vibrating = modes
     if interval.configuration is not None:
         reactions = interval.configuration.expand_multipliers(modes.reactions.T, equations.m)
         modes = modes._replace(reactions=reactions.T)
     by_force, by_impulse, decays = (x[is_lasting] for x in (by_force, by_impulse, decays))
     amplitudes = np.hypot(by_force / modes.rates**2, by_impulse / modes.rates)
     columns = amplitudes[:, None] * _observe_modes(equations, time, state, modes, observe)
-    return _Jump(float(time[0]), steps, counts, modes.rates, decays, columns[:, numbers])
+    decays = np.outer(np.cumsum(counts * steps), decays)
+    jump = _Jump(float(time[0]), steps, counts, modes.rates, decays, columns[:, numbers])
+    return jump, vibrating
 
 
 def _group_steps(interval: Interval) -> tuple[Array, Array]:
@@ -331,10 +346,36 @@ def _find_modes(solver: ConsistencySolver, time: Array, q: Array, slowest: float
     return _Modes(rates, shapes, impulses, reactions)
 
 
+def _accumulate_later_decays(
+    equations: EquationsOfMotion, interval: Interval, modes: _Modes, jump: _Jump
+) -> Array:
+    """Return the exponents (groups, k) of the decay by the damping at states of the run.
+
+    Controllers that are saturated at the start have no damping there. Between two states, the
+    smaller one of their decay rates is assumed.
+    """
+    solver = ConsistencySolver(interval.active_equations(equations))
+    times = interval.times[:: interval.nodes_per_step]
+    rows = np.unique(np.linspace(0, len(times) - 1, _DAMPING_SAMPLES).astype(int))
+    rates = np.array(
+        [
+            _decay_rates(solver, times[k], State(*(x[k] for x in interval.state)), modes)
+            for k in rows.tolist()
+        ]
+    )
+    samples = times[rows, 0] - times[0, 0]
+    slower = np.minimum(rates[:-1], rates[1:]) * np.diff(samples)[:, None]
+    exponents = np.vstack([np.zeros(rates.shape[1]), np.cumsum(slower, axis=0)])
+    ends = np.cumsum(jump.counts * jump.steps)
+    return np.stack([np.interp(ends, samples, x) for x in exponents.T], axis=1)
+
+
 def _decay_rates(solver: ConsistencySolver, time: Array, state: State, modes: _Modes) -> Array:
     """Return the decay rates (k,) [1/s] of modes by the damping at a state."""
     stiffness, damping, _ = (x.toarray() for x in solver.linearize_with_states(time, state))
+    of_shapes = np.sum(modes.shapes * (stiffness @ modes.shapes), axis=0)
     decays = 0.5 * np.sum(modes.shapes * (damping @ modes.shapes), axis=0)
+    decays[of_shapes > _MAX_STIFFNESS_RATIO * modes.rates**2] = 0.0
     return decays + _decays_by_states(
         stiffness, damping, list(solver.equations.states), modes.shapes, modes.rates
     )
@@ -415,7 +456,7 @@ def _find_large_errors(
         if not np.any(errors > limits):
             return None
         modes = order[first : first + _MODES_AT_ONCE]
-        some = jump._replace(rates=jump.rates[modes], decays=jump.decays[modes])
+        some = jump._replace(rates=jump.rates[modes], decays=jump.decays[:, modes])
         changes[modes] = _estimate_changes(some, amplify)
         errors = _add_up(changes[:, None] * jump.columns)
     return errors if np.any(errors > limits) else None
@@ -432,8 +473,7 @@ def _estimate_changes(
     changes = np.log(amplify(phases)) - phases
     changes.real = np.minimum(changes.real, 0.0)
     products = np.exp(np.cumsum(counts[:, None] * changes, axis=0))
-    lasting = np.exp(-np.outer(np.cumsum(counts * steps), jump.decays))
-    return np.asarray(np.max(lasting * np.abs(products - 1.0), axis=0))
+    return np.asarray(np.max(np.exp(-jump.decays) * np.abs(products - 1.0), axis=0))
 
 
 def _add_up(amplitudes: Array) -> Array:
