@@ -218,7 +218,7 @@ def bumper(law, every, outside="hold"):
     push = mech.input("push", unit="N")
     mech.add(bd.Force("motor", mass.point, (push, 0.0)))
     mech.add(bd.Controller("servo", every, [place, speed], [push], law, state=[0.0]))
-    peak = bd.table([0.0, 0.4, 0.4003, 0.4006, 0.8], [0.0, 0.0, 2e3, 0.0, 0.0], outside=outside)
+    peak = bd.table([0.0, 0.4, 0.4003, 0.4006, 0.8], [0.0, 0.0, 2e3, 0.0, 0.0], "pchip", outside)
     mech.add(bd.ForceLaw("bump", mass.point, lambda mass, t: (-peak(mass.position[0]), 0.0)))
     mech.observe("mass", mass.point)
     return mech

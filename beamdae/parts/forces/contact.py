@@ -218,7 +218,7 @@ class Contact(ObservableLoad):
     friction_speed
         Regularization velocity [m/s] of Coulomb friction, at which friction reaches 76 % of its
         full value. At lower velocities, friction is nearly viscous, so a sticking contact creeps.
-        Defaults to 1e-3, or to 1/200 of `stribeck` if this is less.
+        Defaults to 1e-4, or to 1/200 of `stribeck` if this is less.
     max_step
         Largest step of adaptive integrators [s]. Defaults to no limit: a step that passes over a
         contact is repeated from the onset of the contact.

@@ -12,14 +12,14 @@ from beamdae.symbolic.statements import Quantity
 # velocity. With this fraction, the largest friction is up to 0.1 % below the static friction, and
 # the normal force of an arm at 92 % of self-locking is 0.7 % too small; with a twentieth, it is
 # 17 % too small, and adaptive integrators need 0.7 to 1 times the steps.
-_DEFAULT_SPEED = 1e-3
+_DEFAULT_SPEED = 1e-4
 _RECOMMENDED_STRIBECK_SHARE = 0.005
 # Speeds at which the largest friction is searched, relative to the Stribeck velocity.
 _SPEEDS = np.geomspace(1e-4, 10.0, 2001)
 
 
 def default_friction_speed(stribeck: float | None) -> float:
-    """Return 1e-3 m/s, or 1/200 of the Stribeck velocity [m/s] if this is less."""
+    """Return 1e-4 m/s, or 1/200 of the Stribeck velocity [m/s] if this is less."""
     return _DEFAULT_SPEED if stribeck is None else min(_DEFAULT_SPEED, suggest_speed(stribeck))
 
 
