@@ -140,3 +140,36 @@ def test_regression_extremes_near_zero_are_no_early_peaks(share, count):
         run.equations, run.trajectory, extremes, run._observe, 0.05, 0.1
     )
     assert len(peaks) == count
+
+
+def belt(speed, force):
+    """Return a block that a force presses on a belt, and that a spring holds against friction."""
+    mech = bd.Mechanism()
+    ground = mech.ground
+    block = mech.add(bd.RigidBody.plate("block", (0.0, 0.01), 0.03, 0.02, mass=0.3))
+    band = mech.add(bd.RigidBody.plate("belt", (0.0, -0.005), 1.0, 0.01, mass=1.0))
+    rail = ground.at(0.0, -0.005), band.at(0.0, -0.005)
+    mech.add(bd.Prismatic("rail", *rail, direction=(1.0, 0.0)))
+    law = bd.TranslationalDriver("drive", *rail, lambda t: speed * t, direction=(1.0, 0.0))
+    mech.observe("drive", mech.add(law).drive)
+    mech.add(bd.Driver("level", ground.at(0.0, 0.0), block.at(0.0, 0.01), 0.0))
+    spring = bd.SpringDamper("spring", ground.at(-0.2, 0.01), block.at(0.0, 0.01), 3e3, 0.6)
+    mech.add(spring)
+    mech.add(bd.Force("press", block.at(0.0, 0.01), (0.0, -force)))
+    surface = bd.LineSurface(band.at(0.0, 0.0), direction=(1.0, 0.0))
+    laws = {"restitution": 0.3, "impact_speed": 0.1, "friction": 0.25}
+    pad = bd.Contact("pad", block.at(0.0, 0.0), surface, 1e6, exponent=1, **laws)
+    mech.observe("pad", mech.add(pad).force)
+    return mech
+
+
+@pytest.mark.slow(reason="half a second")
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+@pytest.mark.parametrize(("speed", "force"), [(0.02, 20.0), (0.2, 20.0), (1.0, 2.0)])
+def test_regression_drivers_along_a_contact_are_no_cause_of_its_vibration(speed, force):
+    """The drive of the belt was named, although it does not move along the normal."""
+    solution = bd.simulate(belt(speed, force), t_end=0.2)
+    sentences = [x for x in solution.warnings if "belongs to a vibration" in x]
+    (sentence,) = [x for x in sentences if "pad.N" in x.partition(":")[0]]
+    assert "begins because the drawing is not in equilibrium (" in sentence
+    assert not [x for x in sentences if "drive" in x.partition(":")[2]]

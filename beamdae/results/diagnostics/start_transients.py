@@ -53,7 +53,8 @@ _EARLY_SHARE_OF_MOTION, _LATE_SHARE_OF_MOTION = 0.25, 0.5
 # slider-cranks, four-bar linkages, yokes, wipers, rotors and a crank on a flexible frame, it was
 # 0.99 or more in most columns, and 0.2 to 0.4 in some of the flexible frame, which are not named.
 _MIN_SHARE_OF_EXCESS = 0.8
-# Part of inertia in the change of a column by the start; below, loads at rest cause the vibration.
+# Part of inertia in the change of a column by the start; below, loads at rest cause the vibration,
+# unless it is larger than this change explains.
 _MIN_PART_OF_INERTIA = 0.5
 _MIN_SHARE_OF_KIND = 1e-2  # of the largest half range of the same kind of columns
 # Distances from the start, relative to the largest one, between which a motion that repeats varies.
@@ -208,11 +209,13 @@ def _examine_inertia(
     # The stiffness of contacts is that in the equilibrium: in the drawing, they may be unloaded.
     rest = _find_start(active, time, EQUILIBRIUM) if contacts_of(equations) else None
     near = start if rest is None else start._replace(q=rest.q)
-    smooth, resting = (
-        _observe_smooth(equations, trajectory, observe, time, near, is_at_rest)
-        for is_at_rest in (False, True)
-    )
-    changes, by_inertia = np.abs(smooth - drawn), np.abs(smooth - resting)
+    smooth = _observe_smooth(equations, trajectory, observe, time, near)
+    if rest is None:
+        solver = ConsistencySolver(active)
+        rest = find_smooth_state(solver, time, start.q, start.v, is_at_rest=True)
+    # Friction by the speed of a driver is no inertia: it begins in equilibrium, too.
+    balanced = _observe_moving(equations, trajectory, observe, time, rest, start.v)
+    changes, by_inertia = np.abs(smooth - drawn), np.abs(smooth - balanced)
     is_inertia = by_inertia >= _MIN_PART_OF_INERTIA * changes
     vibrations = {
         peak: _vibration_in_peak(equations, trajectory, observe, peak)
@@ -228,7 +231,11 @@ def _examine_inertia(
         for peak in peaks
         if peak not in vibrations
     }
-    caused = [peak for peak in peaks if vibrations[peak] > 0.0]
+    caused = [
+        peak
+        for peak, size in vibrations.items()
+        if size > 0.0 and (is_inertia[peak.column] or size > limits[peak.column])
+    ]
     rotation = _find_rotation(active, trajectory, time, start)
     remedy = "use bd.periodic if the motion repeats, or "
     if rotation is not None:
@@ -350,6 +357,30 @@ def _observe_smooth(
     q, v, a, lam = (x[None] for x in smooth)
     if interval.configuration is not None:
         lam = interval.configuration.expand_multipliers(lam, equations.m)
+    (values,) = observe(time[None], q, v, a, lam)
+    return np.asarray(values)
+
+
+def _observe_moving(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    observe: Callable[..., Array],
+    time: Array,
+    rest: State | None,
+    v: Array,
+) -> Array:
+    """Return the columns (k,) at an equilibrium with velocities; not a number without it."""
+    first = trajectory.intervals[0]
+    solver = ConsistencySolver(first.active_equations(equations))
+    try:
+        state = None if rest is None else solver.start_state(time, rest.q, v)
+    except (BeamdaeError, SingularMatrixError):
+        state = None
+    if state is None:
+        return np.full(len(equations.observed_headers), np.nan)
+    q, v, a, lam = (x[None] for x in state)
+    if first.configuration is not None:
+        lam = first.configuration.expand_multipliers(lam, equations.m)
     (values,) = observe(time[None], q, v, a, lam)
     return np.asarray(values)
 

@@ -168,8 +168,8 @@ def sudden_vibration_warnings(
             continue  # unstable or singular positions have their own warnings
         if errors is not None:
             examined.append((jump, errors / sizes))
-    jump, errors = max(examined, key=lambda x: float(np.max(x[1])), default=(None, sizes))
-    if jump is not None and np.max(errors) > _MAX_ERROR:
+    if examined:
+        jump, errors = max(examined, key=lambda x: float(np.max(x[1])))
         yield _describe(jump, errors, list(half_ranges), sizes, method == "Radau")
 
 
