@@ -197,11 +197,11 @@ class Check:
     problem
         Reason why the mechanism cannot be run, or "".
     warnings
-        Sentences about sections over three times as high as their beams are long, parts and event
-        actions without effect, drivers whose bodies no joint connects, contacts that start inside a
-        surface, damping laws that supply energy, columns that change by more than 3 % if all
-        elements are halved, and beams without damping in runs with more than 50 000 predicted
-        steps.
+        Sentences about the start (see `StartSummary.warning`), sections over three times as high as
+        their beams are long, parts and event actions without effect, drivers whose bodies no joint
+        connects, contacts that start inside a surface, damping laws that supply energy, columns
+        that change by more than 3 % if all elements are halved, and beams without damping in runs
+        with more than 50 000 predicted steps.
     mesh_errors
         Change of observed columns if all elements are halved (root mean square, relative to the
         deviation of the column from its mean), by header. Measured for accelerations, and with
@@ -326,9 +326,10 @@ def check(
     if start is not None:
         start = require_start("check", start)
     equations = as_equations("check", model, start, sampled=True)
-    starter, state, problem = _plan_start(equations, end or 1.0)
+    active = equations.initially_active
+    starter, state, problem = _plan_start(active, end or 1.0)
     # This solver includes redundant constraints, unlike `starter`.
-    time, solver = time_on_branch(equations.breakpoints, 0.0, end), ConsistencySolver(equations)
+    time, solver = time_on_branch(equations.breakpoints, 0.0, end), ConsistencySolver(active)
     q = equations.q0 if state is None else state.q
     v = equations.v0 if state is None else state.v
     loose = find_loose_groups(equations) if equations.mechanism else ()
@@ -415,6 +416,7 @@ def _collect_warnings(
     sentences += idle_part_warnings(equations, 0.0, end)
     sentences += unguided_driver_warnings(equations, time, q, end or 1.0)
     if state is not None:
+        sentences += filter(None, (compare_start(equations, state).warning,))
         sentences += start_inside_warnings(equations, starter.equations, time, state)
         sentences += deep_start_warnings(equations, time, state)
         sentences += supplied_energy_warnings(
@@ -427,7 +429,8 @@ def _constraint_residuals(
     solver: ConsistencySolver, time: Array, state: Any
 ) -> tuple[ConstraintResidual, ...]:
     e = solver.equations
-    g, g_dot, _ = np.abs(solver.constraint_levels(time, e.q0, e.v0))
+    drawn_q = e.q0 if e.start is None or e.start.closed_q is None else e.start.q
+    g, g_dot, _ = np.abs(solver.constraint_levels(time, drawn_q, e.v0))
     if state is not None:
         g_ddot = np.abs(solver.constraint_levels(time, state.q, state.v, state.a)[2])
     parts = [name.rpartition(".")[0] or name for name in e.lam_names]

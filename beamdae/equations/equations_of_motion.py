@@ -426,16 +426,20 @@ class Start(NamedTuple):
     description
         Text that describes the request.
     q, v
-        Requested coordinates and velocities, (n,) each, before they are made consistent. For
-        "equilibrium", the equilibrium positions and zero velocities.
+        Requested coordinates and velocities, (n,) each, before they are made consistent. For an
+        equilibrium or a steady rotation, the positions of the drawing and the final velocities.
     moves
-        True if positions are requested, not only velocities.
+        True if positions are requested by name.
+    closed_q
+        Positions (n,) of the drawing with closed joints, near which the equilibrium or the steady
+        rotation was searched for; None for other starts.
     """
 
     description: str
     q: Array
     v: Array
     moves: bool
+    closed_q: Array | None = None
 
 
 @read_only_data
@@ -630,6 +634,14 @@ class EquationsOfMotion:
     def coordinates_of_part(self, name: str) -> PartCoordinates:
         """Return the coordinates of the part with this name, which must have some."""
         return next(part for part in self.parts if part.name == name)
+
+    @property
+    def initially_active(self) -> EquationsOfMotion:
+        """Equations of the parts that are active at the start of a run."""
+        if self.configurations is None:
+            return self
+        active = self.configurations.initial_configuration(self).equations
+        return active if active is self else replace(active, q0=self.q0, v0=self.v0)
 
     @cached_property
     def position_scales(self) -> Array:

@@ -366,6 +366,7 @@ class Solution(RunData, TimeSeries):
             "start": {
                 "asked": self.start.request,
                 "changed by the joints": [asdict(change) for change in self.start.changes],
+                "moved by settling": [asdict(motion) for motion in self.start.settling],
             },
             "validity": [asdict(beam) for beam in self.validity],
             "singular positions": [asdict(position) for position in self.singular_positions],

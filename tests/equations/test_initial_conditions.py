@@ -140,3 +140,87 @@ def test_large_changes_of_the_start_are_reported(tmp_path):
     prescribed = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-2), 0.05, start={"crank.angle": 0.5})
     assert not prescribed.start.warning
     assert_allclose(prescribed.q, solution.q, atol=1e-9)
+
+
+def arm(angle, law=None):
+    """Return an arm of 1 m on a hinge, drawn at this angle from the downward direction."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    center = (0.5 * np.sin(angle), -0.5 * np.cos(angle))
+    bar = mech.add(bd.RigidBody("arm", 1.0, 0.1, center=center))
+    hub = (mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0))
+    mech.add(bd.Revolute("bearing", *hub))
+    if law is not None:
+        mech.add(bd.Driver("motor", *hub, law=law))
+    mech.observe("arm", bar.at(*center))
+    return mech
+
+
+@pytest.mark.parametrize(
+    ("start", "law"),
+    [("equilibrium", 0.5), (bd.rotation(2.0), lambda t: 0.5 + 2.0 * t)],
+)
+def test_regression_gaps_of_drawings_are_reported_with_all_starts(start, law):
+    """With start="equilibrium", the changes were zero and there was no warning."""
+    mech = arm(0.2, law)
+    drawn = bd.check(mech, predict=False)
+    findings = bd.check(mech, predict=False, start=start)
+    assert "closing them displaces this part by 0.25 m" in findings.start.warning
+    assert findings.start.warning == drawn.start.warning
+    assert findings.start.warning in findings.warnings
+    assert findings.start.changes[0].displacement == drawn.start.changes[0].displacement
+    assert max(x.position for x in findings.residuals) == 0.5
+    assert "closing the joints moves arm by 0.25 m" in str(findings)
+    with pytest.warns(bd.BeamdaeWarning, match="the joints are not closed"):
+        run = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), 2e-3, start=start)
+    assert run.start.changes[0].displacement == findings.start.changes[0].displacement
+
+
+def test_regression_bodies_that_fall_to_the_equilibrium_are_named(tmp_path):
+    """A body without its second joint hung down from its hinge without a word."""
+    mech = arm(np.pi / 2)
+    findings = bd.check(mech, predict=False, start="equilibrium")
+    sentence = (
+        "arm: the equilibrium at the start turns this part by 90 degrees and moves it by 0.707 m "
+        "from its drawing, because arm can rotate about (0, 0)"
+    )
+    assert findings.warnings == (findings.start.warning,)
+    assert findings.start.warning.startswith(sentence)
+    assert "then the equilibrium turns arm by 90 degrees and moves it by 0.707 m" in str(findings)
+    with pytest.warns(bd.BeamdaeWarning, match="turns this part by 90 degrees"):
+        run = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), 2e-3, start="equilibrium")
+    assert [x.displacement for x in run.start.changes] == [0.0]
+    loaded = bd.load(run.save(tmp_path / "a.run"), mech)
+    assert loaded.start == run.start
+    assert_allclose(loaded.start.settling[0].rotation, np.pi / 2, atol=1e-8)
+
+
+def test_regression_inactive_joints_do_not_act_on_equilibria():
+    """The run started at the position of a driver that an event activates later."""
+    mech = arm(0.2)
+    bar = mech.parts["arm"]
+    lock = mech.add(bd.Driver("lock", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=0.5))
+    mech.deactivate(lock)
+    for start, angle in (("equilibrium", -0.2), ({"arm.angle": 0.3}, 0.3)):
+        q = bd.equations_of_motion(mech, start).q0
+        assert_allclose(q[2], angle, atol=1e-9)
+    findings = bd.check(mech, predict=False)
+    assert findings.start.changes[0].displacement == 0.0
+    assert findings.mobility == 1
+
+
+def test_small_motions_to_the_equilibrium_have_no_warning():
+    findings = bd.check(arm(0.5), predict=False, start="equilibrium")
+    assert_allclose(findings.start.largest_settling.rotation, 0.5, atol=1e-8)
+    assert findings.verdict == "ready to run"
+
+
+def test_beams_that_bend_far_to_the_equilibrium_have_no_warning():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.01, height=5e-4)
+    beam = mech.add(
+        bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements=6, formulation="exact")
+    )
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    findings = bd.check(mech, predict=False, start="equilibrium")
+    assert findings.start.settling[0].rotation > np.pi / 4
+    assert not findings.start.warning

@@ -68,16 +68,19 @@ def _solve_initial_conditions(
     equations: EquationsOfMotion, start: Any, t: float
 ) -> EquationsOfMotion:
     time = time_on_branch(equations.breakpoints, t)
+    active = equations.initially_active
     # Redundant constraints make the closing problem singular.
-    reduction = remove_redundant_constraints(equations, time) if equations.redundant else None
-    independent = equations if reduction is None else reduction.equations
+    reduction = remove_redundant_constraints(active, time) if active.redundant else None
+    independent = active if reduction is None else reduction.equations
     if start == EQUILIBRIUM:
-        q, _ = relax_to_equilibrium(StaticEquations(independent, time), independent.q0)
         v = np.zeros(equations.n)
-        request = Start(EQUILIBRIUM, q, v, True)
+        closed_q = ConsistencySolver(independent).state(time, independent.q0, v).q
+        q, _ = relax_to_equilibrium(StaticEquations(independent, time), closed_q)
+        request = Start(EQUILIBRIUM, equations.q0, v, False, closed_q)
     elif isinstance(start, Rotation):
-        q, v = _rotate_steadily(independent, time, start)
-        request = Start(f"rotation at {start.speed:g} rad/s about {start.center}", q, v, True)
+        closed_q, q, v = _rotate_steadily(independent, time, start)
+        description = f"rotation at {start.speed:g} rad/s about {start.center}"
+        request = Start(description, equations.q0, v, False, closed_q)
     else:
         positions, velocities = _split_by_kind(equations, start)
         requested_q, requested_v = np.array(equations.q0), np.array(equations.v0)
@@ -106,8 +109,10 @@ def _warn_of_unused_velocities(e: EquationsOfMotion, description: str) -> tuple[
     return (sentence,)
 
 
-def _rotate_steadily(e: EquationsOfMotion, time: Array, rotation: Rotation) -> tuple[Array, Array]:
-    """Return the positions and velocities of a steady rotation that the joints allow."""
+def _rotate_steadily(
+    e: EquationsOfMotion, time: Array, rotation: Rotation
+) -> tuple[Array, Array, Array]:
+    """Return the closed positions of the drawing, and the state (q, v) of a steady rotation."""
     solver = ConsistencySolver(e)
     # Checked first: about another center or at another speed, no steady state may exist.
     q = solver.state(time, e.q0, np.zeros(e.n)).q
@@ -117,7 +122,7 @@ def _rotate_steadily(e: EquationsOfMotion, time: Array, rotation: Rotation) -> t
     _require_rotation(solver, time, rotation, q, rotation_velocities(e, q, rotation), driven)
     state, _ = find_steady_rotation(e, time, rotation, q, frozen_forces=True)
     _require_rotation(solver, time, rotation, state.q, state.v, driven)
-    return state.q, state.v
+    return q, state.q, state.v
 
 
 def _driven_speed(

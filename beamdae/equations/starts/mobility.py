@@ -37,18 +37,28 @@ def describe_free_motions(
 
     Beams are treated as rigid. The basis is chosen so that each motion involves few bodies.
     """
+    return tuple(describe_free_motion(e, q, x) for x in _free_motions(e, q, constraint_rank))
+
+
+def describe_free_motion_of(
+    e: EquationsOfMotion, q: Array, constraint_rank: ConstraintRank, rows: slice
+) -> str:
+    """Describe the first of these motions that moves the part with these rows, or return ""."""
+    motions = _free_motions(e, q, constraint_rank)
+    return next((describe_free_motion(e, q, x) for x in motions if np.any(x[rows])), "")
+
+
+def _free_motions(e: EquationsOfMotion, q: Array, constraint_rank: ConstraintRank) -> list[Array]:
+    """Return the basis of `describe_free_motions`, as changes (n,) of the coordinates."""
     motions = _rigid_motions_of_bodies(e, q)
     space = la.null_space(constraint_rank.matrix @ motions, rcond=RANK_TOLERANCE)
     count = space.shape[1]
     if not count:
-        return ()
+        return []
     _, _, order = la.qr(space.T, mode="economic", pivoting=True)
     basis = space @ la.inv(space[order[:count]])
     basis[np.abs(basis) < _MIN_SHARE * np.max(np.abs(basis))] = 0.0
-    return tuple(
-        describe_free_motion(e, q, motions @ basis[:, k] * e.position_scales)
-        for k in np.argsort(order[:count])
-    )
+    return [motions @ basis[:, k] * e.position_scales for k in np.argsort(order[:count])]
 
 
 def count_rigid_mobility(e: EquationsOfMotion, q: Array, constraint_rank: ConstraintRank) -> int:

@@ -1,4 +1,4 @@
-"""Differences between the requested start and the start that is consistent with the joints."""
+"""Differences between the drawing or the requested start and the actual start of a run."""
 
 from __future__ import annotations
 
@@ -6,17 +6,28 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, Start, State
+from beamdae.equations.smooth_intervals import time_on_branch
+from beamdae.equations.starts.dependent_constraints import analyze_constraint_rank
+from beamdae.equations.starts.mobility import describe_free_motion_of
+from beamdae.equations.starts.rigid_motions import Body, collect_bodies
+from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
 
 Array = np.ndarray
 
 _MAX_UNREPORTED_DISPLACEMENT = 1e-3  # relative to the length of the mechanism
 _MAX_UNREPORTED_VELOCITY_CHANGE = 1e-2  # relative to the largest requested velocity of the part
+# Larger rotations and displacements (relative to the length of the mechanism) of bodies that joints
+# leave free are falls, not static deflections.
+_MIN_FALL_ANGLE = np.pi / 4  # [rad]
+_MIN_FALL_DISPLACEMENT = 0.5
+_ROUNDING_OF_MOTIONS = 1e-9  # [m] and [rad], in descriptions
+_MAX_CONSTRAINTS = 1500  # for dense matrices of rigid motions
 _MAX_ROUNDING = 1e-12  # of velocities, relative to those of all parts
 # Slower motions [1/s], relative to the length of the mechanism, are those of resumed runs at rest.
 _MIN_RATE = 1e-14
-_AS_DRAWN = "as drawn"
 
 
 @dataclass(frozen=True)
@@ -40,6 +51,35 @@ class StartChange:
     coordinate: str
 
 
+@dataclass(frozen=True)
+class Settling:
+    """Motion of one body from the drawing with closed joints to an equilibrium or a rotation.
+
+    Attributes
+    ----------
+    part
+        Name of the part.
+    displacement
+        Distance [m] between both positions of its reference point, or of its farthest node.
+    rotation
+        Angle [rad] of its rotation, or mean rotation of its nodes.
+    """
+
+    part: str
+    displacement: float
+    rotation: float
+
+    def describe(self, name: str) -> str:
+        """Return a phrase such as "turns <name> by 90 degrees and moves it by 0.5 m", or ""."""
+        phrases = []
+        if self.rotation > _ROUNDING_OF_MOTIONS:
+            phrases.append(f"turns {name} by {np.rad2deg(self.rotation):.3g} degrees")
+        if self.displacement > _ROUNDING_OF_MOTIONS:
+            pronoun = "it" if phrases else name
+            phrases.append(f"moves {pronoun} by {self.displacement:.3g} m")
+        return " and ".join(phrases)
+
+
 @read_only_data
 @dataclass(frozen=True)
 class StartSummary:
@@ -50,31 +90,45 @@ class StartSummary:
     request
         Requested start: "as drawn", "equilibrium", or a description of the given values.
     changes
-        Changes to satisfy the joints, one entry per part with coordinates.
+        Changes to satisfy the joints, one entry per part with coordinates. For an equilibrium and a
+        steady rotation, the changes of the drawing before it was searched for.
     warning
         Warning if no positions were requested and a part was displaced by more than a thousandth of
-        the length of the mechanism, or if a requested velocity was changed by more than a hundredth
-        of it; otherwise empty.
+        the length of the mechanism to close the joints, or if a requested velocity was changed by
+        more than a hundredth of it, or if an equilibrium or a rotation turns a body that the joints
+        leave free by more than 45 degrees or moves it by more than half the length of the
+        mechanism; otherwise empty.
+    settling
+        Motions of the bodies from the drawing with closed joints to the equilibrium or the steady
+        rotation; empty for other starts.
     """
 
     request: str
     changes: tuple[StartChange, ...]
     warning: str
+    settling: tuple[Settling, ...] = ()
 
     @property
     def largest(self) -> StartChange | None:
         """Change with the largest displacement, or None if no part has coordinates."""
         return max(self.changes, key=lambda change: change.displacement, default=None)
 
+    @property
+    def largest_settling(self) -> Settling | None:
+        """Motion to the equilibrium or rotation with the largest rotation and displacement."""
+        return max(self.settling, key=lambda x: (x.rotation, x.displacement), default=None)
+
 
 def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
     """Compare the requested start of the equations with the actual first state of a run."""
-    request, q, v, is_moved = (_AS_DRAWN, e.q0, e.v0, False) if e.start is None else e.start
+    start = Start(AS_DRAWN, e.q0, e.v0, False) if e.start is None else e.start
+    request, q, v, is_moved, drawn_closed_q = start
+    closed_q = state.q if drawn_closed_q is None else drawn_closed_q
     changes = []
     # First-order states do not move, and controllers set their held values at the start.
     for part in (x for x in e.parts if not x.is_state):
         lever = np.where(e.is_angle[part.rows], part.size, 1.0)
-        displacement = np.abs(state.q - q)[part.rows] * lever
+        displacement = np.abs(closed_q - q)[part.rows] * lever
         velocity = np.abs(state.v - v)[part.rows] * lever
         largest = e.q_names[part.rows][int(np.argmax(displacement))]
         changes.append(
@@ -82,9 +136,48 @@ def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
         )
     summary = StartSummary(request, tuple(changes), "")
     warning = "" if is_moved else _describe_displacement(e, summary.largest)
-    if request == _AS_DRAWN and not warning:
+    if request == AS_DRAWN and not warning:
         warning = _describe_lost_velocity(e, v, state)
-    return replace(summary, warning=warning)
+    if drawn_closed_q is None or e.mechanism is None:
+        return replace(summary, warning=warning)
+    settling = [_settling(body, state.q - closed_q) for body in collect_bodies(e) if body.position]
+    warning = warning or _describe_fall(e, request, closed_q, settling)
+    return replace(summary, warning=warning, settling=tuple(settling))
+
+
+def _settling(body: Body, change: Array) -> Settling:
+    if body.nodes is not None:
+        x, y, angles = change[body.nodes.T]
+        return Settling(body.name, float(np.hypot(x, y).max()), float(abs(np.mean(angles))))
+    x, y = change[list(body.position or ())]
+    rotation = 0.0 if body.angle is None else float(abs(change[body.angle]))
+    return Settling(body.name, float(np.hypot(x, y)), rotation)
+
+
+def _describe_fall(
+    e: EquationsOfMotion, request: str, closed_q: Array, settling: list[Settling]
+) -> str:
+    """Return a sentence on the body that fell farthest along a free motion, or an empty string."""
+    largest_displacement = _MIN_FALL_DISPLACEMENT * e.length
+
+    def size(body: Settling) -> float:
+        return max(body.rotation / _MIN_FALL_ANGLE, body.displacement / largest_displacement)
+
+    fallen = sorted((x for x in settling if size(x) > 1.0), key=size, reverse=True)
+    if not fallen or e.m > _MAX_CONSTRAINTS:
+        return ""
+    time = time_on_branch(e.breakpoints, 0.0)
+    rank = analyze_constraint_rank(StateEvaluator(e.initially_active), time, closed_q)
+    rows = {part.name: part.rows for part in e.parts}
+    for body in fallen:
+        # Elastic beams may bend as far without a free motion.
+        if motion := describe_free_motion_of(e, closed_q, rank, rows[body.part]):
+            return (
+                f"{body.part}: the {request} at the start {body.describe('this part')} from its "
+                f"drawing, because {motion}; if this is intended, draw the part there, otherwise "
+                "add the missing joint, spring or driver."
+            )
+    return ""
 
 
 def _describe_displacement(e: EquationsOfMotion, change: StartChange | None) -> str:

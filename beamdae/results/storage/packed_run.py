@@ -70,7 +70,7 @@ PLAIN = record(
         "events": sequence(_EVENT),
         "sides": mapping(choice(-1, 0, 1)),
         "begun": sequence(text),
-        "start": optional(record({"told": text, "moves": flag})),
+        "start": optional(record({"told": text, "moves": flag}, {"closed": flag})),
         "versions": mapping(text),
     },
     {
@@ -140,7 +140,11 @@ def pack_run(run: RunData) -> PackedRun:
         plain[name], arrays[name] = derivatives.to_record()
     if e.start is not None:
         arrays |= {"start q": e.start.q, "start v": e.start.v}
-        plain["start"] = {"told": e.start.description, "moves": e.start.moves}
+        start = {"told": e.start.description, "moves": e.start.moves}
+        if e.start.closed_q is not None:
+            start["closed"] = True
+            arrays["start closed q"] = e.start.closed_q
+        plain["start"] = start
     return PackedRun(arrays, plain)
 
 
@@ -170,7 +174,9 @@ def unpack_fields(equations: EquationsOfMotion, packed: PackedRun) -> dict[str, 
             )
     start = plain["start"]
     if start is not None:
-        start = Start(start["told"], arrays["start q"], arrays["start v"], start["moves"])
+        closed_q = arrays["start closed q"] if start.get("closed") else None
+        request = (arrays["start q"], arrays["start v"], start["moves"], closed_q)
+        start = Start(start["told"], *request)
     equations = replace(equations, q0=arrays["q0"], v0=arrays["v0"], start=start)
     records = [
         EventRecord(
@@ -260,6 +266,8 @@ def array_rules(plain: dict[str, Any]) -> dict[str, ArrayRule]:
     }
     if plain["start"] is not None:
         rules |= {"start q": ArrayRule(("n",)), "start v": ArrayRule(("n",))}
+        if plain["start"].get("closed"):
+            rules["start closed q"] = ArrayRule(("n",))
     if column_derivatives.ARRAY in plain:
         rules |= column_derivatives.array_rules(plain[column_derivatives.ARRAY])
     if "recorded" in plain:
