@@ -142,9 +142,9 @@ def test_large_changes_of_the_start_are_reported(tmp_path):
     assert_allclose(prescribed.q, solution.q, atol=1e-9)
 
 
-def arm(angle, law=None):
+def arm(angle, law=None, gravity=9.81):
     """Return an arm of 1 m on a hinge, drawn at this angle from the downward direction."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech = bd.Mechanism(gravity=(0.0, -gravity))
     center = (0.5 * np.sin(angle), -0.5 * np.cos(angle))
     bar = mech.add(bd.RigidBody("arm", 1.0, 0.1, center=center))
     hub = (mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0))
@@ -153,6 +153,32 @@ def arm(angle, law=None):
         mech.add(bd.Driver("motor", *hub, law=law))
     mech.observe("arm", bar.at(*center))
     return mech
+
+
+GAP, FALL = "joints are not closed in the reference", "equilibrium turns this part by 90"
+
+
+@pytest.mark.parametrize(
+    ("analyze", "angle", "law", "sentence"),
+    [
+        (bd.equilibrium, 0.2, 0.5, GAP),
+        (bd.equilibrium, np.pi / 2, None, FALL),
+        (lambda mech: bd.linearize(mech, about="equilibrium"), 0.2, 0.5, GAP),
+        (lambda mech: bd.linearize(mech, about="equilibrium"), np.pi / 2, None, FALL),
+        (bd.linearize, 0.2, 0.5, GAP),
+        (
+            lambda mech: bd.linearize(mech, about=bd.rotation(2.0)),
+            0.2,
+            lambda t: 0.5 + 2.0 * t,
+            GAP,
+        ),
+    ],
+)
+def test_regression_gaps_and_falls_are_reported_by_statics_and_modes(analyze, angle, law, sentence):
+    """Equilibria and modes of drawings whose joints are not closed had no warning."""
+    gravity = 0.0 if callable(law) else 9.81
+    with pytest.warns(bd.BeamdaeWarning, match=sentence):
+        analyze(arm(angle, law, gravity))
 
 
 @pytest.mark.parametrize(
@@ -180,7 +206,7 @@ def test_regression_bodies_that_fall_to_the_equilibrium_are_named(tmp_path):
     mech = arm(np.pi / 2)
     findings = bd.check(mech, predict=False, start="equilibrium")
     sentence = (
-        "arm: the equilibrium at the start turns this part by 90 degrees and moves it by 0.707 m "
+        "arm: the equilibrium turns this part by 90 degrees and moves it by 0.707 m "
         "from its drawing, because arm can rotate about (0, 0)"
     )
     assert findings.warnings == (findings.start.warning,)

@@ -43,6 +43,7 @@ from beamdae.errors import (
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
 from beamdae.results.diagnostics.meshes.beam_ranges import frequency_warnings, rotation_warnings
+from beamdae.results.diagnostics.start_changes import compare_start, drawing_warnings
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant
 from beamdae.simulation import as_equations
@@ -191,8 +192,9 @@ def _linearize(name: str, model: Any, about: Any, t: float) -> Linearization:
         equations, time = active_equations(full_equations, None, t)
         state, tangent = find_steady_rotation(equations, time, about)
         description = f"rotation at {about.speed:g} rad/s about {about.center}"
+        warnings = drawing_warnings(equations, time, state.q, description)
         return Linearization(
-            equations, full_equations, description, time, state, tangent, rotation=about
+            equations, full_equations, description, time, state, tangent, warnings, rotation=about
         )
     word = about if isinstance(about, str) else None
     if word in (REFERENCE, AS_DRAWN):
@@ -257,8 +259,18 @@ def _linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Li
 
 def _linearize_rest(full_equations: EquationsOfMotion, description: str, t: float) -> Linearization:
     equations, time = active_equations(full_equations, None, t)
-    rest = linearize_at_rest(equations, time, lambda state: compute_tangent(equations, time, state))
-    return Linearization(equations, full_equations, description, time, *rest)
+    state, tangent, warnings, zero_square = linearize_at_rest(
+        equations, time, lambda state: compute_tangent(equations, time, state)
+    )
+    requested = full_equations
+    if requested.start is None:
+        # Given velocities have no effect on a state at rest.
+        requested = replace(requested, v0=np.zeros(requested.n))
+    of_start = filter(None, (compare_start(requested, state).warning,))
+    warnings = (*of_start, *warnings)
+    return Linearization(
+        equations, full_equations, description, time, state, tangent, warnings, zero_square
+    )
 
 
 def load_path_end(

@@ -32,6 +32,7 @@ from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.parts.rotation import Rotation
 from beamdae.results.diagnostics.meshes.beam_ranges import describe_meaningless_strain
+from beamdae.results.diagnostics.start_changes import drawing_warnings
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.outcome import Status
 from beamdae.simulation import as_equations
@@ -160,6 +161,16 @@ def equilibrium(
         states = np.array([point.x for point in path.points])
         positions, multipliers = states[:, : equations.n], states[:, equations.n :]
         recheck = recheck_stability(model, loading, path)
+        start_warnings: tuple[str, ...] = ()
+        if equations.start is None and not isinstance(start, Equilibrium):
+            first = loading.systems[0]
+            # Paths to chosen loads and positions are meant to move bodies far.
+            reached = (
+                positions[-1]
+                if loads is None and not settings.column and settings.targets == (1.0,)
+                else None
+            )
+            start_warnings = drawing_warnings(first.equations, first.loaded.time, reached)
         has_friction = any(term.rows is not None for term in equations.forces)
         result = Equilibrium(
             equations,
@@ -174,6 +185,7 @@ def equilibrium(
             {**settings.description, "iterations": path.iterations},
             information,
             (
+                *start_warnings,
                 *((_FRICTION_WARNING,) if has_friction else ()),
                 *_turning_notes(
                     loading.systems[-1], states[-1], float(path.factors[-1, -1:].sum())

@@ -97,11 +97,30 @@ class ConsistencySolver(StateEvaluator):
             If constraints depend on each other or cannot be closed, or no accelerations exist (see
             `acceleration`).
         """
-        q = self._close_positions(time, np.array(q, float))
+        q = self.close_positions(time, np.array(q, float))
         require_independent_constraints(self, time, q)
         v = self._project_velocities(time, q, np.array(v, float))
         v = self.with_state_rates(time, q, v)
         return State(q, v, *self.acceleration(time, q, v))
+
+    def close_positions(self, time: Array, q: Array) -> Array:
+        """Return the positions (n,) nearest to `q` at which the joints are closed, see `state`.
+
+        Large gaps are closed in several steps, in which beams move without being stretched.
+        """
+        gaps = self.position_gaps(time, q)
+        size = self._largest_gap(gaps)
+        if not _MAX_CLOSED_GAP < size < np.inf:
+            return self._close_gaps(time, q, q, np.zeros_like(gaps))
+        n_steps = min(math.ceil(size / _MAX_CLOSED_GAP), _MAX_CLOSING_STEPS)
+        closed_q = q
+        try:
+            for share in np.linspace(1.0, 0.0, n_steps + 1)[1:]:
+                closed_q = self._close_gaps(time, closed_q, q, share * gaps)
+        except BeamdaeError:
+            # Newton's method may fail in a step although it closes the gaps at once.
+            return self._close_gaps(time, q, q, np.zeros_like(gaps))
+        return closed_q
 
     def with_state_rates(self, time: Array, q: Array, v: Array) -> Array:
         """Return velocities with the rates x' = f(t, q, v, x) of the first-order states."""
@@ -125,7 +144,7 @@ class ConsistencySolver(StateEvaluator):
         BeamdaeError
             As `state`.
         """
-        q = self._close_positions(time, np.array(q, float))
+        q = self.close_positions(time, np.array(q, float))
         return self.state(time, q, self.rigid_velocities(time, q, np.array(v, float)))
 
     def acceleration(
@@ -241,22 +260,6 @@ class ConsistencySolver(StateEvaluator):
                 f"{e.lam_names[worst]}: a law makes positions jump by {jump[worst]:.3g} (m or rad) "
                 f"at t = {time[0]:g} s; make the law continuous there."
             )
-
-    def _close_positions(self, time: Array, q: Array) -> Array:
-        """Close large gaps in several steps, in which beams move without being stretched."""
-        gaps = self.position_gaps(time, q)
-        size = self._largest_gap(gaps)
-        if not _MAX_CLOSED_GAP < size < np.inf:
-            return self._close_gaps(time, q, q, np.zeros_like(gaps))
-        n_steps = min(math.ceil(size / _MAX_CLOSED_GAP), _MAX_CLOSING_STEPS)
-        closed_q = q
-        try:
-            for share in np.linspace(1.0, 0.0, n_steps + 1)[1:]:
-                closed_q = self._close_gaps(time, closed_q, q, share * gaps)
-        except BeamdaeError:
-            # Newton's method may fail in a step although it closes the gaps at once.
-            return self._close_gaps(time, q, q, np.zeros_like(gaps))
-        return closed_q
 
     def _close_gaps(self, time: Array, q: Array, drawn: Array, gaps: Array) -> Array:
         """Return positions near `q`, with least strain, at which these gaps (m,) remain."""

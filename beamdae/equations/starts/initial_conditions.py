@@ -74,7 +74,7 @@ def _solve_initial_conditions(
     independent = active if reduction is None else reduction.equations
     if start == EQUILIBRIUM:
         v = np.zeros(equations.n)
-        closed_q = ConsistencySolver(independent).state(time, independent.q0, v).q
+        closed_q = ConsistencySolver(independent).close_positions(time, independent.q0)
         q, _ = relax_to_equilibrium(StaticEquations(independent, time), closed_q)
         request = Start(EQUILIBRIUM, equations.q0, v, False, closed_q)
     elif isinstance(start, Rotation):

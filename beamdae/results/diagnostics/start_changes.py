@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start, State
+from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.smooth_intervals import time_on_branch
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.dependent_constraints import analyze_constraint_rank
 from beamdae.equations.starts.mobility import describe_free_motion_of
 from beamdae.equations.starts.rigid_motions import Body, collect_bodies
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from beamdae.parts.mechanism import AS_DRAWN
+from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.read_only import read_only_data
 
 Array = np.ndarray
@@ -24,6 +26,7 @@ _MAX_UNREPORTED_VELOCITY_CHANGE = 1e-2  # relative to the largest requested velo
 _MIN_FALL_ANGLE = np.pi / 4  # [rad]
 _MIN_FALL_DISPLACEMENT = 0.5
 _ROUNDING_OF_MOTIONS = 1e-9  # [m] and [rad], in descriptions
+_MIN_OPEN_GAP = 1e-9  # relative to the scale of the gap
 _MAX_CONSTRAINTS = 1500  # for dense matrices of rigid motions
 _MAX_ROUNDING = 1e-12  # of velocities, relative to those of all parts
 # Slower motions [1/s], relative to the length of the mechanism, are those of resumed runs at rest.
@@ -145,6 +148,31 @@ def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
     return replace(summary, warning=warning, settling=tuple(settling))
 
 
+def drawing_warnings(
+    e: EquationsOfMotion, time: Array, q: Array | None = None, request: str = EQUILIBRIUM
+) -> tuple[str, ...]:
+    """Return `StartSummary.warning` of an analysis that begins with the drawing, if any.
+
+    Parameters
+    ----------
+    e
+        Equations of the active parts, with independent constraints and the drawing as start.
+    time
+        (t, branch).
+    q
+        Positions (n,) that the analysis has reached. None to examine only the drawing.
+    request
+        Name of the state at `q`.
+    """
+    closed_q, rest = e.q0, np.zeros(e.n)
+    gaps = StaticEquations(e, time).residual(e.q0, np.zeros(e.m))[e.n :]
+    if np.max(np.abs(gaps) / e.constraint_scales, initial=0.0) > _MIN_OPEN_GAP:
+        closed_q = ConsistencySolver(e).close_positions(time, e.q0)
+    start = Start(request, e.q0, rest, False, closed_q)
+    state = State(closed_q if q is None else q, rest, rest, np.zeros(e.m))
+    return tuple(filter(None, (compare_start(replace(e, start=start), state).warning,)))
+
+
 def _settling(body: Body, change: Array) -> Settling:
     if body.nodes is not None:
         x, y, angles = change[body.nodes.T]
@@ -173,7 +201,7 @@ def _describe_fall(
         # Elastic beams may bend as far without a free motion.
         if motion := describe_free_motion_of(e, closed_q, rank, rows[body.part]):
             return (
-                f"{body.part}: the {request} at the start {body.describe('this part')} from its "
+                f"{body.part}: the {request} {body.describe('this part')} from its "
                 f"drawing, because {motion}; if this is intended, draw the part there, otherwise "
                 "add the missing joint, spring or driver."
             )
