@@ -594,3 +594,21 @@ def test_intervals_within_bounds_are_conditional_on_one_side(unit):
     assert limits == pytest.approx((-given, quantile), rel=1e-5)
     limits = bounded_interval(jacobian, residuals, bounds, 1, quantile)
     assert limits == pytest.approx((0.0, quantile * unit), rel=1e-5)
+
+
+@pytest.mark.slow(reason="a fit with 40 evaluations")
+def test_regression_searches_do_not_run_models_with_absurd_values(noisy, monkeypatch):
+    """The search tried a damping of inf and, of models that did not move, one of 1e62."""
+    evaluate, dampings = FitProblem.evaluate, []
+
+    def record(problem, values):
+        dampings.append(values[1])
+        return evaluate(problem, values)
+
+    monkeypatch.setattr(FitProblem, "evaluate", record)
+    first = {"stiffness": 200.0, "damping": 1e-5}
+    result = bd.fit(oscillator, noisy, list(TRUE), METHOD, log=["damping"], parameters=first)
+    assert result.status.success
+    assert result.parameters == pytest.approx(TRUE, rel=0.1)
+    assert max(dampings) < 1e12 * first["damping"]
+    assert len(dampings) < 45

@@ -512,6 +512,19 @@ class Scaling:
         self.limits = self.variables(lower), self.variables(upper)
         self.first = self.start(values)
 
+    def largest_ratio(self, x: Array) -> float:
+        """Return the largest ratio of a parameter without bounds to its first value at `x` (K,).
+
+        For logarithms, also the ratio of the first value to a smaller value. First values of zero
+        have no ratio.
+        """
+        changes = np.where(self.is_log, np.abs(x - self.first), 0.0)
+        is_free = np.isinf(self.limits[1]) & (np.arange(len(x)) < self._model_count)
+        is_free &= self.is_log | (self.first != 0.0)
+        with np.errstate(over="ignore"):
+            ratios = np.where(self.is_log, np.exp(changes), np.abs(x))
+        return float(np.max(ratios[is_free], initial=0.0))
+
     def with_logarithms(self) -> Scaling:
         """Return a map in which the variables of all positive parameters are logarithms."""
         lower, upper = map(self.values, self.limits)

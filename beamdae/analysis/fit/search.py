@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -27,6 +27,10 @@ _MAX_BOUND_DISTANCE = 1e-2
 _MAX_NEXT_STEP = 0.1
 # Logarithm of the ratio to its first value from which a parameter without effect ran away.
 _MIN_RUNAWAY = np.log(10.0)
+# Ratio to its first value from which a parameter ran away, unless the model explains the data, and
+# ratio beyond which there is no run: runs with absurd values fail or take long. Parameters without
+# a logarithm may be small, because they may change their sign.
+_MAX_UNEXPLAINED_RATIO, _MAX_RATIO = 1e6, 1e12
 # Residuals below this ratio to the data are rounding errors, whose next step is arbitrary.
 MIN_RELATIVE_RESIDUAL = 1e-6
 # A search that leaves more than this share of the variation of the data, and whose residuals are
@@ -48,6 +52,8 @@ _MAX_RETURNS, _MIN_RETURN, _MAX_RETURN_INCREASE = 6, 1e-4, 1e-3
 # explained all of them; the smallest share of their variation in a part that is used, and the
 # largest number of evaluations with a part.
 _FIRST_SHARES, _MIN_PART_VARIATION, _MAX_PART_EVALUATIONS = (0.0625, 0.125, 0.25, 0.5), 1e-3, 15
+# Relative changes at which it converges; it only provides first values.
+_PART_TOLERANCE = 1e-3
 # Meanwhile, a change by a factor of e^3 costs one variance of the data. If it is unknown, their
 # standard deviation is guessed relative to that of the motion.
 _PRIOR_WEIGHT, _GUESSED_SIGMA = 1.0 / 3.0, 0.01
@@ -120,6 +126,7 @@ def search(
     has_short_steps: bool = False,
     can_stall: bool = False,
     prior: Array | None = None,
+    tolerance: float = _TOLERANCE,
 ) -> SearchResult:
     """Minimize the sum of squares from the variables `first` (K,).
 
@@ -131,7 +138,9 @@ def search(
     of Levenberg: the first step changes no variable by more than about its first value or a factor
     of e. With `can_stall`, a search ends that has not explained the data and makes no progress.
     Squares of the distances from the variables `prior` (K,) are added with a small weight, which
-    keeps those that the data do not determine there.
+    keeps those that the data do not determine there. Steps to values far from the first ones are
+    shortened unless the model explains the data there. `tolerance` is the relative change of the
+    sum of squares and of the variables at which the search has converged.
 
     Raises
     ------
@@ -150,16 +159,21 @@ def search(
     accepted: tuple[bytes, Evaluation] | None = None
     latest: tuple[bytes, Evaluation] | None = None
     sums: list[float] = []
+    has_runaways = False
 
     def evaluate(x: Array) -> Evaluation | None:
-        nonlocal latest, best, evaluations, failed_values
+        nonlocal latest, best, evaluations, failed_values, has_runaways
         key = x.tobytes()
         for known in (latest, accepted):
             if known is not None and known[0] == key:
                 return known[1]
-        evaluations += 1
         whole = first.copy()
         whole[free] = x
+        ratio = scaling.largest_ratio(whole)
+        if accepted is not None and ratio > _MAX_RATIO:
+            has_runaways = True
+            return None
+        evaluations += 1
         try:
             evaluation = problem.evaluate(scaling.values(whole))
         except (ValueError, ArithmeticError) as failure:
@@ -171,9 +185,19 @@ def search(
             failures.append(str(failure) if is_ours else format_exception(failure))
             failed_values = scaling.values(whole)
             return None
-        latest = key, evaluation
-        if best is None or evaluation.chi_square < best.chi_square:
-            best = evaluation
+        # The trust region, scaled by derivatives, permits long steps of parameters with little
+        # effect, to values at which nothing moves. Steps to such values are shortened.
+        is_runaway = (
+            accepted is not None
+            and ratio > _MAX_UNEXPLAINED_RATIO
+            and _unexplained_share(problem, evaluation) > _MAX_ACCEPTED_SHARE
+        )
+        has_runaways |= is_runaway
+        if not is_runaway:
+            latest = key, evaluation
+            if best is None or evaluation.chi_square < best.chi_square:
+                best = evaluation
+        assert best is not None
         sums.append(best.chi_square)
         if (
             can_stall
@@ -182,7 +206,7 @@ def search(
             and not is_explained(problem, best)
         ):
             raise _StalledError
-        return evaluation
+        return None if is_runaway else evaluation
 
     def residuals(x: Array) -> Array:
         evaluation = evaluate(x)
@@ -238,8 +262,8 @@ def search(
             jacobian,
             bounds=(lower, upper),
             x_scale=1.0 if has_short_steps else "jac",
-            ftol=_TOLERANCE,
-            xtol=_TOLERANCE,
+            ftol=tolerance,
+            xtol=tolerance,
             gtol=_ZERO_GRADIENT,
             max_nfev=max_evaluations,
         )
@@ -271,7 +295,10 @@ def search(
     if result.success:
         at_bounds[free] |= _find_bounds_ahead(result, lower, upper)
         jacobian_inside = result.jac[:, ~at_bounds[free]]
-        status = _judge_end(problem, last, size * result.fun, jacobian_inside, failures)
+        cause = "the columns jump or have a kink"
+        if failures or has_runaways:
+            cause = "runs fail" if failures else "parameters run away"
+        status = _judge_end(problem, last, size * result.fun, jacobian_inside, cause)
     else:
         count = format_count(max_evaluations, "evaluation")
         sentence = f"stopped after {count}; increase max_evaluations="
@@ -401,7 +428,9 @@ def robust_search(
             if again is not None and _is_better(problem, again, end):
                 end = again
         is_runaway = _find_runaways(problem, scaling, end)
-    if is_runaway.any():
+    # Where the model does not explain the data, held parameters do not help.
+    is_hopeless = _unexplained_share(problem, end.evaluation) > _MAX_ACCEPTED_SHARE
+    if is_runaway.any() and not (end.is_stalled and is_hopeless):
         begin = np.where(is_runaway, scaling.first, scaling.variables(end.evaluation.values))
         names = tuple(np.array(problem.variables)[is_runaway].tolist())
         held = repeat(begin, ~is_runaway, names)
@@ -444,7 +473,15 @@ def _search_with_first_data(
         begin = logarithmic.start(scaling.values(first) if values is None else values)
         prior = logarithmic.first
         try:
-            end = search(part, logarithmic, begin, remaining, has_short_steps=True, prior=prior)
+            end = search(
+                part,
+                logarithmic,
+                begin,
+                remaining,
+                has_short_steps=True,
+                prior=prior,
+                tolerance=_PART_TOLERANCE,
+            )
         except (ValueError, ArithmeticError):
             # BeamdaeError, or an error of the model function at extreme values.
             return None, evaluations
@@ -578,11 +615,11 @@ def _judge_end(
     end: Evaluation,
     residuals: Array,
     jacobian: Array,
-    failures: Sequence[str],
+    cause: str,
 ) -> Status:
     """Return the status of a search whose steps have become short.
 
-    They also become short in front of values at which runs fail or columns jump.
+    They also become short in front of values at which runs fail or columns jump: the `cause`.
     """
     freedom = max(end.residuals.size - jacobian.shape[1], 1)
     left = end.chi_square
@@ -594,7 +631,6 @@ def _judge_end(
     next_step = float(np.linalg.norm(steps)) / np.sqrt(left / freedom)
     if next_step <= _MAX_NEXT_STEP:
         return Status("ok", "converged")
-    cause = "runs fail" if failures else "the columns jump or have a kink"
     return Status(
         "limited",
         f"the search ended next to values at which {cause}, {next_step:.2g} standard deviations "
