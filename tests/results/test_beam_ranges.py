@@ -15,6 +15,7 @@ from beamdae.results.diagnostics.meshes.beam_ranges import (
     BeamRange,
     _find_peaks,
     buckling_warnings,
+    count_axial_oscillations,
     count_oscillations,
     frequency_warnings,
     measure_beam_ranges,
@@ -279,6 +280,38 @@ def test_regression_the_error_of_a_stretched_bar_is_that_of_its_vibration(force)
     error = np.max(np.abs(green["tip.x"] - exact["tip.x"])) / (0.5 * np.ptp(exact["tip.x"]))
     assert error < beam_range.error < 15.0 * error
     assert all("bends" not in sentence for sentence in green.warnings)
+
+
+def test_motions_that_a_stretched_beam_follows_are_no_oscillations():
+    t = np.linspace(0.0, 1.0, 4001)
+    slow, fast = np.sin(4.0 * np.pi * t), np.sin(200.0 * np.pi * t)
+    assert count_axial_oscillations(slow[:, None], 40) < 0.1
+    assert count_axial_oscillations(fast[:, None], 40) == pytest.approx(100.0, rel=0.05)
+    # What a release excites has no phase error by oscillations before it.
+    released = np.where(t < 0.9, slow + 0.01 * fast, slow + fast)
+    assert 3.0 < count_axial_oscillations(released[:, None], 40) < 6.0
+    assert count_axial_oscillations(np.zeros((5, 2)), 3) == 0.0
+
+
+@pytest.mark.slow(reason="one second")
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_regression_the_error_of_a_rod_without_vibrations_is_that_in_equilibrium():
+    """The estimate was 6 times the error for each of these rods, which hardly vibrate."""
+    runs = []
+    for strain in ("nonlinear", "exact"):
+        mech = bd.Mechanism()
+        section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.012, damping=1e-4)
+        axis = bd.Line((0.0, 0.0), (0.5, 0.0))
+        rod = mech.add(bd.Beam("rod", axis, section, elements=4, strain=strain))
+        mech.add(bd.Weld("anchor", mech.ground.at(0.0, 0.0), rod.start))
+        mech.add(bd.PointMass("mass", 50.0, on=rod.end))
+        pull = (lambda t: 6e4 * np.sin(50.0 * np.pi * t) ** 2, 0.0)
+        mech.add(bd.Force("pull", rod.end, pull))
+        mech.observe("end", rod.end)
+        runs.append(bd.simulate(mech, bd.Radau(1e-7), t_end=0.04, output_step=1e-4))
+    inexact, exact = (x["end.x"].to_numpy() for x in runs)
+    error = np.max(np.abs(inexact - exact)) / (0.5 * np.ptp(exact))
+    assert error < runs[0].validity[0].error < 3.0 * error
 
 
 def test_the_remedy_for_a_stretched_beam_is_exact_strains():
