@@ -157,6 +157,21 @@ def test_designs_of_a_search_have_the_stress_sections_of_its_first_design(by):
     assert set(both) == set(own) | set(places[1])
 
 
+@pytest.mark.slow(reason="one second")
+def test_regression_gradients_of_runs_from_equilibrium_have_the_kept_stress_sections():
+    """A ValueError about sizes of matrices ended the search: the gradient had other sections."""
+    first = {"height": (0.008, 0.008, 0.008, 0.006, 0.003)}
+    settings = RunSettings(bd.GeneralizedAlpha(1e-3), 2e-3, "equilibrium")
+    limit = bd.at_most(bd.SmoothMaximum("stress.bound"), 5e8)
+    problem = DesignProblem(tapered_leaf, bd.Mass(), "height", limit, None, first, settings)
+    problem.keep_sections(problem.design(problem.first), problem.first)
+    other, step = problem.first * [1.0, 0.6, 1.0, 1.0, 0.5], 1e-5 * problem.first
+    gradient = problem.design(other).gradient(1)
+    after, before = (problem.design(other + sign * step).values[1] for sign in (1.0, -1.0))
+    # Errors of the difference are of second order in the step.
+    assert gradient @ (2.0 * step) == pytest.approx(after - before, rel=1e-5)
+
+
 @bd.model(t_end=1.0)
 def truss(rise=0.2, stiffness=1000.0):
     """Two springs that snap through."""

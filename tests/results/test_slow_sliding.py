@@ -487,9 +487,29 @@ def test_regression_sliding_with_static_friction_is_not_blamed_for_creep():
     assert not any(x.startswith("edge: it slides over") for x in run.warnings)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_regression_reduced_friction_is_stated_beside_the_error_of_the_distance():
     """A twentieth of the friction was reported as a distance that is wrong by 5.6 %."""
     run = bd.simulate(wiper(1.0), t_end=0.4)
     (sentence,) = [x for x in run.warnings if x.startswith("edge: ")]
     assert re.search(r"and, while it slides, its friction is on average \S+ % of that", sentence)
+
+
+@pytest.mark.slow(reason="half a second")
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_stick_slip_is_not_blamed_for_a_reduced_friction():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    belt = mech.add(bd.RigidBody("belt", 5.0, 0.1))
+    ends = mech.ground.at(0.0, 0.0), belt.at(0.0, 0.0)
+    mech.add(bd.Prismatic("rollers", *ends))
+    mech.add(bd.TranslationalDriver("motor", *ends, lambda t: 0.1 * t, (1.0, 0.0)))
+    block = mech.add(bd.PointMass("block", 1.0, at=(0.0, -9.81e-6)))
+    mech.add(bd.Spring("spring", mech.ground.at(-1.0, -9.81e-6), block.point, 1000.0))
+    law = {"friction": 0.3, "static": 0.5, "stribeck": 0.02}
+    law |= {"exponent": 1.0, "restitution": 0.2, "impact_speed": 0.1}
+    pad = mech.add(bd.Contact("pad", block.point, bd.LineSurface(belt.at(0.0, 0.0)), 1e6, **law))
+    mech.observe("pad", pad.force)
+    run = bd.simulate(mech, t_end=8.0)
+    assert np.ptp(run["pad.T"]) > 4.0  # sticks and slips
+    assert not any(x.startswith("pad: while it slides") for x in run.warnings)

@@ -81,12 +81,15 @@ class Design:
         Values (1 + C,) of the objective and of the quantities of the C constraints.
     leaf_values
         Values of the results of analyses of which the quantities are functions.
+    sections
+        Known stress sections with which the models were built, see `keep_known_sections`.
     """
 
     flat: FlatModel
     analyses: dict[tuple[Any, ...], Analysis]
     values: Array
     leaf_values: dict[AnalysisQuantity, float]
+    sections: Mapping[str, KnownSections]
     _weights: list[dict[AnalysisQuantity, float]]
     _gradients: dict[int, Array] = field(default_factory=dict)
 
@@ -123,7 +126,7 @@ class Design:
             by_analysis: dict[tuple[Any, ...], dict[AnalysisQuantity, float]] = {}
             for quantity, weight in self._weights[index].items():
                 by_analysis.setdefault(analysis_key(quantity), {})[quantity] = weight
-            with warnings.catch_warnings():
+            with warnings.catch_warnings(), keep_known_sections(self.sections):
                 warnings.simplefilter("ignore", BeamdaeWarning)
                 total = sum(self.analyses[key].gradient(x) for key, x in by_analysis.items())
             gradient = np.asarray(total, float)
@@ -364,7 +367,8 @@ class DesignProblem:
                 "these values of the parameters; start from others (parameters={name: value}), or "
                 "exclude them by bounds=."
             )
-        return Design(flat, analyses, numbers, results, [weights for _, weights in combined])
+        weights = [x for _, x in combined]
+        return Design(flat, analyses, numbers, results, self._sections, weights)
 
     def _read_bounds(self, bounds: Any) -> tuple[Array, Array]:
         """Return lower and upper bounds of the numbers."""
