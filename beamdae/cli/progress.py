@@ -26,6 +26,9 @@ _MIN_BAR_WIDTH = 3
 _MIN_LABEL_WIDTH = 8
 # Interval between progress lines of a run without a terminal.
 _LINE_INTERVAL = 10.0  # s
+# Smallest fraction of the range of a curve at which its remaining time is estimated: first steps
+# are short.
+_MIN_CURVE_FRACTION = 0.1
 # Fraction of the runs of a study between progress lines without a terminal.
 _LINE_FRACTION = 0.1
 
@@ -116,6 +119,8 @@ def show_curve_progress(
             value = format_with_unit(float(f"{point.parameter:.4g}"), unit)
             done = format_count(count, "point")
             remaining = timer.remaining(fraction)
+            if fraction < _MIN_CURVE_FRACTION:
+                remaining = None
             show_line(ProgressLine(fraction, done, remaining, f"{parameter} = {value}"))
 
         if show:
