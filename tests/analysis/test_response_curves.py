@@ -275,6 +275,7 @@ def test_regression_curves_that_end_without_damping_name_it():
     growth = np.exp(1j)
     moduli = {"damped": [0.9 * growth, 0.9 / growth], "fold": [1.0, 0.2]}
     moduli["undamped"] = [1.0002 * growth, 0.9998 / growth, 0.5, 1e-9]
+    moduli["hardly damped"] = [0.9996 * growth, 0.9996 / growth, 0.5, 1e-9]
     sentences = {}
     for name, multipliers in moduli.items():
         point = ResponsePoint(1.0, 1.0, run_with_columns({}), np.array(multipliers))
@@ -290,6 +291,10 @@ def test_regression_curves_that_end_without_damping_name_it():
         sentences[name] = _follow_curve(curve, [], 0, 0.1, 0.1, 100).sentence
     assert "vibrations are undamped (2 multipliers" in sentences["undamped"]
     assert "; add damping, such as damping= of the sections" in sentences["undamped"]
+    # They were called undamped.
+    assert "have a damping ratio of only 0.0064 % (2 multipliers" in sentences["hardly damped"]
+    assert "ratio above 0.016 %, such as damping= of the" in sentences["hardly damped"]
+    assert "above 5e-05 s, or" in sentences["hardly damped"]
     assert sentences["damped"] == sentences["fold"] == f"speed = 1: {_NOT_CONVERGED}"
 
 
@@ -367,6 +372,7 @@ def test_regression_a_curve_that_returns_to_the_start_has_failed(sign):
         parameter="speed",
         first_point=lambda settle: (point(-1.0), ""),
         next_point=lambda previous, last, step: (point(last.position + step), ""),
+        smallest_cosine=lambda *_: 1.0,
     )
     points = []
     status = _follow_curve(curve, points, 0, 0.1, 0.1, 100)
@@ -388,7 +394,7 @@ def test_regression_a_curve_that_returns_to_the_start_has_failed(sign):
 )
 def test_regression_steps_against_the_tangents_are_rejected(value, slopes, reason, monkeypatch):
     module = "beamdae.analysis.periodic.periodic_continuation"
-    monkeypatch.setattr(f"{module}._smallest_cosine", lambda *arguments: 1.0)
+    monkeypatch.setattr(f"{module}.ResponseCurve.smallest_cosine", lambda *arguments: 1.0)
     curve = response_curve(constant_travel, (40.0, 50.0))
     points = [
         SimpleNamespace(

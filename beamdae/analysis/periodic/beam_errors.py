@@ -33,6 +33,7 @@ from beamdae.beams.remeshing import choose_base_meshes, replace_beams
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError
+from beamdae.integrators import Radau
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.columns import mark_vanishing_columns
 from beamdae.results.periodic_motion import BeamError
@@ -48,6 +49,10 @@ _TOLERANCE = Tolerance(1e-3, 1e-2)
 _MAX_DIFFERENCE = 1.0
 # Elements are halved if their estimated effect on the motion exceeds this value.
 _MIN_MESH_ERROR = 3e-3
+# Relative tolerance of the compared runs, relative to the distance of the multipliers from 1, which
+# amplifies their errors. Errors of a run are up to 60 times its tolerance: 0.2 % of the motion.
+_RTOL_RATIO = 3e-5
+_MAX_RTOL = 1e-6
 _TINY = 1e-300  # prevents a division by zero
 
 
@@ -129,12 +134,13 @@ class BeamErrorEstimator:
         BeamError or None
             None if no beam can be replaced, or there are no columns.
         """
-        reference = _build_reference(run, _estimate_mesh_errors(run, monodromy, free_period))
+        distance = _distance_from_resonance(monodromy, free_period)
+        reference = _build_reference(run, _estimate_mesh_errors(run, distance))
         if reference is None or not run.solution.columns:
             return None
         error = BeamError(reference.beams, reference.has_exact_strains, reference.has_fine_mesh)
         try:
-            other = self._search(reference, run, monodromy, free_period)
+            other = self._search(reference, run, monodromy, distance, free_period)
         except (IncompleteRunError, LinearizationError, la.LinAlgError):
             other = None
         if other is None:
@@ -143,14 +149,20 @@ class BeamErrorEstimator:
         return replace(error, columns=_compare(run, other))
 
     def _search(
-        self, reference: _Reference, run: PeriodRun, monodromy: Array, free_period: bool
+        self,
+        reference: _Reference,
+        run: PeriodRun,
+        monodromy: Array,
+        distance: float,
+        free_period: bool,
     ) -> PeriodRun | None:
         """Return the motion of the reference close to another one, or None."""
+        integrator = run.period_map.integrator
+        if isinstance(integrator, Radau):
+            rtol = min(_RTOL_RATIO * distance, _MAX_RTOL)
+            integrator = replace(integrator, rtol=max(integrator.rtol, rtol))
         period_map = PeriodMap.from_equations(
-            reference.equations,
-            run.period_map.integrator,
-            run.period_map.begin,
-            run.period_map.period,
+            reference.equations, integrator, run.period_map.begin, run.period_map.period
         )
         linearization = Linearization.from_monodromy(run, monodromy, free_period)
         q, v = np.split(run.state, 2)
@@ -164,7 +176,14 @@ class BeamErrorEstimator:
         known = self._difference if len(self._difference) == len(state) else 0.0
         q, v = period_map.make_consistent(*np.split(state + known, 2))
         other, _ = solve_shooting(
-            period_map, q, v, _TOLERANCE, free_period, linearization, _MAX_DIFFERENCE
+            period_map,
+            q,
+            v,
+            _TOLERANCE,
+            free_period,
+            linearization,
+            None if reference.has_fine_mesh else run.amplitudes,
+            _MAX_DIFFERENCE,
         )
         if other.relative_deviation > _TOLERANCE.accepted:
             return None
@@ -195,16 +214,24 @@ def _moving_columns(solution: Solution) -> list[str]:
     return [name for name, vanishes in zip(columns, vanishing, strict=True) if not vanishes]
 
 
-def _estimate_mesh_errors(run: PeriodRun, monodromy: Array, free_period: bool) -> dict[str, float]:
+def _distance_from_resonance(monodromy: Array, free_period: bool) -> float:
+    """Return the smallest distance of a multiplier from 1, at most 1.
+
+    Errors change the response by their share over this distance. Free motions are not amplified:
+    the multiplier 1 moves along the motion.
+    """
+    if free_period:
+        return 1.0
+    multipliers = np.linalg.eigvals(monodromy)
+    return max(float(np.min(np.abs(1.0 - multipliers), initial=1.0)), _TINY)
+
+
+def _estimate_mesh_errors(run: PeriodRun, distance: float) -> dict[str, float]:
     """Return the estimated effect of the elements of each beam on a motion, by name.
 
     An error e of the frequency turns a multiplier m by e omega T. It changes the response by this
-    angle over |1 - m|. Free motions are not amplified: the multiplier 1 moves along the motion.
+    angle over |1 - m|, the `distance`.
     """
-    distance = 1.0
-    if not free_period:
-        multipliers = np.linalg.eigvals(monodromy)
-        distance = max(float(np.min(np.abs(1.0 - multipliers), initial=1.0)), _TINY)
     amplitudes, rates = np.split(run.scales, 2)
     rate = float(np.max(rates / amplitudes))
     factor = rate * run.period_map.period / distance

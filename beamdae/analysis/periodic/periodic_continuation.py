@@ -75,6 +75,9 @@ _MAX_RTOL = 1e-8
 _LIMITS = ("max_step", "max_steps", "time_limit")
 # Smallest permitted cosine of the angle between the tangents at both ends of a step.
 _MIN_COSINE = 0.8
+# Angle [rad] at which steps aim; a turn by more than 0.64 is rejected.
+_TARGET_ANGLE = 0.4
+_TINY = 1e-300  # avoids a division by zero
 # The step grows if the corrector takes at most the first number of iterations, and shrinks if it
 # takes at least the second.
 _MAX_ITERATIONS_TO_GROW = 4
@@ -90,6 +93,8 @@ _REVERSAL = f"the parameter reverses where the curve has no fold; reduce step= {
 # Largest distance of the moduli of multipliers of undamped vibrations from 1, by errors of runs and
 # of multipliers close to a resonance; a damping ratio of 0.1 % has 6e-3 at the first resonance.
 _UNDAMPED_MARGIN = 1e-3
+# Vibrations are damped if their multipliers decay by more than this in a period, on average.
+_MIN_DECAY = 1e-5
 _MIN_UNDAMPED = 2  # multipliers of a vibration; a fold has one that is 1
 
 
@@ -270,7 +275,7 @@ def _follow_curve(
             step *= _CUT_FACTOR
             if step < _MIN_STEP_RATIO * first_step:
                 if reason in (_NOT_CONVERGED, _SHARP_TURN, _REVERSAL):
-                    reason = _explain_failure(reason, points[-1].multipliers)
+                    reason = _explain_failure(reason, points[-1].multipliers, points[-1].period)
                 return Status("failed", f"{curve.describe(point.value)}: {reason}")
             continue
         if sign * (next_point.value - last) > 0.0:
@@ -283,7 +288,9 @@ def _follow_curve(
         if sign * (point.value - first) < 0.0 and is_reversed:
             return Status("failed", _describe_return(curve, points))
         if point.iterations <= _MAX_ITERATIONS_TO_GROW:
-            step = min(step * _GROWTH_FACTOR, max_step)
+            angle = np.arccos(min(curve.smallest_cosine(previous, point), 1.0))
+            growth = min(_GROWTH_FACTOR, _TARGET_ANGLE / max(angle, _TINY))
+            step = min(step * growth, max_step)
         elif point.iterations >= _MIN_ITERATIONS_TO_SHRINK:
             step *= _CUT_FACTOR
     sentence = (
@@ -293,15 +300,30 @@ def _follow_curve(
     return Status("limited", sentence)
 
 
-def _explain_failure(reason: str, multipliers: Array) -> str:
+def _explain_failure(reason: str, multipliers: Array, period: float) -> str:
     """Return the reason why no motion is found, with missing damping as its likely cause."""
-    count = int(np.sum(np.abs(np.abs(multipliers) - 1.0) <= _UNDAMPED_MARGIN))
-    if count < _MIN_UNDAMPED:
+    moduli = np.abs(multipliers)
+    moduli = moduli[np.abs(moduli - 1.0) <= _UNDAMPED_MARGIN]
+    if len(moduli) < _MIN_UNDAMPED:
         return reason
+    decay = -float(np.mean(np.log(moduli)))
+    modulus, amount = "1", "damping, such as damping= of the sections,"
+    cause = "are undamped", "amplitudes at resonances are infinite"
+    if decay > _MIN_DECAY:
+        # In a period of the loads, vibrations with their frequency decay by 2 pi times the ratio.
+        modulus, ratio = f"{1.0 - decay:.6g}", decay / (2.0 * np.pi)
+        required = _UNDAMPED_MARGIN / (2.0 * np.pi)
+        cause = (
+            f"have a damping ratio of only {100.0 * ratio:.2g} %",
+            "errors of runs are amplified at resonances",
+        )
+        amount = (
+            f"damping to a ratio above {100.0 * required:.2g} %, such as damping= of the sections "
+            f"above {required * period / np.pi:.1g} s,"
+        )
     return (
-        f"{reason.partition(';')[0]}, probably because vibrations are undamped ({count} "
-        "multipliers have the modulus 1) and amplitudes at resonances are infinite; add damping, "
-        f"such as damping= of the sections, {_LINEAR_REMEDY}"
+        f"{reason.partition(';')[0]}, probably because vibrations {cause[0]} ({len(moduli)} "
+        f"multipliers have the modulus {modulus}) and {cause[1]}; add {amount} {_LINEAR_REMEDY}"
     )
 
 
@@ -498,7 +520,7 @@ class ResponseCurve:
                     f"the start of the model, increase settle= {_LINEAR_REMEDY}"
                 )
                 multipliers = floquet_multipliers(run.resolved_monodromy())
-                return None, _explain_failure(reason, multipliers)
+                return None, _explain_failure(reason, multipliers, period_map.period)
             return self._complete_point(run, value, None, iterations), ""
         except (IncompleteRunError, LinearizationError) as error:
             return None, f"{self.describe(value)}: {_failure_reason(error)}"
@@ -527,6 +549,13 @@ class ResponseCurve:
                 contraction = run.relative_deviation / last.relative_deviation
                 if iteration == 0:
                     contraction = np.inf
+                elif self.tolerance.is_exhausted(
+                    min(run.relative_deviation, last.relative_deviation), contraction
+                ):
+                    # A new matrix would not improve this motion.
+                    if contraction > 1.0:
+                        run, value = last, last_value
+                    return self._accept_step(run, value, point, iteration)
                 elif contraction > _MAX_CONTRACTION:
                     if contraction > 1.0:
                         if is_new:
@@ -541,15 +570,21 @@ class ResponseCurve:
                 change, change_of_value = jacobian.correct(run)
                 largest = max(run.relative_size(change), abs(change_of_value))
                 if self.tolerance.is_met(run.relative_deviation, largest, contraction):
-                    following = self._complete_point(run, value, point, iteration)
-                    reason = self._step_failure(point, following)
-                    return (None, reason) if reason else (following, "")
+                    return self._accept_step(run, value, point, iteration)
                 factor = max(1.0, largest / _MAX_CHANGE)
                 state = run.state + change / factor
                 value += change_of_value * self._range / factor
         except (BeamdaeError, la.LinAlgError) as error:
             return None, _failure_reason(error)
         return None, _NOT_CONVERGED
+
+    def _accept_step(
+        self, run: PeriodRun, value: float, point: CurvePoint, iterations: int
+    ) -> tuple[CurvePoint | None, str]:
+        """Return the next point on the curve and "", or None and the reason to reject the step."""
+        next_point = self._complete_point(run, value, point, iterations)
+        reason = self._step_failure(point, next_point)
+        return (None, reason) if reason else (next_point, "")
 
     def end_point(self, point: CurvePoint, beyond: CurvePoint) -> CurvePoint:
         """Return the point at the end of the range between two points.
@@ -562,7 +597,9 @@ class ResponseCurve:
         try:
             period_map = self._period_map(end)
             q, v = period_map.make_consistent(*np.split(state, 2))
-            run, iterations = solve_shooting(period_map, q, v, self.tolerance)
+            run, iterations = solve_shooting(
+                period_map, q, v, self.tolerance, amplitudes=point.run.amplitudes
+            )
             if run.relative_deviation > self.tolerance.accepted:
                 return beyond
             last = self._complete_point(run, end, point, iterations)
@@ -603,7 +640,20 @@ class ResponseCurve:
         is_noise = abs(secant[-1]) <= self.tolerance.target
         if secant[-1] * slopes[0] < 0.0 and not (is_fold or is_noise):
             return _REVERSAL
-        return "" if _smallest_cosine(point, next_point, secant) >= _MIN_COSINE else _SHARP_TURN
+        is_sharp = self.smallest_cosine(point, next_point) < _MIN_COSINE
+        return _SHARP_TURN if is_sharp else ""
+
+    def smallest_cosine(self, point: CurvePoint, next_point: CurvePoint) -> float:
+        """Return the smallest cosine of the angles between the secant and the tangents at its ends.
+
+        These include the angle between both tangents.
+        """
+        secant = self._secant(point, next_point)
+        directions = np.array(
+            [next_point.reduce(x) for x in (point.direction, secant, next_point.direction)]
+        )
+        directions /= np.linalg.norm(directions, axis=1)[:, None]
+        return float(np.min(directions @ directions.T))
 
     def _secant(self, point: CurvePoint, next_point: CurvePoint) -> Array:
         """Return the change (2 n + 1,) of (q, v) and of the relative parameter between points."""
@@ -672,12 +722,3 @@ def _orient_curve(point: CurvePoint) -> CurvePoint:
     direction = np.append(state_direction, tangent[-1])
     direction /= point.length(direction)
     return replace(point, direction=direction, orientation=point.orientation or orientation)
-
-
-def _smallest_cosine(point: CurvePoint, next_point: CurvePoint, secant: Array) -> float:
-    """Return the smallest cosine of the angles between a secant and the tangents at its ends."""
-    directions = np.array(
-        [next_point.reduce(x) for x in (point.direction, secant, next_point.direction)]
-    )
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    return float(np.min(directions @ directions.T))

@@ -152,9 +152,17 @@ class Tolerance(NamedTuple):
         no longer halved the deviation: `contraction` is the ratio of the last two deviations, or
         infinite after one run.
         """
-        is_exhausted = _EXHAUSTED_CONTRACTION < contraction < np.inf
         is_accurate = correction <= _CORRECTION_RATIO * self.target
-        return deviation <= self.target and (is_accurate or is_exhausted)
+        return deviation <= self.target and (
+            is_accurate or self.is_exhausted(deviation, contraction)
+        )
+
+    def is_exhausted(self, deviation: float, contraction: float) -> bool:
+        """Return True if a deviation within the tolerance is at the level of the errors of runs.
+
+        Then, the last correction no longer halved it; see `is_met`.
+        """
+        return deviation <= self.target and _EXHAUSTED_CONTRACTION < contraction < np.inf
 
 
 class _Stagnation(NamedTuple):
@@ -740,15 +748,16 @@ def solve_shooting(
     tolerance: Tolerance,
     free_period: bool = False,
     linearization: Linearization | None = None,
+    amplitudes: Array | None = None,
     max_difference: float = np.inf,
 ) -> tuple[PeriodRun, int]:
     """Return the best result of Newton's method, and the number of iterations.
 
     The method has converged if `relative_deviation` is at most `tolerance.accepted`. With
     `free_period`, the period is an unknown; the phase condition keeps corrections of the state
-    orthogonal to its time derivative. `linearization` is that of a similar motion, or None. The
-    iteration ends if a deviation or a correction, relative to the amplitudes, exceeds
-    `max_difference`.
+    orthogonal to its time derivative. `linearization` and `amplitudes`, (n,), are those of a
+    similar motion, or None. The iteration ends if a deviation or a correction, relative to the
+    amplitudes, exceeds `max_difference`.
 
     Raises
     ------
@@ -759,7 +768,7 @@ def solve_shooting(
         If loads or drivers are not periodic or, with `free_period`, depend on time.
     """
     run, iterations, _ = _iterate(
-        period_map, q, v, tolerance, free_period, linearization, None, max_difference
+        period_map, q, v, tolerance, free_period, linearization, amplitudes, max_difference
     )
     return run, iterations
 
