@@ -269,11 +269,11 @@ class _SlidingCheck:
     def _reduction(self) -> float:
         """Return the share by which friction is reduced while the part slides, 0 if it sticks.
 
-        The estimate does not follow the phases of stick-slip with static friction.
+        Friction is less than that of its law also while stick-slip with static friction sticks.
         """
-        is_prescribed = self._is_prescribed(self.coulomb.distance)
-        if self.law.static is not None and not is_prescribed:
+        if self.law.static is not None:
             return 0.0
+        is_prescribed = self._is_prescribed(self.coulomb.distance)
         smallest = _MIN_PRESCRIBED_DISTANCE if is_prescribed else _MAX_CREEP
         is_resting = self.coulomb.distance <= smallest * self.size
         if is_resting or self.coulomb.sliding_share < _MIN_SLIDING_SHARE:
