@@ -23,6 +23,9 @@ SENTENCES = {
     # Without its weight, the strip is in equilibrium at any angle, so load steps cannot begin.
     "inverted_pendulum": "(last converged load factor: 0)",
     "quick_return": "friction depends on the sliding velocity and is zero at rest",
+    # They are drawn far from where they hang.
+    "pendulum": "beam: the equilibrium turns this part by 76.8 degrees from its drawing",
+    "press": "wheel: the equilibrium turns this part by 154 degrees from its drawing",
 }
 ENDS = {"sliding_mass": 1, "governor": 2, "inverted_pendulum": 1}
 # Rounding decides whether the first row, without weight, is stable.
