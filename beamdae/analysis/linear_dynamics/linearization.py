@@ -266,8 +266,8 @@ def _linearize_rest(full_equations: EquationsOfMotion, description: str, t: floa
     if requested.start is None:
         # Given velocities have no effect on a state at rest.
         requested = replace(requested, v0=np.zeros(requested.n))
-    of_start = filter(None, (compare_start(requested, state).warning,))
-    warnings = (*of_start, *warnings)
+    if t == 0.0:  # Later, drivers have left their positions in the drawing.
+        warnings = (*filter(None, (compare_start(requested, state).warning,)), *warnings)
     return Linearization(
         equations, full_equations, description, time, state, tangent, warnings, zero_square
     )

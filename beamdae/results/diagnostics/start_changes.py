@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start, State
-from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.dependent_constraints import analyze_constraint_rank
@@ -164,11 +163,13 @@ def drawing_warnings(
     request
         Name of the state at `q`.
     """
-    closed_q, rest = e.q0, np.zeros(e.n)
-    gaps = StaticEquations(e, time).residual(e.q0, np.zeros(e.m))[e.n :]
+    closed_q, rest, solver = e.q0, np.zeros(e.n), ConsistencySolver(e)
+    gaps = solver.position_gaps(time, e.q0)
     if np.max(np.abs(gaps) / e.constraint_scales, initial=0.0) > _MIN_OPEN_GAP:
-        closed_q = ConsistencySolver(e).close_positions(time, e.q0)
-    start = Start(request, e.q0, rest, False, closed_q)
+        closed_q = solver.close_positions(time, e.q0)
+    # At other times, drivers have left their positions in the drawing.
+    drawn_q = e.q0 if time[0] == 0.0 else closed_q
+    start = Start(request, drawn_q, rest, False, closed_q)
     state = State(closed_q if q is None else q, rest, rest, np.zeros(e.m))
     return tuple(filter(None, (compare_start(replace(e, start=start), state).warning,)))
 

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg as la
-from scipy.ndimage import uniform_filter1d
 
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, RangeTerm
@@ -606,6 +605,9 @@ def count_axial_oscillations(motion: Array, width: int) -> float:
     the beam follows without vibrations has no phase error. An oscillation shifts the phase of later
     ones with at most its own amplitude: what is excited later begins without the error.
     """
+    # Imported here because few runs need it, and the import slows the start of the others.
+    from scipy.ndimage import uniform_filter1d
+
     widest = motion[:, np.argmax(np.ptp(motion, axis=0))]
     half_range = 0.5 * np.ptp(widest)
     if not half_range > 0.0:
