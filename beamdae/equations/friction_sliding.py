@@ -52,17 +52,20 @@ class SlidingTerm:
         return slip, force
 
 
-def compile_sliding(equations: EquationsOfMotion) -> Sequence[SlidingTerm]:
-    """Return the sliding of all parts with friction; an empty tuple for a constrained system."""
-    mechanism = equations.mechanism
-    if mechanism is None:
-        return ()
-    laws = {
-        part.name: law
-        for part in mechanism.parts.values()
+def friction_laws(equations: EquationsOfMotion) -> dict[str, RegularizedFriction]:
+    """Return the laws of all parts with friction, by name; none for a constrained system."""
+    parts = {} if equations.mechanism is None else equations.mechanism.parts
+    return {
+        name: law
+        for name, part in parts.items()
         if (law := getattr(part, "regularized_friction", None)) is not None and law.coefficient
     }
-    if not laws:
+
+
+def compile_sliding(equations: EquationsOfMotion) -> Sequence[SlidingTerm]:
+    """Return the sliding of all parts with friction; an empty tuple for a constrained system."""
+    laws, mechanism = friction_laws(equations), equations.mechanism
+    if not laws or mechanism is None:
         return ()
     coordinates, numbers = map_coordinates(mechanism), NumberStore()
     rows = _rows_of_joints(equations)

@@ -30,8 +30,9 @@ class Auto(AdaptiveIntegrator):
     """Choose `Radau` for stiff or long motion, otherwise `Ida`.
 
     `Radau` is chosen if natural modes are over 300 times faster than the motion, if the run has
-    more than 10 periods, with nonholonomic constraints or with sampled controllers, after whose
-    samples BDF begins again at order 1. Steps do not resolve modes that are this fast. If these
+    more than 10 periods, with nonholonomic constraints, with friction whose regularization velocity
+    the tolerance does not resolve, or with sampled controllers, after whose samples BDF begins
+    again at order 1. Steps do not resolve modes that are this fast. If these
     modes are lightly damped, they limit BDF to order 2, whose phase error grows over free
     oscillations, whereas Radau IIA is of order 5 and damps them. Without such modes, BDF of order 5
     takes about the same time as Radau, except in long runs, because its phase errors are larger
@@ -114,7 +115,7 @@ class Auto(AdaptiveIntegrator):
         """Return the function that chooses a method; it appends errors of Ida to `obstacles`."""
 
         def choose(plan: RunPlan) -> Method:
-            if needs_radau(plan):
+            if needs_radau(plan, self.rtol):
                 return self._radau(plan)
             # Imported here because many runs do not need Ida.
             from beamdae.integrators.ida.ida import Ida
