@@ -66,5 +66,5 @@ def velocity_jump_warnings(
             f"{part}: the slope of its law jumps {number}at t = {min(times):.6g} s, so that "
             "velocities change at once; reactions, powers and their peaks do not contain the "
             "infinite forces of these instants; use a law with a continuous slope, such as a table "
-            "with kind='pchip'."
+            "with kind='pchip' whose first and last values repeat."
         )
