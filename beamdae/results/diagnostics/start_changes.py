@@ -163,10 +163,14 @@ def drawing_warnings(
     request
         Name of the state at `q`.
     """
-    closed_q, rest, solver = e.q0, np.zeros(e.n), ConsistencySolver(e)
-    gaps = solver.position_gaps(time, e.q0)
+    # Imported here because runs do not need it.
+    from beamdae.equations.formulations.static_equations import StaticEquations
+
+    closed_q, rest = e.q0, np.zeros(e.n)
+    # The static equations, unlike the consistency solver, are compiled already.
+    gaps = StaticEquations(e, time).residual(e.q0, np.zeros(e.m))[e.n :]
     if np.max(np.abs(gaps) / e.constraint_scales, initial=0.0) > _MIN_OPEN_GAP:
-        closed_q = solver.close_positions(time, e.q0)
+        closed_q = ConsistencySolver(e).close_positions(time, e.q0)
     # At other times, drivers have left their positions in the drawing.
     drawn_q = e.q0 if time[0] == 0.0 else closed_q
     start = Start(request, drawn_q, rest, False, closed_q)
