@@ -227,7 +227,7 @@ def sample_motion(point):
 @pytest.mark.slow(reason="a hundred periodic motions")
 def test_response_of_a_duffing_oscillator_passes_both_folds():
     response = bd.frequency_response(
-        duffing, "omega", (1.0, 1.9), lambda omega: 2.0 * np.pi / omega, max_step=0.2
+        duffing, "omega", (1.0, 1.9), lambda omega: 2.0 * np.pi / omega, max_step=0.15
     )
     assert response.status.success
     # The branch between the folds is unstable, the others are stable.
@@ -256,7 +256,7 @@ def test_response_of_a_duffing_oscillator_passes_both_folds():
         find_fold(response.points[k].parameter, sample_motion(response.points[k]) - 1.0)
         for k in folds
     ]
-    # Folds are those of parabolas through three points, up to a fifth of the range apart.
+    # Folds are those of parabolas through three points, up to 15 % of the range apart.
     np.testing.assert_allclose(response.folds, expected, rtol=1e-3)
 
 
