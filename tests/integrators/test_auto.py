@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from belts import block_on_belt
 from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 from tolerances.cases import ALL
@@ -192,17 +193,7 @@ def test_note_on_radau_requires_automatic_order():
 @pytest.mark.parametrize(("stribeck", "method"), [(2e-2, "Ida"), (2e-4, "Radau")])
 def test_regression_friction_that_sticks_is_resolved(stribeck, method):
     """Ida held a block on a belt 8 % too long: its force exceeded the static friction."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    belt = mech.add(bd.RigidBody("belt", 5.0, 0.1))
-    ends = mech.ground.at(0.0, 0.0), belt.at(0.0, 0.0)
-    mech.add(bd.Prismatic("rollers", *ends))
-    mech.add(bd.TranslationalDriver("motor", *ends, lambda t: 0.1 * t, (1.0, 0.0)))
-    block = mech.add(bd.PointMass("block", 1.0, at=(0.0, -9.81e-6)))
-    mech.add(bd.Spring("spring", mech.ground.at(-1.0, -9.81e-6), block.point, 100.0))
-    law = {"friction": 0.3, "static": 0.5, "stribeck": stribeck}
-    law |= {"exponent": 1.0, "restitution": 0.2, "impact_speed": 0.1}
-    mech.add(bd.Contact("pad", block.point, bd.LineSurface(belt.at(0.0, 0.0)), 1e6, **law))
-    mech.observe("block", block.point)
+    mech = block_on_belt(100.0, stribeck)
     run = bd.simulate(mech, t_end=1.0)
     assert run.integrator["method"] == method
     exact = bd.simulate(mech, bd.Ida(1e-8), t_end=1.0)

@@ -7,6 +7,7 @@ import warnings
 import casadi as ca
 import numpy as np
 import pytest
+from belts import block_on_belt
 
 import beamdae as bd
 
@@ -499,17 +500,6 @@ def test_regression_reduced_friction_is_stated_beside_the_error_of_the_distance(
 @pytest.mark.slow(reason="half a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_stick_slip_is_not_blamed_for_a_reduced_friction():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    belt = mech.add(bd.RigidBody("belt", 5.0, 0.1))
-    ends = mech.ground.at(0.0, 0.0), belt.at(0.0, 0.0)
-    mech.add(bd.Prismatic("rollers", *ends))
-    mech.add(bd.TranslationalDriver("motor", *ends, lambda t: 0.1 * t, (1.0, 0.0)))
-    block = mech.add(bd.PointMass("block", 1.0, at=(0.0, -9.81e-6)))
-    mech.add(bd.Spring("spring", mech.ground.at(-1.0, -9.81e-6), block.point, 1000.0))
-    law = {"friction": 0.3, "static": 0.5, "stribeck": 0.02}
-    law |= {"exponent": 1.0, "restitution": 0.2, "impact_speed": 0.1}
-    pad = mech.add(bd.Contact("pad", block.point, bd.LineSurface(belt.at(0.0, 0.0)), 1e6, **law))
-    mech.observe("pad", pad.force)
-    run = bd.simulate(mech, t_end=8.0)
+    run = bd.simulate(block_on_belt(1000.0, 0.02), t_end=8.0)
     assert np.ptp(run["pad.T"]) > 4.0  # sticks and slips
     assert not any(x.startswith("pad: while it slides") for x in run.warnings)

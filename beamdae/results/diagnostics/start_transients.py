@@ -23,7 +23,7 @@ from beamdae.parts.rotation import Rotation
 from beamdae.results.columns import Header, remove_unit
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes, select_large_columns
-from beamdae.results.trajectory import Trajectory
+from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
 
@@ -346,19 +346,12 @@ def _observe_smooth(
     observe: Callable[..., Array],
     time: Array,
     state: State,
-    is_at_rest: bool = False,
 ) -> Array:
     """Return the columns (k,) without vibrations near a state; not a number if there is none."""
     interval = trajectory.intervals[int(trajectory.interval_index(time[:1])[0])]
     solver = ConsistencySolver(interval.active_equations(equations))
-    smooth = find_smooth_state(solver, time, state.q, state.v, is_at_rest)
-    if smooth is None:
-        return np.full(len(equations.observed_headers), np.nan)
-    q, v, a, lam = (x[None] for x in smooth)
-    if interval.configuration is not None:
-        lam = interval.configuration.expand_multipliers(lam, equations.m)
-    (values,) = observe(time[None], q, v, a, lam)
-    return np.asarray(values)
+    smooth = find_smooth_state(solver, time, state.q, state.v)
+    return _observe_state(equations, interval, observe, time, smooth)
 
 
 def _observe_moving(
@@ -376,11 +369,22 @@ def _observe_moving(
         state = None if rest is None else solver.start_state(time, rest.q, v)
     except (BeamdaeError, SingularMatrixError):
         state = None
+    return _observe_state(equations, first, observe, time, state)
+
+
+def _observe_state(
+    equations: EquationsOfMotion,
+    interval: Interval,
+    observe: Callable[..., Array],
+    time: Array,
+    state: State | None,
+) -> Array:
+    """Return the columns (k,) at a state of the parts that are active in an interval, or NaN."""
     if state is None:
         return np.full(len(equations.observed_headers), np.nan)
     q, v, a, lam = (x[None] for x in state)
-    if first.configuration is not None:
-        lam = first.configuration.expand_multipliers(lam, equations.m)
+    if interval.configuration is not None:
+        lam = interval.configuration.expand_multipliers(lam, equations.m)
     (values,) = observe(time[None], q, v, a, lam)
     return np.asarray(values)
 

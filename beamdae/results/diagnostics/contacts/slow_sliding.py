@@ -24,8 +24,8 @@ from beamdae.results.trajectory import Trajectory
 Array = np.ndarray
 
 _MAX_SLOW_SHARE = 0.5  # of the time with a normal force
-# Parts that move over smaller distances, relative to the length of the mechanism, stick. A load
-# below friction N lets them creep, unless drivers and joints prescribe their sliding.
+# Sliding that drivers and joints prescribe over smaller distances, relative to the length of the
+# mechanism, is negligible.
 _MIN_PRESCRIBED_DISTANCE = 1e-4
 # Parts that friction N moves by less than this share of a distance are not held by it there: the
 # pins of a flexible coupler between a crank and a rocker turn with them.
@@ -65,10 +65,10 @@ _MAX_SHARED_DEVIATION = 0.15
 def slow_sliding_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
     """Yield one warning per part whose sliding differs from that with Coulomb's law.
 
-    The distance differs by more than 2.5 % (15 % if parts with friction slide together), or the
-    part slides below its regularization velocity most of the time. Parts that stick, and creep over
-    less than 0.3 % of the length of the mechanism (in bearings 0.003 rad), are exempt; if drivers
-    and joints prescribe the sliding, 0.01 %.
+    The distance differs by more than 2.5 % (15 % if parts with friction slide together), the
+    friction of a part without static friction that slides is on average more than 10 % too small,
+    or a part creeps that friction should hold, by more than 0.3 % of the length of the mechanism
+    (in bearings 0.003 rad).
 
     Parameters
     ----------
@@ -202,22 +202,19 @@ class _SlidingCheck:
         reduction = self._reduction() if self._may_be_reduced() else 0.0
         is_shared = share > _MAX_DEVIATION and self.dynamics.coupling > _MIN_COUPLING
         has_deviation = share > (_MAX_SHARED_DEVIATION if is_shared else _MAX_DEVIATION)
-        errors = {}
+        clauses, error = [], 0.0
         if has_deviation:
-            errors[f"it slides over a distance that is wrong by about {format_percent(share)}"] = (
-                share
-            )
+            error, size = share, format_percent(share)
+            clauses.append(f"it slides over a distance that is wrong by about {size}")
         if reduction > _MAX_REDUCTION:
-            left = format_percent(1.0 - reduction)
-            errors[f"while it slides, its friction is on average {left} of that of its law"] = (
-                reduction
-            )
-        if errors:
+            error, left = max(error, reduction), format_percent(1.0 - reduction)
+            clauses.append(f"while it slides, its friction is on average {left} of that of its law")
+        if clauses:
             name = self.law.speed_name
             effect = "the part creeps" if has_deviation else "friction is reduced"
-            speed = self.law.speed * _RECOMMENDED_DEVIATION / max(errors.values())
+            speed = self.law.speed * _RECOMMENDED_DEVIATION / error
             return (
-                f"{self.name}: {' and, '.join(errors)}, because {name} is {self.law.speed:g} m/s, "
+                f"{self.name}: {' and, '.join(clauses)}, because {name} is {self.law.speed:g} m/s, "
                 f"below which {effect}; use {name}={speed:.2g}."
             )
         return self._warning_of_creep()
