@@ -102,7 +102,7 @@ def describe_optimization(result: Optimization) -> dict[str, str]:
         "first and last value": " and ".join(values),
         "designs": count + (f", {failures} failed" if failures else ""),
         **({"searches": searches} if searches else {}),
-        "at a bound": ", ".join(result.at_bounds) or "none",
+        "at a bound": "; ".join(result.bound_notes) or "none",
     }
 
 

@@ -215,6 +215,23 @@ def pair(soft=2.0, stiff=3.0):
     return mech
 
 
+@pytest.mark.parametrize(
+    ("goal", "note"),
+    [
+        (0.5, ("stiff is at its lower limit 1",)),
+        (1.0007, ("stiff is at its lower limit 1",)),
+        (1.003, ()),
+        (5.0, ("stiff is at its upper limit 4",)),
+    ],
+)
+def test_numbers_within_a_thousandth_of_a_limit_have_a_note(goal, note):
+    distance = bd.ParameterFunction(lambda stiff: (stiff - goal) ** 2, "distance")
+    design = bd.optimize(pair, distance, "stiff", bounds={"stiff": (1.0, 4.0)}, tolerance=1e-10)
+    assert design.bound_notes == note
+    assert all(x in repr(design) for x in note)
+    assert design.at_bounds == (("stiff",) if goal in (0.5, 5.0) else ())
+
+
 def light_heights(count):
     """Return the heights of the lightest cantilever with the deflection SAG, without shear.
 

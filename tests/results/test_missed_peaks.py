@@ -59,6 +59,12 @@ def stop_of_formula(body):
     )
 
 
+def test_extremes_unpack_into_values_and_times():
+    extremes = missed_peaks.StepExtremes(-1.0, 0.1, 10.0, 0.5, 5.0)
+    low, low_time, high, high_time, rms = extremes
+    assert (low, low_time, high, high_time, rms) == (-1.0, 0.1, 10.0, 0.5, 5.0)
+
+
 def stop_of_table(body):
     """Return a stop whose force is a table of the penetration."""
     depths = np.linspace(0.0, 4e-4, 41)

@@ -72,6 +72,9 @@ _NEGLIGIBLE_SHARE, _MAX_ROUNDING_SHARE = 1e-9, 1e-6
 # far from active.
 _MAX_INACTIVE_RATIO = 0.1
 _MAX_NAMES = 3  # of free motions in a warning
+_MAX_NOTES = 3  # on bounds in the short form of a result
+# Distance from a bound, relative to the bound, up to which a number is reported to be at it.
+_MAX_BOUND_DISTANCE = 1e-3
 
 
 class Constraint(NamedTuple):
@@ -154,7 +157,7 @@ class Optimization:
         before convergence or if no design satisfies the constraints, "failed" if analyses failed,
         and "interrupted".
     at_bounds
-        Names of the numbers at a bound, such as "thickness[3]".
+        Names of the numbers at a bound, such as "thickness[3]"; see `bound_notes`.
     evaluations
         Number of evaluated designs of the best search, including those whose analyses failed.
     residual
@@ -195,7 +198,8 @@ class Optimization:
     _starts: list[dict[str, Any]] | None = field(repr=False)
 
     def __repr__(self) -> str:
-        bounds = f"; at a bound: {', '.join(self.at_bounds)}" if self.at_bounds else ""
+        notes = self.bound_notes
+        bounds = f"; {list_first(notes, _MAX_NOTES)}" if notes else ""
         count = len(self.constraints)
         limits = f", {format_count(count, 'constraint')}" if count else ""
         return (
@@ -203,6 +207,25 @@ class Optimization:
             f"{format_count(self.evaluations, 'evaluation')}{bounds}>"
             + "".join(f" {x}" for x in self.warnings)
         )
+
+    @property
+    def bound_notes(self) -> tuple[str, ...]:
+        """Notes such as "height is at its lower limit 0.005 m".
+
+        There is one for each number in `at_bounds`, and for each one within 0.1 % of a bound.
+        """
+        units = self._problem.units
+        notes = []
+        for name, (value, *bounds) in self._numbers.items():
+            for side, bound in zip(("lower", "upper"), bounds, strict=True):
+                distance = abs(value - bound)
+                # A number at a bound of zero is at its nearest bound.
+                is_near = distance <= _MAX_BOUND_DISTANCE * abs(bound)
+                is_nearest = distance <= min(abs(value - x) for x in bounds)
+                if math.isfinite(bound) and (is_near or (name in self.at_bounds and is_nearest)):
+                    limit = format_with_unit(float(bound), units[name])
+                    notes.append(f"{name} is at its {side} limit {limit}")
+        return tuple(notes)
 
     @property
     def solution(self) -> Solution | None:

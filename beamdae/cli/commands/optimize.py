@@ -217,7 +217,7 @@ def _print_results(result: Optimization, name: str) -> None:
         "status": name_options(result.status.sentence),
         "objective": f"{result.objective_label} = {result.objective_text}",
         "designs": str(result.evaluations),
-        "at a bound": ", ".join(result.at_bounds) or "none",
+        "at a bound": "; ".join(result.bound_notes) or "none",
     }
     if searches := result.describe_starts():
         facts["searches"] = searches

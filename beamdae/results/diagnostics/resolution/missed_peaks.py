@@ -63,7 +63,8 @@ class StepExtremes:
     """Extremes of an observed column, their times [s], and its root mean square.
 
     All of them include the steps and the output rows. `missed_parts` are extremes of tenths of the
-    run that the output rows miss by more than 10 % of half the range.
+    run that the output rows miss by more than 10 % of half the range. `tuple(extremes)` returns
+    (min, min_time, max, max_time, rms).
     """
 
     min: float
@@ -72,6 +73,9 @@ class StepExtremes:
     max_time: float
     rms: float
     missed_parts: tuple[MissedPart, ...] = ()
+
+    def __iter__(self) -> Iterator[float]:
+        return iter((self.min, self.min_time, self.max, self.max_time, self.rms))
 
     @property
     def half_range(self) -> float:
