@@ -70,6 +70,7 @@ UNITS_OF_TRANSLATIONS = {
 }
 
 _UNITS_OF_RATES = ("m/s", "m/s^2")
+_ANGULAR_ACCELERATION = "angle_ddot"
 _UNITS_OF_FORCES = ("N", "N m")  # of columns whose values do not depend on an origin
 
 _BY = ")/d("  # between column and parameter in the header of a derivative
@@ -416,6 +417,21 @@ def mark_minor_rates(headers: Sequence[str], half_range: np.ndarray, length: flo
     largest = np.array([of_point[key] for key in keys])
     is_rate = np.array([unit in _UNITS_OF_RATES for unit, _ in kinds], bool)
     return np.asarray(is_rate & (sizes < _MIN_SHARE_OF_POINT * largest))
+
+
+def mark_accompanying_rates(headers: Iterable[str]) -> np.ndarray:
+    """Return the mask of columns that a point adds to those for which it is usually observed.
+
+    These are rates beside their positions, and angular accelerations beside accelerations.
+    """
+    pairs = [Header.of(header) for header in headers]
+    columns = {(x.name, x.suffix) for x in pairs}
+    needed = [
+        (x.name, "ax" if x.suffix == _ANGULAR_ACCELERATION else x.suffix.removesuffix("_dot"))
+        for x in pairs
+    ]
+    accompanies = [x in columns and x[1] != y.suffix for x, y in zip(needed, pairs, strict=True)]
+    return np.array(accompanies, bool)
 
 
 def mark_resting_columns(

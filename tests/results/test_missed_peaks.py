@@ -16,6 +16,7 @@ from beamdae.live.session import summarize
 from beamdae.report.run_page import build_run_page
 from beamdae.report.terminal import text_tables
 from beamdae.results.diagnostics.resolution import missed_peaks
+from beamdae.results.diagnostics.resolution.missed_parts import MissedPart
 from beamdae.studies.column_measures import MEASURES, measure_table
 
 MISSED = "the output rows miss its largest value"
@@ -499,6 +500,56 @@ def test_regression_rates_that_are_small_beside_those_of_the_point_have_no_warni
     remaining = missed_peaks.remove_minor_peaks(missed, extremes, 0.1)
     assert "stage.x_dot [m/s]" in remaining
     assert (rotation in remaining) == is_reported
+
+
+@pytest.mark.parametrize(
+    ("column", "companion", "miss", "is_reported"),
+    [
+        ("edge.y_dot [m/s]", "edge.y [m]", 0.08, False),
+        ("edge.y_dot [m/s]", "edge.y [m]", 0.12, True),
+        ("edge.angle_dot [rad/s]", "edge.angle [rad]", 0.08, False),
+        ("shock.angle_ddot [rad/s^2]", "shock.ax [m/s^2]", 0.08, False),
+        ("shock.ax [m/s^2]", "shock.ay [m/s^2]", 0.08, True),
+        # Observed on its own.
+        ("speed [m/s]", "edge.y [m]", 0.08, True),
+    ],
+)
+def test_regression_small_misses_of_rates_of_points_have_no_warning(
+    column, companion, miss, is_reported
+):
+    """Most runs of a wiper warned of velocities of its edge, whose position was observed."""
+    t = np.linspace(0.0, 1.0, 5)
+    observed = {column: 2.0 * t * (1.0 - 0.5 * miss), companion: t}
+    extremes = {
+        column: missed_peaks.StepExtremes(0.0, 0.0, 2.0, 0.9, 1.0),
+        companion: missed_peaks.StepExtremes(0.0, 0.0, 1.0, 1.0, 1.0),
+    }
+    missed = missed_peaks.find_missed_peaks(observed, extremes, 1.0)
+    assert list(missed) == [column]
+    assert (column in missed_peaks.remove_minor_peaks(missed, extremes, 1.0)) == is_reported
+
+
+@pytest.mark.parametrize(
+    ("position", "miss", "is_reported"),
+    [
+        ("tip.y [m]", 0.2, False),
+        ("tip.y [m]", 0.35, True),
+        ("other.y [m]", 0.2, True),
+    ],
+)
+def test_small_misses_of_rates_of_points_in_parts_of_a_run_have_no_warning(
+    position, miss, is_reported
+):
+    part = MissedPart(0.1, 0.2, 1, 0.5, 0.5 - miss)
+    extremes = {
+        "tip.y_dot [m/s]": missed_peaks.StepExtremes(-1.0, 0.0, 1.0, 1.0, 1.0, (part,)),
+        position: missed_peaks.StepExtremes(-1.0, 0.0, 1.0, 1.0, 1.0),
+    }
+    observed = dict.fromkeys(extremes, np.linspace(-1.0, 1.0, 5))
+    missed = missed_peaks.find_missed_parts(
+        {}, observed, extremes, 1.0, 0.0, lambda: (0.0, 0.0), ()
+    )
+    assert bool(missed) == is_reported
 
 
 def test_regression_peaks_that_hardly_differ_from_the_rows_have_no_warning():

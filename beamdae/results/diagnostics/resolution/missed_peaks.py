@@ -19,6 +19,7 @@ from beamdae.results.columns import (
     drift_limits,
     format_apart,
     largest_of_kind,
+    mark_accompanying_rates,
     mark_constant_columns,
     mark_minor_rates,
     mark_resting_columns,
@@ -43,6 +44,8 @@ _MAX_MISSED_SHARE = 0.01  # of the range of a column
 # Smaller misses, relative to values that do not depend on an origin, have no warning.
 _MIN_SHARE_OF_VALUE = 1e-3
 _UNITS_WITH_ORIGIN = ("m", "rad")
+# Larger limits, relative to half the range, for rates that accompany the positions of a point.
+_MIN_MISS_OF_RATE, _MIN_MISS_OF_RATE_IN_PART = 0.1, 0.3
 _MIN_ROWS = 3  # runs with fewer rows are not curves
 # Units of stresses and forces, to which damping contributes in proportion to strain rates.
 _UNITS_WITH_DAMPING = ("Pa", "N", "N m")
@@ -428,6 +431,8 @@ def find_missed_parts(
     half_range = 0.5 * (values[1] - values[0])
     is_noise = mark_noise(names, values, half_range, length, rtol)
     is_noise |= mark_minor_rates(names, half_range, length)
+    misses = np.array([missed[name].miss if name in missed else 0.0 for name in names])
+    is_noise |= mark_accompanying_rates(names) & (misses < _MIN_MISS_OF_RATE_IN_PART * half_range)
     is_missed = np.array([name in missed for name in names]) & ~is_noise
     if not is_missed.any():
         return ColumnDict()
@@ -542,9 +547,14 @@ def damping_peak_warnings(peaks: Sequence[DampingPeak], has_impacts: bool) -> It
 def remove_minor_peaks(
     peaks: Mapping[str, MissedPeak], extremes: Mapping[str, StepExtremes], length: float
 ) -> dict[str, MissedPeak]:
-    """Return the peaks without those of `mark_minor_rates`."""
+    """Return the peaks without those of `mark_minor_rates`.
+
+    Peaks of `mark_accompanying_rates` remain if the rows miss them by 10 % of half the range.
+    """
     half_ranges = np.array([x.half_range for x in extremes.values()])
     is_minor = mark_minor_rates(list(extremes), half_ranges, length)
+    errors = np.array([peaks[x].error if x in peaks else 0.0 for x in extremes])
+    is_minor |= mark_accompanying_rates(extremes) & (errors < _MIN_MISS_OF_RATE)
     minor = {header for header, x in zip(extremes, is_minor.tolist(), strict=True) if x}
     return {header: peak for header, peak in peaks.items() if header not in minor}
 
