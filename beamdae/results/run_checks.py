@@ -261,6 +261,13 @@ def _driven_reactions(run: RunData) -> Iterable[str]:
     )
 
 
+def _untouched_contacts(run: RunData) -> Iterable[str]:
+    if not _is_complete(run):
+        return ()
+    force = run._energy_ledger.force.scale
+    return untouched_contact_warnings(run.equations, run.trajectory, force)
+
+
 def _mesh_errors(run: RunData) -> Iterable[str]:
     def select_state(row: int) -> LoadedState:
         """Return the state at an output time; load factors of inactive parts are zero."""
@@ -380,7 +387,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _of_motion(impact_speed_warnings),
     _of_motion(elastic_bounce_warnings),
     _of_motion(deep_contact_warnings),
-    _of_complete_run(untouched_contact_warnings),
+    _untouched_contacts,
     _mesh_errors,
     _long_elements,
     FAST_LOADS,

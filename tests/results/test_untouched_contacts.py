@@ -75,7 +75,7 @@ def test_contacts_that_touch_or_may_be_guards_have_no_warning() -> None:
 
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 @pytest.mark.parametrize(
-    ("gap", "friction", "count"), [(1e-3, 0.3, 1), (1e-3, 0.0, 0), (0.0, 0.3, 0)]
+    ("gap", "friction", "count"), [(1e-3, 0.3, 1), (1e-3, 0.0, 0), (-1e-4, 0.3, 0)]
 )
 def test_regression_pads_with_friction_that_do_not_touch_have_a_warning(
     gap: float, friction: float, count: int
@@ -88,6 +88,53 @@ def test_regression_pads_with_friction_that_do_not_touch_have_a_warning(
     glass = bd.LineSurface(mech.ground.at(0.0, -gap))
     mech.add(bd.Contact("glass", pad, glass, 1e5, friction=friction))
     assert len(untouched(mech, 1.0)) == count
+
+
+def pad_on_belt(force: float, overlap: float = 0.0, gravity: float = 0.0) -> bd.Mechanism:
+    """Return a pad of 0.1 kg with a spring along a belt, onto which a force [N] presses it."""
+    mech = bd.Mechanism(gravity=(0.0, -gravity))
+    belt = mech.add(bd.RigidBody.plate("belt", (0.0, -0.01), 1.0, 0.02, mass=1.0))
+    rail = mech.ground.at(0.0, -0.01), belt.at(0.0, -0.01)
+    mech.add(bd.Prismatic("rail", *rail, direction=(1.0, 0.0)))
+    mech.add(bd.TranslationalDriver("drive", *rail, lambda t: 0.2 * t, direction=(1.0, 0.0)))
+    pad = mech.add(bd.PointMass("box", 0.1, at=(0.0, -overlap))).point
+    mech.add(bd.Spring("spring", mech.ground.at(-0.2, 0.0), pad, 1e3, free_length=0.2))
+    mech.add(bd.Force("press", pad, (0.0, -force)))
+    surface = bd.LineSurface(belt.at(0.0, 0.0))
+    mech.add(bd.Contact("pad", pad, surface, 1e6, 1.5, 0.3, 0.1, friction=0.3))
+    mech.when("t", crosses=1.0)
+    return mech
+
+
+def unpressed(mech: bd.Mechanism, t_end: float = 0.05) -> list[str]:
+    run = bd.simulate(mech, t_end=t_end)
+    return [x for x in run.warnings if "nothing presses the bodies together" in x]
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize(
+    ("force", "overlap", "when"),
+    [
+        (0.0, 0.0, "during the run"),
+        (-20.0, 0.0, "during the run"),
+        (-20.0, 1e-5, "after t = 0.000"),
+    ],
+)
+def test_regression_pads_that_are_lifted_at_once_have_a_warning(
+    force: float, overlap: float, when: str
+) -> None:
+    """A wiper drawn on the glass, and lifted in place of pressed, was silent."""
+    (sentence,) = unpressed(pad_on_belt(force, overlap))
+    assert sentence.startswith(f"pad: nothing presses the bodies together {when}")
+    assert sentence.endswith("of the force or the motion that should press.")
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+def test_pads_that_are_pressed_or_land_later_have_no_warning() -> None:
+    assert unpressed(pad_on_belt(20.0)) == []
+    assert unpressed(pad_on_belt(0.0, gravity=9.81)) == []
+    # A small force beside that of the spring.
+    assert unpressed(pad_on_belt(1e-3)) == []
 
 
 def leaf_on_cam(offset: float, far_stop: float = 0.0) -> bd.Mechanism:

@@ -22,6 +22,11 @@ Array = np.ndarray
 
 _MIN_CHANGE = 0.1  # of the gap in the run, relative to the gap at the start
 _ROUNDING = 1e-9  # of the gap, relative to its change
+# A contact is pressed if its depth exceeds rounding errors and the drift of constraints, relative
+# to the length of the mechanism, or if its force matters, relative to the largest one of the run.
+_MIN_DEPTH = 1e-10
+_MIN_FORCE = 1e-5
+_MAX_FIRST_TOUCH = 0.01  # of the run, for pads that are lifted at once
 # Smallest gap that indicates an error of units, relative to the sum of the sizes of all bodies and
 # of the change of the gap. Guards are seldom farther away; with mm in place of m, it is about 1000.
 _MAX_DISTANCE = 5.0
@@ -34,20 +39,23 @@ _MIN_FALL = 1e-3
 
 
 def untouched_contact_warnings(
-    equations: EquationsOfMotion, trajectory: Trajectory
+    equations: EquationsOfMotion, trajectory: Trajectory, largest_force: float
 ) -> Iterator[str]:
     """Yield a warning per contact that is far away, or one if no contact of the mechanism touches.
 
     The bodies of all contacts have to approach, or to depart, or a contact has friction: a pad is
-    meant to slide. Contacts beside others that touch, and in mechanisms with events, may be guards
-    that are not reached. So may be contacts without friction whose gap does not change in one
-    direction, such as stops of vibrations, those whose gap changes by less than a tenth, and pairs
-    of end stops, of which one approaches and the other one departs.
+    meant to slide, and has a warning also if it lies on the surface without a force, or is lifted
+    within the first 1 % of the run. Contacts beside others that touch may be guards that are not
+    reached. So may be contacts without friction in mechanisms with events, those whose gap does not
+    change in one direction, such as stops of vibrations, those whose gap changes by less than a
+    tenth, and pairs of end stops, of which one approaches and the other one departs.
 
     Parameters
     ----------
     equations, trajectory
         The equations of motion and the steps of a run from its start to its planned end.
+    largest_force
+        Largest entry of the forces and the reactions in the run [N or N m].
     """
     contacts = contacts_of(equations)
     if not contacts:
@@ -58,18 +66,32 @@ def untouched_contact_warnings(
     if any(sentences):
         yield from filter(None, sentences)
         return
-    if mechanism is None or mechanism.events or any(x.inactive for x in intervals):
+    if mechanism is None or any(x.inactive for x in intervals):
         return
     times = np.concatenate([x.t for x in intervals])
     rows = [gaps_of_run(x, trajectory) for x in gaps]
-    changes = [_steady_change(values) for values in rows]
-    is_pad = any(contacts[x.part].friction > 0.0 for x in gaps)
-    is_untouched = min(np.min(values) for values in rows) > 0.0
-    if not (min(changes) > 0.0 or max(changes) < 0.0 or (is_pad and is_untouched)):
-        return
     closest = min(range(len(gaps)), key=lambda k: float(np.min(rows[k])))
     smallest = int(np.argmin(rows[closest]))
     others = [x.part for k, x in enumerate(gaps) if k != closest]
+    changes = [_steady_change(values) for values in rows]
+    if any(contacts[x.part].friction > 0.0 for x in gaps):
+        presses = [
+            _presses(contacts[x.part], values, equations.length, largest_force)
+            for x, values in zip(gaps, rows, strict=True)
+        ]
+        last = float(times[np.any(presses, axis=0)].max(initial=trajectory.start))
+        if last - trajectory.start > _MAX_FIRST_TOUCH * (trajectory.end - trajectory.start):
+            return
+        if np.any(presses) or rows[closest][smallest] <= 0.0:
+            when = f"after t = {last:.2g} s" if last > trajectory.start else "during the run"
+            yield (
+                f"{name_with_others(gaps[closest].part, others)}: nothing presses the bodies "
+                f"together {when}, so that the normal force and the friction are zero; check the "
+                "direction of the surface, and that of the force or the motion that should press."
+            )
+            return
+    elif mechanism.events or not (min(changes) > 0.0 or max(changes) < 0.0):
+        return
     remedy = (
         "use a later t_end=, or check the place of the surface"
         if changes[closest] < 0.0
@@ -137,6 +159,13 @@ def _ceiling_of(contact: Contact, mechanism: Mechanism) -> LineSurface | None:
     fall = float(np.dot(surface.numbers, gravity))
     is_above = fall > 0.0 and fall >= _MIN_CEILING * float(np.hypot(*gravity))
     return surface if is_above else None
+
+
+def _presses(contact: Contact, gaps: Array, length: float, largest_force: float) -> Array:
+    """Return the mask of the gaps (k,) at which a contact has a normal force."""
+    depth = np.maximum(-gaps, 0.0)
+    force = float(contact.stiffness) * depth**contact.exponent
+    return np.asarray((depth > _MIN_DEPTH * length) | (force > _MIN_FORCE * largest_force))
 
 
 def _steady_change(gaps: Array) -> float:
