@@ -27,7 +27,10 @@ from beamdae.equations.part_warnings import (
 from beamdae.errors import BeamdaeError
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import EQUILIBRIUM
-from beamdae.results.diagnostics.contacts.deep_contacts import deep_contact_warnings
+from beamdae.results.diagnostics.contacts.deep_contacts import (
+    deep_contact_warnings,
+    soft_contact_warnings,
+)
 from beamdae.results.diagnostics.contacts.elastic_bounces import elastic_bounce_warnings
 from beamdae.results.diagnostics.contacts.hard_impacts import hard_impact_warnings
 from beamdae.results.diagnostics.contacts.impact_speeds import impact_speed_warnings
@@ -387,6 +390,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _of_motion(impact_speed_warnings),
     _of_motion(elastic_bounce_warnings),
     _of_motion(deep_contact_warnings),
+    _of_motion(soft_contact_warnings),
     _untouched_contacts,
     _mesh_errors,
     _long_elements,

@@ -100,3 +100,52 @@ def test_regression_rigid_bodies_and_circles_passed_through_each_other_in_silenc
 )
 def test_stiff_contacts_of_rigid_bodies_and_clearances_have_no_warning(model):
     assert deep_warnings(bd.simulate, model, t_end=0.5) == []
+
+
+def pressed_leaf(softness, contacts=1, exponent=1.0):
+    """Return a leaf of 0.1 m whose tip overlaps a surface by 1 mm, in equilibrium.
+
+    The linear contact is `softness` times as soft as the leaf.
+    """
+    steel = bd.Material(E=2e11, nu=0.3, rho=7850.0)
+    section = bd.Section.rectangle(steel, width=0.01, height=2e-3, damping=1e-4)
+    mech = bd.Mechanism(start="equilibrium")
+    leaf = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.1, 0.0)), section, 2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf.start))
+    stiffness = 3.0 * 2e11 * (0.01 * 2e-3**3 / 12.0) / 0.1**3 / softness
+    surface = bd.LineSurface(mech.ground.at(0.0, 1e-3))
+    for k in range(contacts):
+        mech.add(
+            bd.Contact(f"pad {k}", leaf.end, surface, stiffness * 1e3 ** (exponent - 1), exponent)
+        )
+    mech.observe("tip", leaf.end)
+    return mech
+
+
+def soft_warnings(mech, t_end=0.1):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        return [x for x in bd.simulate(mech, t_end=t_end).warnings if "soft layer" in x]
+
+
+def test_regression_contacts_softer_than_the_beam_have_a_warning():
+    """A contact took 99 % of the stroke that should bend the lip of a wiper."""
+    (text,) = soft_warnings(pressed_leaf(4.0))
+    assert text == (
+        "pad 0: the contact sinks 0.0008 m deep on average, but its force deflects the parts that "
+        "it touches by only 0.0002 m; raise the stiffness if it does not stand for a soft layer."
+    )
+    # Sqrt(1e3 d) of the tangent at 1 mm.
+    (text,) = soft_warnings(pressed_leaf(4.0, exponent=1.5))
+    assert "sinks 0.0008" in text
+
+
+def test_stiff_contacts_foundations_and_free_beams_on_soft_floors_have_no_warning():
+    assert soft_warnings(pressed_leaf(0.25)) == []
+    assert soft_warnings(pressed_leaf(8.0, contacts=2)) == []
+    mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
+    section = bd.Section.rectangle(bd.Material.of("steel"), 0.01, 2e-3)
+    beam = mech.add(bd.Beam("board", bd.Line((0.0, 0.0), (0.1, 0.0)), section, 2))
+    mech.add(bd.Prismatic("guide", mech.ground.at(0.0, 0.0), beam.start, direction=(0.0, 1.0)))
+    mech.add(bd.Contact("foam", beam.end, bd.LineSurface(mech.ground.at(0.0, 0.0)), 200.0, 1.0))
+    assert soft_warnings(mech) == []

@@ -1,4 +1,4 @@
-"""Warnings about contacts whose penetration exceeds the size of a touching part."""
+"""Warnings about contacts that sink deeper than a touching part is thick, or deflects."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import numpy as np
 from beamdae.beams.beam import BeamAttachment
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.part_warnings import starts_in_equilibrium
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.least_strain import solve_least_change
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
-from beamdae.errors import list_first
+from beamdae.errors import list_first, name_with_others
 from beamdae.parts.bodies.rigid_body import RigidBody
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.trajectory import Trajectory
@@ -26,6 +28,10 @@ _MIN_DEEPENING = 1.01  # depth relative to the one in the drawing
 # Points pass through a circle beside its center less deep than by its radius.
 _MAX_DEPTH_IN_CIRCLE = 0.5  # relative to the radius
 _GAP_STEP = 1e-6  # of finite differences, relative to the length of the mechanism
+# A contact is soft if it touches for this share of the run, and is deeper than this share of the
+# height of a beam: less deep ones matter little, even if the beam hardly deflects.
+_MIN_TIME_OF_SOFT_CONTACT = 0.5
+_MIN_DEPTH_OF_SOFT_CONTACT = 0.1
 # Width over length of outlines below which they are lines, which have no thickness.
 _MAX_LINE_WIDTH = 1e-6
 
@@ -86,6 +92,82 @@ def deep_start_warnings(equations: EquationsOfMotion, time: Array, state: State)
         for gap in compile_surface_gaps(equations)
     }
     yield from _describe(equations, depths)
+
+
+def soft_contact_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
+    """Yield one warning about contacts that are softer than the beams that they press.
+
+    They touch during half of the run, sink on average deeper than a tenth of the height of a beam,
+    and deeper than their normal force deflects the parts that they touch. Bodies that are free to
+    move along the normal, such as those that fall on a soft floor, deflect without limit. Beams
+    with several contacts are exempt: these may stand for an elastic foundation.
+
+    Parameters
+    ----------
+    equations, trajectory
+        The equations of motion and the steps of the run.
+    """
+    contacts, duration = contacts_of(equations), trajectory.end - trajectory.start
+    if not contacts or not duration > 0.0:
+        return
+    touched = [x.body for contact in contacts.values() for x in contact.attachments]
+    soft = []
+    for gap in compile_surface_gaps(equations):
+        sections = [
+            x.body.section.at(x.s)
+            for x in contacts[gap.part].attachments
+            if isinstance(x, BeamAttachment) and x.s is not None and touched.count(x.body) == 1
+        ]
+        height = min((x.height for x in sections if x.height is not None), default=np.inf)
+        intervals = [x for x in trajectory.intervals if gap.part not in x.inactive]
+        depths = [-gap.evaluate(x.t, x.branch, x.state.q) for x in intervals]
+        pairs = list(zip(intervals, depths, strict=True))
+        touch = sum(_integrate(x.t, depth > 0.0) for x, depth in pairs)
+        total = sum(_integrate(x.t, np.maximum(depth, 0.0)) for x, depth in pairs)
+        if touch < _MIN_TIME_OF_SOFT_CONTACT * duration:
+            continue
+        mean = total / touch
+        if not _MIN_DEPTH_OF_SOFT_CONTACT * height < mean < height:
+            continue  # deeper ones have the warning of `deep_contact_warnings`
+        x, depth = min(pairs, key=lambda pair: float(np.min(np.abs(pair[1] - mean))))
+        k = int(np.argmin(np.abs(depth - mean)))
+        state = _Depth(float(depth[k]), float(x.t[k]), x.branch, x.state.q[k], gap)
+        deflection = _deflection(equations, contacts[gap.part], state, duration)
+        if 0.0 < deflection < mean:
+            soft.append((mean / deflection, gap.part, mean, deflection))
+    if not soft:
+        return
+    (_, name, mean, deflection), *others = sorted(soft, reverse=True)
+    yield (
+        f"{name_with_others(name, [x[1] for x in others])}: the contact sinks {mean:.2g} m deep on "
+        f"average, but its force deflects the parts that it touches by only {deflection:.2g} m; "
+        "raise the stiffness if it does not stand for a soft layer."
+    )
+
+
+def _deflection(
+    equations: EquationsOfMotion, contact: Contact, state: _Depth, duration: float
+) -> float:
+    """Return the static deflection along the normal by the force of a contact [m]."""
+    time, solver = np.array([state.t, state.branch]), ConsistencySolver(equations)
+    stiffness, _, mass = solver.linearize_forces(time, solver.rest_state(state.q))
+    rows = solver.constraint_matrix(time, state.q)
+    steps = np.diag(_GAP_STEP * equations.position_scales)
+    q = np.concatenate([state.q + steps, state.q - steps])
+    forward, backward = np.split(state.gap.evaluate(np.full(len(q), state.t), state.branch, q), 2)
+    normal = (forward - backward) / (2.0 * np.diag(steps))
+    shape = solve_least_change(
+        stiffness + mass / duration**2, rows, np.zeros(rows.shape[0]), normal
+    )
+    # Compliance of the parts, and of the contact in parallel with them.
+    compliance = float(normal @ shape)
+    force = float(contact.stiffness) * state.depth**contact.exponent
+    of_contact = contact.exponent * force / state.depth
+    return force * compliance / (1.0 - of_contact * compliance)
+
+
+def _integrate(t: Array, values: Array) -> float:
+    return float(0.5 * np.diff(t) @ (values[1:] + values[:-1].astype(float)))
 
 
 def _describe(equations: EquationsOfMotion, depths: Mapping[str, _Depth]) -> Iterator[str]:
