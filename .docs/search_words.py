@@ -97,6 +97,8 @@ WORDS = {
         "state space",
         "transfer function",
         "Bode plot",
+        "linear frequency response",
+        "harmonic response",
         "critical speed",
         "mode shape",
         "vibration",

@@ -8,6 +8,8 @@ from .analysis.gradients.objectives import Objective as Objective
 from .analysis.gradients.objectives import SmoothMaximum as SmoothMaximum
 from .analysis.gradients.objectives import SquaredErrors as SquaredErrors
 from .analysis.gradients.objectives import TimeIntegral as TimeIntegral
+from .analysis.linear_dynamics.bode_diagram import Bode as Bode
+from .analysis.linear_dynamics.bode_diagram import bode as bode
 from .analysis.linear_dynamics.campbell_diagram import Campbell as Campbell
 from .analysis.linear_dynamics.campbell_diagram import campbell as campbell
 from .analysis.linear_dynamics.linear_model import LinearModel as LinearModel

@@ -286,6 +286,8 @@ GROUPS = (
             Public("animate_mode", "beamdae.report.pictures.mode_shapes"),
             Public("linearize", "beamdae.analysis.linear_dynamics.linear_model"),
             Public("LinearModel", "beamdae.analysis.linear_dynamics.linear_model"),
+            Public("bode", "beamdae.analysis.linear_dynamics.bode_diagram"),
+            Public("Bode", "beamdae.analysis.linear_dynamics.bode_diagram"),
         ),
     ),
     Group(

@@ -24,6 +24,7 @@ _FUNCTIONS = {
     "animate": ("pictures.run_animation", "animate"),
     "draw_campbell": ("pictures.mode_shapes", "draw_campbell"),
     "draw_modes": ("pictures.mode_shapes", "draw_modes"),
+    "plot_bode": ("pictures.bode_plots", "plot_bode"),
     "plot_critical_loads": ("pictures.path_plots", "plot_critical_loads"),
     "plot_equilibrium_path": ("pictures.path_plots", "plot_path"),
     "plot_fit": ("pictures.fit_plots", "plot_fit"),

@@ -21,7 +21,7 @@ from beamdae.errors import BeamdaeWarning, KernelWarning
 _GROUPS = {
     "Models": ("new", "examples", "list", "draw", "view", "check"),
     "Runs": ("run", "sweep", "compare"),
-    "Statics and vibrations": ("static", "buckling", "modes", "periodic", "response"),
+    "Statics and vibrations": ("static", "buckling", "modes", "bode", "periodic", "response"),
     "Parameters and export": ("fit", "optimize", "export"),
 }
 _GROUP_OF_COMMAND = {name: group for group, names in _GROUPS.items() for name in names}

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.analysis.linear_dynamics.bode_diagram import Bode
 from beamdae.analysis.linear_dynamics.campbell_diagram import Campbell
 from beamdae.analysis.linear_dynamics.linear_model import LinearModel
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
@@ -57,8 +58,9 @@ def write_analysis_page(result: Any, path: Path, title: str | None = None) -> Pa
         page = build_campbell_page(result, "Campbell diagram")
     elif isinstance(result, Boundary | KnockDown):
         page = build_critical_loads_page(result, "critical loads")
-    elif isinstance(result, LinearModel):
-        page = build_linear_page(result, f"linear model about {result.about}")
+    elif isinstance(result, LinearModel | Bode):
+        model = result.model if isinstance(result, Bode) else result
+        page = build_linear_page(result, f"linear model about {model.about}")
     else:
         noun = "buckling modes" if isinstance(result, Buckling) else "modes"
         page = build_modes_page(result, f"{noun} about {result.about}")

@@ -147,6 +147,7 @@ class Views(Protocol):
     animate: Callable[..., Animation | Path]
     draw_campbell: Callable[..., Plot]
     draw_modes: Callable[..., Plot]
+    plot_bode: Callable[..., Plot]
     plot_critical_loads: Callable[..., Plot]
     plot_equilibrium_path: Callable[..., Plot]
     plot_fit: Callable[..., Plot]

@@ -38,6 +38,7 @@ COMMANDS = {
     "static --plot": ("--plot", "tip.y"),
     "modes": (),
     "buckling": ("--load", "push"),
+    "bode": ("--output", "tip.y", "--frequencies", "1:10"),
     "periodic": ("--period", "1", "--settle", "1"),
     "response": ("--over", "frequency=100:110", "--max-points", "2", "--settle", "1"),
     "optimize": ("--by", "stiffness", "--minimize", "mass"),

@@ -28,6 +28,7 @@ COMMANDS = {
     "static": [],
     "modes": [],
     "buckling": [],
+    "bode": ["--output", "tip.y"],
 }
 
 
@@ -42,7 +43,7 @@ def call(tmp_path, command, *options):
 @pytest.mark.parametrize(
     "command",
     [
-        *("run", "static", "modes", "buckling"),
+        *("run", "static", "modes", "buckling", "bode"),
         pytest.param("sweep", marks=pytest.mark.slow(reason="starts a process")),
     ],
 )

@@ -244,19 +244,25 @@ class LinearModel(HasPage):
                 "frequency_response", "frequencies", frequencies, "a list [Hz]"
             )
         ]
-        response = self._evaluate_response(values)
-        if self._linearization is not None and values:
-            for warning in response_mesh_warnings(
-                self._linearization,
-                float(np.max(np.abs(values))),
-                {x.header for x in self.outputs},
-            ):
-                # The response is an array, whose warnings cannot be read later.
-                warn_user(f"frequency_response: {warning}", merges=False)
-        missed_peak = self._missed_peak_warning(np.array(values), response)
-        if missed_peak:
-            warn_user(missed_peak, merges=False)
+        response, warnings = self.respond(values)
+        for warning in warnings:
+            # The response is an array, whose warnings cannot be read later.
+            warn_user(warning, merges=False)
         return response
+
+    def respond(self, values: Sequence[float]) -> tuple[Array, tuple[str, ...]]:
+        """Return the transfer matrices at frequencies [Hz], and warnings about them."""
+        response = self._evaluate_response(values)
+        warnings = []
+        if self._linearization is not None and values:
+            headers = {x.header for x in self.outputs}
+            highest = float(np.max(np.abs(values)))
+            warnings = [
+                f"frequency_response: {x}"
+                for x in response_mesh_warnings(self._linearization, highest, headers)
+            ]
+        missed_peak = self._missed_peak_warning(np.array(values), response)
+        return response, (*warnings, *filter(None, [missed_peak]))
 
     def _missed_peak_warning(self, frequencies: Array, response: Array) -> str | None:
         """Return a warning if peaks at poles exceed the response at both adjacent frequencies."""

@@ -30,7 +30,7 @@ from beamdae.cli.output_paths import require_writable
 from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
 from beamdae.errors import BeamdaeError, require_choice, require_count
 
-_STATES = ("reference", "equilibrium")
+STATES = ("reference", "equilibrium")
 _MIN_SPEEDS = 2  # of a Campbell diagram
 _RANGE_COUNTS = (_MIN_SPEEDS, 1000)
 
@@ -67,7 +67,7 @@ def modes_command(
         typer.Option(
             metavar="STATE",
             help="State to linearize about: reference or equilibrium.",
-            autocompletion=lambda: _STATES,
+            autocompletion=lambda: STATES,
         ),
     ] = "reference",
     number: Annotated[int, typer.Option("-n", "--number", help="Number of modes.")] = 10,
@@ -112,7 +112,7 @@ def modes_command(
     from beamdae.cli.model_files.model_file import ModelFile
 
     model = load_configured_model(ModelFile(path), model_name, settings)
-    require_choice("modes", "--about", about, _STATES)
+    require_choice("modes", "--about", about, STATES)
     speeds, animated_modes = [x for group, _ in speed or [] for x in group], animate or []
     if speeds and about != "reference":
         raise BeamdaeError(f"modes: --about {about} and --speed are mutually exclusive; omit one.")

@@ -377,6 +377,21 @@ def peaks_table(parameter: str, label: str, peaks: pd.DataFrame) -> ResponsiveTa
     return ResponsiveTable("peak of", columns, rows, "--json")
 
 
+def bode_table(peaks: pd.DataFrame) -> ResponsiveTable:
+    """Return a table of the peaks of transfer functions, given `Bode.peak_table()`."""
+    columns = [
+        Column("frequency\n[Hz]"),
+        Column("magnitude"),
+        Column("unit"),
+        Column("phase\n[deg]", 1),
+    ]
+    rows = [
+        (str(name), format_number(f, 6), format_number(size, 5), str(unit), format_number(phase, 4))
+        for name, f, size, unit, phase in peaks.itertuples(index=False)
+    ]
+    return ResponsiveTable("peak of", columns, rows, "the CSV file")
+
+
 def estimates_table(table: pd.DataFrame, units: Mapping[str, str] | None = None) -> ResponsiveTable:
     """Return a table of estimates and their 95 % intervals, given `Fit.table()` and units."""
     headers = format_headers(units or {})

@@ -93,6 +93,15 @@ MODE_CALLS: dict[str, WorkingCall] = {
         return_result,
         lambda box, every: bd.linearize(_pushed_bar(box)).state_space(every),
     ),
+    "bode": WorkingCall(
+        lambda box: {"model": bd.linearize(_pushed_bar(box)), "frequencies": [1.0, 2.0]},
+        lambda box, result: (result.table(), result.peak_table()),
+    ),
+    "bode between": WorkingCall(
+        lambda box: {"between": (0.5, 2.0)},
+        lambda box, result: result.plot(),
+        lambda box, between: bd.bode(bd.linearize(_pushed_bar(box)), between=between),
+    ),
     "draw_modes": WorkingCall(
         lambda box: {"modes": bd.modes(box.mech, about="equilibrium")}, return_result
     ),

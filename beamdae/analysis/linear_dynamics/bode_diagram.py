@@ -1,0 +1,416 @@
+"""Frequency response of a linear model: magnitude and phase of its transfer functions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from beamdae.analysis.linear_dynamics.linear_model import LinearModel
+from beamdae.errors import (
+    BeamdaeError,
+    format_count,
+    require_pair,
+    require_positive,
+    require_sequence,
+    short_repr,
+    warn_of_result,
+)
+from beamdae.interrupts import interruptible
+from beamdae.linear.blas_threads import single_threaded
+from beamdae.read_only import read_only_data
+from beamdae.results.displays import HasPage, HasTable, Plot, load_views
+from beamdae.symbolic.statements import Variable
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = np.ndarray
+
+# Smaller values, relative to those with which they are compared, are rounding noise.
+NOISE_RANGE = 1e-9
+# Transfer functions below this share of the bound by the norms of matrices are rounding noise.
+_TRANSFER_ROUNDING = 10.0 * np.finfo(float).eps
+_QUARTILES = (0.25, 0.5, 0.75)
+_MAX_POLES = 24  # that are listed
+_MAX_REAL_POLES = 8  # of these; overdamped axial vibrations of beams have many
+_MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller imaginary parts are rounding errors
+_POLE_ROUNDING = 10.0 * np.finfo(float).eps  # of poles, relative to the largest one
+# A pole grows if its real part is above this share of its magnitude: those of undamped motions of
+# stiff structures have rounding errors of 1e-6.
+_MIN_GROWTH_SHARE = 1e-4
+_MIN_POLE = 1e-4  # [1/s]; smaller poles are zero
+_FREQUENCY_MARGIN = 10.0  # of the range, below the slowest and above the listed poles
+_MAX_PEAK_DAMPING = 0.7  # damping ratio above which a pole has no peak
+_MAX_FREQUENCY_RATIO = 1e6  # of the range
+_MAX_FREQUENCIES, _MIN_FREQUENCIES = 600, 60
+_FREQUENCY_WORK = 1e10  # frequencies times number of states cubed; about ten seconds
+_PEAK_SHARE = 0.5  # of the frequencies are beside poles
+# Distances from lightly damped poles, in half widths of their peaks: at 1, the response has half of
+# the power of the peak. All poles have the first ones.
+_HALF_POWER_POSITIONS = np.array([-1.0, 0.0, 1.0])
+_PEAK_POSITIONS = np.array([-6.0, -3.0, -1.5, -0.7, -0.3, 0.3, 0.7, 1.5, 3.0, 6.0])
+_MIN_DAMPING_RATIO = 1e-6  # smaller ones are rounding errors of stiff structures
+_UNDAMPED_WIDTH = 1e-5  # relative half width in place of that of undamped poles
+# Shift of the positions beside undamped poles, where the response is infinite, and the minimum
+# distance of all frequencies from these poles, in half widths.
+_UNDAMPED_SHIFT, _MIN_POLE_DISTANCE = 0.1, 0.05
+# Lower peaks, relative to the largest magnitude of the transfer function, are not listed.
+_MIN_PEAK_SHARE = 0.01
+
+
+class PoleDescription(NamedTuple):
+    """Frequency [Hz], damping ratio [-] and growth rate [1/s] of a pole."""
+
+    frequency: float
+    damping_ratio: float
+    growth_rate: float
+
+
+class TransferFunction(NamedTuple):
+    """Transfer function from one input to one output.
+
+    Attributes
+    ----------
+    name
+        Names and units of output and input, such as "tip.y [m] / push.Fy [N]".
+    output, input
+        Indices of the output and the input.
+    unit
+        Unit of output per unit of input.
+    response
+        Complex values at the frequencies, (k,).
+    is_noise
+        True if the response is zero but for rounding errors.
+    """
+
+    name: str
+    output: int
+    input: int
+    unit: str
+    response: Array
+    is_noise: bool
+
+    @property
+    def phase(self) -> Array:
+        """Continuous phase [deg], NaN where the response is zero but for rounding errors."""
+        magnitude = np.abs(self.response)
+        is_zero = magnitude <= NOISE_RANGE * np.median(magnitude)
+        return np.where(is_zero, np.nan, np.degrees(np.unwrap(np.angle(self.response))))
+
+
+@read_only_data
+@dataclass(frozen=True, eq=False, repr=False)
+class Bode(HasTable, HasPage):
+    """Magnitude and phase of the transfer functions of a linear model; see `bode`.
+
+    Attributes
+    ----------
+    model
+        The linear model.
+    frequencies
+        Frequencies [Hz], (k,), ascending.
+    response
+        Complex transfer matrices, (k, outputs, inputs), in units of output per unit of input.
+    warnings
+        Warnings of the linear model, those of `LinearModel.frequency_response`, and one if the
+        model is unstable, so that it does not reach the response.
+    """
+
+    model: LinearModel
+    frequencies: Array
+    response: Array = field(repr=False)
+    warnings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        first, last = self.frequencies[[0, -1]].tolist()
+        count = len(self.model.outputs) * len(self.model.inputs)
+        return (
+            f"<Bode: {format_count(count, 'transfer function')} at {len(self.frequencies)} "
+            f"frequencies, {first:g} to {last:g} Hz>" + "".join(f" {x}" for x in self.warnings)
+        )
+
+    @cached_property
+    @single_threaded
+    def transfer_functions(self) -> tuple[TransferFunction, ...]:
+        """Transfer functions between different quantities; those with one unit are adjacent."""
+        model, sizes = self.model, np.median(np.abs(self.response), axis=0)
+        pairs = [
+            (i, j)
+            for j, source in enumerate(model.inputs)
+            for i, output in enumerate(model.outputs)
+            if output.name != source.name  # The response of an input to itself is 1.
+        ]
+        units = {(i, j): _divide_units(model.outputs[i], model.inputs[j]) for i, j in pairs}
+        scales = {unit: max(sizes[x] for x in pairs if units[x] == unit) for unit in units.values()}
+        order = list(dict.fromkeys(units.values()))
+        pairs.sort(key=lambda x: order.index(units[x]))
+        noise = _TRANSFER_ROUNDING * _bound_magnitudes(
+            model, np.quantile(self.frequencies, _QUARTILES)
+        )
+        return tuple(
+            TransferFunction(
+                f"{model.outputs[i].header} / {model.inputs[j].header}",
+                i,
+                j,
+                units[i, j],
+                self.response[:, i, j],
+                # Rounding errors are compared to medians, because peaks of undamped modes have any
+                # magnitude.
+                bool(sizes[i, j] <= max(NOISE_RANGE * scales[units[i, j]], noise[i, j])),
+            )
+            for i, j in pairs
+        )
+
+    def table(self) -> pd.DataFrame:
+        """Return magnitudes, in output per input, and phases [deg] over the frequency [Hz]."""
+        import pandas as pd
+
+        columns: dict[str, Array] = {"frequency [Hz]": self.frequencies}
+        for x in self.transfer_functions:
+            name = self._short_name(x)
+            columns[f"{name} magnitude [{x.unit}]"] = np.abs(x.response)
+            columns[f"{name} phase [deg]"] = x.phase
+        return pd.DataFrame(columns)
+
+    def peak_table(self) -> pd.DataFrame:
+        """Return the peaks of the magnitudes, one row each, and the largest magnitude.
+
+        Peaks below 1 % of the largest magnitude of their transfer function are omitted. Those of
+        undamped modes (damping ratios below 1e-6) are infinite.
+        """
+        import pandas as pd
+
+        poles = self.model.poles
+        is_undamped = np.abs(poles.real) <= _MIN_DAMPING_RATIO * np.abs(poles)
+        undamped = np.abs(poles.imag[is_undamped]) / (2.0 * np.pi)
+        rows = []
+        for x in self.transfer_functions:
+            size = np.abs(x.response)
+            inner = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1
+            peaks = {*inner[size[inner] >= _MIN_PEAK_SHARE * size.max()].tolist()}
+            listed = [] if x.is_noise else sorted(peaks | {int(np.argmax(size))})
+            name, f, phase = self._short_name(x), self.frequencies, x.phase
+            rows += [
+                (name, f[k], np.inf, x.unit, np.nan)
+                if np.any(np.abs(f[k] - undamped) <= _UNDAMPED_WIDTH * f[k])
+                else (name, f[k], size[k], x.unit, phase[k])
+                for k in listed
+            ]
+        names = ["output / input", "frequency [Hz]", "magnitude", "unit", "phase [deg]"]
+        return pd.DataFrame(rows, columns=names)
+
+    def plot(self) -> Plot:
+        """Draw magnitudes and phases over the frequency, of up to six transfer functions."""
+        return load_views().plot_bode(self)
+
+    def _short_name(self, x: TransferFunction) -> str:
+        return f"{self.model.outputs[x.output].name} / {self.model.inputs[x.input].name}"
+
+
+@interruptible
+def bode(
+    model: LinearModel,
+    frequencies: Sequence[float] | None = None,
+    between: tuple[float, float] | None = None,
+) -> Bode:
+    """Compute magnitude and phase of the transfer functions of a linear model (Bode diagram).
+
+    The transfer matrix is G = C (i w I - A)^-1 B + D with w = 2 pi f. This is the steady response
+    to sinusoidal inputs that are small; `frequency_response` computes nonlinear periodic motions.
+
+    Parameters
+    ----------
+    model
+        Result of `linearize`.
+    frequencies
+        Frequencies f [Hz]. Defaults to up to 600 frequencies with equal ratios, the natural
+        frequencies between them with the frequencies at which resonances have half of their power,
+        and further ones near the slowest resonances, so that no peak is missed.
+    between
+        Smallest and largest of the default frequencies [Hz]. Defaults to a tenth of the lowest and
+        ten times the highest one of the first 24 natural frequencies.
+
+    Returns
+    -------
+    Bode
+        The transfer functions, with `table`, `peak_table`, `plot` and `page`.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid, both arguments are given, or the response is infinite at one of
+        the given frequencies.
+    Interrupted
+        If Ctrl-C ends the call.
+
+    Warns
+    -----
+    BeamdaeWarning
+        See `LinearModel.frequency_response`, and if the model is unstable.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
+    >>> rail = mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point))
+    >>> ends = mech.ground.at(0.0, 0.0), mass.point
+    >>> spring = mech.add(bd.SpringDamper("spring", *ends, stiffness=200.0, damping=1.0))
+    >>> push = mech.add(bd.Force("push", mass.point, (0.0, 0.0)))
+    >>> mech.observe("mass", mass.point)
+    >>> diagram = bd.bode(bd.linearize(mech, inputs=["push"], outputs=["mass.x"]))
+    >>> peak = diagram.peak_table().iloc[0]
+    >>> print(f"{peak['magnitude']:.4f} {peak['unit']} at {peak['frequency [Hz]']:.3f} Hz")
+    0.1000 m/N at 1.591 Hz
+    """
+    if not isinstance(model, LinearModel):
+        raise BeamdaeError(
+            f"bode: model must be a result of linearize, got {short_repr(model)}; pass "
+            "linearize(model)."
+        )
+    if frequencies is not None and between is not None:
+        raise BeamdaeError("bode: frequencies and between are mutually exclusive; omit one.")
+    if frequencies is not None:
+        given = require_sequence("bode", "frequencies", frequencies, "a list [Hz]")
+        values = np.unique([require_positive("bode", "frequencies", f) for f in given])
+        if not len(values):
+            raise BeamdaeError("bode: frequencies must contain at least one value [Hz], got none.")
+    else:
+        ends = None
+        if between is not None:
+            first, last = (
+                require_positive("bode", "between", x)
+                for x in require_pair("bode", "between", between)
+            )
+            if not first < last:
+                raise BeamdaeError(f"bode: between must ascend, got {short_repr(between)}.")
+            ends = first, last
+        values = choose_frequencies(model.poles, len(model.states), ends)
+    response, warnings = model.respond(values.tolist())
+    growing = find_growing_poles(model.poles)
+    if len(growing):
+        rate = float(np.max(growing.real))
+        warnings = (
+            f"the linear model is unstable (largest growth rate {rate:.4g} 1/s), so motions do not "
+            "settle to this response; linearize about a stable state, or close the control loop.",
+            *warnings,
+        )
+    warn_of_result(warnings)
+    return Bode(model, values, response, (*model.warnings, *warnings))
+
+
+def describe_poles(poles: Array) -> list[PoleDescription]:
+    """Return frequency, damping ratio and growth rate of poles [1/s] above the real axis.
+
+    Real parts of oscillating poles within rounding errors are 0.
+    """
+    rounding = _POLE_ROUNDING * float(np.max(np.abs(poles), initial=0.0))
+    descriptions = []
+    for pole in poles.tolist():
+        real = 0.0 if _is_oscillating(pole) and abs(pole.real) <= rounding else pole.real
+        size = abs(complex(real, pole.imag))
+        frequency = abs(pole.imag) / (2.0 * np.pi) if _is_oscillating(pole) else 0.0
+        # Adding zero changes -0 to 0.
+        ratio = (-real / size if size else 0.0) + 0.0
+        descriptions.append(PoleDescription(frequency, ratio, real + 0.0))
+    return descriptions
+
+
+def find_growing_poles(poles: Array) -> Array:
+    """Return the poles with a positive real part, except rounding errors and free motions."""
+    is_growing = poles.real > _MIN_GROWTH_SHARE * np.abs(poles)
+    return poles[is_growing & ~_are_zero(poles) & (poles.imag >= 0.0)]
+
+
+def _are_zero(poles: Array) -> Array:
+    """Return True for the poles of free motions and integrators, which are zero but for rounding.
+
+    Multiple eigenvalues have larger rounding errors.
+    """
+    sizes = np.abs(poles)
+    return sizes <= max(NOISE_RANGE * float(np.max(sizes, initial=0.0)), _MIN_POLE)
+
+
+def select_poles(poles: Array) -> list[int]:
+    """Return the positions of the listed poles: growing ones, and the slowest others.
+
+    Of the others, at most eight are real. Poles are above the real axis.
+    """
+    growth_rates = np.array([x.growth_rate for x in describe_poles(poles)])
+    is_oscillating = np.array([_is_oscillating(x) for x in poles], bool)
+    is_candidate = is_oscillating | (np.cumsum(~is_oscillating) <= _MAX_REAL_POLES)
+    is_listed = is_candidate & (np.cumsum(is_candidate) <= _MAX_POLES)
+    return np.flatnonzero(is_listed | (growth_rates > 0.0)).tolist()
+
+
+def choose_frequencies(
+    all_poles: Array, n_states: int, ends: tuple[float, float] | None = None
+) -> Array:
+    """Return frequencies [Hz] around the listed poles, or between `ends` [Hz].
+
+    They contain all natural frequencies and half-power frequencies, and are denser near lightly
+    damped ones.
+    """
+    poles = all_poles[all_poles.imag >= 0.0]
+    sizes = np.abs(poles) / (2.0 * np.pi)
+    known = np.sort(sizes[~_are_zero(poles)])
+    if not len(known):
+        known = np.ones(1)
+    listed = select_poles(poles)
+    low = known[0] / _FREQUENCY_MARGIN
+    peaks = [
+        size
+        for pole, size in zip(poles[listed], sizes[listed], strict=True)
+        if _is_oscillating(pole) and abs(pole.real) < _MAX_PEAK_DAMPING * abs(pole)
+    ]
+    high = min(max([known[0], *peaks]) * _FREQUENCY_MARGIN, low * _MAX_FREQUENCY_RATIO)
+    low, high = ends or (low, high)
+    work = _FREQUENCY_WORK / max(n_states, 1) ** 3
+    count = int(np.clip(work, _MIN_FREQUENCIES, _MAX_FREQUENCIES))
+    near, undamped = [], []
+    n_peaks = int(_PEAK_SHARE * count) // (len(_PEAK_POSITIONS) + len(_HALF_POWER_POSITIONS))
+    for pole, size in zip(poles, sizes, strict=True):
+        if not _is_oscillating(pole) or not low <= pole.imag / (2.0 * np.pi) <= high:
+            continue
+        center, width = pole.imag / (2.0 * np.pi), abs(pole.real) / (2.0 * np.pi)
+        if width <= _MIN_DAMPING_RATIO * size:
+            width = _UNDAMPED_WIDTH * size
+            undamped.append((center, _MIN_POLE_DISTANCE * width))
+            center += _UNDAMPED_SHIFT * width
+        near.append(center + width * _HALF_POWER_POSITIONS)
+        if len(near) <= 2 * n_peaks:
+            near.append(center + width * _PEAK_POSITIONS)
+    near_poles = np.concatenate([np.zeros(0), *near])
+    near_poles = near_poles[(near_poles > low) & (near_poles < high)]
+    grid = np.geomspace(low, high, max(count - len(near_poles), _MIN_FREQUENCIES // 2))
+    frequencies = np.unique(np.concatenate([grid, near_poles]))
+    for center, distance in undamped:
+        frequencies = frequencies[np.abs(frequencies - center) >= distance]
+    return frequencies
+
+
+def _is_oscillating(pole: complex) -> bool:
+    return abs(pole.imag) > _MIN_IMAGINARY_SHARE * abs(pole)
+
+
+def _divide_units(output: Variable, source: Variable) -> str:
+    divisor = source.unit if source.unit.isalpha() or source.unit == "-" else f"({source.unit})"
+    return f"{output.unit}/{divisor}" if divisor != "-" else output.unit
+
+
+def _bound_magnitudes(model: LinearModel, frequencies: Array) -> Array:
+    """Return the median over the frequencies of |C (i w I - A)^-1| |B|, w = 2 pi f.
+
+    |.| are the norms of rows and columns. Rounding errors of the transfer matrix are proportional
+    to this product, even where the response is zero by symmetry.
+    """
+    bounds = []
+    for f in frequencies:
+        shifted = 2j * np.pi * f * np.eye(len(model.A)) - model.A
+        gains = np.linalg.solve(shifted.T, model.C.T.astype(complex))
+        bounds.append(np.outer(np.linalg.norm(gains, axis=0), np.linalg.norm(model.B, axis=0)))
+    return np.median(bounds, axis=0)

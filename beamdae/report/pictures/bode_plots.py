@@ -1,0 +1,68 @@
+"""Bode diagrams: magnitudes and phases of transfer functions over the frequency."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from beamdae.analysis.linear_dynamics.bode_diagram import Bode
+from beamdae.report.pictures.figures import (
+    COLORS,
+    MAX_PANELS,
+    create_panels,
+    disable_math_text,
+    format_axis,
+    single_point_marker,
+)
+from beamdae.report.pictures.tick_labels import format_ticks
+from beamdae.results.displays import Plot
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_PHASE_STEPS = [1.0, 1.5, 3.0, 4.5, 9.0, 10.0]  # of ticks; 4.5 is that of 45 degrees
+# Least ranges of axes.
+_MIN_MAGNITUDE_RATIO, _MIN_PHASE_RANGE = 10.0, 20.0
+
+
+def plot_bode(diagram: Bode) -> Plot:
+    """Draw magnitudes and phases of the transfer functions; see `Bode.plot`."""
+    figure = create_bode_figure(diagram)
+    disable_math_text(figure)
+    return Plot(figure)
+
+
+def create_bode_figure(diagram: Bode, title: str = "") -> Figure:
+    """Draw the magnitudes on the left and the phases on the right, one transfer function a row.
+
+    Transfer functions that are zero but for rounding errors are omitted.
+    """
+    drawn = [x for x in diagram.transfer_functions if not x.is_noise]
+    figure, axes = create_panels(2 * len(drawn), title, "panels", "frequency [Hz]")
+    frequencies = diagram.frequencies
+    for x, magnitude, phase in zip(drawn[: MAX_PANELS // 2], axes[::2], axes[1::2], strict=True):
+        style = {"color": COLORS[0], "lw": 1.2, **single_point_marker(frequencies)}
+        name = x.name.replace(f" [{diagram.model.outputs[x.output].unit}]", "", 1)
+        name = name.removesuffix(f" [{diagram.model.inputs[x.input].unit}]")
+        magnitude.loglog(frequencies, np.abs(x.response), **style)
+        phase.semilogx(frequencies, x.phase, **style)
+        phase.locator_params(axis="y", steps=_PHASE_STEPS)
+        _widen_ranges(magnitude, phase)
+        for axis, label in ((magnitude, f"magnitude [{x.unit}]"), (phase, "phase [deg]")):
+            format_axis(axis, name, label)
+            format_ticks(axis.xaxis)
+    return figure
+
+
+def _widen_ranges(magnitude: Axes, phase: Axes) -> None:
+    """Show at least a decade of magnitudes and 20 degrees, so that constants are drawn as such."""
+    least, most = magnitude.get_ylim()
+    if most < _MIN_MAGNITUDE_RATIO * least:
+        center, factor = np.sqrt(least * most), np.sqrt(_MIN_MAGNITUDE_RATIO)
+        magnitude.set_ylim(center / factor, center * factor)
+    least, most = phase.get_ylim()
+    if most - least < _MIN_PHASE_RANGE:
+        center = 0.5 * (least + most)
+        phase.set_ylim(center - 0.5 * _MIN_PHASE_RANGE, center + 0.5 * _MIN_PHASE_RANGE)

@@ -1,0 +1,104 @@
+"""Bode diagrams against the transfer functions of oscillators."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+
+
+def oscillator(damping=0.02, count=1, feedback=0.0):
+    """Return a linear model of masses of 2 kg, each on a spring of 200 (k + 1) N/m."""
+    mech = bd.Mechanism()
+    push = mech.input("push", unit="N")
+    for k in range(count):
+        mass = mech.add(bd.PointMass(f"mass {k}", 2.0, at=(1.0, float(k))))
+        wall = mech.ground.at(0.0, float(k))
+        mech.add(bd.PointOnLine(f"rail {k}", wall, mass.point, (1.0, 0.0)))
+        spring = bd.SpringDamper(f"spring {k}", wall, mass.point, 200.0 * (k + 1), damping, 1.0)
+        mech.add(spring)
+        rate = mech.sensor(f"rate {k}", mass.point, "x_dot")
+        mech.add(bd.Force(f"force {k}", mass.point, (push + feedback * rate, 0.0)))
+        mech.observe(f"mass {k}", mass.point)
+    return bd.linearize(mech, inputs=["push"], outputs=[f"mass {k}.x" for k in range(count)])
+
+
+@pytest.mark.parametrize("damping", [1e-4, 0.02, 8.0])
+def test_default_frequencies_contain_all_peaks_and_half_powers(damping):
+    diagram = bd.bode(oscillator(damping, 3))
+    peaks = diagram.peak_table()
+    assert len(peaks) == 3
+    for k, row in peaks.iterrows():
+        w, decay = np.sqrt(100.0 * (k + 1)), damping / 4.0
+        largest = 1.0 / (damping * np.sqrt(w**2 - decay**2))
+        assert row["output / input"] == f"mass {k}.x / push"
+        assert row["unit"] == "m/N"
+        # The resonance of the displacement is below the natural frequency.
+        assert row["magnitude"] == pytest.approx(largest, rel=1e-2)
+        assert row["magnitude"] < (1.0 + 1e-9) * largest
+        own = diagram.frequencies * 2.0 * np.pi
+        for power, position in ((1.0, 0.0), (0.5, 1.0), (0.5, -1.0)):
+            at = int(np.argmin(np.abs(own - np.sqrt(w**2 - decay**2) - position * decay)))
+            if damping < 1.0:
+                size = np.abs(diagram.response[at, k, 0]) / largest
+                assert size**2 == pytest.approx(power, rel=2e-3)
+    assert not diagram.warnings
+
+
+def test_peaks_of_undamped_modes_are_infinite():
+    (peak,) = bd.bode(oscillator(0.0)).peak_table().to_dict("records")
+    assert peak["magnitude"] == np.inf
+    assert peak["frequency [Hz]"] == pytest.approx(10.0 / (2.0 * np.pi), rel=1e-5)
+
+
+def test_tables_contain_magnitudes_and_phases():
+    diagram = bd.bode(oscillator(), [1.0, 2.0, 5.0])
+    table = diagram.table()
+    s = 2j * np.pi * np.array([1.0, 2.0, 5.0])
+    exact = 1.0 / (2.0 * s**2 + 0.02 * s + 200.0)
+    assert list(table) == [
+        "frequency [Hz]",
+        "mass 0.x / push magnitude [m/N]",
+        "mass 0.x / push phase [deg]",
+    ]
+    assert_allclose(table.iloc[:, 1], np.abs(exact), rtol=1e-9)
+    assert_allclose(table.iloc[:, 2], np.degrees(np.angle(exact)), atol=1e-9)
+
+
+def test_ranges_contain_their_ends_and_the_resonances_between():
+    diagram = bd.bode(oscillator(count=3), between=(2.0, 2.5))
+    f = diagram.frequencies
+    assert_allclose(f[[0, -1]], [2.0, 2.5], rtol=1e-12)
+    # The first and the third resonance are outside.
+    assert np.min(np.abs(f - np.sqrt(200.0) / (2.0 * np.pi))) < 1e-6
+    assert np.all(np.diff(f) > 0.0)
+
+
+def test_unstable_models_have_a_warning():
+    with pytest.warns(bd.BeamdaeWarning, match=r"unstable \(largest growth rate 0.25 1/s\)"):
+        diagram = bd.bode(oscillator(0.0, feedback=1.0))
+    assert "unstable" in diagram.warnings[0]
+
+
+def test_free_motions_are_not_unstable():
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
+    mech.add(bd.Force("push", mass.point, (0.0, 0.0)))
+    mech.observe("mass", mass.point)
+    diagram = bd.bode(bd.linearize(mech))
+    assert not diagram.warnings
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"frequencies": [0.0]}, "bode: frequencies must be positive, got 0"),
+        ({"frequencies": []}, "at least one value"),
+        ({"frequencies": [1.0], "between": (1.0, 2.0)}, "mutually exclusive"),
+        ({"between": (2.0, 1.0)}, r"between must ascend, got \(2.0, 1.0\)"),
+        ({"model": bd.Mechanism()}, "must be a result of linearize, got .*; pass linearize"),
+    ],
+)
+def test_invalid_arguments_are_rejected(arguments, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.bode(**({"model": oscillator()} | arguments))

@@ -1,0 +1,83 @@
+"""`beamdae bode`: table, picture, page and usage errors."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+from PIL import Image
+from typer.testing import CliRunner
+
+from beamdae.cli.app import app
+
+MODEL = """
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def shaker(damping=0.02):
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    ends = mech.ground.at(0.0, 0.0), mass.point
+    mech.add(bd.SpringDamper("spring", *ends, 200.0, damping, free_length=1.0))
+    mech.add(bd.Force("push", mass.point, (0.0, 0.0)))
+    mech.observe("mass", mass.point)
+    return mech
+"""
+
+
+@pytest.fixture
+def bode(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "shaker.py").write_text(MODEL)
+    return lambda *arguments: CliRunner().invoke(app, ["bode", "shaker.py", *arguments])
+
+
+def test_bode_writes_a_table_with_the_peak(bode, tmp_path):
+    result = bode("--input", "push", "--output", "mass.x", "--json", "--no-page", "--no-picture")
+    assert result.exit_code == 0, result.output
+    document = json.loads(result.stdout)
+    (peak,) = document["peaks"]
+    assert peak["frequency [Hz]"] == pytest.approx(10.0 / (2.0 * np.pi), rel=1e-6)
+    assert peak["magnitude"] == pytest.approx(1.0 / (0.02 * 10.0), rel=1e-6)
+    table = pd.read_csv(tmp_path / "results/shaker_bode.csv")
+    assert table["mass.x / push.Fx magnitude [m/N]"].max() == pytest.approx(5.0, rel=1e-6)
+    assert len(document["response"]) == len(table)
+
+
+@pytest.mark.slow(reason="draws a picture")
+def test_bode_writes_a_picture_and_a_page(bode, tmp_path):
+    result = bode("--output", "mass.x,mass.x_dot", "--frequencies", "1Hz:0.01kHz")
+    assert result.exit_code == 0, result.output
+    assert "peak of" in result.stdout
+    with Image.open(tmp_path / "results/shaker_bode.png") as picture:
+        assert picture.size[0] > 500
+    assert (tmp_path / "results/shaker_bode.html").stat().st_size > 10_000
+    table = pd.read_csv(tmp_path / "results/shaker_bode.csv")
+    assert_allclose(table["frequency [Hz]"].iloc[[0, -1]], [1.0, 10.0], rtol=1e-9)
+
+
+def test_spaced_frequencies_are_used_as_given(bode, tmp_path):
+    result = bode("--frequencies", "1:10:4", "--no-page", "--no-picture")
+    assert result.exit_code == 0, result.output
+    table = pd.read_csv(tmp_path / "results/shaker_bode.csv")
+    assert_allclose(table["frequency [Hz]"], [1.0, 4.0, 7.0, 10.0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--frequencies", "5"], "must have the form FIRST:LAST"),
+        (["--frequencies", "0:5"], "must be positive and ascend"),
+        (["--frequencies", "1:5m"], "measures"),
+        (["--output", "mas.x"], "did you mean 'mass.x'"),
+        (["--input", "pull"], "no input 'pull'"),
+        (["--about", "equilibrium", "--speed", "3"], "mutually exclusive"),
+    ],
+)
+def test_usage_errors(bode, arguments, message):
+    result = bode(*arguments)
+    assert result.exit_code == 2
+    assert message in result.stderr
