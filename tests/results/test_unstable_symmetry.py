@@ -96,3 +96,33 @@ def test_a_bar_that_vibrates_in_flight_is_not_named():
         mech.add(bd.Force(f"blow at {end}", end, (blow, 0.0)))
     mech.observe("left", bar.start)
     assert not is_named(bd.simulate(mech, t_end=0.01))
+
+
+def add_turning_beam(mech):
+    rotor = mech.add(bd.Beam("rotor", bd.Line((1, 0), (1.2, 0)), STRIP, elements=1))
+    mech.add(bd.Revolute("axle", mech.ground.at(1, 0), rotor.start))
+    mech.add(bd.Driver("motor", mech.ground.at(1, 0), rotor.start, lambda t: t))
+
+
+def add_record_of_work(mech):
+    speed = mech.sensor("speed", mech.part("rod").end, "x_dot")
+    mech.state("path", speed, unit="m")
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+@pytest.mark.parametrize("add", [add_turning_beam, add_record_of_work])
+def test_regression_states_and_turning_beams_beside_a_column_do_not_hide_it(add):
+    """A run above the buckling load was silent if anything else in it turned or was integrated."""
+    for ratio, expected in ((0.9, False), (1.5, True)):
+        mech = column(-ratio * BUCKLING_LOAD)
+        add(mech)
+        assert is_named(bd.simulate(mech, t_end=1.0)) is expected
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_columns_that_filtered_feedback_may_hold_are_not_named():
+    mech = column(-1.5 * BUCKLING_LOAD)
+    tip = mech.part("rod").end
+    filtered = bd.low_pass(mech, "filtered", mech.sensor("position", tip, "y"), 1e-3, scale=1.0)
+    mech.add(bd.Force("hold", tip, (0.0, -1e5 * filtered)))
+    assert not is_named(bd.simulate(mech, t_end=1.0))

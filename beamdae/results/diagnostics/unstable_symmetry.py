@@ -20,7 +20,11 @@ from beamdae.beams.dispersion import section_values
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.starts.rank import scaled_null_space
-from beamdae.results.diagnostics.meshes.sampled_vibrations import turning_coordinates, turns
+from beamdae.results.diagnostics.meshes.sampled_vibrations import (
+    coordinates_of,
+    turning_coordinates,
+    turns,
+)
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -59,8 +63,9 @@ def unstable_symmetry_warnings(
     Disturbances grow faster than e^(s t) if x^T (K + s C + s^2 M) x < 0 for a motion x that the
     joints allow, with the stiffness K at rest in the positions of the run. A warning is due if this
     holds on average and most of the time over a quarter of the run or at its end, and if the
-    displacements since the start have no share in x. Mechanisms with controllers or first-order
-    states, forces without a potential, and mechanisms with a beam that turns are not examined.
+    displacements since the start have no share in x. Mechanisms with controllers, first-order
+    states that act on the motion, and forces without a potential are not examined, and neither are
+    motions of beams that turn.
 
     Parameters
     ----------
@@ -75,7 +80,7 @@ def unstable_symmetry_warnings(
     duration = trajectory.end - trajectory.start
     if not beams or not duration > 0.0 or equations.n > _MAX_COORDINATES:
         return
-    if equations.controllers or len(equations.states):
+    if equations.controllers:
         return
     length = sum(beam.length for beam in beams)
     stiffness = min(float(np.min(section_values(beam, "EI"))) for beam in beams)
@@ -83,8 +88,12 @@ def unstable_symmetry_warnings(
         return
     sampled = np.linspace(trajectory.start, trajectory.end, _MOTION_SAMPLES)
     q = trajectory.positions_at(sampled)
-    if any(turns(q[:, turning_coordinates(equations, beam)]) for beam in beams):
+    turning = [beam for beam in beams if turns(q[:, turning_coordinates(equations, beam)])]
+    if len(turning) == len(beams):
         return
+    of_turning = np.concatenate(
+        [np.zeros(0, int), *(coordinates_of(equations, x) for x in turning)]
+    )
     for interval in _INTERVALS:
         begin, end = (trajectory.start + duration * x for x in interval)
         times = begin + (end - begin) * _FRACTIONS
@@ -92,6 +101,9 @@ def unstable_symmetry_warnings(
         motions = (_find_least_stable(equations, trajectory, t, rate) for t in times)
         last = next(motions)
         if last is None or last.eigenvalue >= 0.0 or _is_excited(q[sampled <= end], last):
+            continue
+        sizes = np.abs(last.shape / equations.position_scales)
+        if np.max(sizes[of_turning], initial=0.0) > _EXCITED_SHARE * np.max(sizes):
             continue
         if _is_unstable_mostly(chain([last], motions)):
             yield _describe(equations, last.shape, end)
@@ -121,7 +133,8 @@ def _find_least_stable(
 ) -> _Motion | None:
     """Return the least stable motion about the positions at time `t` [s] for s = `rate` [1/s].
 
-    None if the joints allow no motion, or the forces have no potential.
+    None if the joints allow no motion, the forces have no potential, or first-order states act on
+    the motion.
     """
     times = np.array([t])
     (time,), states = trajectory.at(times)
@@ -131,19 +144,26 @@ def _find_least_stable(
         reactions = interval.configuration.select_multipliers(reactions)
     zero = np.zeros(active.n)
     tangent = compute_tangent(active, time, State(states.q[0], zero, zero, reactions[0]))
-    scales = active.position_scales
-    mass = tangent.mass.toarray()
-    total = tangent.stiffness.toarray() + rate * tangent.damping.toarray() + rate**2 * mass
+    moving = np.setdiff1d(np.arange(active.n), active.states)
+    total, mass = tangent.stiffness + rate * tangent.damping, tangent.mass
+    total = (total + rate**2 * mass).tocsr()[moving]
+    constraints = tangent.acceleration_jacobian(active)
+    if abs(total[:, active.states]).sum() or abs(constraints[:, active.states]).sum():
+        return None
+    total, mass = total[:, moving].toarray(), mass.tocsr()[moving][:, moving].toarray()
+    scales = active.position_scales[moving]
     scaled = total * scales * scales[:, None]
     size = float(np.max(np.abs(scaled), initial=0.0))
     if np.max(np.abs(scaled - scaled.T), initial=0.0) > _ASYMMETRY_TOLERANCE * size:
         return None
-    basis = scaled_null_space(tangent.acceleration_jacobian(active), scales)
+    basis = scaled_null_space(constraints[:, moving], scales)
     if not basis.shape[1]:
         return None
     (eigenvalue,), vectors = la.eigh(basis.T @ total @ basis, subset_by_index=[0, 0])
     is_rounding = abs(eigenvalue) <= _ROUNDING * size
-    return _Motion(0.0 if is_rounding else eigenvalue, basis @ vectors[:, 0], mass)
+    shape, mass_of_all = np.zeros(active.n), np.zeros((active.n, active.n))
+    shape[moving], mass_of_all[np.ix_(moving, moving)] = basis @ vectors[:, 0], mass
+    return _Motion(0.0 if is_rounding else eigenvalue, shape, mass_of_all)
 
 
 def _is_unstable_mostly(motions: Iterable[_Motion | None]) -> bool:
