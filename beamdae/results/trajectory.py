@@ -260,7 +260,7 @@ class Interval:
             # The polynomials pass through the steps.
             return self.interpolate(q, t) if step is None else q[step]
         by_q, by_v = self._position_weights(t)
-        return by_q @ q + by_v @ self.rows.v[:, columns]
+        return _combine(by_q, q) + _combine(by_v, self.rows.v[:, columns])
 
     def derivative_at(self, t: Array) -> State:
         """Return the exact time derivatives of the polynomials of `at` at times (j,) [s].

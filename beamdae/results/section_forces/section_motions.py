@@ -12,6 +12,7 @@ import scipy.sparse as sp
 
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
 from beamdae.symbolic.functions.compiled import RowFunction
+from beamdae.symbolic.sparse_operators import stack_rows
 from beamdae.symbolic.statements import SX, Local
 
 Array = np.ndarray
@@ -86,7 +87,7 @@ def evaluate_sections(
     for (kind, size, count), members in groups.items():
         compile_rows = _compile_rows if count is None else _compile_shared_rows
         compiled, is_used = compile_rows(build, kind, size, count)
-        operators = sp.vstack([at[k].operator for k in members], format="csr")
+        operators = stack_rows([at[k].operator for k in members])
         local = [
             (operators @ x.T).T.reshape(-1, size) if is_read else np.zeros(size)
             for x, is_read in zip((q, v, a), is_used, strict=True)
