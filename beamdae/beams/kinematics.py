@@ -332,12 +332,12 @@ class Kinematics(ABC):
         Parameters
         ----------
         q
-            Coordinates of the beam (n,).
+            Coordinates of the beam in several states, (k, n).
 
         Returns
         -------
         ndarray or None
-            Section forces (elements, points, 3) [N, N, N m] at the Gauss points of each element.
+            Section forces (k, elements, points, 3) [N, N, N m] at the Gauss points of each element.
         """
         return None
 
@@ -491,10 +491,12 @@ class FormulationKinematics(Kinematics):
         return assemble_element_data(self._point_data, self.section, gravity)
 
     def point_forces(self, q: Array) -> Array | None:
-        """Return elastic (N, Q, M) at the stiffness points (elements, points, 3) [N, N, N m]."""
-        elements = (self.operator @ q).reshape(self.mesh.elements, -1)
-        forces = elastic_force_function(self.element)(elements, self.data(np.zeros(2)).T)
-        return forces.reshape(self.mesh.elements, self.stiffness_points, -1)
+        """Return elastic (N, Q, M) at the stiffness points, (k, elements, points, 3)."""
+        shape = len(q), self.mesh.elements
+        elements = np.asarray(self.operator @ q.T).T.reshape(shape[0] * shape[1], -1)
+        data = np.tile(self.data(np.zeros(2)).T, (len(q), 1))
+        forces = elastic_force_function(self.element)(elements, data)
+        return forces.reshape(*shape, self.stiffness_points, -1)
 
     def material_point(self, s: float) -> MaterialPoint:
         """Return the section at arc length s [m], on the reference curve."""

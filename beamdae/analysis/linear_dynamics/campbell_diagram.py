@@ -444,9 +444,7 @@ def campbell(
         about = rotation(speed, center)
         return compute_modes(model, about, count + _EXTRA_MODES, damping, assessed=assessed)
 
-    # Frequencies, and their errors, are largest at the fastest rotation.
-    fastest = int(np.argmax(np.abs(values)))
-    all_modes = [solve(speed, count * (k == fastest)) for k, speed in enumerate(values)]
+    all_modes = [solve(speed, count) for speed in values]
     order = np.arange(min(count, *map(len, all_modes)))
     stops = [_Stop(values[0], all_modes[0], order, np.zeros(len(order), bool))]
     rows = [all_modes[0].eigenvalues[order]]

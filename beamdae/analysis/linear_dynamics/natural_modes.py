@@ -27,6 +27,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
 )
 from beamdae.analysis.linear_dynamics.mesh_errors import kinetic_energy_shares, mesh_warnings
 from beamdae.beams.beam import Beam
+from beamdae.equations.assembly.halved_elements import HalvedElements
 from beamdae.equations.starts.mobility import find_free_groups
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
@@ -43,7 +44,14 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
+from beamdae.results.diagnostics.meshes.taut_elements import (
+    describe_changes,
+    find_taut_beams,
+    pair_frequencies,
+)
 from beamdae.results.displays import HasModeShapes
+from beamdae.results.equilibrium import Equilibrium
+from beamdae.results.trajectory import Instant
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -346,9 +354,30 @@ def compute_modes(
         values, shapes = result.eigenvalues[:assessed], result.shapes[:assessed]
         shares = {name: x[:assessed] for name, x in result.shares.items()}
         sentences = mesh_warnings(mechanism, lin.equations, lin.state, values, shapes, shares)
+        sentences += _taut_element_warnings(lin, values, about, t, is_damped)
         warnings.extend(sentences)
         lin = replace(lin, warnings=(*lin.warnings, *sentences))
     return replace(result, warnings=tuple(warnings), _linearization=lin)
+
+
+def _taut_element_warnings(
+    lin: Linearization, eigenvalues: Array, about: Any, t: float, is_damped: bool
+) -> list[str]:
+    """Return a warning if frequencies change with halved elements that are long for a tension.
+
+    States of runs and of equilibrium paths, whose results have such warnings, are not examined.
+    """
+    if isinstance(about, (Instant, Equilibrium)):
+        return []
+    taut = find_taut_beams(lin.full_equations, lin.state.q[None])
+    halved = HalvedElements.of(lin.full_equations) if taut else None
+    if halved is None:
+        return []
+    fine = linearize_about("modes", halved.equations, about, t).linearized_equations
+    solution = solve_eigenproblem(fine, len(eigenvalues), is_damped)
+    frequencies = pair_frequencies(eigenvalues, solution.values)
+    sizes = {name: x[0] for name, x in frequencies.items()}
+    return list(describe_changes(lin.full_equations, taut[0], frequencies, sizes))
 
 
 def _rounding_warnings(

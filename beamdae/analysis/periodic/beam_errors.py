@@ -3,8 +3,8 @@
 Near a resonance, a small error of the stiffness changes the motion by a multiple of it: an error of
 0.1 % of the frequency changes the amplitude by up to 10 % at a damping ratio of 0.5 %. Estimates
 for single beams do not include this. Therefore, Newton's method finds the same motion of the model
-with exact strains and, if waves are short for the elements, with halved elements. It begins with
-the monodromy matrix of the first motion.
+with exact strains and, if waves are short for the elements or these are long for the tension, with
+halved elements. It begins with the monodromy matrix of the first motion.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators import Radau
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.columns import mark_vanishing_columns
+from beamdae.results.diagnostics.meshes.taut_elements import find_taut_beams, sample_instants
 from beamdae.results.periodic_motion import BeamError
 from beamdae.results.solution import Solution
 
@@ -248,6 +249,8 @@ def _build_reference(run: PeriodRun, mesh_errors: Mapping[str, float]) -> _Refer
         return None
     limited = {x.statement.part for x in equations.ranges if x.statement.defect is not None}
     coarse = {name for name, error in mesh_errors.items() if error > _MIN_MESH_ERROR}
+    positions = [x.state.q for x in sample_instants(run.solution.trajectory)]
+    coarse |= {x.beam.name for x in find_taut_beams(equations, np.array(positions))}
     if not limited | coarse:
         return None
     try:

@@ -1,9 +1,11 @@
-"""Verdicts on stability that depend on the mesh.
+"""Verdicts on stability, and values at the end of a path, that depend on the mesh.
 
 A small eigenvalue of the stiffness may have the wrong sign on a coarse mesh. For example, a hinged
 elastica that is bent beyond a figure eight is unstable with an eigenvalue of 1e-3 of the next one.
 With 8 elements, it is stable, and a false branch point precedes. Therefore, small eigenvalues
 between critical points and at the end of a path are computed again with half the element length.
+So is the end of a path at which elements are long for their axial tension; see
+`results.diagnostics.meshes.taut_elements`.
 """
 
 from __future__ import annotations
@@ -14,19 +16,26 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
-from beamdae.analysis.statics.load_scaling import Loading, build_loading
+from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading, build_loading
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
-from beamdae.analysis.statics.path_controls import PathDirection, StepNorm
-from beamdae.analysis.statics.path_tracing import EquilibriumPath
-from beamdae.beams.beam import beams_of
-from beamdae.beams.prolongation import halve_elements, prolong_coordinates
-from beamdae.beams.remeshing import choose_base_meshes, with_meshes
-from beamdae.equations.assembly.assemble import equations_of_motion
-from beamdae.errors import BeamdaeError
-from beamdae.parts.mechanism import AS_DRAWN, Mechanism
+from beamdae.analysis.statics.path_controls import (
+    Control,
+    DisplacementControl,
+    LoadControl,
+    PathDirection,
+    StepNorm,
+)
+from beamdae.analysis.statics.path_tracing import EquilibriumPath, PathSettings
+from beamdae.equations.assembly.halved_elements import HalvedElements
+from beamdae.equations.measures import ObservedRows
+from beamdae.results.columns import Header
+from beamdae.results.diagnostics.meshes.taut_elements import (
+    UNITS_OF_POSITIONS,
+    describe_changes,
+    find_taut_beams,
+)
 from beamdae.results.equilibrium import CriticalPoint
 
 Array = np.ndarray
@@ -35,6 +44,7 @@ Array = np.ndarray
 # smallest eigenvalue of the elastica are 2e-2, 4e-3 and 1e-3 of the next one with 4, 6 and 8
 # elements.
 _SMALL_EIGENVALUE_RATIO = 2e-2
+_LOAD_FACTOR = "load factor [-]"
 
 
 class StabilityRecheck(NamedTuple):
@@ -57,45 +67,40 @@ class StabilityRecheck(NamedTuple):
 
 @dataclass(frozen=True)
 class _FineMesh:
-    """Load stages of a path on the fine mesh.
+    """Load stages of a path with halved elements.
 
     Attributes
     ----------
     coarse, fine
         Load stages on both meshes.
-    start
-        Coordinates (n,) on the fine mesh that correspond to zero coordinates on the coarse one.
-    prolongation
-        Matrix that maps coordinates of the coarse mesh to the fine mesh.
+    halved
+        The mechanism with halved elements.
     """
 
     coarse: Loading
     fine: Loading
-    start: Array
-    prolongation: sp.csc_array
+    halved: HalvedElements
 
     @classmethod
-    def of(cls, mechanism: Mechanism, coarse: Loading) -> _FineMesh | None:
+    def of(cls, coarse: Loading) -> _FineMesh | None:
         """Return the stages with halved elements, or None if no beam can be refined."""
-        bases = choose_base_meshes(mechanism, 1)
-        beams = {
-            name: base.beam
-            for name, base in bases.items()
-            if not (base.fixed_by or base.has_custom_kinematics)
-        }
-        if not beams:
+        halved = HalvedElements.of(coarse.full_equations)
+        if halved is None:
             return None
-        meshes = {name: halve_elements(beam.mesh) for name, beam in beams.items()}
-        refined = with_meshes(mechanism, meshes, {})
-        equations = equations_of_motion(refined, AS_DRAWN)
         loads = [list(stage) for stage in coarse.stages]
-        fine = build_loading(refined, equations, loads, float(coarse.systems[0].loaded.time[0]))
-        fine_beams = {beam.name: beam for beam in beams_of(refined)}
-        pairs = {name: (beam, fine_beams[name]) for name, beam in beams.items()}
-        prolongation, start = prolong_coordinates(
-            coarse.full_equations.q_names, equations.q_names, pairs
-        )
-        return cls(coarse, fine, start, prolongation)
+        t = float(coarse.systems[0].loaded.time[0])
+        return cls(coarse, build_loading(halved.mechanism, halved.equations, loads, t), halved)
+
+    def transfer(self, point: EquilibriumPoint) -> tuple[LoadedEquations, Array]:
+        """Return the fine system of a point, and (q, lam) near the point."""
+        k = [system.loaded is point.system.loaded for system in self.coarse.systems].index(True)
+        system, n = self.fine.systems[k], self.halved.prolongation.shape[1]
+        multipliers = dict(zip(point.system.equations.lam_names, point.x[n:], strict=True))
+        lam = [multipliers.get(name, 0.0) for name in system.equations.lam_names]
+        x = np.append(self.halved.start + self.halved.prolongation @ point.x[:n], lam)
+        if point.system.held_coordinates:
+            system = hold_neutral_motions(system, x)
+        return system, x
 
     def negative_count(self, point: EquilibriumPoint, secant: PathDirection) -> int:
         """Return the number of negative eigenvalues on the fine mesh; -1 if it is unknown.
@@ -103,16 +108,10 @@ class _FineMesh:
         The equilibrium is sought at the position of `point` along the direction `secant` of the
         path.
         """
-        k = [system.loaded is point.system.loaded for system in self.coarse.systems].index(True)
-        system = self.fine.systems[k]
-        e, n = system.equations, self.prolongation.shape[1]
-        multipliers = dict(zip(point.system.equations.lam_names, point.x[n:], strict=True))
-        lam = [multipliers.get(name, 0.0) for name in e.lam_names]
-        x = np.append(self.start + self.prolongation @ point.x[:n], lam)
-        along = np.append(self.prolongation @ secant.x[:n], np.zeros(e.m))
+        system, x = self.transfer(point)
+        e, n = system.equations, self.halved.prolongation.shape[1]
+        along = np.append(self.halved.prolongation @ secant.x[:n], np.zeros(e.m))
         motion = StepNorm(e.group_scales, np.inf).max_norm(along)
-        if point.system.held_coordinates:
-            system = hold_neutral_motions(system, x)
         # Load and motion contribute equally to the distance along the path.
         # Loads under which no point moves, such as those within a linear element, count alone.
         factor = abs(secant.mu) / (motion or 1.0) if secant.mu else np.inf
@@ -123,8 +122,71 @@ class _FineMesh:
         except CorrectorError:
             return -1
 
+    def correct(self, point: EquilibriumPoint, settings: PathSettings) -> EquilibriumPoint | None:
+        """Return the equilibrium with the same load factor or, if given, the same position.
 
-def recheck_stability(model: object, loading: Loading, path: EquilibriumPath) -> StabilityRecheck:
+        None if it is not found.
+        """
+        system, x = self.transfer(point)
+        control: Control = LoadControl()
+        target = point.mu
+        if settings.column:
+            time = system.loaded.time
+            control, coarse = (
+                DisplacementControl.from_name(e, settings.column, time)
+                for e in (self.halved.equations, self.coarse.full_equations)
+            )
+            target = coarse.value(point.x, point.mu)
+        try:
+            return Corrector(system).correct(control, target, x, point.mu)
+        except CorrectorError:
+            return None
+
+
+def taut_element_notes(
+    loading: Loading, path: EquilibriumPath, settings: PathSettings
+) -> tuple[str, ...]:
+    """Return a remark if values at the end of a path change by over 1 % with halved elements.
+
+    If the path ends at a given position, the load factor is compared, too. Parameters are those of
+    `recheck_stability`, and the `settings` of the path.
+    """
+    e, last = loading.full_equations, path.points[-1]
+    taut = find_taut_beams(e, last.x[None, : e.n]) if path.status.success else []
+    mesh = _FineMesh.of(loading) if taut else None
+    fine = None if mesh is None else mesh.correct(last, settings)
+    if mesh is None or fine is None:
+        return ()
+    positions = np.array([point.x[: e.n] for point in path.points])
+    multipliers = np.array([point.x[e.n :] for point in path.points])
+    rows = _observe(
+        loading, np.vstack([e.q0, positions]), np.vstack([multipliers[:1], multipliers])
+    )
+    n = mesh.fine.full_equations.n
+    (of_fine,) = _observe(mesh.fine, fine.x[None, :n], fine.x[None, n:])
+    headers = e.observed_headers
+    sizes = np.where(
+        [Header.of(header).unit in UNITS_OF_POSITIONS for header in headers],
+        np.ptp(rows, axis=0),
+        np.max(np.abs(rows[1:]), axis=0, initial=0.0),
+    )
+    values = dict(zip(headers, zip(rows[-1].tolist(), of_fine.tolist(), strict=True), strict=True))
+    scales = dict(zip(headers, sizes.tolist(), strict=True))
+    if settings.column:
+        values[_LOAD_FACTOR], scales[_LOAD_FACTOR] = (last.mu, fine.mu), abs(last.mu)
+    return tuple(describe_changes(e, taut[0], values, scales))
+
+
+def _observe(loading: Loading, q: Array, lam: Array) -> Array:
+    """Return rows of the observed columns at rest, given rows of the unknowns of a load stage."""
+    e, at_rest = loading.full_equations, np.zeros_like(q)
+    inactive = frozenset() if e.configurations is None else e.configurations.initially_inactive
+    times = np.tile(loading.systems[0].loaded.time, (len(q), 1))
+    observe = ObservedRows(e.without_loads_of(inactive))
+    return observe(times, q, at_rest, at_rest, loading.full_multipliers(q, lam))
+
+
+def recheck_stability(loading: Loading, path: EquilibriumPath) -> StabilityRecheck:
     """Compare small eigenvalues of the stiffness with those on a mesh of halved elements.
 
     Between two critical points, one point with a large eigenvalue proves that the stability does
@@ -135,8 +197,6 @@ def recheck_stability(model: object, loading: Loading, path: EquilibriumPath) ->
 
     Parameters
     ----------
-    model
-        The model; only beams of a `Mechanism` are refined.
     loading
         Load stages of the path.
     path
@@ -154,13 +214,9 @@ def recheck_stability(model: object, loading: Loading, path: EquilibriumPath) ->
     is_small = last not in rows and points[last].eigenvalue_ratio < _SMALL_EIGENVALUE_RATIO
     if path.status.success and is_small:
         doubtful.add(last)
-    if not isinstance(model, Mechanism) or not doubtful:
+    if not doubtful:
         return unchanged
-    try:
-        mesh = _FineMesh.of(model, loading)
-    except BeamdaeError:
-        # A part cannot be copied.
-        return unchanged
+    mesh = _FineMesh.of(loading)
     if mesh is None:
         return unchanged
 

@@ -10,7 +10,7 @@ import numpy as np
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
-from beamdae.analysis.statics.mesh_dependence import recheck_stability
+from beamdae.analysis.statics.mesh_dependence import recheck_stability, taut_element_notes
 from beamdae.analysis.statics.path_tracing import (
     EquilibriumPath,
     PathSettings,
@@ -160,7 +160,7 @@ def equilibrium(
         path = trace_path(loading, q, settings)
         states = np.array([point.x for point in path.points])
         positions, multipliers = states[:, : equations.n], states[:, equations.n :]
-        recheck = recheck_stability(model, loading, path)
+        recheck = recheck_stability(loading, path)
         start_warnings: tuple[str, ...] = ()
         if equations.start is None and not isinstance(start, Equilibrium):
             first = loading.systems[0]
@@ -191,6 +191,7 @@ def equilibrium(
                     loading.systems[-1], states[-1], float(path.factors[-1, -1:].sum())
                 ),
                 *recheck.notes,
+                *taut_element_notes(loading, path, settings),
                 *path.notes,
             ),
             _free_coordinates(equations, path),

@@ -276,7 +276,8 @@ def _evaluate_point_forces(
     """Return section forces at the stiffness points, see `Kinematics.point_forces`."""
     assert equations.mechanism is not None
     rows = map_coordinates(equations.mechanism).slice_of(beam)
-    return beam.kinematics.point_forces(state_at(row).state.q[0, rows])
+    forces = beam.kinematics.point_forces(state_at(row).state.q[:1, rows])
+    return None if forces is None else forces[0]
 
 
 def _interpolate(

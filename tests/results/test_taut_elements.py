@@ -1,0 +1,150 @@
+"""Warnings about elements that are long for the axial tension of beams."""
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.errors import BeamdaeWarning
+
+STEEL = bd.Material.of("steel")
+WIDTH, HEIGHT, LENGTH = 0.02, 1e-3, 0.5
+
+
+def leaf(name, curve, elements, formulation="exact", height=HEIGHT):
+    section = bd.Section.rectangle(STEEL, width=WIDTH, height=height, damping=1e-3)
+    return bd.Beam(name, curve, section, elements=elements, formulation=formulation)
+
+
+def clamped_beam(elements, load, formulation="exact", **settings):
+    """A beam between two clamps with a force in the middle, where elements meet."""
+    mech = bd.Mechanism(**settings)
+    ground = mech.ground
+    beam = mech.add(leaf("leaf", bd.Line((0.0, 0.0), (LENGTH, 0.0)), elements, formulation))
+    mech.add(bd.Weld("left", ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Weld("right", ground.at(LENGTH, 0.0), beam.end))
+    mech.add(bd.Force("push", beam.at(0.5 * LENGTH), (0.0, load)))
+    mech.observe("middle", beam.at(0.5 * LENGTH))
+    mech.observe("left", mech.part("left").reaction)
+    if "redundant" in settings:
+        box = mech.add(bd.RigidBody("box", mass=1.0, inertia=1.0, center=(0.0, -1.0)))
+        for k, x in enumerate((-0.1, 0.1)):
+            mech.add(bd.Weld(f"foot {k}", ground.at(x, -1.0), box.at(x, -1.0)))
+    return mech
+
+
+def ramp(load):
+    return bd.table([0.0, 0.6, 1.0], [0.0, load, load], "pchip")
+
+
+def taut(result):
+    return [x for x in result.warnings if "too long for its tension" in x]
+
+
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+def test_statics_compare_travels_and_reactions_with_halved_elements(formulation):
+    settings = {"formulation": formulation}
+    coarse, fine = (bd.equilibrium(clamped_beam(n, 100.0, **settings)) for n in (2, 16))
+    (warning,) = taut(coarse)
+    moment, travel = (
+        abs(coarse[name].iloc[-1] / fine[name].iloc[-1] - 1.0) for name in ("left.M", "middle.y")
+    )
+    assert moment > 0.5  # the bending moment at the clamp
+    assert travel > 0.05
+    halved = bd.equilibrium(clamped_beam(4, 100.0, **settings))
+    assert f"left.M is {halved['left.M'].iloc[-1]:.5g} N m" in warning
+    assert "middle.y" in warning
+    assert not taut(fine)
+
+
+def test_statics_to_a_position_compare_the_load():
+    coarse, halved = (bd.equilibrium(clamped_beam(n, 1.0), to={"middle.y": 5e-3}) for n in (2, 4))
+    (warning,) = taut(coarse)
+    change = 1.0 - halved.factor / coarse.factor
+    assert f"load factor {100.0 * change:.2g} %" in warning
+    assert change > 0.1
+
+
+def test_the_recommended_elements_have_no_warning():
+    (warning,) = taut(bd.equilibrium(clamped_beam(2, 100.0)))
+    longest = float(warning.split("at most ")[1].split()[0])
+    result = bd.equilibrium(clamped_beam(int(np.ceil(LENGTH / longest)), 100.0))
+    assert not taut(result)
+
+
+@pytest.mark.parametrize("settings", [{}, {"redundant": "minimum norm"}])
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+def test_runs_compare_a_state_with_halved_elements(formulation, settings):
+    mechanisms = (clamped_beam(n, ramp(100.0), formulation, **settings) for n in (2, 4))
+    coarse, halved = (bd.simulate(mech, t_end=1.0) for mech in mechanisms)
+    (warning,) = taut(coarse)
+    change = abs(halved["left.M"].iloc[-1] / coarse["left.M"].iloc[-1] - 1.0)
+    stated = float(warning.split("a change of ")[1].split()[0]) / 100.0
+    # The state with the largest tension is near the end of the ramp.
+    np.testing.assert_allclose(stated, change, rtol=0.1)
+    assert "left.M at t" in warning
+
+
+def test_runs_compare_the_active_parts():
+    mech = clamped_beam(2, ramp(100.0))
+    middle = mech.part("leaf").at(0.5 * LENGTH)
+    spring = bd.Spring("spring", mech.ground.at(0.5 * LENGTH, -0.1), middle, stiffness=1e3)
+    mech.add(spring)
+    mech.when("t", crosses=0.3, do=bd.deactivate(spring))
+    (warning,) = taut(bd.simulate(mech, t_end=1.0))
+    assert "left.M" in warning
+
+
+def test_short_elements_and_compression_have_no_warning():
+    assert not taut(bd.simulate(clamped_beam(16, ramp(100.0)), t_end=1.0))
+    mech = bd.Mechanism()
+    strut = mech.add(leaf("strut", bd.Line((0.0, 0.0), (LENGTH, 0.0)), 1))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), strut.start))
+    mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), strut.end))
+    euler = np.pi**2 * STEEL.E * WIDTH * HEIGHT**3 / 12.0 / LENGTH**2
+    mech.add(bd.Force("push", strut.end, (-0.9 * euler, 0.0)))
+    mech.add(bd.Force("side", strut.at(0.5 * LENGTH), (0.0, 0.01)))
+    mech.observe("middle", strut.at(0.5 * LENGTH))
+    assert not taut(bd.equilibrium(mech))
+
+
+def rotor(elements):
+    mech = bd.Mechanism()
+    hub = mech.add(bd.RigidBody("hub", mass=20.0, inertia=0.3, center=(0.0, 0.0)))
+    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    blade = mech.add(leaf("blade", bd.Line((0.1, 0.0), (0.6, 0.0)), elements))
+    mech.add(bd.Weld("root", hub.at(0.1, 0.0), blade.start))
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), law=0.0))
+    return mech
+
+
+def test_modes_and_campbell_diagrams_compare_frequencies_of_taut_blades():
+    speeds = [0.0, 300.0]
+    coarse, halved, fine = (
+        [bd.modes(rotor(n), about=bd.rotation(x), n=2) for x in speeds] for n in (1, 2, 16)
+    )
+    assert not taut(coarse[0])
+    (warning,) = taut(coarse[1])
+    one, two, right = (float(x[1].frequencies[0]) for x in (coarse, halved, fine))
+    assert f"is {two:.5g} Hz instead of {one:.5g} Hz" in warning
+    assert abs(one / right - 1.0) > 0.03
+    assert not taut(fine[1])
+    with pytest.warns(BeamdaeWarning, match="at 300 rad/s, blade: the elements of 0.5 m"):
+        bd.campbell(rotor(1), [*speeds, 0.0], n=2)
+
+
+def test_periodic_motions_of_taut_beams_are_compared_with_halved_elements():
+    def pulled(elements):
+        mech = bd.Mechanism()
+        beam = mech.add(leaf("beam", bd.Line((0.0, 0.0), (LENGTH, 0.0)), elements))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), beam.end))
+        mech.add(bd.Force("pull", beam.end, (2000.0, 0.0)))
+        load = bd.Force("shake", beam.at(0.5 * LENGTH), (0.0, lambda t: np.sin(160.0 * np.pi * t)))
+        mech.add(load)
+        mech.observe("middle", beam.at(0.5 * LENGTH))
+        return bd.periodic(mech, 1.0 / 80.0)
+
+    coarse, fine = (pulled(n) for n in (2, 8))
+    change = abs(fine["middle.y"]).max() / abs(coarse["middle.y"]).max() - 1.0
+    assert change > 0.03
+    assert any("errors by the elements are" in x for x in coarse.warnings)
