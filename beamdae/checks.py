@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 import warnings
 from collections.abc import Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,6 +20,7 @@ from beamdae.beams.beam_loads import MovingForce
 from beamdae.beams.damping import EXAMPLE_DAMPING, find_undamped_beams
 from beamdae.beams.remeshing import choose_base_meshes, with_meshes
 from beamdae.beams.sliding import SlidingOnBeam
+from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.part_warnings import (
     idle_part_warnings,
@@ -30,6 +32,7 @@ from beamdae.equations.part_warnings import (
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.dependent_constraints import (
+    ConstraintRank,
     DependentSet,
     analyze_constraint_rank,
     find_dependent_sets,
@@ -37,6 +40,7 @@ from beamdae.equations.starts.dependent_constraints import (
 from beamdae.equations.starts.mobility import (
     count_rigid_mobility,
     describe_free_motions,
+    describe_unheld_motions,
     find_loose_groups,
     select_free_groups,
 )
@@ -56,7 +60,8 @@ from beamdae.interrupts import interruptible
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.model_parameters import split_unit
 from beamdae.parts.events import select_impacts
-from beamdae.parts.mechanism import Mechanism, require_start
+from beamdae.parts.joints.joint import Joint
+from beamdae.parts.mechanism import AS_DRAWN, Mechanism, require_start
 from beamdae.parts.rotation import Rotation
 from beamdae.read_only import read_only_data
 from beamdae.report.terminal.check_report import describe_check
@@ -88,6 +93,7 @@ _UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
 _MIN_STEPS_OF_LONG_RUN = 5e4
 _MAX_NAMES = 3
 _MAX_MESH_COLUMNS = 8  # in the warning of mesh errors
+_FORCE_SAMPLES = 7  # times at which forces along free motions are evaluated
 _MIN_ROWS = 10  # of a run whose columns are compared
 _MAX_FAIR_MESH_ERROR = 5e-2
 
@@ -210,6 +216,10 @@ class Check:
     free_groups
         Groups of `loose` that no spring or other force holds in place, without bodies of contacts.
         Empty for models with inactive parts.
+    unheld_motions
+        Those of the `free_motions`, except of `free_groups`, along which no spring, damper or load
+        acts, and in models without drivers no weight and no initial velocity, without bodies of
+        contacts. Empty for models with inactive parts, controllers, inputs or events.
     """
 
     name: str
@@ -230,6 +240,7 @@ class Check:
     warnings: tuple[str, ...] = ()
     mesh_errors: Mapping[str, float] = field(default_factory=dict)
     free_groups: tuple[tuple[str, ...], ...] = ()
+    unheld_motions: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Check of {self.name}: mobility {self.mobility}; {self.verdict}>"
@@ -238,7 +249,8 @@ class Check:
     def verdict(self) -> str:
         """The reason why a run is not possible, or "ready to run".
 
-        The latter is followed by the number of warnings and the groups of `free_groups`.
+        The latter is followed by the number of warnings, the groups of `free_groups` and the
+        `unheld_motions`.
         """
         if self.problem:
             return self.problem
@@ -248,6 +260,9 @@ class Check:
         if self.free_groups:
             groups = "; ".join(list_first(group, _MAX_NAMES) for group in self.free_groups)
             notes.append(f"no joint or spring connects {groups} to the ground")
+        elif self.unheld_motions:
+            motions = list_first(self.unheld_motions, _MAX_NAMES)
+            notes.append(f"no driver, spring or load acts along a free motion: {motions}")
         return "ready to run" + f", but {'; '.join(notes)}" * bool(notes)
 
     def _repr_html_(self) -> str:
@@ -361,6 +376,7 @@ def check(
             rigid_mobility=count_rigid_mobility(equations, q, joints),
             dependent=find_dependent_sets(solver, time, q, v, joints),
             free_motions=describe_free_motions(equations, q, joints),
+            unheld_motions=_unheld_motions(equations, q, v, joints, end or 1.0),
         )
         if state is not None and equations.n <= _MAX_COORDINATES:
             spectrum = compute_frequency_range(starter.equations, time, state)
@@ -423,6 +439,32 @@ def _collect_warnings(
             equations, lambda: sample_velocities(equations, time, state)
         )
     return tuple(sentences)
+
+
+def _unheld_motions(
+    equations: EquationsOfMotion, q: Array, v: Array, joints: ConstraintRank, end: float
+) -> tuple[str, ...]:
+    """Return `Check.unheld_motions` at a start; `joints` is the rank of all constraints."""
+    mechanism = equations.mechanism
+    if mechanism is None or mechanism.events or mechanism.inputs or equations.controllers:
+        return ()
+    times = [
+        time_on_branch(equations.breakpoints, t, end) for t in np.linspace(0.0, end, _FORCE_SAMPLES)
+    ]
+    if any(x.laws for x in mechanism.parts.values() if isinstance(x, Joint)):
+        # Drivers may be meant to swing bodies on which only weight acts, but seldom.
+        weightless = copy(mechanism)
+        weightless.gravity, weightless.gravity_laws = np.zeros(2), None
+        weightless.observables, weightless.start = {}, AS_DRAWN
+        equations, reactions = equations_of_motion(weightless), np.zeros(equations.m)
+    elif np.any(v):
+        return ()
+    else:
+        try:
+            _, reactions = ConsistencySolver(equations).acceleration(times[0], q, v)
+        except BeamdaeError:
+            return ()  # constraints are dependent, or a motion has no inertia
+    return describe_unheld_motions(equations, times, q, reactions, joints, end)
 
 
 def _constraint_residuals(

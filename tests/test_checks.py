@@ -167,6 +167,67 @@ def test_regression_verdicts_name_parts_that_can_move_away(add, is_free):
     assert findings.verdict in str(findings)
 
 
+def hung_ram(guided=False, lateral=None):
+    """Return a driven crank with a rod and a ram of 20 kg, which a vertical force loads."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ground = mech.ground
+    crank = mech.add(bd.RigidBody("crank", 10.0, 0.05))
+    mech.add(bd.Revolute("shaft", ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
+    mech.add(bd.Driver("motor", ground.at(0.0, 0.0), crank.at(0.0, 0.0), lambda t: 6.0 * t))
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.03, height=0.05)
+    rod = mech.add(bd.Beam("rod", bd.Line((0.0, 0.06), (0.0, -0.24)), section, elements=2))
+    ram = mech.add(bd.PointMass("ram", 20.0, at=(0.0, -0.24)))
+    mech.add(bd.Revolute("pin", crank.at(0.0, 0.06), rod.start))
+    mech.add(bd.Revolute("wrist", rod.end, ram.point))
+    mech.add(bd.ForceLaw("process", ram.point, lambda p, t: (0.0, 1e3 * p.position[1])))
+    if guided:
+        line = ground.at(0.0, -0.24), ram.point
+        mech.add(bd.PointOnLine("guide", *line, direction=(0.0, 1.0)))
+    if lateral:
+        mech.add(lateral(ground, ram.point))
+    return mech
+
+
+def test_regression_verdicts_name_free_motions_along_which_nothing_acts():
+    """A press whose ram had no guide was ready to run without a word."""
+    motion = "rod can rotate about (0, 0.06), ram can translate along (1, 0)"
+    findings = hung_ram().check(t_end=1.0, predict=False)
+    assert findings.ok
+    assert findings.unheld_motions == (motion,)
+    assert findings.verdict == (
+        f"ready to run, but no driver, spring or load acts along a free motion: {motion}"
+    )
+    assert hung_ram(guided=True).check(t_end=1.0, predict=False).unheld_motions == ()
+
+
+@pytest.mark.parametrize(
+    "lateral",
+    [
+        lambda ground, ram: bd.Spring("spring", ground.at(1.0, -0.24), ram, 10.0, free_length=1.0),
+        lambda ground, ram: bd.Damper("damper", ground.at(1.0, -0.24), ram, 10.0),
+        lambda ground, ram: bd.Force("late", ram, (lambda t: t**2, 0.0)),
+        # Without a force or a stiffness at the start.
+        lambda ground, ram: bd.ForceLaw("cubic", ram, lambda p, t: (-(p.position[0] ** 3), 0.0)),
+        lambda ground, ram: bd.Contact(
+            "stop", ram, bd.LineSurface(ground.at(0.01, 0.0), direction=(0.0, 1.0)), 1e6
+        ),
+    ],
+    ids=["spring", "damper", "force", "cubic", "contact"],
+)
+def test_free_motions_along_which_a_part_acts_are_not_in_the_verdict(lateral):
+    assert hung_ram(lateral=lateral).check(t_end=1.0, predict=False).unheld_motions == ()
+
+
+@pytest.mark.parametrize(
+    ("gravity", "velocity", "count"), [(0.0, 0.0, 1), (0.0, 1.0, 0), (9.81, 0.0, 0)]
+)
+def test_pendulums_and_bodies_with_a_velocity_are_not_in_the_verdict(gravity, velocity, count):
+    mech = bd.Mechanism(gravity=(0.0, -gravity))
+    bar = mech.add(bd.RigidBody("bar", 1.0, 0.1, center=(0.5, 0.0), angular_velocity=velocity))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    assert len(mech.check(t_end=1.0, predict=False).unheld_motions) == count
+
+
 def test_contradicting_drivers_are_named():
     (dependent_set,) = doubly_driven_crank(3.0, 2.0).check().dependent
     assert dependent_set.parts == ("motor", "second motor")

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.starts.dependent_constraints import ConstraintRank
 from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.equations.starts.rigid_motions import (
@@ -27,6 +28,9 @@ Array = np.ndarray
 # the run.
 _STIFFNESS_ROUNDING = 1e-13
 _DURATION = 1.0  # of a motion from a state [s], if there is no run
+# Displacements along a free motion at which forces are evaluated, relative to the length of the
+# mechanism: springs with a clearance act later.
+_DISPLACEMENTS = (0.0, 1e-3, -1e-3, 0.1, -0.1, 1.0, -1.0)
 _MIN_SHARE = 1e-9  # smaller coefficients of rigid motions, relative to the largest, are zero
 
 
@@ -38,6 +42,69 @@ def describe_free_motions(
     Beams are treated as rigid. The basis is chosen so that each motion involves few bodies.
     """
     return tuple(describe_free_motion(e, q, x) for x in _free_motions(e, q, constraint_rank))
+
+
+def describe_unheld_motions(
+    e: EquationsOfMotion,
+    times: Sequence[Array],
+    q: Array,
+    reactions: Array,
+    constraint_rank: ConstraintRank,
+    duration: float,
+) -> tuple[str, ...]:
+    """Describe those of the `describe_free_motions` along which no force acts.
+
+    Bodies of contacts are excluded, because contacts may hold them later.
+
+    Parameters
+    ----------
+    e
+        The equations of motion.
+    times, q
+        Times (t, branch) of forces that depend on time, and coordinates of the start.
+    reactions
+        Multipliers (m,), whose changes of direction hold a pendulum; zero to disregard them.
+    constraint_rank
+        Rank of the constraints at the start.
+    duration
+        Time of the run [s].
+    """
+    mechanism = e.mechanism
+    motions = _free_motions(e, q, constraint_rank)
+    if mechanism is None or mechanism.inactive or not motions:
+        return ()
+    waiting = {body.name for part in mechanism.parts.values() if part.gaps for body in part.bodies}
+    rows = [np.arange(x.rows.start, x.rows.stop) for x in e.parts if x.name in waiting]
+    of_contacts = np.concatenate([np.zeros(0, int), *rows])
+    evaluator, scales, zero = StateEvaluator(e), e.position_scales, np.zeros(e.n)
+    tangent = compute_tangent(e, times[0], State(q, zero, zero, reactions))
+    to_scaled = sp.diags_array(scales)
+    stiffness, damping, mass = (
+        sp.csr_array(to_scaled @ x @ to_scaled)
+        for x in (tangent.stiffness, tangent.damping, tangent.mass)
+    )
+    inertia = abs(mass).max() / duration
+    limits = [_STIFFNESS_ROUNDING * (abs(x).max() + inertia) for x in (stiffness, damping)]
+    limit_of_force = _STIFFNESS_ROUNDING * (abs(stiffness).max() + inertia / duration)
+    unheld = []
+    for motion in motions:
+        shape = motion / scales
+        shape /= np.max(np.abs(shape))
+        forces = (
+            (scales * evaluator.force(time, q + factor * scales * shape, zero)) @ shape
+            for time in times
+            for factor in _DISPLACEMENTS
+        )
+        if (
+            not np.any(motion[of_contacts])
+            and all(
+                max(np.abs(x @ shape).max(), np.abs(x.T @ shape).max()) <= limit
+                for x, limit in zip((stiffness, damping), limits, strict=True)
+            )
+            and all(abs(force) <= limit_of_force for force in forces)
+        ):
+            unheld.append(describe_free_motion(e, q, motion))
+    return tuple(unheld)
 
 
 def describe_free_motion_of(
