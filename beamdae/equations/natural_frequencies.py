@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
@@ -36,8 +37,7 @@ def estimate_fastest_modes(
     """
     stiffness, damping, mass = solver.linearize_forces(time, state)
     solve = solver.mass_solver(time, state)
-    coupling = (abs(stiffness) + abs(mass) > 0.0) + _couple_parts(solver.equations)
-    count, body = connected_components(coupling, directed=False)
+    count, body = _find_bodies(solver.equations, stiffness, mass)
     x = np.cos(np.arange(solver.equations.n) ** 2.0)
     for _ in range(_POWER_ITERATIONS):
         x = solve(stiffness @ x)
@@ -54,10 +54,16 @@ def estimate_fastest_modes(
     return tuple(Mode(float(w), float(z)) for w, z in zip(frequency, ratio, strict=True))
 
 
-def _couple_parts(equations: EquationsOfMotion) -> sp.csr_array:
-    """Return a matrix, (n, n), that couples the first coordinate of each part to the others."""
-    first = np.zeros(equations.n, np.int64)
+def _find_bodies(equations: EquationsOfMotion, *matrices: sp.csc_array) -> tuple[int, Array]:
+    """Return the number of bodies that the matrices couple, and the body of each coordinate."""
+    n = equations.n
+    # The first coordinate of each part is coupled to the others.
+    first = np.zeros(n, np.int64)
     for part in equations.parts:
         first[part.rows] = part.rows.start
-    indices = np.arange(equations.n)
-    return sp.csr_array((np.ones(equations.n, bool), (first, indices)), shape=(equations.n,) * 2)
+    entries = [(x.indices, column_indices(x), np.abs(x.data) > 0.0) for x in matrices]
+    rows = np.concatenate([first, *(i[is_coupled] for i, _, is_coupled in entries)])
+    columns = np.concatenate([np.arange(n), *(j[is_coupled] for _, j, is_coupled in entries)])
+    graph = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+    count, body = connected_components(graph, directed=False)
+    return int(count), body

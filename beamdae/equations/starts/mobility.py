@@ -19,7 +19,7 @@ from beamdae.equations.starts.rigid_motions import (
     describe_free_motion,
 )
 from beamdae.equations.starts.state_evaluator import StateEvaluator, plan_state_sums
-from beamdae.symbolic.sparse_operators import column_indices
+from beamdae.symbolic.sparse_operators import column_indices, row_indices
 
 Array = np.ndarray
 
@@ -167,20 +167,18 @@ def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
     owner = np.zeros(e.n, int)
     for k, part in enumerate(e.parts):
         owner[part.rows] = k
-    grounded, ties = set(), []
+    block = plan_state_sums(e.structure).block
+    grounded, ties = set(), [owner[[block.pattern.indices, column_indices(block.pattern)]]]
     for joint in e.joints:
-        entries = sp.coo_array(joint.operator)
-        copies = entries.coords[0] // (joint.operator.shape[0] // joint.count)
+        columns = joint.operator.indices
+        copies = row_indices(joint.operator) // (joint.operator.shape[0] // joint.count)
         for copy in range(joint.count):
-            tied = np.unique(owner[entries.coords[1][copies == copy]])
-            ties += [(tied[0], other) for other in tied]
+            tied = np.unique(owner[columns[copies == copy]])
+            ties.append(np.stack([tied[:1].repeat(len(tied)), tied]))
             if len(tied) == 1:
                 grounded.add(int(tied[0]))
     grounded |= _find_parts_on_ground(e)
-    block = plan_state_sums(e.structure).block
-    columns = column_indices(block.pattern)
-    ties += list(zip(owner[block.pattern.indices], owner[columns], strict=True))
-    pairs = np.array(ties, int).reshape(-1, 2).T
+    pairs = np.hstack(ties)
     graph = sp.coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(e.parts), len(e.parts)))
     count, group = connected_components(graph.tocsr(), directed=False)
     grounded_groups = {group[k] for k in grounded}
