@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import casadi as ca
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.results.diagnostics import growing_loops
@@ -448,3 +449,32 @@ def test_regression_growth_beyond_the_largest_number_does_not_overflow():
     values = 10.0 ** np.linspace(-160.0, 160.0, 1 + 40 * growing_loops._WINDOW_COUNTS[0])[:, None]
     growth = growing_loops._exponential_growth(values, np.array([1e-160]))
     assert growth[0] > 1e300
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+@pytest.mark.parametrize(("steps", "is_named"), [(8, True), (1000, False)])
+def test_regression_limit_cycles_of_quantization_have_a_warning(steps, is_named):
+    """Commands that did not repeat were silent, with a vibration of half a step of the encoder."""
+    gains = {"ki": 3e4, "limit": 20.0, "resolution": STEP / steps}
+    mech = build_sampled_stage(1e-3, 4e3, 65.0, **gains)
+    run = bd.simulate(mech, bd.GeneralizedAlpha(5e-4), t_end=0.15)
+    found = [x for x in run.warnings if x.startswith("digital: ")]
+    assert len(found) == is_named
+    if is_named:
+        assert found[0].startswith("digital: force alternates between ")
+        step = float(found[0].split("rounds position in steps of ")[1].split(" m, ")[0])
+        assert_allclose(step, STEP / steps, rtol=0.1)
+
+
+def test_rounding_steps_are_those_between_equal_jumps():
+    def find(evaluate, span=0.3):
+        law = growing_loops._Law(
+            lambda x: float(evaluate(x[0])), np.array([0.1]), np.zeros(1), (0.0, 0.0)
+        )
+        return growing_loops._find_rounding_step(law, 0, span)
+
+    assert_allclose(find(np.round), 1.0, rtol=0.1)
+    assert_allclose(find(lambda x: np.clip(0.2 * np.floor(x / 0.2), -9.0, 9.0)), 0.2, rtol=0.1)
+    # Laws without rounding, relays, dead zones and limits.
+    for law in (lambda x: x, np.sin, np.sign, lambda x: 0.0, lambda x: np.clip(1e3 * x, -1.0, 1.0)):
+        assert find(law) is None

@@ -78,6 +78,14 @@ _REFERENCE_LAGS, _MAX_UNEXPLAINED = 4, 0.5
 # often, once per this number of samples.
 _MIN_REVERSALS = 6
 _MAX_SAMPLES_PER_REVERSAL = 6
+# A law rounds a measured value if its command is constant but for jumps at equal distances: at
+# least four jumps, at a quarter of the samples at most, around the measured value. The value of an
+# encoder in a limit cycle of quantization changes by few of these steps.
+_ROUNDING_SAMPLES, _MAX_DOUBLINGS = 129, 6
+_MIN_EQUAL_STEPS, _MAX_SHARE_OF_JUMPS, _MAX_ROUNDING_STEPS = 3, 0.25, 4.0
+# Range in the run relative to that in the last samples: in a run at rest, all of the motion is
+# flicker of the encoder.
+_MIN_SETTLING = 1.5
 # Slower vibrations between both limits are compared in 256 of the last samples at these strides.
 # Of 216 loops (PID on a mass with a spring, gains 0.3 to 4 times the limit of stability), 92 of the
 # 93 that went from limit to limit in the last quarter were found; none of the 84 stable ones was.
@@ -344,6 +352,10 @@ def _sampled_cycle_warnings(
             cycle = _find_limit_cycle(equations, trajectory, stream, k)
             if cycle is not None:
                 yield _describe_cycle(*rows[term.rows.start + k], *cycle)
+                return
+            rounded = list(_quantization_warnings(equations, trajectory, stream, k, last))
+            if rounded:
+                yield from rounded
                 return
 
 
@@ -637,6 +649,33 @@ def _is_switch(
     last
         Times [s] in the middle between the last samples.
     """
+    law = _law_at_largest_change(equations, trajectory, stream, drive, last)
+    return is_switch(law.evaluate, law.begin, law.end, law.commands)
+
+
+class _Law(NamedTuple):
+    """Law of a controller between the two samples at which its command changes most.
+
+    Attributes
+    ----------
+    evaluate
+        Function from measured and held values to the command.
+    begin, end
+        Measured and held values at both samples.
+    commands
+        Command at both samples.
+    """
+
+    evaluate: Callable[[Array], float]
+    begin: Array
+    end: Array
+    commands: tuple[float, float]
+
+
+def _law_at_largest_change(
+    equations: EquationsOfMotion, trajectory: Trajectory, stream: int, drive: int, last: Array
+) -> _Law:
+    """Return the law at the largest change of a command; see `_is_switch` for the parameters."""
     term = equations.controllers[stream]
     controller = term.controller
     # The newest values of the queue follow from the last sample.
@@ -654,7 +693,72 @@ def _is_switch(
         reads, before = np.split(measured_and_held, [len(begin) - values.shape[1]])
         return float(controller.next_values(samples[0], index, reads, before, stream)[newest])
 
-    return is_switch(evaluate, begin, end, (command[k], command[k + 1]))
+    return _Law(evaluate, begin, end, (command[k], command[k + 1]))
+
+
+def _quantization_warnings(
+    equations: EquationsOfMotion, trajectory: Trajectory, stream: int, drive: int, last: Array
+) -> Iterator[str]:
+    """Yield a warning if a law that rounds a measured value amplifies the steps of the rounding.
+
+    In the last samples, the measured value changes by few steps, and less than before, and the
+    command goes to and fro by a large part of its largest value in the run. The parameters are
+    those of `_is_switch`.
+    """
+    term = equations.controllers[stream]
+    controller, row = term.controller, term.rows.start + drive
+    if len(last) < _MIN_LAST_SAMPLES:
+        return
+    held = trajectory.positions_at(last)[:, row]
+    low, high = float(held.min()), float(held.max())
+    largest = max(float(np.abs(x.state.q[:, row]).max()) for x in trajectory.intervals)
+    if 0.5 * (high - low) < _MIN_AMPLITUDE * largest:
+        return
+    inner = 0.25 * (high - low)
+    halves = np.array_split(np.clip(held, low + inner, high - inner), 2)
+    switches = (_count_switches(x, low + inner, high - inner) for x in halves)
+    if min(switches) < _MIN_CYCLE_SWITCHES:
+        return
+    first, end = last[0] - 0.5 * controller.every, last[-1]
+    times = np.concatenate([np.linspace(trajectory.start, first, _MAX_LAST_SAMPLES), last])
+    reads = evaluate_reads(term, equations.p, *trajectory.at(times))
+    ranges = np.ptp(reads[_MAX_LAST_SAMPLES:], axis=0)
+    is_settled = np.ptp(reads, axis=0) > _MIN_SETTLING * ranges
+    if _follows_reference(equations, trajectory, stream, drive, last):
+        return
+    law = _law_at_largest_change(equations, trajectory, stream, drive, last)
+    for k in np.flatnonzero(is_settled & (ranges > 0.0)).tolist():
+        step = _find_rounding_step(law, k, float(ranges[k]))
+        if step is not None and ranges[k] <= _MAX_ROUNDING_STEPS * step:
+            unit = "" if controller.reads[k].unit == "-" else f" {controller.reads[k].unit}"
+            yield (
+                f"{controller.name}: {controller.drives[drive].name} alternates between "
+                f"{low:.4g} and {high:.4g} from t = {first:.3g} to {end:.3g} s, because the law "
+                f"rounds {controller.reads[k].name} in steps of {step:.2g}{unit}, while it changes "
+                f"by only {ranges[k]:.2g}{unit} (limit cycle of the loop); use smaller steps, or a "
+                "smaller or filtered derivative."
+            )
+            return
+
+
+def _find_rounding_step(law: _Law, read: int, span: float) -> float | None:
+    """Return the step in which a law rounds a measured value that changes by `span`, or None."""
+    for factor in 2.0 ** np.arange(_MAX_DOUBLINGS):
+        shifts = factor * span * np.linspace(-1.0, 1.0, _ROUNDING_SAMPLES)
+        values = np.repeat(law.begin[None], len(shifts), axis=0)
+        values[:, read] += shifts
+        try:
+            commands = np.array([law.evaluate(x) for x in values])
+        except BeamdaeError:
+            return None
+        jumps = shifts[1:][np.diff(commands) != 0.0]
+        if len(jumps) > _MAX_SHARE_OF_JUMPS * len(shifts):
+            return None
+        steps = np.diff(jumps)
+        if len(steps) >= _MIN_EQUAL_STEPS:
+            is_equal = np.ptp(steps) <= 2.01 * (shifts[1] - shifts[0])
+            return float(np.mean(steps)) if is_equal else None
+    return None
 
 
 def _repeats(values: Array, max_period: float) -> bool:
