@@ -101,25 +101,26 @@ def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) 
         If `what` is invalid, the run has no mechanism or no beams, or strain or stress is requested
         and a section does not define its height.
     """
-    return _color_beams(name, what, _evaluate_beams(solution, times))
+    what = require_choice(name, "color", what, tuple(_QUANTITIES))
+    return _color_beams(name, what, _evaluate_beams(solution, times, (what,)))
 
 
 class _BeamStrains(NamedTuple):
     """Strains and strain rates (rows, sections, 3) along a beam, and the rows of the frames.
 
-    `rotations` (rows, sections) are those of `Kinematics.force_rotation`.
+    `rotations` (rows, sections) are those of `Kinematics.force_rotation`; None if no quantity
+    requires them.
     """
 
     beam: Beam
     places: list[float]
     strains: Array
     rates: Array
-    rotations: Array
+    rotations: Array | None
     frame_rows: Array
 
 
-def _color_beams(name: str, what: Any, beams: Sequence[_BeamStrains]) -> BeamColors:
-    what = require_choice(name, "color", what, tuple(_QUANTITIES))
+def _color_beams(name: str, what: str, beams: Sequence[_BeamStrains]) -> BeamColors:
     if not beams:
         raise BeamdaeError(
             f"{name}: color {what!r} requires a beam, but the mechanism has none; omit color."
@@ -155,18 +156,24 @@ def available_colors(solution: Solution, times: Array, first: Any = None) -> lis
     BeamdaeError
         If `first` cannot be computed.
     """
-    beams = _evaluate_beams(solution, times)
-    colors = [] if first is None else [_color_beams("animate", first, beams)]
-    for what in (x for x in ("stress", "M") if x != first):
+    quantities = ["stress", "M"]
+    if first is not None:
+        first = require_choice("animate", "color", first, tuple(_QUANTITIES))
+        quantities = [first, *(x for x in quantities if x != first)]
+    beams, colors = _evaluate_beams(solution, times, quantities), []
+    for what in quantities:
         try:
             colors.append(_color_beams("animate", what, beams))
         except BeamdaeError:
-            continue
+            if what == first:
+                raise
     return colors
 
 
-def _evaluate_beams(solution: Solution, times: Array) -> list[_BeamStrains]:
-    """Return the strains of all beams at `times` and at the output times."""
+def _evaluate_beams(
+    solution: Solution, times: Array, quantities: Sequence[str]
+) -> list[_BeamStrains]:
+    """Return the strains of all beams, for these quantities, at `times` and the output times."""
     mechanism = solution.equations.mechanism
     beams = beams_of(mechanism)
     if mechanism is None or not beams:
@@ -183,18 +190,15 @@ def _evaluate_beams(solution: Solution, times: Array) -> list[_BeamStrains]:
         places = np.linspace(0.0, beam.length, sections).tolist()
         strain_terms = [beam.kinematics.strains(s) for s in places]
         functions = [SectionFunction(x.operator, x.values) for x in strain_terms]
-        rotation_terms = [beam.kinematics.force_rotation(s) for s in places]
-        rotations = [SectionFunction(x.operator, x.values) for x in rotation_terms]
-        values, angles = (
-            np.concatenate(
-                [
-                    evaluate_sections(build, at, *(x[k : k + rows] for x in (q, v, 0.0 * q)))
-                    for k in range(0, len(q), rows)
-                ]
-            )
-            for build, at in ((strains_and_rates, functions), (identity, rotations))
-        )
-        terms = (values[..., :3], values[..., 3:], angles[..., 0])
+        blocks = [[x[k : k + rows] for x in (q, v, 0.0 * q)] for k in range(0, len(q), rows)]
+        strains_of_blocks = [evaluate_sections(strains_and_rates, functions, *x) for x in blocks]
+        values, rotations = np.concatenate(strains_of_blocks), None
+        if "N" in quantities:
+            rotation_terms = [beam.kinematics.force_rotation(s) for s in places]
+            functions = [SectionFunction(x.operator, x.values) for x in rotation_terms]
+            angles = [evaluate_sections(identity, functions, *x) for x in blocks]
+            rotations = np.concatenate(angles)[..., 0]
+        terms = (values[..., :3], values[..., 3:], rotations)
         strains.append(_BeamStrains(beam, places, *terms, frame_rows))
     return strains
 
@@ -209,6 +213,7 @@ def _compute_quantity(what: str, beam_strains: _BeamStrains) -> Array:
         k = "NQM".index(what)
         force = strains[..., k] * np.array([(x.EA, x.GA, x.EI)[k] for x in local])
         if what == "N":
+            assert rotations is not None
             force += np.sin(rotations) * strains[..., 1] * np.array([x.GA for x in local])
         return np.asarray(force)
     top, bottom = (

@@ -182,6 +182,8 @@ def _build_trails(
     solution: Solution, points: dict[str, Quantity], times: Array, scale: float
 ) -> list[MovingCurve]:
     """Return the path of each point up to each frame, also sampled between the frames."""
+    if not points:
+        return []
     between = int(np.clip(_MAX_TRAIL_POINTS // len(times), 1, _MAX_TRAIL_POINTS_PER_FRAME))
     fine = np.interp(np.arange(between * (len(times) - 1) + 1) / between, range(len(times)), times)
     measure = _create_measure(solution, *solution.trajectory.at(fine))
