@@ -45,6 +45,8 @@ _MIN_DIGITS, _DIGITS_OF_DIFFERENCE = 5, 1
 # point, below which it does not matter: 7e-4 for the rate of the angle of a flexure stage, 8e-5 for
 # the angular acceleration of a frame that falls flat.
 _MIN_SHARE_OF_POINT = 0.01
+# The same for angles: 1.5e-4 for that of a flexure stage, which vibrates by 1.5e-7 rad.
+_MIN_SHARE_OF_ANGLE = 3e-4
 
 # Columns whose half range is at or below these are constant but for errors of the integration.
 # Stresses of a rotating blade vary by up to 10 times rtol, its deflections by up to 3e-3 times.
@@ -403,10 +405,11 @@ def format_apart(header: str, value: float, other: float) -> tuple[str, str]:
 
 
 def mark_minor_rates(headers: Sequence[str], half_range: np.ndarray, length: float) -> np.ndarray:
-    """Return the mask of rates and accelerations that are small beside those of the same point.
+    """Return the mask of rates, accelerations and angles that are small beside those of a point.
 
-    Velocities and accelerations below 1 % of the largest translation of the point are small.
-    Rotations are multiplied by the `length` [m] of the mechanism. Positions and angles are exempt.
+    Velocities and accelerations below 1 % of the largest translation of the point are small, and
+    angles below 0.03 %. Rotations are multiplied by the `length` [m] of the mechanism. Positions
+    are exempt.
     """
     pairs = [Header.of(header) for header in headers]
     kinds = [UNITS_OF_TRANSLATIONS.get(x.unit, (x.unit, 0)) for x in pairs]
@@ -416,7 +419,9 @@ def mark_minor_rates(headers: Sequence[str], half_range: np.ndarray, length: flo
     of_point = largest_by(keys, np.where(is_translation, np.nan_to_num(sizes), 0.0).tolist())
     largest = np.array([of_point[key] for key in keys])
     is_rate = np.array([unit in _UNITS_OF_RATES for unit, _ in kinds], bool)
-    return np.asarray(is_rate & (sizes < _MIN_SHARE_OF_POINT * largest))
+    is_angle = np.array([x.unit == "rad" for x in pairs], bool)
+    is_minor = is_rate & (sizes < _MIN_SHARE_OF_POINT * largest)
+    return np.asarray(is_minor | (is_angle & (sizes < _MIN_SHARE_OF_ANGLE * largest)))
 
 
 def mark_accompanying_rates(headers: Iterable[str]) -> np.ndarray:

@@ -483,13 +483,17 @@ def test_regression_the_most_important_column_is_named_first():
         ("mirror.angle_dot [rad/s]", 4e-4, True),
         ("stage.angle_ddot [rad/s^2]", 4e-4, True),
         ("stage.angle [rad]", 4e-4, True),
+        # 3e-9 m at this length, beside 0.2 mm.
+        ("stage.angle [rad]", 3e-8, False),
+        ("stage.angle [rad]", 3e-6, True),
+        ("mirror.angle [rad]", 3e-8, True),
     ],
 )
 def test_regression_rates_that_are_small_beside_those_of_the_point_have_no_warning(
     rotation, rate, is_reported
 ):
     """Nearly each run of a flexure stage warned of its angular rate."""
-    largest = {"stage.x_dot [m/s]": 0.1, rotation: rate}
+    largest = {"stage.x_dot [m/s]": 0.1, "stage.x [m]": 2e-4, rotation: rate}
     t = np.linspace(0.0, 1.0, 5)
     observed = {header: 0.5 * x * t for header, x in largest.items()}
     extremes = {
