@@ -183,6 +183,10 @@ class LoadedObject:
         # In this order the library is released before its engine.
         self._library, self._engine = library, engine
 
+    def __deepcopy__(self, memo: Any) -> LoadedObject:
+        """Return this object: copies of models share machine code, which cannot be copied."""
+        return self
+
 
 @cache
 def library_address(name: str) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -35,6 +36,10 @@ class GravityLaws:
     # Keyed by the id of the original kernel and the rows that depend on gravity. The original
     # kernel is stored too, so that Python does not reuse its id.
     _kernels: dict[Any, tuple[ForceKernel, ForceKernel]] = field(default_factory=dict)
+
+    def __deepcopy__(self, memo: Any) -> GravityLaws:
+        """Return a copy without kernels, whose ids are those of other kernels in a copy."""
+        return GravityLaws(deepcopy(self.laws, memo), self.name)
 
     def statements(
         self, forces: Callable[[Array], Sequence[ForceStatement]]

@@ -46,12 +46,12 @@ from beamdae.results.diagnostics.meshes.beam_ranges import (
     sample_positions,
     strain_warnings,
 )
+from beamdae.results.diagnostics.meshes.coarse_elements import coarse_element_warnings
 from beamdae.results.diagnostics.meshes.fast_loads import fast_load_warnings
 from beamdae.results.diagnostics.meshes.forced_vibrations import examine_vibrations
 from beamdae.results.diagnostics.meshes.long_elements import long_element_warnings
 from beamdae.results.diagnostics.meshes.mesh_errors import LoadedState, mesh_error_warnings
 from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
-from beamdae.results.diagnostics.meshes.taut_elements import taut_element_warnings
 from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
 from beamdae.results.diagnostics.rare_samples import rare_sample_warnings
 from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
@@ -281,10 +281,10 @@ def _mesh_errors(run: RunData) -> Iterable[str]:
     return mesh_error_warnings(run.equations, run.columns.__getitem__, select_state)
 
 
-def _taut_elements(run: RunData) -> Iterable[str]:
+def _coarse_elements(run: RunData) -> Iterable[str]:
     if run._is_at_rest:
         return ()
-    return taut_element_warnings(run.equations, run.trajectory, run._extremes_above_rounding)
+    return coarse_element_warnings(run.equations, run.trajectory, run._extremes_above_rounding)
 
 
 def _long_elements(run: RunData) -> Iterator[str]:
@@ -400,7 +400,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _of_motion(soft_contact_warnings),
     _untouched_contacts,
     _mesh_errors,
-    _taut_elements,
+    _coarse_elements,
     _long_elements,
     FAST_LOADS,
     _of_motion(moving_load_warnings),

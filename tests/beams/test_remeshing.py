@@ -127,3 +127,15 @@ def test_regression_laws_with_locks_and_variables_without_a_value():
     gain = 2.0
     assert copied is not law_without_value
     assert law_without_value(SimpleNamespace(reads=[1.0])) == -gain
+
+
+def test_mechanisms_with_compiled_gravity_laws_are_copied():
+    """Machine code cannot be copied, and kernels are found by their ids."""
+    mech = bd.Mechanism(gravity=(0.0, lambda t: -9.81 + 0.0 * t))
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.observe("tip", beam.end)
+    first = bd.equilibrium(mech)
+    again = bd.equilibrium(with_meshes(mech, {}, {}))
+    assert_allclose(again["tip.y"].iloc[-1], first["tip.y"].iloc[-1], rtol=1e-12)

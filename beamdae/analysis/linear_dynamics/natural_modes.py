@@ -44,7 +44,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
-from beamdae.results.diagnostics.meshes.taut_elements import (
+from beamdae.results.diagnostics.meshes.coarse_elements import (
     describe_changes,
     find_taut_beams,
     pair_frequencies,

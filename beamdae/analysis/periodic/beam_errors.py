@@ -36,7 +36,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators import Radau
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.columns import mark_vanishing_columns
-from beamdae.results.diagnostics.meshes.taut_elements import find_taut_beams, sample_instants
+from beamdae.results.diagnostics.meshes.coarse_elements import find_taut_beams, sample_instants
 from beamdae.results.periodic_motion import BeamError
 from beamdae.results.solution import Solution
 

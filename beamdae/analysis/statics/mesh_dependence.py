@@ -4,8 +4,8 @@ A small eigenvalue of the stiffness may have the wrong sign on a coarse mesh. Fo
 elastica that is bent beyond a figure eight is unstable with an eigenvalue of 1e-3 of the next one.
 With 8 elements, it is stable, and a false branch point precedes. Therefore, small eigenvalues
 between critical points and at the end of a path are computed again with half the element length.
-So is the end of a path at which elements are long for their axial tension; see
-`results.diagnostics.meshes.taut_elements`.
+So is the end of a path at which beams have few elements, or these are long for their axial tension;
+see `results.diagnostics.meshes.coarse_elements`.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from beamdae.analysis.statics.path_tracing import EquilibriumPath, PathSettings
 from beamdae.equations.assembly.halved_elements import HalvedElements
 from beamdae.equations.measures import ObservedRows
 from beamdae.results.columns import Header
-from beamdae.results.diagnostics.meshes.taut_elements import (
+from beamdae.results.diagnostics.meshes.coarse_elements import (
     UNITS_OF_POSITIONS,
     describe_changes,
-    find_taut_beams,
+    find_coarse_beam,
 )
 from beamdae.results.equilibrium import CriticalPoint
 
@@ -45,6 +45,8 @@ Array = np.ndarray
 # elements.
 _SMALL_EIGENVALUE_RATIO = 2e-2
 _LOAD_FACTOR = "load factor [-]"
+# Number of elements of a beam up to which the end of a path is computed again.
+_FEW_ELEMENTS = 3
 
 
 class StabilityRecheck(NamedTuple):
@@ -143,7 +145,7 @@ class _FineMesh:
             return None
 
 
-def taut_element_notes(
+def coarse_mesh_notes(
     loading: Loading, path: EquilibriumPath, settings: PathSettings
 ) -> tuple[str, ...]:
     """Return a remark if values at the end of a path change by over 1 % with halved elements.
@@ -152,10 +154,11 @@ def taut_element_notes(
     `recheck_stability`, and the `settings` of the path.
     """
     e, last = loading.full_equations, path.points[-1]
-    taut = find_taut_beams(e, last.x[None, : e.n]) if path.status.success else []
-    mesh = _FineMesh.of(loading) if taut else None
+    is_found = path.status.success
+    doubt = find_coarse_beam(e, last.x[None, : e.n], _FEW_ELEMENTS) if is_found else None
+    mesh = None if doubt is None else _FineMesh.of(loading)
     fine = None if mesh is None else mesh.correct(last, settings)
-    if mesh is None or fine is None:
+    if doubt is None or mesh is None or fine is None:
         return ()
     positions = np.array([point.x[: e.n] for point in path.points])
     multipliers = np.array([point.x[e.n :] for point in path.points])
@@ -174,7 +177,7 @@ def taut_element_notes(
     scales = dict(zip(headers, sizes.tolist(), strict=True))
     if settings.column:
         values[_LOAD_FACTOR], scales[_LOAD_FACTOR] = (last.mu, fine.mu), abs(last.mu)
-    return tuple(describe_changes(e, taut[0], values, scales))
+    return tuple(describe_changes(e, doubt, values, scales))
 
 
 def _observe(loading: Loading, q: Array, lam: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
-from beamdae.analysis.statics.mesh_dependence import recheck_stability, taut_element_notes
+from beamdae.analysis.statics.mesh_dependence import coarse_mesh_notes, recheck_stability
 from beamdae.analysis.statics.path_tracing import (
     EquilibriumPath,
     PathSettings,
@@ -191,7 +191,7 @@ def equilibrium(
                     loading.systems[-1], states[-1], float(path.factors[-1, -1:].sum())
                 ),
                 *recheck.notes,
-                *taut_element_notes(loading, path, settings),
+                *coarse_mesh_notes(loading, path, settings),
                 *path.notes,
             ),
             _free_coordinates(equations, path),

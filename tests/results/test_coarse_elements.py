@@ -1,4 +1,4 @@
-"""Warnings about elements that are long for the axial tension of beams."""
+"""Warnings about elements that are few, or long for the axial tension of beams."""
 
 import numpy as np
 import pytest
@@ -32,6 +32,17 @@ def clamped_beam(elements, load, formulation="exact", **settings):
     return mech
 
 
+def arch(elements, load):
+    mech = bd.Mechanism()
+    arc = bd.Arc(radius=-0.6, length=0.66, angle=0.55)
+    beam = mech.add(leaf("arch", arc, elements, "floating frame", height=0.025))
+    for name, s in (("left", 0.0), ("right", 0.66)):
+        mech.add(bd.Revolute(name, mech.ground.at(*arc.point(s)), beam.at(s)))
+    mech.add(bd.Force("push", beam.at(0.44), (0.0, load)))
+    mech.observe("middle", beam.at(0.33))
+    return mech
+
+
 def ramp(load):
     return bd.table([0.0, 0.6, 1.0], [0.0, load, load], "pchip")
 
@@ -62,6 +73,24 @@ def test_statics_to_a_position_compare_the_load():
     change = 1.0 - halved.factor / coarse.factor
     assert f"load factor {100.0 * change:.2g} %" in warning
     assert change > 0.1
+
+
+def test_statics_name_beams_of_few_elements_whose_travels_change():
+    coarse, fine = (bd.equilibrium(arch(n, -100.0)) for n in (1, 8))
+    (warning,) = coarse.warnings
+    # The force divides the element.
+    assert warning.startswith("arch: 2 elements are too few: with halved elements, middle.")
+    assert "use elements=4" in warning
+    travels = [np.ptp(x.table()["middle.x [m]"].to_numpy()) for x in (coarse, fine)]
+    assert abs(travels[0] / travels[1] - 1.0) > 0.02
+    assert not fine.warnings
+
+
+def test_runs_compare_beams_of_few_curved_elements():
+    coarse, fine = (bd.simulate(arch(n, ramp(-100.0)), t_end=1.0) for n in (1, 8))
+    (warning,) = (x for x in coarse.warnings if "too few" in x)
+    assert warning.startswith("arch: 2 elements are too few: with halved elements, middle.")
+    assert not [x for x in fine.warnings if "too few" in x]
 
 
 def test_the_recommended_elements_have_no_warning():
