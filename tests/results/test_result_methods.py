@@ -13,6 +13,7 @@ from beamdae.results.outcome import Status
 
 # Methods besides `table` and `to_csv`, which all results have.
 METHODS = {
+    "Bode": {"plot", "page"},
     "Boundary": {"plot", "page"},
     "Buckling": {"plot", "page"},
     "Campbell": {"plot", "page"},
