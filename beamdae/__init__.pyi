@@ -16,6 +16,9 @@ from .analysis.linear_dynamics.linear_model import LinearModel as LinearModel
 from .analysis.linear_dynamics.linear_model import linearize as linearize
 from .analysis.linear_dynamics.natural_modes import Modes as Modes
 from .analysis.linear_dynamics.natural_modes import modes as modes
+from .analysis.linear_dynamics.stability_margins import Crossover as Crossover
+from .analysis.linear_dynamics.stability_margins import StabilityMargins as StabilityMargins
+from .analysis.linear_dynamics.stability_margins import margins as margins
 from .analysis.optimization.optimize import optimize as optimize
 from .analysis.optimization.quantities import CriticalLoad as CriticalLoad
 from .analysis.optimization.quantities import EquilibriumErrors as EquilibriumErrors

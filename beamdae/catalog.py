@@ -288,6 +288,9 @@ GROUPS = (
             Public("LinearModel", "beamdae.analysis.linear_dynamics.linear_model"),
             Public("bode", "beamdae.analysis.linear_dynamics.bode_diagram"),
             Public("Bode", "beamdae.analysis.linear_dynamics.bode_diagram"),
+            Public("margins", "beamdae.analysis.linear_dynamics.stability_margins"),
+            Public("StabilityMargins", "beamdae.analysis.linear_dynamics.stability_margins"),
+            Public("Crossover", "beamdae.analysis.linear_dynamics.stability_margins"),
         ),
     ),
     Group(

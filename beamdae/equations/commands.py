@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -21,12 +23,14 @@ from beamdae.equations.equations_of_motion import (
     State,
 )
 from beamdae.equations.structure import cache_on_owner
+from beamdae.errors import BeamdaeError
 from beamdae.parts.control.controller import Controller
 from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.part import Part
 from beamdae.parts.signals import State as SignalState
 from beamdae.symbolic.local_symbols import SX
 from beamdae.symbolic.signals import Signal, find_signals
-from beamdae.symbolic.statements import Quantity, Variable
+from beamdae.symbolic.statements import Local, Quantity, Variable
 
 Array = np.ndarray
 
@@ -116,6 +120,82 @@ def find_commanded_loads(mechanism: Mechanism) -> frozenset[str]:
             if depends_on_state or any(_contains(x, outputs) for x in formulas):
                 names.add(part.name)
     return frozenset(names)
+
+
+def differentiate_laws(
+    mechanism: Mechanism, name: str, time: Array, state: State
+) -> Iterator[tuple[Part, Array]]:
+    """Yield each part whose laws contain the output of a `pid`, and their derivatives by it.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    name
+        Name of the controller.
+    time, state
+        (t, branch), and the state at which the laws are differentiated; signals other than the
+        output are constant.
+
+    Raises
+    ------
+    BeamdaeError
+        If the output is the argument of a table.
+    """
+    at, output, symbol = SX(ca.DM(time)), mechanism.outputs[name], SX.sym("command")
+    for part in mechanism.parts.values():
+        # The integral of a limited controller follows its own output, not what is added to it.
+        if part.name == f"{name} integral":
+            continue
+        formulas = [law(at) for law in part.laws]
+        if not any(_contains(x, {output.element_hash()}) for x in formulas):
+            continue
+        try:
+            replaced = [_replace_term(x, output.element_hash(), symbol) for x in formulas]
+        except _TableError:
+            raise BeamdaeError(
+                f"margins: the loop cannot be opened at {name} because {part.name} contains its "
+                "output in a table; open it at an input instead."
+            ) from None
+        slopes = ca.densify(ca.jacobian(ca.vertcat(*replaced), symbol))
+        slopes = ca.substitute(slopes, symbol, output)
+        numbers, coordinate_map = NumberStore(), map_coordinates(mechanism)
+        columns = tuple(Variable(f"slope {k}", "-") for k in range(len(formulas)))
+        quantity = Quantity(columns, (), partial(_return_formula, slopes))
+        laws = select_input_laws(mechanism.inputs)
+        observable = build_observable(part.name, quantity, coordinate_map, numbers, {}, laws)
+        motion = state.q[None], state.v[None], np.zeros((1, 0))
+        yield part, observable.evaluate(numbers.all(mechanism.inputs), time[None], *motion)[0]
+
+
+def _return_formula(formula: SX, local: Local) -> SX:
+    return formula
+
+
+class _TableError(Exception):
+    """A term is the argument of a table."""
+
+
+def _replace_term(formula: SX, key: int, symbol: SX) -> SX:
+    """Return the formula with a symbol in place of the term with the hash `key`."""
+    known: dict[int, SX] = {key: symbol}
+
+    def rebuild(term: SX) -> SX:
+        own = term.element_hash()
+        if own not in known:
+            operands = [term.dep(k) for k in range(term.n_dep())]
+            changed = [rebuild(x) for x in operands]
+            pairs = zip(operands, changed, strict=True)
+            if all(a.element_hash() == b.element_hash() for a, b in pairs):
+                known[own] = term
+            elif term.op() == ca.OP_CALL:
+                raise _TableError
+            else:
+                build: Any = SX.unary if len(changed) == 1 else SX.binary
+                known[own] = build(term.op(), *changed)
+        return known[own]
+
+    return rebuild(formula)
 
 
 def unused_command_warnings(

@@ -32,6 +32,7 @@ METHODS = {
     "SectionForces": set(),  # `diagram` plots one of N, Q and M.
     "Sensitivities": set(),
     "Solution": {"plot", "page", "to_parquet"},
+    "StabilityMargins": set(),
     "SweepResults": {"plot", "page"},
 }
 # Results without warnings: quantities of another result.

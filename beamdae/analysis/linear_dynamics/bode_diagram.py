@@ -39,9 +39,11 @@ _MAX_POLES = 24  # that are listed
 _MAX_REAL_POLES = 8  # of these; overdamped axial vibrations of beams have many
 _MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller imaginary parts are rounding errors
 _POLE_ROUNDING = 10.0 * np.finfo(float).eps  # of poles, relative to the largest one
-# A pole grows if its real part is above this share of its magnitude: those of undamped motions of
-# stiff structures have rounding errors of 1e-6.
-_MIN_GROWTH_SHARE = 1e-4
+# A pole grows if its real part, relative to its magnitude, is above this multiple of the rounding
+# error eps |fastest pole| / |pole|, within these limits. The undamped motion of a pendulum whose
+# fastest pole is 4e8 times as fast has a growth of 1.2e-6, 13 times this error.
+_GROWTH_ROUNDING = 100.0 * np.finfo(float).eps
+_LEAST_GROWTH_SHARE, _LARGEST_GROWTH_SHARE = 1e-9, 1e-4
 _MIN_POLE = 1e-4  # [1/s]; smaller poles are zero
 _FREQUENCY_MARGIN = 10.0  # of the range, below the slowest and above the listed poles
 _MAX_PEAK_DAMPING = 0.7  # damping ratio above which a pole has no peak
@@ -322,8 +324,11 @@ def describe_poles(poles: Array) -> list[PoleDescription]:
 
 def find_growing_poles(poles: Array) -> Array:
     """Return the poles with a positive real part, except rounding errors and free motions."""
-    is_growing = poles.real > _MIN_GROWTH_SHARE * np.abs(poles)
-    return poles[is_growing & ~_are_zero(poles) & (poles.imag >= 0.0)]
+    poles = poles[~_are_zero(poles) & (poles.imag >= 0.0)]
+    sizes = np.abs(poles)
+    rounding = _GROWTH_ROUNDING * np.max(sizes, initial=0.0) / sizes
+    shares = np.clip(rounding, _LEAST_GROWTH_SHARE, _LARGEST_GROWTH_SHARE)
+    return poles[poles.real > shares * sizes]
 
 
 def _are_zero(poles: Array) -> Array:

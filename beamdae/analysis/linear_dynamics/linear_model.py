@@ -131,29 +131,9 @@ class LinearModel(HasPage):
     def poles(self) -> Array:
         """Eigenvalues l of `A` [1/s], (states,), in ascending order of |l|.
 
-        Elements of `A` of stiff structures are so large that rounding errors of its eigenvalues
-        reach the slow ones. Slow poles are therefore computed from the eigenvalues 1 / (l - s) of
-        the inverse of A - s I (shift and invert), which `A` determines well.
+        Slow ones of stiff structures are accurate, see `compute_poles`.
         """
-        if not self.A.size:
-            return np.zeros(0, complex)
-        fast = la.eigvals(self.A)
-        fast = fast[np.argsort(np.abs(fast))]
-        try:
-            inverse = np.linalg.inv(self.A - _POLE_SHIFT * np.eye(len(self.A)))
-        except la.LinAlgError:
-            return fast
-        slow = _POLE_SHIFT + 1.0 / la.eigvals(inverse)
-        slow = slow[np.argsort(np.abs(slow))]
-        # Relative errors are |A| eps / |l| without and |l| eps / s with the inverse.
-        balanced, _ = la.matrix_balance(self.A)
-        limit = np.sqrt(_POLE_SHIFT * float(la.norm(balanced, 2)))
-        count = int(np.sum(np.abs(slow) < limit))
-        if 0 < count < len(slow):
-            inner, outer = np.abs(slow[count - 1 : count + 1])
-            is_pair = outer - inner <= _PAIR_TOLERANCE * outer
-            count += int(is_pair and np.sum(slow[:count].imag) != 0.0)
-        return np.concatenate([slow[:count], fast[count:]])
+        return compute_poles(self.A)
 
     @single_threaded
     def state_space(self, every: float | None = None) -> StateSpace:
@@ -322,6 +302,34 @@ class LinearModel(HasPage):
         return response
 
 
+def compute_poles(matrix: Array) -> Array:
+    """Return the eigenvalues l of a state matrix A [1/s], (states,), in ascending order of |l|.
+
+    Elements of A of stiff structures are so large that rounding errors of its eigenvalues reach the
+    slow ones. Slow poles are therefore computed from the eigenvalues 1 / (l - s) of the inverse of
+    A - s I (shift and invert), which A determines well.
+    """
+    if not matrix.size:
+        return np.zeros(0, complex)
+    fast = la.eigvals(matrix)
+    fast = fast[np.argsort(np.abs(fast))]
+    try:
+        inverse = np.linalg.inv(matrix - _POLE_SHIFT * np.eye(len(matrix)))
+    except la.LinAlgError:
+        return fast
+    slow = _POLE_SHIFT + 1.0 / la.eigvals(inverse)
+    slow = slow[np.argsort(np.abs(slow))]
+    # Relative errors are |A| eps / |l| without and |l| eps / s with the inverse.
+    balanced, _ = la.matrix_balance(matrix)
+    limit = np.sqrt(_POLE_SHIFT * float(la.norm(balanced, 2)))
+    count = int(np.sum(np.abs(slow) < limit))
+    if 0 < count < len(slow):
+        inner, outer = np.abs(slow[count - 1 : count + 1])
+        is_pair = outer - inner <= _PAIR_TOLERANCE * outer
+        count += int(is_pair and np.sum(slow[:count].imag) != 0.0)
+    return np.concatenate([slow[:count], fast[count:]])
+
+
 @single_threaded
 @interruptible
 def linearize(
@@ -442,7 +450,7 @@ def _resolve_inputs(
         if name in terms:
             inputs.append(_differentiate_input(terms[name], lin))
         else:
-            inputs += _part_inputs(mechanism, parts[name], lin)
+            inputs += differentiate_part_laws(mechanism, parts[name], lin)
     return inputs
 
 
@@ -470,7 +478,10 @@ def _driver_input(name: str, unit: str) -> Variable:
     return Variable(f"{name}_ddot", f"{unit}/s^2")
 
 
-def _part_inputs(mechanism: Mechanism, part: Part, lin: Linearization) -> list[ModelInput]:
+def differentiate_part_laws(
+    mechanism: Mechanism, part: Part, lin: Linearization
+) -> list[ModelInput]:
+    """Return an input for each law of a load or a driver."""
     t = float(lin.time[0])
     values = [law.at(t) for law in part.laws]
     inputs = []

@@ -38,6 +38,10 @@ def _pushed_bar(sandbox: Sandbox) -> bd.Mechanism:
     return sandbox.mech
 
 
+def _pushed_bar_angle(sandbox: Sandbox) -> bd.LinearModel:
+    return bd.linearize(_pushed_bar(sandbox), "equilibrium", outputs=["knee.x"])
+
+
 MODE_CALLS: dict[str, WorkingCall] = {
     "modes": WorkingCall(
         lambda box: {"model": box.mech, "about": "reference", "n": 3, "damping": True, "t": 0.0},
@@ -101,6 +105,17 @@ MODE_CALLS: dict[str, WorkingCall] = {
         lambda box: {"between": (0.5, 2.0)},
         lambda box, result: result.plot(),
         lambda box, between: bd.bode(bd.linearize(_pushed_bar(box)), between=between),
+    ),
+    "margins": WorkingCall(
+        lambda box: {"model": _pushed_bar_angle(box), "at": "push.Fy", "controller": [2.0]},
+        lambda box, result: result.table(),
+    ),
+    "margins every": WorkingCall(
+        lambda box: {"every": 0.01, "delay": 1},
+        lambda box, result: result.table(),
+        lambda box, every, delay: bd.margins(
+            _pushed_bar_angle(box), "push.Fy", every=every, delay=delay
+        ),
     ),
     "draw_modes": WorkingCall(
         lambda box: {"modes": bd.modes(box.mech, about="equilibrium")}, return_result
