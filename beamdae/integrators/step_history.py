@@ -299,7 +299,7 @@ class StepHistory:
             self._write(rows)
 
     def interval(self, branch: float) -> Interval:
-        """Return a copy of all stored rows as an interval.
+        """Return all stored rows as an interval; the states of a single block are not copied.
 
         If rows have been thinned, all rows must have been, and no rows can be added afterwards.
         """
@@ -335,10 +335,10 @@ class StepHistory:
         return columns
 
     def _make_interval(self, blocks: Sequence[Array], branch: float) -> Interval:
-        # Contiguous, because SciPy would copy other rows in each interpolation.
         t, *state = (
-            np.concatenate([rows[:, first:last] for rows in blocks])
+            np.concatenate(columns) if len(columns) > 1 else columns[0]
             for first, last in pairwise([0, *self._column_ends])
+            for columns in [[rows[:, first:last] for rows in blocks]]
         )
         rows_per_step = self._rows_per_step if len(t) > 1 else 1
         return Interval(t[:, 0].copy(), State(*state), branch, rows_per_step)
