@@ -22,6 +22,21 @@ def _suddenly_loaded(load=-2.0, damping=0.0, elements=4):
     return mech
 
 
+def _stage(sides, top, height, mass):
+    """Return a stage on two leaves from each of the heights `sides` to the height `top`."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(_STEEL, width=0.025, height=height, damping=1e-5)
+    stage = mech.add(bd.RigidBody("stage", mass, 1e-3 * mass, (0.0, top)))
+    for k, side in enumerate(sides):
+        for name, x in ((f"left {k}", -0.04), (f"right {k}", 0.04)):
+            line = bd.Line((x, side), (x, top))
+            leaf = mech.add(bd.Beam(name, line, section, elements=2, formulation="exact"))
+            mech.add(bd.Weld(f"{name} foot", mech.ground.at(x, side), leaf.start))
+            mech.add(bd.Weld(f"{name} top", leaf.end, stage.at(x, top)))
+    mech.observe("stage", stage.at(0.0, top))
+    return mech, stage.at(0.0, top)
+
+
 def _run(mech, integrator=None, t_end=0.1):
     solution = bd.simulate(mech, integrator or bd.Auto(), t_end=t_end, output_step=1e-4)
     return solution, [x for x in solution.warnings if "begin suddenly" in x]
@@ -84,21 +99,24 @@ def test_regression_vibrations_that_filters_damp_have_no_warning(filter_time):
 @pytest.mark.slow(reason="one second")
 def test_regression_controllers_that_are_saturated_at_the_start_damp_vibrations():
     """Errors of "100 %": damping was that of the start, at which the force has its limit."""
-    mech, length = bd.Mechanism(), 0.025
-    section = bd.Section.rectangle(_STEEL, width=0.015, height=5e-4, damping=2e-5)
-    stage = mech.add(bd.RigidBody("stage", 0.2, 2e-4, (0.0, length)))
-    for name, x in (("left", -0.045), ("right", 0.045)):
-        line = bd.Line((x, 0.0), (x, length))
-        leaf = mech.add(bd.Beam(name, line, section, elements=2, formulation="exact"))
-        mech.add(bd.Weld(f"{name} foot", mech.ground.at(x, 0.0), leaf.start))
-        mech.add(bd.Weld(f"{name} top", leaf.end, stage.at(x, length)))
-    center = stage.at(0.0, length)
+    mech, center = _stage(sides=[0.0], top=0.025, height=5e-4, mass=0.2)
     error = 2e-4 - mech.sensor("x", center, "x")
     gains = {"kp": 4e4, "ki": 2.5e6, "kd": 180.0, "filter_time": 3e-4, "scale": 1e-4}
     force = bd.pid(mech, "pid", error, **gains, limits=(-40.0, 40.0))
     mech.add(bd.Force("coil", center, (force, 0.0)))
-    mech.observe("stage", center)
     _, warnings = _run(mech)
+    assert not warnings
+
+
+@pytest.mark.slow(reason="one second")
+def test_regression_controllers_of_stages_that_stiffen_damp_vibrations():
+    """Errors of "3.8 %" (true: 1e-6): modes that would strain leaves later had no damping."""
+    mech, center = _stage(sides=[-0.06, 0.06], top=0.0, height=4e-4, mass=1.2)
+    error, rate = 2e-3 - mech.sensor("x", center, "x"), mech.sensor("v", center, "x_dot")
+    gains = {"kp": 6e4, "ki": 4e6, "kd": 450.0, "rate": -rate, "scale": 1e-6}
+    force = bd.pid(mech, "pid", error, **gains, limits=(-200.0, 200.0))
+    mech.add(bd.Force("coil", center, (force, 0.0)))
+    _, warnings = _run(mech, t_end=0.15)
     assert not warnings
 
 

@@ -72,6 +72,8 @@ _DAMPING_SAMPLES = 16  # states of a run at which the damping of vibrations is c
 # Change of the stiffness of a mode by which its shape still describes the vibration at another
 # position. After large rotations, it strains exact beams, whose damping would be far too large.
 _MAX_STIFFNESS_RATIO = 1.5
+# Smallest ratio of frequencies, and of the momentum, of the same mode at two positions.
+_MIN_RATE_RATIO, _MIN_COSINE = 0.5, 0.7
 _TINY = 1e-300  # prevents a division by zero
 
 
@@ -359,7 +361,7 @@ def _accumulate_later_decays(
     rows = np.unique(np.linspace(0, len(times) - 1, _DAMPING_SAMPLES).astype(int))
     rates = np.array(
         [
-            _decay_rates(solver, times[k], State(*(x[k] for x in interval.state)), modes)
+            _decay_rates_elsewhere(solver, times[k], State(*(x[k] for x in interval.state)), modes)
             for k in rows.tolist()
         ]
     )
@@ -379,6 +381,27 @@ def _decay_rates(solver: ConsistencySolver, time: Array, state: State, modes: _M
     return decays + _decays_by_states(
         stiffness, damping, list(solver.equations.states), modes.shapes, modes.rates
     )
+
+
+def _decay_rates_elsewhere(
+    solver: ConsistencySolver, time: Array, state: State, modes: _Modes
+) -> Array:
+    """Return the decay rates (k,) [1/s] of vibrations at a state far from that of their modes.
+
+    Those whose shape would be stiffer there decay like the mode of this state that has most of
+    their momentum. Without such a mode, they do not decay.
+    """
+    decays = _decay_rates(solver, time, state, modes)
+    unknown = np.flatnonzero(decays == 0.0)
+    if not len(unknown):
+        return decays
+    here = _find_modes(solver, time, state.q, _MIN_RATE_RATIO * float(modes.rates[unknown].min()))
+    if here is not None:
+        shares = np.abs(modes.impulses.T[unknown] @ here.shapes)
+        alike = np.argmax(shares, axis=1)
+        is_known = np.max(shares, axis=1) > _MIN_COSINE
+        decays[unknown] = np.where(is_known, _decay_rates(solver, time, state, here)[alike], 0.0)
+    return decays
 
 
 def _decays_by_states(
