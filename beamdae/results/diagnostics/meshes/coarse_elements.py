@@ -6,8 +6,8 @@ travels, reactions and frequencies are wrong. One or two curved elements do not 
 shape of an arc. In such cases, the state is computed again with halved elements: an equilibrium
 under the same loads or, of a run, a quasi-static motion with the same accelerations, in which
 changes of the positions have the rates 1 / T and 1 / T^2, with the duration T of the run. The
-natural frequencies at this instant of a run are compared, too: near resonances, small errors of
-these change the motion by a multiple of them.
+lowest natural frequency at this instant of a run is compared, too: near a resonance, its small
+error changes the motion by a multiple of it.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _MIN_SHARE = 1e-2
 # So are positions that change by less [length of the mechanism, rad].
 _ROUNDING = 1e-8
 _ROWS = 24  # states of a run that are examined
-_MODES, _FREQUENCIES = 10, 2  # modes that are computed, and frequencies that are compared
+_MODES = 10  # of which the slowest vibration is compared
 _MAX_ITERATIONS = 15
 _TOLERANCE = 1e-8  # of Newton's method, in natural sizes
 _MAX_STEP = 1.0  # larger corrections mean that it diverges
@@ -257,7 +257,7 @@ def describe_changes(
 def pair_frequencies(
     coarse: Array, fine: Array, least: float = 0.0
 ) -> dict[str, tuple[float, float]]:
-    """Return the lowest natural frequencies above `least` [Hz] with both meshes, by name.
+    """Return the lowest natural frequency above `least` [Hz] with both meshes, by its name.
 
     Parameters
     ----------
@@ -266,9 +266,11 @@ def pair_frequencies(
     least
         Smallest frequency [Hz].
     """
-    rates = (np.sort(x.imag[x.imag > 2.0 * np.pi * least]) for x in (coarse, fine))
-    pairs = zip(*((x[:_FREQUENCIES] / (2.0 * np.pi)).tolist() for x in rates), strict=False)
-    return {f"natural frequency {k} [Hz]": pair for k, pair in enumerate(pairs, 1)}
+    rates = [x.imag[x.imag > 2.0 * np.pi * least] for x in (coarse, fine)]
+    if not all(map(len, rates)):
+        return {}
+    one, other = (float(np.min(x)) / (2.0 * np.pi) for x in rates)
+    return {"lowest natural frequency [Hz]": (one, other)}
 
 
 def _headers_of_sections(equations: EquationsOfMotion) -> set[str]:
