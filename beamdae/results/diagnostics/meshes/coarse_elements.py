@@ -234,7 +234,10 @@ def describe_changes(
     lengths = {"m": equations.length, "rad": 1.0}
     rounding = [_ROUNDING * lengths.get(Header.of(x).unit, 0.0) for x in headers]
     is_noise = mark_vanishing_columns(headers, sizes, equations.length)
-    is_noise |= (sizes <= _MIN_SHARE * largest_of_kind(headers, sizes)) | (sizes <= rounding)
+    # Moments are not compared with forces: those at clamps are small, but bend the beam.
+    is_angle = [Header.of(x).unit == "rad" for x in headers]
+    largest = (largest_of_kind(headers, sizes, x) for x in (equations.length, 0.0))
+    is_noise |= (sizes <= _MIN_SHARE * np.where(is_angle, *largest)) | (sizes <= rounding)
     changes = (values[header][1] - values[header][0] for header in headers)
     errors = {
         header: abs(change) / size
