@@ -103,7 +103,7 @@ def choose_base_meshes(
         whose coordinates the start names keep their meshes and formulations.
     """
     beams = {beam.name: beam for beam in beams_of(mechanism)}
-    sections = _attached_sections(mechanism)
+    sections = attached_sections(mechanism)
     parts = mechanism.parts.values()
     sliders = {id(part.beam) for part in parts if isinstance(part, SlidingOnBeam)}
     fixed = _fixed_beams(mechanism, beams, mechanism.start if start is None else start)
@@ -152,7 +152,7 @@ def with_meshes(
     BeamdaeError
         If a part cannot be copied.
     """
-    beams, sections = {}, _attached_sections(mechanism)
+    beams, sections = {}, attached_sections(mechanism)
     for name in {**meshes, **formulations}:
         beam = mechanism.parts[name]
         assert isinstance(beam, Beam)
@@ -204,7 +204,7 @@ def replace_beams(mechanism: Mechanism, beams: Mapping[str, Beam], caller: str) 
     return other
 
 
-def _attached_sections(mechanism: Mechanism) -> dict[int, set[float]]:
+def attached_sections(mechanism: Mechanism) -> dict[int, set[float]]:
     """Return the arc lengths [m] of the attachments of each beam, by its `id`."""
     sections: dict[int, set[float]] = {id(beam): set() for beam in beams_of(mechanism)}
     for part in mechanism.parts.values():

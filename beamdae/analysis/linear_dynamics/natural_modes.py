@@ -27,7 +27,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
 )
 from beamdae.analysis.linear_dynamics.mesh_errors import kinetic_energy_shares, mesh_warnings
 from beamdae.beams.beam import Beam
-from beamdae.equations.assembly.halved_elements import HalvedElements
+from beamdae.equations.assembly.refined_beams import refine_beams
 from beamdae.equations.starts.mobility import find_free_groups
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
@@ -370,7 +370,7 @@ def _taut_element_warnings(
     if isinstance(about, (Instant, Equilibrium)):
         return []
     taut = find_taut_beams(lin.full_equations, lin.state.q[None])
-    halved = HalvedElements.of(lin.full_equations) if taut else None
+    halved = refine_beams(lin.full_equations) if taut else None
     if halved is None:
         return []
     fine = linearize_about("modes", halved.equations, about, t).linearized_equations

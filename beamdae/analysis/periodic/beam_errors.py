@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg as la
@@ -26,15 +25,10 @@ from beamdae.analysis.periodic.shooting import (
     Tolerance,
     solve_shooting,
 )
-from beamdae.beams.beam import Beam, beams_of
+from beamdae.beams.beam import beams_of
 from beamdae.beams.dispersion import bending_wave_errors
-from beamdae.beams.prolongation import halve_elements, prolong_coordinates
-from beamdae.beams.remeshing import choose_base_meshes, replace_beams
-from beamdae.equations.assembly.assemble import equations_of_motion
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError
+from beamdae.equations.assembly.refined_beams import RefinedBeams, refine_beams
 from beamdae.integrators import Radau
-from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.columns import mark_vanishing_columns
 from beamdae.results.diagnostics.meshes.coarse_elements import find_taut_beams, sample_instants
 from beamdae.results.periodic_motion import BeamError
@@ -55,29 +49,6 @@ _MIN_MESH_ERROR = 3e-3
 _RTOL_RATIO = 3e-5
 _MAX_RTOL = 1e-6
 _TINY = 1e-300  # prevents a division by zero
-
-
-class _Reference(NamedTuple):
-    """The same model with more accurate beams.
-
-    Attributes
-    ----------
-    equations
-        Its equations of motion.
-    beams
-        Names of the beams that differ.
-    has_exact_strains, has_fine_mesh
-        Whether strains and elements differ.
-    prolongation, start
-        Coordinates `start` + `prolongation` @ q of the positions q of the model, (n', n) and (n',).
-    """
-
-    equations: EquationsOfMotion
-    beams: tuple[str, ...]
-    has_exact_strains: bool
-    has_fine_mesh: bool
-    prolongation: sp.csc_array
-    start: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +110,8 @@ class BeamErrorEstimator:
         reference = _build_reference(run, _estimate_mesh_errors(run, distance))
         if reference is None or not run.solution.columns:
             return None
-        error = BeamError(reference.beams, reference.has_exact_strains, reference.has_fine_mesh)
+        names = tuple(dict.fromkeys((*reference.exact, *reference.halved)))
+        error = BeamError(names, bool(reference.exact), bool(reference.halved))
         try:
             other = self._search(reference, run, monodromy, distance, free_period)
         except (IncompleteRunError, LinearizationError, la.LinAlgError):
@@ -151,7 +123,7 @@ class BeamErrorEstimator:
 
     def _search(
         self,
-        reference: _Reference,
+        reference: RefinedBeams,
         run: PeriodRun,
         monodromy: Array,
         distance: float,
@@ -168,7 +140,7 @@ class BeamErrorEstimator:
         linearization = Linearization.from_monodromy(run, monodromy, free_period)
         q, v = np.split(run.state, 2)
         q, v = reference.start + reference.prolongation @ q, reference.prolongation @ v
-        if reference.has_fine_mesh:
+        if reference.halved:
             both = sp.block_diag([reference.prolongation] * 2).toarray()
             linearization = _TransferredLinearization(
                 run, linearization.matrix, both @ linearization.persistent, both
@@ -183,7 +155,7 @@ class BeamErrorEstimator:
             _TOLERANCE,
             free_period,
             linearization,
-            None if reference.has_fine_mesh else run.amplitudes,
+            None if reference.halved else run.amplitudes,
             _MAX_DIFFERENCE,
         )
         if other.relative_deviation > _TOLERANCE.accepted:
@@ -241,56 +213,11 @@ def _estimate_mesh_errors(run: PeriodRun, distance: float) -> dict[str, float]:
     return {x.name: factor * float(bending_wave_errors(x, np.array([rate]))[0]) for x in beams}
 
 
-def _build_reference(run: PeriodRun, mesh_errors: Mapping[str, float]) -> _Reference | None:
+def _build_reference(run: PeriodRun, mesh_errors: Mapping[str, float]) -> RefinedBeams | None:
     """Return the model with more accurate beams; None if there are none or parts are not copied."""
     equations = run.period_map.equations
-    mechanism = equations.mechanism
-    if mechanism is None:
-        return None
     limited = {x.statement.part for x in equations.ranges if x.statement.defect is not None}
     coarse = {name for name, error in mesh_errors.items() if error > _MIN_MESH_ERROR}
     positions = [x.state.q for x in sample_instants(run.solution.trajectory)]
     coarse |= {x.beam.name for x in find_taut_beams(equations, np.array(positions))}
-    if not limited | coarse:
-        return None
-    try:
-        bases = choose_base_meshes(mechanism, 1)
-        beams = {}
-        for beam in beams_of(mechanism):
-            base = bases[beam.name]
-            if base.fixed_by or base.has_custom_kinematics:
-                continue
-            other = beam
-            if beam.name in limited:
-                other = other.with_exact_strains()
-            if beam.name in coarse:
-                other = other.with_mesh(halve_elements(beam.mesh))
-            if other is not beam:
-                beams[beam.name] = (beam, other)
-        if not beams:
-            return None
-        return _replace_beams(mechanism, equations, beams, limited, coarse)
-    except BeamdaeError:
-        return None
-
-
-def _replace_beams(
-    mechanism: Mechanism,
-    equations: EquationsOfMotion,
-    beams: Mapping[str, tuple[Beam, Beam]],
-    limited: set[str],
-    coarse: set[str],
-) -> _Reference:
-    others = {name: pair[1] for name, pair in beams.items()}
-    changed = equations_of_motion(replace_beams(mechanism, others, "periodic"), AS_DRAWN)
-    names = equations.q_names, changed.q_names
-    prolongation, start = prolong_coordinates(*names, beams)
-    is_refined = any(name in coarse for name in beams)
-    return _Reference(
-        changed,
-        tuple(beams),
-        any(name in limited for name in beams),
-        is_refined,
-        prolongation,
-        start,
-    )
+    return refine_beams(equations, exact=limited, halved=coarse)

@@ -28,7 +28,7 @@ from beamdae.analysis.statics.path_controls import (
     StepNorm,
 )
 from beamdae.analysis.statics.path_tracing import EquilibriumPath, PathSettings
-from beamdae.equations.assembly.halved_elements import HalvedElements
+from beamdae.equations.assembly.refined_beams import RefinedBeams, refine_beams
 from beamdae.equations.measures import ObservedRows
 from beamdae.results.columns import Header
 from beamdae.results.diagnostics.meshes.coarse_elements import (
@@ -81,12 +81,12 @@ class _FineMesh:
 
     coarse: Loading
     fine: Loading
-    halved: HalvedElements
+    halved: RefinedBeams
 
     @classmethod
     def of(cls, coarse: Loading) -> _FineMesh | None:
         """Return the stages with halved elements, or None if no beam can be refined."""
-        halved = HalvedElements.of(coarse.full_equations)
+        halved = refine_beams(coarse.full_equations)
         if halved is None:
             return None
         loads = [list(stage) for stage in coarse.stages]

@@ -21,7 +21,7 @@ from beamdae import deferred
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.dispersion import section_values
 from beamdae.equations.assembly.coordinate_map import map_coordinates
-from beamdae.equations.assembly.halved_elements import HalvedElements
+from beamdae.equations.assembly.refined_beams import RefinedBeams, refine_beams
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.measures import ObservedRows
@@ -182,7 +182,7 @@ def coarse_element_warnings(
     instants = sample_instants(trajectory)
     positions = np.array([x.state.q for x in instants])
     doubt = find_coarse_beam(equations, positions, _FEW_ELEMENTS, _LARGE_TURN)
-    halved = None if doubt is None else HalvedElements.of(equations)
+    halved = None if doubt is None else refine_beams(equations)
     if doubt is None or halved is None:
         return
     duration, coarse = trajectory.end - trajectory.start, instants[doubt.row]
@@ -311,7 +311,7 @@ def _find_eigenvalues(equations: EquationsOfMotion, instant: Instant) -> Array:
 
 
 def _find_state(
-    equations: EquationsOfMotion, halved: HalvedElements, coarse: Instant, duration: float
+    equations: EquationsOfMotion, halved: RefinedBeams, coarse: Instant, duration: float
 ) -> Instant | None:
     """Return the instant of a run with halved elements under the same accelerations, or None."""
     whole, active, now = halved.equations, halved.equations, coarse.configuration
