@@ -121,6 +121,8 @@ class Equilibrium(HasPage):
         For each row, name of the coordinate that moves most in a motion without stiffness, along
         which the equilibrium is arbitrary; "" if there is none. The critical modes of critical
         points are not counted.
+    has_compared_strains
+        True if `notes` name the changes with exact strains, instead of the estimates of `validity`.
     """
 
     equations: EquationsOfMotion
@@ -136,6 +138,7 @@ class Equilibrium(HasPage):
     model: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default=(), repr=False)
     free_coordinates: tuple[str, ...] = field(default=(), repr=False)
+    has_compared_strains: bool = field(default=False, repr=False)
 
     def __repr__(self) -> str:
         critical = "".join(f"; {point.kind} at {point.factor:.6g}" for point in self.critical)
@@ -441,7 +444,7 @@ class Equilibrium(HasPage):
                     f"{self.free}: this coordinate can move without stiffness, so the "
                     "equilibrium position is arbitrary; add a spring or a joint."
                 )
-        beams = range_warnings(self.validity)
+        beams = () if self.has_compared_strains else range_warnings(self.validity)
         strains = strain_warnings(self.equations, self.validity, lambda: self.q)
         outside = list_arguments_outside(self.equations, np.full(2, self.t), self.q)
         # Other columns are evaluated on first access, which takes as long as a load step.

@@ -219,5 +219,5 @@ def _build_reference(run: PeriodRun, mesh_errors: Mapping[str, float]) -> Refine
     limited = {x.statement.part for x in equations.ranges if x.statement.defect is not None}
     coarse = {name for name, error in mesh_errors.items() if error > _MIN_MESH_ERROR}
     positions = [x.state.q for x in sample_instants(run.solution.trajectory)]
-    coarse |= {x.beam.name for x in find_taut_beams(equations, np.array(positions))}
+    coarse |= {x.name for x in find_taut_beams(equations, np.array(positions))}
     return refine_beams(equations, exact=limited, halved=coarse)

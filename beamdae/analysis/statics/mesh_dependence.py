@@ -4,13 +4,14 @@ A small eigenvalue of the stiffness may have the wrong sign on a coarse mesh. Fo
 elastica that is bent beyond a figure eight is unstable with an eigenvalue of 1e-3 of the next one.
 With 8 elements, it is stable, and a false branch point precedes. Therefore, small eigenvalues
 between critical points and at the end of a path are computed again with half the element length.
-So is the end of a path at which beams have few elements, or these are long for their axial tension;
-see `results.diagnostics.meshes.coarse_elements`.
+So is the end of a path at which beams have few elements, or these are long for their axial tension,
+see `results.diagnostics.meshes.coarse_elements`, and, with exact strains, the end of a path at
+which beams are bent so far that the strains of their floating frame may be wrong.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -31,6 +32,12 @@ from beamdae.analysis.statics.path_tracing import EquilibriumPath, PathSettings
 from beamdae.equations.assembly.refined_beams import RefinedBeams, refine_beams
 from beamdae.equations.measures import ObservedRows
 from beamdae.results.columns import Header
+from beamdae.results.diagnostics.meshes.beam_ranges import (
+    BeamDoubt,
+    BeamRange,
+    find_strain_doubt,
+    measure_beam_ranges,
+)
 from beamdae.results.diagnostics.meshes.coarse_elements import (
     UNITS_OF_POSITIONS,
     describe_changes,
@@ -44,6 +51,8 @@ Array = np.ndarray
 # smallest eigenvalue of the elastica are 2e-2, 4e-3 and 1e-3 of the next one with 4, 6 and 8
 # elements.
 _SMALL_EIGENVALUE_RATIO = 2e-2
+# Rotation at the end of a path, relative to the largest one, at which the end is compared.
+_SAME_ROTATION = 0.99
 _LOAD_FACTOR = "load factor [-]"
 # Number of elements of a beam up to which the end of a path is computed again.
 _FEW_ELEMENTS = 3
@@ -68,38 +77,42 @@ class StabilityRecheck(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _FineMesh:
-    """Load stages of a path with halved elements.
+class _RefinedPath:
+    """Load stages of a path with more accurate beams.
 
     Attributes
     ----------
     coarse, fine
-        Load stages on both meshes.
-    halved
-        The mechanism with halved elements.
+        Load stages of both mechanisms.
+    refined
+        The mechanism with more accurate beams.
     """
 
     coarse: Loading
     fine: Loading
-    halved: RefinedBeams
+    refined: RefinedBeams
 
     @classmethod
-    def of(cls, coarse: Loading) -> _FineMesh | None:
-        """Return the stages with halved elements, or None if no beam can be refined."""
-        halved = refine_beams(coarse.full_equations)
-        if halved is None:
+    def of(cls, coarse: Loading, exact: Collection[str] | None = None) -> _RefinedPath | None:
+        """Return the stages with halved elements, or None if no beam can be refined.
+
+        If `exact` are names of beams, these have exact strains instead.
+        """
+        settings = {} if exact is None else {"exact": exact, "halved": ()}
+        refined = refine_beams(coarse.full_equations, **settings)
+        if refined is None:
             return None
         loads = [list(stage) for stage in coarse.stages]
         t = float(coarse.systems[0].loaded.time[0])
-        return cls(coarse, build_loading(halved.mechanism, halved.equations, loads, t), halved)
+        return cls(coarse, build_loading(refined.mechanism, refined.equations, loads, t), refined)
 
     def transfer(self, point: EquilibriumPoint) -> tuple[LoadedEquations, Array]:
         """Return the fine system of a point, and (q, lam) near the point."""
         k = [system.loaded is point.system.loaded for system in self.coarse.systems].index(True)
-        system, n = self.fine.systems[k], self.halved.prolongation.shape[1]
+        system, n = self.fine.systems[k], self.refined.prolongation.shape[1]
         multipliers = dict(zip(point.system.equations.lam_names, point.x[n:], strict=True))
         lam = [multipliers.get(name, 0.0) for name in system.equations.lam_names]
-        x = np.append(self.halved.start + self.halved.prolongation @ point.x[:n], lam)
+        x = np.append(self.refined.start + self.refined.prolongation @ point.x[:n], lam)
         if point.system.held_coordinates:
             system = hold_neutral_motions(system, x)
         return system, x
@@ -111,8 +124,8 @@ class _FineMesh:
         path.
         """
         system, x = self.transfer(point)
-        e, n = system.equations, self.halved.prolongation.shape[1]
-        along = np.append(self.halved.prolongation @ secant.x[:n], np.zeros(e.m))
+        e, n = system.equations, self.refined.prolongation.shape[1]
+        along = np.append(self.refined.prolongation @ secant.x[:n], np.zeros(e.m))
         motion = StepNorm(e.group_scales, np.inf).max_norm(along)
         # Load and motion contribute equally to the distance along the path.
         # Loads under which no point moves, such as those within a linear element, count alone.
@@ -136,7 +149,7 @@ class _FineMesh:
             time = system.loaded.time
             control, coarse = (
                 DisplacementControl.from_name(e, settings.column, time)
-                for e in (self.halved.equations, self.coarse.full_equations)
+                for e in (self.refined.equations, self.coarse.full_equations)
             )
             target = coarse.value(point.x, point.mu)
         try:
@@ -145,28 +158,73 @@ class _FineMesh:
             return None
 
 
-def coarse_mesh_notes(
-    loading: Loading, path: EquilibriumPath, settings: PathSettings
-) -> tuple[str, ...]:
-    """Return a remark if values at the end of a path change by over 1 % with halved elements.
+class EndComparison(NamedTuple):
+    """Comparison of the end of a path with more accurate beams.
 
-    If the path ends at a given position, the load factor is compared, too. Parameters are those of
-    `recheck_stability`, and the `settings` of the path.
+    Attributes
+    ----------
+    notes
+        Remarks on values that change by over 1 %.
+    has_exact_strains
+        True if beams whose estimated error by their strains is above 1 % were compared with exact
+        strains.
     """
+
+    notes: tuple[str, ...]
+    has_exact_strains: bool
+
+
+def compare_end(
+    loading: Loading, path: EquilibriumPath, settings: PathSettings, ranges: Sequence[BeamRange]
+) -> EndComparison:
+    """Compare the end of a path with exact strains and with halved elements, if these are coarse.
+
+    If the path ends at a given position, the load factor is compared, too. The end is compared with
+    exact strains if no beam is more deformed before it.
+
+    Parameters
+    ----------
+    loading, path
+        See `recheck_stability`.
+    settings
+        Settings of the path.
+    ranges
+        Largest deformations of beams along the path.
+    """
+    e, last = loading.full_equations, path.points[-1].x[None, : loading.full_equations.n]
+    if not path.status.success or not e.observed_headers:
+        return EndComparison((), False)
+    coarse = find_coarse_beam(e, last, _FEW_ELEMENTS)
+    by_mesh = None if coarse is None else _compare(loading, path, settings, coarse)
+    strained, by_strains = find_strain_doubt(ranges), None
+    if strained is not None:
+        doubt, names = strained
+        at_end = {x.name: x.rotation for x in measure_beam_ranges(e, last)}
+        if all(at_end[x.name] > _SAME_ROTATION * x.rotation for x in ranges if x.name in names):
+            by_strains = _compare(loading, path, settings, doubt, names)
+    return EndComparison((*(by_mesh or ()), *(by_strains or ())), by_strains is not None)
+
+
+def _compare(
+    loading: Loading,
+    path: EquilibriumPath,
+    settings: PathSettings,
+    doubt: BeamDoubt,
+    exact: Collection[str] | None = None,
+) -> tuple[str, ...] | None:
+    """Return remarks on values that change with more accurate beams, or None if unknown."""
     e, last = loading.full_equations, path.points[-1]
-    is_found = path.status.success
-    doubt = find_coarse_beam(e, last.x[None, : e.n], _FEW_ELEMENTS) if is_found else None
-    mesh = None if doubt is None else _FineMesh.of(loading)
-    fine = None if mesh is None else mesh.correct(last, settings)
-    if doubt is None or mesh is None or fine is None:
-        return ()
+    refined = _RefinedPath.of(loading, exact)
+    fine = None if refined is None else refined.correct(last, settings)
+    if refined is None or fine is None:
+        return None
     positions = np.array([point.x[: e.n] for point in path.points])
     multipliers = np.array([point.x[e.n :] for point in path.points])
     rows = _observe(
         loading, np.vstack([e.q0, positions]), np.vstack([multipliers[:1], multipliers])
     )
-    n = mesh.fine.full_equations.n
-    (of_fine,) = _observe(mesh.fine, fine.x[None, :n], fine.x[None, n:])
+    n = refined.fine.full_equations.n
+    (of_fine,) = _observe(refined.fine, fine.x[None, :n], fine.x[None, n:])
     headers = e.observed_headers
     sizes = np.where(
         [Header.of(header).unit in UNITS_OF_POSITIONS for header in headers],
@@ -219,7 +277,7 @@ def recheck_stability(loading: Loading, path: EquilibriumPath) -> StabilityReche
         doubtful.add(last)
     if not doubtful:
         return unchanged
-    mesh = _FineMesh.of(loading)
+    mesh = _RefinedPath.of(loading)
     if mesh is None:
         return unchanged
 
@@ -255,7 +313,7 @@ def _doubtful_rows(points: Sequence[EquilibriumPoint], rows: Sequence[int]) -> l
     return [rows[::-1][int(np.argmax(ratios))]] if ratios else []
 
 
-def _fine_count(mesh: _FineMesh, path: EquilibriumPath, row: int) -> int:
+def _fine_count(mesh: _RefinedPath, path: EquilibriumPath, row: int) -> int:
     """Return the number of negative eigenvalues at a point on the fine mesh; -1 if unknown.
 
     The number on the coarse mesh is returned if no neighbor belongs to the same load stage.

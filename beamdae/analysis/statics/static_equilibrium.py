@@ -10,7 +10,7 @@ import numpy as np
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
-from beamdae.analysis.statics.mesh_dependence import coarse_mesh_notes, recheck_stability
+from beamdae.analysis.statics.mesh_dependence import compare_end, recheck_stability
 from beamdae.analysis.statics.path_tracing import (
     EquilibriumPath,
     PathSettings,
@@ -31,7 +31,10 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.parts.rotation import Rotation
-from beamdae.results.diagnostics.meshes.beam_ranges import describe_meaningless_strain
+from beamdae.results.diagnostics.meshes.beam_ranges import (
+    describe_meaningless_strain,
+    measure_beam_ranges,
+)
 from beamdae.results.diagnostics.start_changes import drawing_warnings
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.outcome import Status
@@ -171,6 +174,8 @@ def equilibrium(
                 else None
             )
             start_warnings = drawing_warnings(first.equations, first.loaded.time, reached)
+        ranges = measure_beam_ranges(equations, positions)
+        comparison = compare_end(loading, path, settings, ranges)
         has_friction = any(term.rows is not None for term in equations.forces)
         result = Equilibrium(
             equations,
@@ -191,10 +196,11 @@ def equilibrium(
                     loading.systems[-1], states[-1], float(path.factors[-1, -1:].sum())
                 ),
                 *recheck.notes,
-                *coarse_mesh_notes(loading, path, settings),
+                *comparison.notes,
                 *path.notes,
             ),
             _free_coordinates(equations, path),
+            comparison.has_exact_strains,
         )
     if result.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(result.status.sentence, result, _NAME)

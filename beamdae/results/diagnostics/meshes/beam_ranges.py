@@ -137,26 +137,53 @@ class BeamRange:
         consequence = "the deformation is wrong"
         if error < _MAX_ESTIMATED_ERROR:
             consequence = f"the error of {quantity} is at most about {format_percent(error)}"
-        motion = ""
+        return f"{self.name}: {self.cause}, where {consequence}; {self.recommend(error)}."
+
+    @property
+    def cause(self) -> str:
+        """Clause on the deformation."""
+        deflection = f"(deflection {self.deflection:.2g} of the length)"
         if _is_stretched(self.deflection, self.rotation):
-            motion = "is stretched or compressed"
-        elif self.axial_error == self.error:
-            motion = f"bends {self.rotation:.2g} rad and vibrates along its axis"
-        if motion:
-            # Shorter bodies have the same strain.
+            return f"the beam is stretched or compressed {deflection}"
+        if self._vibrates_axially:
             return (
-                f"{self.name}: the beam {motion} (deflection {self.deflection:.2g} of the length), "
-                f"where {consequence}; set strain='exact'."
+                f"the beam bends {self.rotation:.2g} rad and vibrates along its axis {deflection}"
             )
+        return f"the beam bends {self.rotation:.2g} rad away from the floating frame {deflection}"
+
+    @property
+    def _vibrates_axially(self) -> bool:
+        return self.axial_error == self.error
+
+    def recommend(self, error: float) -> str:
+        """Return a clause on settings for which an error becomes small."""
+        if _is_stretched(self.deflection, self.rotation) or self._vibrates_axially:
+            # Shorter bodies have the same strain.
+            return "set strain='exact'"
         reduction = MAX_UNREPORTED_ERROR / min(error, _MAX_ESTIMATED_ERROR)
         bodies = 2 ** ceil(log(reduction) / log(_ERROR_AFTER_HALVING))
         settings = "".join(f", or set {remedy}" for remedy in self.remedies)
-        return (
-            f"{self.name}: the beam bends {self.rotation:.2g} rad away from the "
-            f"floating frame (deflection {self.deflection:.2g} of the length), where "
-            f"{consequence}; split the beam with bd.welded_beams(..., "
-            f"bodies={bodies}){settings}."
-        )
+        return f"split the beam with bd.welded_beams(..., bodies={bodies}){settings}"
+
+
+class BeamDoubt(NamedTuple):
+    """Reason to compute a state again with more accurate beams.
+
+    Attributes
+    ----------
+    name
+        Name of the beam.
+    cause, comparison, remedy
+        Parts of a sentence about the error: "cause: comparison, a value is ...; remedy."
+    row
+        Index of the state that is compared.
+    """
+
+    name: str
+    cause: str
+    comparison: str
+    remedy: str
+    row: int = 0
 
 
 class _Deformations(NamedTuple):
@@ -303,6 +330,22 @@ def sample_times(trajectory: Trajectory) -> Array:
     count = max(_MIN_SAMPLE_COUNT, int(min(sum(len(x.t) for x in intervals), limit)))
     # Sampled at equally spaced times because the steps of Radau may be too long.
     return np.unique(np.linspace(intervals[0].t[0], trajectory.end, count))
+
+
+def find_strain_doubt(ranges: Sequence[BeamRange]) -> tuple[BeamDoubt, tuple[str, ...]] | None:
+    """Return why states are to be compared with exact strains, and the names of these beams.
+
+    Returns None if no beam has a warning.
+    """
+    warned = [x for x in ranges if x.warning]
+    if not warned:
+        return None
+    worst = max(warned, key=lambda x: x.error or 0.0)
+    others = [x.name for x in warned if x is not worst]
+    cause = f"{name_with_others(worst.name, others, _MAX_NAMES)}: {worst.cause}"
+    remedy = worst.recommend(worst.error or 0.0)
+    doubt = BeamDoubt(worst.name, cause, "with exact strains", remedy)
+    return doubt, tuple(x.name for x in warned)
 
 
 def range_warnings(ranges: Iterable[BeamRange]) -> Iterator[str]:

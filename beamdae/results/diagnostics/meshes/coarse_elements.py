@@ -13,7 +13,6 @@ error changes the motion by a multiple of it.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -35,6 +34,7 @@ from beamdae.results.columns import (
     mark_vanishing_columns,
     remove_unit,
 )
+from beamdae.results.diagnostics.meshes.beam_ranges import BeamDoubt
 from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
 from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
 from beamdae.results.trajectory import Instant, Trajectory
@@ -62,28 +62,10 @@ _MAX_ITERATIONS = 15
 _TOLERANCE = 1e-8  # of Newton's method, in natural sizes
 _MAX_STEP = 1.0  # larger corrections mean that it diverges
 UNITS_OF_POSITIONS = ("m", "rad")
+_HALVED = "with halved elements"
 
 
-class CoarseBeam(NamedTuple):
-    """Beam whose elements may be too long.
-
-    Attributes
-    ----------
-    beam
-        The beam.
-    row
-        Index of the state that is compared.
-    cause, remedy
-        Begin and end of a sentence about errors by these elements.
-    """
-
-    beam: Beam
-    row: int
-    cause: str
-    remedy: str
-
-
-def find_taut_beams(equations: EquationsOfMotion, q: Array) -> list[CoarseBeam]:
+def find_taut_beams(equations: EquationsOfMotion, q: Array) -> list[BeamDoubt]:
     """Return the beams whose elements are long for their tension in the states q (k, n).
 
     That with the longest elements is the first.
@@ -105,13 +87,13 @@ def find_taut_beams(equations: EquationsOfMotion, q: Array) -> list[CoarseBeam]:
             )
             # Rounding does not choose between the beams of a symmetric mechanism.
             ratio = float(f"{ratios[row, k]:.3g}")
-            found.append((ratio, CoarseBeam(beam, row, cause, remedy)))
+            found.append((ratio, BeamDoubt(beam.name, cause, _HALVED, remedy, row)))
     return [x for _, x in sorted(found, key=lambda x: -x[0])]
 
 
 def find_coarse_beam(
     equations: EquationsOfMotion, q: Array, most: int, least_turn: float = 0.0
-) -> CoarseBeam | None:
+) -> BeamDoubt | None:
     """Return a beam whose elements are long for its tension, or few; None if there is none.
 
     Parameters
@@ -133,7 +115,7 @@ def find_coarse_beam(
             row = int(np.argmax(np.max(np.abs(forces[..., 2]), axis=(1, 2))))
             count = format_count(mesh.elements, "element")
             cause = f"{beam.name}: {count} are too few"
-            return CoarseBeam(beam, row, cause, f"use elements={2 * mesh.elements}")
+            return BeamDoubt(beam.name, cause, _HALVED, f"use elements={2 * mesh.elements}", row)
     return None
 
 
@@ -207,22 +189,22 @@ def coarse_element_warnings(
 
 def describe_changes(
     equations: EquationsOfMotion,
-    doubt: CoarseBeam,
+    doubt: BeamDoubt,
     values: Mapping[str, tuple[float, float]],
     scales: Mapping[str, float],
     when: str = "",
 ) -> Iterator[str]:
-    """Yield a warning if a value changes by more than 1 % of its scale with halved elements.
+    """Yield a warning if a value changes by more than 1 % of its scale with more accurate beams.
 
     Parameters
     ----------
     equations
         The equations of motion.
     doubt
-        The beam with long or few elements.
+        Why the values were computed again.
     values
-        Values with the elements of the model and with halved elements, by header. Stresses and
-        section forces of beams, which are compared with the loads elsewhere, are ignored.
+        Values of the model and with more accurate beams, by header. Stresses and section forces of
+        beams, which are compared with the loads elsewhere, are ignored.
     scales
         Size of the values, by header. Other values are ignored.
     when
@@ -252,7 +234,7 @@ def describe_changes(
     change = name_with_others(format_percent(errors[worst]), also)
     one, other = format_apart(worst, fine, coarse)
     yield (
-        f"{doubt.cause}: with halved elements, {remove_unit(worst)}{when} is {one} instead of "
+        f"{doubt.cause}: {doubt.comparison}, {remove_unit(worst)}{when} is {one} instead of "
         f"{other}, a change of {change}; {doubt.remedy}."
     )
 
