@@ -42,7 +42,12 @@ from beamdae.errors import (
 )
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
-from beamdae.results.diagnostics.meshes.beam_ranges import frequency_warnings, rotation_warnings
+from beamdae.results.diagnostics.meshes.beam_ranges import (
+    BeamRange,
+    frequency_warnings,
+    measure_frequency_ranges,
+    rotation_warnings,
+)
 from beamdae.results.diagnostics.start_changes import compare_start, drawing_warnings
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant
@@ -91,6 +96,8 @@ class Linearization:
         Squared frequencies up to this magnitude [1/s^2] are treated as zero.
     rotation
         Steady rotation, or None. If set, coordinates refer to the rotating frame.
+    bent_beams
+        Beams whose strains cause errors of frequencies by the estimates in `warnings`.
     """
 
     equations: EquationsOfMotion
@@ -102,6 +109,7 @@ class Linearization:
     warnings: tuple[str, ...] = ()
     zero_square: float = 0.0
     rotation: Rotation | None = None
+    bent_beams: tuple[BeamRange, ...] = ()
 
     @property
     def linearized_equations(self) -> LinearizedEquations:
@@ -136,7 +144,8 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
         If `about` is invalid, no such state exists, or a coordinate has no inertia.
     """
     lin = _linearize(name, model, about, t)
-    strains = frequency_warnings(lin.equations, lin.state.q)
+    bent_beams = measure_frequency_ranges(lin.equations, lin.state.q)
+    strains = frequency_warnings(bent_beams)
     turning = () if isinstance(about, (Instant, Rotation)) else _turning_warnings(lin)
     rotations: list[str] = []
     if isinstance(about, Rotation):
@@ -161,7 +170,7 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
         inactive = whole.configurations.initially_inactive if now is None else now.inactive
         whole = whole.without_loads_of(inactive)
     warnings = (*lin.equations.build_warnings, *lin.warnings, *outside, *limits)
-    return replace(lin, full_equations=whole, warnings=warnings)
+    return replace(lin, full_equations=whole, warnings=warnings, bent_beams=tuple(bent_beams))
 
 
 def _turning_warnings(lin: Linearization) -> tuple[str, ...]:

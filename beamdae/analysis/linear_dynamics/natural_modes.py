@@ -27,7 +27,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
 )
 from beamdae.analysis.linear_dynamics.mesh_errors import kinetic_energy_shares, mesh_warnings
 from beamdae.beams.beam import Beam
-from beamdae.equations.assembly.refined_beams import refine_beams
+from beamdae.equations.assembly.refined_beams import RefinedBeams, refine_beams
 from beamdae.equations.starts.mobility import find_free_groups
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
@@ -44,6 +44,11 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
+from beamdae.results.diagnostics.meshes.beam_ranges import (
+    BeamDoubt,
+    find_strain_doubt,
+    frequency_warnings,
+)
 from beamdae.results.diagnostics.meshes.coarse_elements import (
     describe_changes,
     find_taut_beams,
@@ -354,30 +359,52 @@ def compute_modes(
         values, shapes = result.eigenvalues[:assessed], result.shapes[:assessed]
         shares = {name: x[:assessed] for name, x in result.shares.items()}
         sentences = mesh_warnings(mechanism, lin.equations, lin.state, values, shapes, shares)
-        sentences += _taut_element_warnings(lin, values, about, t, is_damped)
+        # The results of runs and of equilibrium paths have such warnings.
+        if not isinstance(about, (Instant, Equilibrium)):
+            found, replaced = _compare_with_refined_beams(lin, values, about, t, is_damped)
+            sentences += found
+            warnings = [x for x in warnings if x not in replaced]
+            lin = replace(lin, warnings=tuple(x for x in lin.warnings if x not in replaced))
         warnings.extend(sentences)
         lin = replace(lin, warnings=(*lin.warnings, *sentences))
     return replace(result, warnings=tuple(warnings), _linearization=lin)
 
 
-def _taut_element_warnings(
+def _compare_with_refined_beams(
     lin: Linearization, eigenvalues: Array, about: Any, t: float, is_damped: bool
-) -> list[str]:
-    """Return a warning if frequencies change with halved elements that are long for a tension.
+) -> tuple[list[str], set[str]]:
+    """Return warnings of frequencies that change by over 1 % with more accurate beams.
 
-    States of runs and of equilibrium paths, whose results have such warnings, are not examined.
+    The lowest one is compared with halved elements, if these are long for a tension, and all are
+    compared with exact strains, if estimates of their errors exceed 1 %. The second set contains
+    the warnings with these estimates, if the frequencies were compared.
     """
-    if isinstance(about, (Instant, Equilibrium)):
-        return []
-    taut = find_taut_beams(lin.full_equations, lin.state.q[None])
-    halved = refine_beams(lin.full_equations) if taut else None
-    if halved is None:
-        return []
-    fine = linearize_about("modes", halved.equations, about, t).linearized_equations
-    solution = solve_eigenproblem(fine, len(eigenvalues), is_damped)
-    frequencies = pair_frequencies(eigenvalues, solution.values)
-    sizes = {name: x[0] for name, x in frequencies.items()}
-    return list(describe_changes(lin.full_equations, taut[0], frequencies, sizes))
+    e = lin.full_equations
+
+    def compare(refined: RefinedBeams | None, doubt: BeamDoubt, lowest: int) -> list[str] | None:
+        if refined is None:
+            return None
+        try:
+            other = linearize_about("modes", refined.equations, about, t).linearized_equations
+        except BeamdaeError:
+            return None
+        solution = solve_eigenproblem(other, len(eigenvalues), is_damped)
+        frequencies = pair_frequencies(eigenvalues, solution.values, lowest)
+        sizes = {name: x[0] for name, x in frequencies.items()}
+        return list(describe_changes(e, doubt, frequencies, sizes))
+
+    sentences, replaced = [], set[str]()
+    taut = find_taut_beams(e, lin.state.q[None])
+    if taut:
+        sentences += compare(refine_beams(e), taut[0], 1) or []
+    strained = find_strain_doubt(lin.bent_beams)
+    if strained is not None:
+        doubt, names = strained
+        changes = compare(refine_beams(e, exact=names, halved=()), doubt, len(eigenvalues))
+        if changes is not None:
+            sentences += changes
+            replaced = set(frequency_warnings(lin.bent_beams))
+    return sentences, replaced
 
 
 def _rounding_warnings(

@@ -372,25 +372,34 @@ def _merge_beams(warned: Iterable[tuple[str, float, str]]) -> Iterator[str]:
         yield f"{name_with_others(worst, others, _MAX_NAMES)}: {text}"
 
 
-def frequency_warnings(equations: EquationsOfMotion, q: Array) -> Iterator[str]:
-    """Yield warnings of the beams whose strains at q (n,) cause errors of frequencies."""
-    ratios = (_ERROR_OF_FREQUENCY, _ERROR_OF_FREQUENCY_IN_TENSION)
-    yield from _merge_beams(_state_warnings(equations, q, "natural frequencies", *ratios))
+def measure_frequency_ranges(equations: EquationsOfMotion, q: Array) -> list[BeamRange]:
+    """Return the beams whose strains at q (n,) cause errors of frequencies of over 1 %."""
+    ratios = _ERROR_OF_FREQUENCY, _ERROR_OF_FREQUENCY_IN_TENSION
+    return list(_measure_state(equations, q, *ratios))
+
+
+def frequency_warnings(ranges: Iterable[BeamRange]) -> Iterator[str]:
+    """Yield warnings of the beams of `measure_frequency_ranges`."""
+    yield from _merge_beams(_describe_ranges(ranges, "natural frequencies"))
 
 
 def buckling_warnings(equations: EquationsOfMotion, q: Array) -> Iterator[str]:
     """Yield warnings of the beams whose strains at q (n,) cause errors of buckling loads."""
-    ratios = (_ERROR_OF_BUCKLING, _ERROR_OF_BUCKLING)
-    yield from _merge_beams(_state_warnings(equations, q, "buckling loads", *ratios))
+    ranges = _measure_state(equations, q, _ERROR_OF_BUCKLING, _ERROR_OF_BUCKLING)
+    yield from _merge_beams(_describe_ranges(ranges, "buckling loads"))
 
 
-def _state_warnings(
-    equations: EquationsOfMotion,
-    q: Array,
-    quantity: str,
-    error_ratio: float,
-    error_ratio_in_tension: float,
+def _describe_ranges(
+    ranges: Iterable[BeamRange], quantity: str
 ) -> Iterator[tuple[str, float, str]]:
+    for beam in ranges:
+        assert beam.error is not None
+        yield beam.name, beam.error, beam._describe(beam.error, quantity)
+
+
+def _measure_state(
+    equations: EquationsOfMotion, q: Array, error_ratio: float, error_ratio_in_tension: float
+) -> Iterator[BeamRange]:
     for term in equations.ranges:
         statement = term.statement
         if statement.defect is None:
@@ -401,9 +410,7 @@ def _state_warnings(
         if _is_stretched(deflection, rotation) and elongation > 0.0:
             error *= error_ratio_in_tension / error_ratio
         if error > MAX_UNREPORTED_ERROR:
-            remedies = statement.remedies
-            beam = BeamRange(statement.part, deflection, rotation, strain, error, remedies)
-            yield beam.name, error, beam._describe(error, quantity)
+            yield BeamRange(statement.part, deflection, rotation, strain, error, statement.remedies)
 
 
 def strain_warnings(

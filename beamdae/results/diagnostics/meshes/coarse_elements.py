@@ -181,7 +181,7 @@ def coarse_element_warnings(
     pairs = (equations, coarse), (halved.equations, fine)
     values = _pair(equations.observed_headers, *(_observe(*pair) for pair in pairs))
     before, after = (_find_eigenvalues(*pair) for pair in pairs)
-    frequencies = pair_frequencies(before, after, 1.0 / duration)
+    frequencies = pair_frequencies(before, after, least=1.0 / duration)
     scales |= {name: x[0] for name, x in frequencies.items()}
     values |= frequencies
     yield from describe_changes(equations, doubt, values, scales, f" at t = {coarse.t:.4g} s")
@@ -240,22 +240,25 @@ def describe_changes(
 
 
 def pair_frequencies(
-    coarse: Array, fine: Array, least: float = 0.0
+    coarse: Array, fine: Array, lowest: int = 1, least: float = 0.0
 ) -> dict[str, tuple[float, float]]:
-    """Return the lowest natural frequency above `least` [Hz] with both meshes, by its name.
+    """Return the lowest natural frequencies above `least` [Hz] of two models, by name.
 
     Parameters
     ----------
     coarse, fine
-        Eigenvalues with the elements of the model and with halved elements [1/s].
+        Eigenvalues of the model and with more accurate beams [1/s].
+    lowest
+        Largest number of frequencies.
     least
         Smallest frequency [Hz].
     """
-    rates = [x.imag[x.imag > 2.0 * np.pi * least] for x in (coarse, fine)]
-    if not all(map(len, rates)):
-        return {}
-    one, other = (float(np.min(x)) / (2.0 * np.pi) for x in rates)
-    return {"lowest natural frequency [Hz]": (one, other)}
+    rates = (np.sort(x.imag[x.imag > 2.0 * np.pi * least]) for x in (coarse, fine))
+    pairs = zip(*((x[:lowest] / (2.0 * np.pi)).tolist() for x in rates), strict=False)
+    return {
+        f"natural frequency {k} [Hz]" if k > 1 else "lowest natural frequency [Hz]": pair
+        for k, pair in enumerate(pairs, 1)
+    }
 
 
 def _headers_of_sections(equations: EquationsOfMotion) -> set[str]:
