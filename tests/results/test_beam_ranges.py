@@ -216,6 +216,35 @@ def test_equilibria_are_compared_with_exact_strains_instead_of_an_estimate():
     assert bent.factor == pytest.approx(exact.factor, rel=0.01)
 
 
+def test_regression_columns_near_their_buckling_load_have_a_warning():
+    """15 % of the deflection at 0.975 of the buckling load, beside an estimate of 0.8 %."""
+
+    def column(factor, **settings):
+        mech = bd.Mechanism()
+        steel = bd.Material(E=205e9, nu=0.3, rho=7850.0)
+        section = bd.Section.rectangle(steel, width=0.025, height=3e-3)
+        beam = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (0.0, 0.9)), section, **settings))
+        mech.add(bd.Revolute("foot", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.TorsionSpring("clamp", mech.ground.at(0.0, 0.0), beam.start, 15.0))
+        mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.9), beam.end, (0.0, 1.0)))
+        mech.add(bd.Force("press", beam.end, (0.0, -168.6 * factor)))
+        mech.add(bd.Force("side", beam.at(0.45), (0.5, 0.0)))
+        mech.observe("middle", beam.at(0.45))
+        return bd.equilibrium(mech)
+
+    bent, exact = column(0.975), column(0.975, formulation="exact")
+    assert bent["middle.x"].iloc[-1] > 1.1 * exact["middle.x"].iloc[-1]
+    assert bent.validity[0].error < 0.01
+    (warning,) = bent.warnings
+    assert "with exact strains, middle.y is" in warning
+    assert "bodies=4), or set strain='exact'" in warning
+    assert not exact.warnings
+    # Beyond a false limit point of the default strains, the last point has the same warning.
+    failed = column(0.99)
+    assert not failed.status.success
+    assert any("with exact strains" in x for x in failed.warnings)
+
+
 def test_half_the_range_of_opposed_equilibria_is_the_deflection():
     up, down = (_bend_by_tip_force(load) for load in (0.6, -0.6))
     both = np.concatenate([up.q, down.q])

@@ -51,6 +51,10 @@ Array = np.ndarray
 # smallest eigenvalue of the elastica are 2e-2, 4e-3 and 1e-3 of the next one with 4, 6 and 8
 # elements.
 _SMALL_EIGENVALUE_RATIO = 2e-2
+# Estimated error by strains from which on the end of a path is compared with exact strains. Near a
+# critical point, which the estimate does not include, the error of a column at 0.975 of its
+# buckling load is 18 times the estimate of 0.8 %.
+_MIN_STRAIN_ERROR = 5e-4
 # Rotation at the end of a path, relative to the largest one, at which the end is compared.
 _SAME_ROTATION = 0.99
 _LOAD_FACTOR = "load factor [-]"
@@ -192,11 +196,11 @@ def compare_end(
         Largest deformations of beams along the path.
     """
     e, last = loading.full_equations, path.points[-1].x[None, : loading.full_equations.n]
-    if not path.status.success or not e.observed_headers:
+    if path.status.kind == "interrupted" or not e.observed_headers:
         return EndComparison((), False)
     coarse = find_coarse_beam(e, last, _FEW_ELEMENTS)
     by_mesh = None if coarse is None else _compare(loading, path, settings, coarse)
-    strained, by_strains = find_strain_doubt(ranges), None
+    strained, by_strains = find_strain_doubt(ranges, _MIN_STRAIN_ERROR), None
     if strained is not None:
         doubt, names = strained
         at_end = {x.name: x.rotation for x in measure_beam_ranges(e, last)}

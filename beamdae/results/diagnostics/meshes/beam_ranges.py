@@ -173,8 +173,10 @@ class BeamDoubt(NamedTuple):
     ----------
     name
         Name of the beam.
-    cause, comparison, remedy
+    cause, comparison
         Parts of a sentence about the error: "cause: comparison, a value is ...; remedy."
+    remedy
+        Function of the largest change that returns the last part.
     row
         Index of the state that is compared.
     """
@@ -182,7 +184,7 @@ class BeamDoubt(NamedTuple):
     name: str
     cause: str
     comparison: str
-    remedy: str
+    remedy: Callable[[float], str]
     row: int = 0
 
 
@@ -332,20 +334,21 @@ def sample_times(trajectory: Trajectory) -> Array:
     return np.unique(np.linspace(intervals[0].t[0], trajectory.end, count))
 
 
-def find_strain_doubt(ranges: Sequence[BeamRange]) -> tuple[BeamDoubt, tuple[str, ...]] | None:
+def find_strain_doubt(
+    ranges: Sequence[BeamRange], least: float = MAX_UNREPORTED_ERROR
+) -> tuple[BeamDoubt, tuple[str, ...]] | None:
     """Return why states are to be compared with exact strains, and the names of these beams.
 
-    Returns None if no beam has a warning.
+    Returns None if no beam has an estimated error above `least`.
     """
-    warned = [x for x in ranges if x.warning]
-    if not warned:
+    doubtful = [x for x in ranges if x.error is not None and x.error > least]
+    if not doubtful:
         return None
-    worst = max(warned, key=lambda x: x.error or 0.0)
-    others = [x.name for x in warned if x is not worst]
+    worst = max(doubtful, key=lambda x: x.error or 0.0)
+    others = [x.name for x in doubtful if x is not worst]
     cause = f"{name_with_others(worst.name, others, _MAX_NAMES)}: {worst.cause}"
-    remedy = worst.recommend(worst.error or 0.0)
-    doubt = BeamDoubt(worst.name, cause, "with exact strains", remedy)
-    return doubt, tuple(x.name for x in warned)
+    doubt = BeamDoubt(worst.name, cause, "with exact strains", worst.recommend)
+    return doubt, tuple(x.name for x in doubtful)
 
 
 def range_warnings(ranges: Iterable[BeamRange]) -> Iterator[str]:

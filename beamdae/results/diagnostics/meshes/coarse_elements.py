@@ -12,7 +12,7 @@ error changes the motion by a multiple of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -87,8 +87,12 @@ def find_taut_beams(equations: EquationsOfMotion, q: Array) -> list[BeamDoubt]:
             )
             # Rounding does not choose between the beams of a symmetric mechanism.
             ratio = float(f"{ratios[row, k]:.3g}")
-            found.append((ratio, BeamDoubt(beam.name, cause, _HALVED, remedy, row)))
+            found.append((ratio, BeamDoubt(beam.name, cause, _HALVED, _always(remedy), row)))
     return [x for _, x in sorted(found, key=lambda x: -x[0])]
+
+
+def _always(remedy: str) -> Callable[[float], str]:
+    return lambda _: remedy
 
 
 def find_coarse_beam(
@@ -115,7 +119,8 @@ def find_coarse_beam(
             row = int(np.argmax(np.max(np.abs(forces[..., 2]), axis=(1, 2))))
             count = format_count(mesh.elements, "element")
             cause = f"{beam.name}: {count} are too few"
-            return BeamDoubt(beam.name, cause, _HALVED, f"use elements={2 * mesh.elements}", row)
+            remedy = _always(f"use elements={2 * mesh.elements}")
+            return BeamDoubt(beam.name, cause, _HALVED, remedy, row)
     return None
 
 
@@ -235,7 +240,7 @@ def describe_changes(
     one, other = format_apart(worst, fine, coarse)
     yield (
         f"{doubt.cause}: {doubt.comparison}, {remove_unit(worst)}{when} is {one} instead of "
-        f"{other}, a change of {change}; {doubt.remedy}."
+        f"{other}, a change of {change}; {doubt.remedy(errors[worst])}."
     )
 
 
