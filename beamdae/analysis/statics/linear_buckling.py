@@ -188,7 +188,8 @@ def buckling(
     Warns
     -----
     BeamdaeWarning
-        For each of `Buckling.warnings`, except that there are fewer factors than requested.
+        For each of `Buckling.warnings`, except that there are fewer factors than requested,
+        which is issued only if there is none.
 
     Examples
     --------
@@ -250,12 +251,14 @@ def buckling(
             f"{_NAME}: the loads have no potential, so the structure may flutter, which linear "
             "buckling does not show; use equilibrium with a target load factor."
         )
-    warn_of_result(warnings, e.build_warnings)
+    fewer = []
     if has_potential and len(factors) < count:
         text = f"{_NAME}: the structure has {len(factors)} of {count} buckling loads"
         if np.isfinite(reversed_factor):
             text += f"; under reversed loads, it buckles at the factor {-reversed_factor:g}"
-        warnings.append(text + ".")
+        fewer.append(text + ".")
+    # Without any factor, the direction of the loads may be wrong.
+    warn_of_result(warnings if len(factors) else [*warnings, *fewer], e.build_warnings)
     return Buckling(
         factors,
         shapes.T,
@@ -263,7 +266,7 @@ def buckling(
         loading.stages[0],
         begin.x[: e.n],
         model if isinstance(model, Mechanism) else None,
-        (*e.build_warnings, *warnings),
+        (*e.build_warnings, *warnings, *fewer),
     )
 
 
