@@ -167,6 +167,8 @@ def test_states_and_outputs_refer_to_the_rotating_frame():
     ("arguments", "message"),
     [
         ({"inputs": ["puhs"]}, "did you mean 'push'"),
+        ({"inputs": ["push.Fz"]}, r"did you mean 'push\.F[xy]'"),
+        ({"inputs": [["push"]]}, "no input"),
         ({"inputs": "push"}, "inputs must be names"),
         ({"inputs": ["rail"]}, "no input 'rail'"),
         ({"outputs": ["lode"]}, "did you mean 'load'"),
@@ -177,6 +179,18 @@ def test_states_and_outputs_refer_to_the_rotating_frame():
 def test_invalid_arguments_are_rejected(arguments, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         bd.linearize(mount(), **arguments)
+
+
+def test_regression_inputs_are_selected_by_columns():
+    """The columns of inputs in tables and `margins` were refused: there is no input 'push.Fy'."""
+    whole = bd.linearize(mount(), inputs=["shaker", "push"])
+    names = [x.header for x in whole.inputs]
+    for name in ("push.Fy", "push.Fy [N]"):
+        model = bd.linearize(mount(), inputs=["shaker.travel_ddot", name])
+        assert [x.header for x in model.inputs] == [names[0], names[2]]
+        assert_allclose(model.B, whole.B[:, [0, 2]], rtol=1e-12)
+        assert_allclose(model.D, whole.D[:, [0, 2]], rtol=1e-12)
+        assert bd.margins(model, name, [0.0, 1.0] + [0.0] * (len(model.outputs) - 2))
 
 
 def test_regression_outputs_are_selected_by_columns():

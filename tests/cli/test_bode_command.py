@@ -36,7 +36,7 @@ def bode(tmp_path, monkeypatch):
 
 
 def test_bode_writes_a_table_with_the_peak(bode, tmp_path):
-    result = bode("--input", "push", "--output", "mass.x", "--json", "--no-page", "--no-picture")
+    result = bode("--input", "push.Fx", "--output", "mass.x", "--json", "--no-page", "--no-picture")
     assert result.exit_code == 0, result.output
     document = json.loads(result.stdout)
     (peak,) = document["peaks"]

@@ -352,7 +352,8 @@ def linearize(
     model, about, t
         See `modes`.
     inputs
-        Names of inputs, forces, moments and drivers. Defaults to all of them. Those that are not
+        Names of inputs, forces, moments and drivers, which select all their columns, or of columns
+        such as "push.Fy", with or without the unit. Defaults to all of them. Those that are not
         named keep the values that they have at the state.
     outputs
         Names of observables, which select all their columns, or of columns such as "tip.y", with
@@ -368,9 +369,9 @@ def linearize(
     ------
     BeamdaeError
         If an argument is invalid, the state, an input or an output does not exist, an output is a
-        largest magnitude, a driver among
-        the inputs is inactive or redundant, an output is a reaction while redundant constraints are
-        removed, a coordinate has no inertia, or the model has more than 2000 coordinates.
+        largest magnitude, a driver among the inputs is inactive or redundant, an output is a
+        reaction while redundant constraints are removed, a coordinate has no inertia, or the model
+        has more than 2000 coordinates.
     Interrupted
         If Ctrl-C ends the call.
 
@@ -441,17 +442,34 @@ def _resolve_inputs(
         part_names = list(candidates)
     inputs: list[ModelInput] = []
     for name in require_sequence("linearize", "inputs", part_names, "names"):
-        if not isinstance(name, str) or name not in candidates:
+        text = name if isinstance(name, str) else ""
+        owners = [text] if text in candidates else [x for x in candidates if text.startswith(x)]
+        columns: list[ModelInput] = []
+        for owner in owners:
+            if owner in terms:
+                columns.append(_differentiate_input(terms[owner], lin))
+            else:
+                columns += differentiate_part_laws(mechanism, parts[owner], lin)
+        quantities, selected = [x.quantity for x in columns], columns
+        if text not in candidates:
+            selected = [columns[k] for k in find_inputs(quantities, text)]
+        if not selected:
+            names = [*candidates, *(x.name for x in quantities)]
             raise BeamdaeError(
                 "linearize: there is no input "
-                f"{short_repr(name)}{suggest(name, candidates)}; use the name of an "
-                "input, force, moment or driver of the mechanism."
+                f"{short_repr(name)}{suggest(name, names)}; use the name of an input, force, "
+                "moment or driver of the mechanism, or of a column."
             )
-        if name in terms:
-            inputs.append(_differentiate_input(terms[name], lin))
-        else:
-            inputs += differentiate_part_laws(mechanism, parts[name], lin)
+        inputs += selected
     return inputs
+
+
+def find_inputs(inputs: Sequence[Variable], name: Any) -> list[int]:
+    """Return the indices of the inputs with this name or header, or else of those of this part."""
+    if not isinstance(name, str):
+        return []
+    same = [k for k, x in enumerate(inputs) if name in (x.name, x.header)]
+    return same or [k for k, x in enumerate(inputs) if x.name.startswith(f"{name}.")]
 
 
 def _differentiate_input(term: InputTerm, lin: Linearization) -> ModelInput:

@@ -13,7 +13,7 @@ import scipy.optimize as opt
 
 from beamdae.analysis.linear_dynamics.bode_diagram import find_growing_poles
 from beamdae.analysis.linear_dynamics.command_loops import inject_at_command
-from beamdae.analysis.linear_dynamics.linear_model import LinearModel, compute_poles
+from beamdae.analysis.linear_dynamics.linear_model import LinearModel, compute_poles, find_inputs
 from beamdae.errors import (
     BeamdaeError,
     format_count,
@@ -320,13 +320,13 @@ def _build_loop(model: LinearModel, at: Any, controller: Any, every: Any, delay:
     at, lin = plain_text(at), model._linearization
     mechanism = None if lin is None else lin.equations.mechanism
     commands = {} if mechanism is None else mechanism.outputs
-    inputs = {x.name: k for k, x in enumerate(model.inputs)}
+    inputs = [x.name for x in model.inputs]
     if at is None and len(inputs) != 1:
         names = join_names([*inputs, *commands]) if inputs or commands else "none"
         raise BeamdaeError(
             f"margins: at must name the input or pid at which the loop is opened ({names})."
         )
-    name = next(iter(inputs)) if at is None else at
+    name = inputs[0] if at is None else at
     if isinstance(name, str) and name not in inputs and name in commands and lin is not None:
         is_default = type(controller) is float and controller == 1.0
         if not is_default or every is not None:
@@ -345,16 +345,14 @@ def _build_loop(model: LinearModel, at: Any, controller: Any, every: Any, delay:
             None,
             require_non_negative("margins", "delay", delay),
         )
-    parts = [x for x in inputs if isinstance(name, str) and x.startswith(f"{name}.")]
-    if isinstance(name, str) and name not in inputs and len(parts) == 1:
-        name = parts[0]
-    if not isinstance(name, str) or name not in inputs:
+    columns = find_inputs(model.inputs, name)
+    if len(columns) != 1:
         raise BeamdaeError(
             f"margins: there is no input or pid {short_repr(name)}"
             f"{suggest(name, [*inputs, *commands])}; use the name of an input of the linear model "
             "or of a pid."
         )
-    column = inputs[name]
+    (column,) = columns
     system, interval = _as_system(controller, len(model.outputs), every)
     if interval is None:
         plant = (model.A, model.B[:, column], model.C, model.D[:, column])

@@ -67,8 +67,8 @@ def bode_command(
         typer.Option(
             "--input",
             metavar="NAME",
-            help="Input, force, moment or driver that excites the model, or several separated by "
-            "commas; repeatable. Defaults to all of them.",
+            help="Input, force, moment or driver that excites the model, or a column such as "
+            "push.Fy, or several separated by commas; repeatable. Defaults to all of them.",
         ),
     ] = None,
     outputs: Annotated[
