@@ -55,6 +55,11 @@ _DELAY_COUNT = 400
 _MAX_EARLY_SHARE = 0.5
 _MAX_FIRST_SHARE = 0.3
 _DELAY_WINDOW = 0.05
+# Delays that differ by whole periods of a vibration and are smaller by at least this share are
+# searched, too, up to this number.
+_MIN_REDUCTION, _MAX_SMALLER_DELAYS = 0.1, 3
+# Distances between delays, whose median is the period, that may be shorter at the ends.
+_OUTER_PERIODS = 2
 _TIMES_PER_DELAY = 4  # of the run, between which it is linear
 _MIN_SINGULAR_VALUE = 1e-9  # of columns of unit length; smaller ones are rounding errors
 # Unit, factor and names of units that are mistaken for each other; "" means any unit.
@@ -213,7 +218,7 @@ class RecordingErrors:
             scaled, scales = self._search_scales(problem, begin, limit)
             delayed = None if scales else delayed
         if delayed is not None:
-            return _describe_delay(self._problem, float(delayed.values[-1]))
+            return _describe_delay(self._problem, self._reduce_delay(delayed))
         return _describe_scales(problem, scaled, scales) if scaled is not None and scales else ""
 
     def _find_in_part(self, headers: Sequence[str], limit: float) -> str:
@@ -265,12 +270,31 @@ class RecordingErrors:
             return None
         guesses = [(*_guess_delay(self._problem, x), x.values) for x in evaluations]
         _, delay, values = min(guesses, key=lambda x: x[0])
-        problem = _with_delay(self._problem, delay)
-        scaling = Scaling(problem, self._bounds, self._log)
-        end = self._search(problem, scaling, scaling.start(np.append(values, delay)))
+        end = self._search_near_delay(delay, values)
         if end is None or end.chi_square > limit:
             return None
         return None if self._is_needless(end) else end
+
+    def _search_near_delay(self, delay: float, values: Array) -> Evaluation | None:
+        """Return the end of a search from a delay and values of the parameters, or None."""
+        problem = _with_delay(self._problem, delay)
+        scaling = Scaling(problem, self._bounds, self._log)
+        return self._search(problem, scaling, scaling.start(np.append(values, delay)))
+
+    def _reduce_delay(self, delayed: Evaluation) -> Evaluation:
+        """Return the end with the smallest delay that explains the data about as well.
+
+        Other parameters, such as the damping, may compensate whole periods of a vibration.
+        """
+        size, values = abs(float(delayed.values[-1])), delayed.values[:-1]
+        delays = _list_best_delays(self._problem, delayed)
+        smaller = sorted(delays[np.abs(delays) < (1.0 - _MIN_REDUCTION) * size], key=abs)
+        for delay in smaller[:_MAX_SMALLER_DELAYS]:
+            end = self._search_near_delay(delay, values)
+            is_smaller = end is not None and abs(end.values[-1]) < size
+            if end and is_smaller and _MAX_LEFT_SHARE * end.chi_square <= delayed.chi_square:
+                return end
+        return delayed
 
     def _is_needless(self, end: Evaluation) -> bool:
         """Return True if a search from these parameters explains the data without the error.
@@ -397,7 +421,21 @@ def _with_delay(problem: FitProblem, delay: float) -> FitProblem:
 
 
 def _guess_delay(problem: FitProblem, evaluation: Evaluation) -> tuple[float, float]:
-    """Return the share of the variation that the best delay of the data leaves, and the delay.
+    """Return the share of the variation that the best delay of the data leaves, and the delay."""
+    delays, shares = _scan_delays(problem, evaluation)
+    best = int(np.argmin(shares))
+    return (float(shares[best]), float(delays[best])) if shares[best] < np.inf else (np.inf, 0.0)
+
+
+def _list_best_delays(problem: FitProblem, evaluation: Evaluation) -> Array:
+    """Return the delays that leave less of the variation than those beside them, ascending."""
+    delays, shares = _scan_delays(problem, evaluation)
+    before, after = np.append(np.inf, shares[:-1]), np.append(shares[1:], np.inf)
+    return delays[(shares < before) & (shares <= after)]
+
+
+def _scan_delays(problem: FitProblem, evaluation: Evaluation) -> tuple[Array, Array]:
+    """Return delays of the data, and the shares of the variation that they leave.
 
     Data are compared with the run where it covers their times less the delay.
     """
@@ -409,11 +447,11 @@ def _guess_delay(problem: FitProblem, evaluation: Evaluation) -> tuple[float, fl
         for name, run in evaluation.runs.items():
             t = np.linspace(0.0, run.solution.trajectory.end, _TIMES_PER_DELAY * _DELAY_COUNT)
             columns[name] = t, run.solution.at_times(t).columns
-    best = np.inf, 0.0
     # Data that begin late relative to their duration are hardly early.
     begins_late = latest > _MAX_FIRST_SHARE * (last - latest)
-    earliest = 0.0 if begins_late else -_MAX_EARLY_SHARE * last
-    for delay in np.linspace(earliest, latest, _DELAY_COUNT):
+    delays = np.linspace(0.0 if begins_late else -_MAX_EARLY_SHARE * last, latest, _DELAY_COUNT)
+    shares = np.full(len(delays), np.inf)
+    for k, delay in enumerate(delays):
         left = variation = 0.0
         for series, header in zip(problem.data.series, problem.headers, strict=True):
             t, model = columns[series.experiment]
@@ -425,9 +463,9 @@ def _guess_delay(problem: FitProblem, evaluation: Evaluation) -> tuple[float, fl
             change = np.interp(moved[is_covered], t, model[header]) - values
             left += float(np.sum((change / sigma) ** 2))
             variation += float(np.sum(((values - values.mean()) / sigma) ** 2))
-        if variation > 0.0 and left / variation < best[0]:
-            best = left / variation, float(delay)
-    return best
+        if variation > 0.0:
+            shares[k] = left / variation
+    return delays, shares
 
 
 def _is_significant(end: Evaluation, column: int, change: float, constants: Array) -> bool:
@@ -517,13 +555,16 @@ def _has_offset(problem: FitProblem, end: Evaluation, header: str) -> bool:
     return abs(offsets[header]) > _MIN_OFFSET_SHARE * size
 
 
-def _describe_delay(problem: FitProblem, delay: float) -> str:
+def _describe_delay(problem: FitProblem, end: Evaluation) -> str:
     """Return a clause on a delay of all data, which vibrations determine up to whole periods."""
-    columns = dict.fromkeys(map(remove_unit, problem.headers))
+    columns, delay = dict.fromkeys(map(remove_unit, problem.headers)), float(end.values[-1])
     name = "*" if len(columns) > 1 else next(iter(columns))
+    periods, or_more = np.diff(_list_best_delays(problem, end)), ", up to whole periods"
+    if len(periods) > _OUTER_PERIODS:
+        or_more = f", or by whole periods of {np.median(periods):.3g} s more or less"
     return (
-        f"the data look {'late' if delay > 0.0 else 'early'} by {abs(delay):.3g} s, up to whole "
-        f"periods; correct their times, or estimate the delay with shift=[{name!r}]"
+        f"the data look {'late' if delay > 0.0 else 'early'} by {abs(delay):.3g} s{or_more}; "
+        f"correct their times, or estimate the delay with shift=[{name!r}]"
     )
 
 
