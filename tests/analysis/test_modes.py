@@ -688,3 +688,33 @@ def test_regression_clamped_arcs_of_one_element_have_a_warning(radius):
     mech.add(bd.Weld("right", mech.ground.at(*beam.end.point), beam.end))
     with pytest.warns(bd.BeamdaeWarning, match="too long for mode 1, .* more than 30 %"):
         bd.modes(mech, n=1)
+
+
+def test_regression_errors_of_modes_are_sums_over_beams():
+    """The errors of beams, by their shares of the energy, had no warning below 0.7 % each."""
+
+    def spans(count, elements):
+        mech, end = bd.Mechanism(), None
+        steel = bd.Section.rectangle(bd.Material.of("steel"), width=0.015, height=3e-4)
+        for k in range(count):
+            line = bd.Line((0.2 * k, 0.0), (0.2 * (k + 1), 0.0))
+            beam = mech.add(bd.Beam(f"span {k}", line, steel, elements, formulation="exact"))
+            if end is None:
+                mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), beam.start))
+            else:
+                mech.add(bd.Weld(f"weld {k}", end, beam.start))
+            mech.add(bd.PointOnLine(f"support {k}", mech.ground.at(0.0, 0.0), beam.end))
+            end = beam.end
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", bd.BeamdaeWarning)
+            return bd.modes(mech, n=2 * count)
+
+    coarse, fine = spans(8, 2), spans(8, 6)
+    errors = coarse.frequencies / fine.frequencies - 1.0
+    (warning,) = coarse.warnings
+    assert "too long for mode 9 and 7 more (up to " in warning
+    largest = float(re.search(r"up to (\S+) %", warning)[1]) / 100.0
+    assert np.max(errors[:8]) < 2e-3
+    assert np.min(errors[8:]) > 0.01
+    assert 0.8 * np.max(errors) < largest < 1.4 * np.max(errors)
+    assert not fine.warnings

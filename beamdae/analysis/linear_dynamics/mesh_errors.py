@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from beamdae.beams.shape_functions import gauss_points
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State, format_headers
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
-from beamdae.errors import format_percent
+from beamdae.errors import format_percent, name_with_others
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.columns import remove_unit
 from beamdae.results.diagnostics.meshes.mesh_errors import MAX_UNREPORTED_ERROR, MIN_SHARE
@@ -44,6 +45,8 @@ _DIFFERENCE = 1e-5
 _MIN_REPORTED_ERROR = 0.007
 # Estimates by waves under compression from which on the energy of the shape is evaluated.
 _MIN_ESTIMATE = 0.1 * _MIN_REPORTED_ERROR
+# Beams with a smaller share of the error of a mode are not named.
+_MIN_NAMED_SHARE = 0.05
 # Larger estimates are meaningless.
 _MAX_ESTIMATE = 0.3
 # Error for which a number of elements is recommended.
@@ -66,12 +69,13 @@ def mesh_warnings(
     shares: Mapping[str, Array],
     alternative: str = "fewer modes",
 ) -> list[str]:
-    """Return a warning for each beam whose elements are too long for the waves of modes.
+    """Return a warning of the beams whose elements are too long for the waves of modes, or none.
 
-    Tension, such as that of taut wires and rotating blades, makes bending waves longer. Axial waves
-    of the same frequency are longer still, but a single curved element has no motions without axial
-    strains between clamps. Compression makes waves shorter and modes slower, so that the same error
-    of the bending stiffness is a larger part of a small total stiffness.
+    The error of a mode is the sum of those of all beams, which are proportional to their shares in
+    its kinetic energy. Tension, such as that of taut wires and rotating blades, makes bending waves
+    longer. Axial waves of the same frequency are longer still, but a single curved element has no
+    motions without axial strains between clamps. Compression makes waves shorter and modes slower,
+    so that the same error of the bending stiffness is a larger part of a small total stiffness.
 
     Parameters
     ----------
@@ -88,45 +92,97 @@ def mesh_warnings(
     alternative
         What the warnings recommend besides more elements.
     """
-    rates, sentences = np.abs(eigenvalues.imag), []
-    for beam in mechanism.parts.values():
-        if not isinstance(beam, Beam) or beam.name not in shares:
-            continue
+    rates = np.abs(eigenvalues.imag)
+    beams = [x for x in mechanism.parts.values() if isinstance(x, Beam) and x.name in shares]
+    if not beams or not len(rates):
+        return []
+    waves = [_WaveErrors.of(x, equations, state, rates, shares[x.name]) for x in beams]
+    # Where the sum is large, errors of axial motions and of compressed beams are computed.
+    large = np.flatnonzero(sum(x.errors for x in waves) > _MIN_REPORTED_ERROR)
+    errors = np.array([x.refine(equations, state, shapes, large) for x in waves])
+    total = np.sum(errors, axis=0)
+    reported = np.flatnonzero(total > _MIN_REPORTED_ERROR)
+    if not len(reported):
+        return []
+    k = int(reported[np.argmin(rates[reported])])
+    order = np.argsort(-errors[:, k], kind="stable").tolist()
+    worst = beams[order[0]]
+    others = [beams[j].name for j in order[1:] if errors[j, k] > _MIN_NAMED_SHARE * total[k]]
+
+    size, largest = float(total[k]), float(np.max(total))
+    more = ""
+    if len(reported) > 1:
+        limit = f"more than {100.0 * _MAX_ESTIMATE:g} %"
+        most = f"up to {format_percent(largest)}" if largest <= _MAX_ESTIMATE else limit
+        more = f" and {len(reported) - 1} more ({most})"
+    ratio = min(size, _MAX_ESTIMATE) / _RECOMMENDED_ERROR
+    count = int(np.ceil(worst.mesh.elements * ratio ** (1.0 / convergence_order(worst))))
+    error = f"about {format_percent(size)}"
+    if size > _MAX_ESTIMATE:
+        error = f"more than {100.0 * _MAX_ESTIMATE:g} %"
+    return [
+        f"{name_with_others(worst.name, others)}: the elements are too long for mode {k + 1}"
+        f"{more}, whose frequency of {rates[k] / (2.0 * np.pi):.4g} Hz has an error of {error}; "
+        f"use elements={count} or more, or {alternative}."
+    ]
+
+
+@dataclass(frozen=True)
+class _WaveErrors:
+    """Errors of frequencies by the elements of a beam.
+
+    Attributes
+    ----------
+    beam
+        The beam.
+    rates, share
+        Angular frequencies of the modes [rad/s] and the shares of the beam in their kinetic energy,
+        (k,) each.
+    forces
+        Axial forces of the elements [N].
+    errors
+        Errors by bending waves, (k,).
+    """
+
+    beam: Beam
+    rates: Array
+    share: Array
+    forces: Array
+    errors: Array
+
+    @classmethod
+    def of(
+        cls, beam: Beam, equations: EquationsOfMotion, state: State, rates: Array, share: Array
+    ) -> _WaveErrors:
+        """Return the errors by bending waves under tension."""
         forces = elastic_axial_forces(beam, equations, state, element_middles(beam))
-        errors = bending_wave_errors(beam, rates, np.maximum(forces, 0.0)) * shares[beam.name]
+        errors = bending_wave_errors(beam, rates, np.maximum(forces, 0.0)) * share
+        return cls(beam, rates, share, forces, errors)
+
+    def refine(
+        self, equations: EquationsOfMotion, state: State, shapes: Array, large: Array
+    ) -> Array:
+        """Return the errors (k,), of the modes `large` without those of axial motions."""
+        beam, rates, share = self.beam, self.rates, self.share
+        errors = self.errors.copy()
         is_single_arc = beam.mesh.elements == 1 and beam.mesh.largest_turn > 0.0
-        for j in np.flatnonzero(errors > _MIN_REPORTED_ERROR):
+        for j in large.tolist():
             energy, _ = _strain_energies(beam, equations, state, shapes[j].real)
-            if energy > 0.5 * rates[j] ** 2 * shares[beam.name][j] and not is_single_arc:
-                errors[j] = axial_wave_error(beam, float(rates[j])) * shares[beam.name][j]
-        compression = np.minimum(forces, 0.0)
-        if np.any(compression):
-            compressed = bending_wave_errors(beam, rates, compression)
-            wave_numbers = bending_wave_numbers(beam, rates, compression)
-            bending, mass = section_values(beam, "EI", "rhoA")
-            energies = np.max(bending * wave_numbers**4 / mass, axis=1) * shares[beam.name]
-            # The energy of a shape takes more time than its estimate from waves.
-            for j in np.flatnonzero(compressed * energies > _MIN_ESTIMATE * rates**2):
-                if rates[j] > 0.0:
-                    _, energy = _strain_energies(beam, equations, state, shapes[j].real)
-                    errors[j] = max(errors[j], compressed[j] * energy / rates[j] ** 2)
-        reported = np.flatnonzero(errors > _MIN_REPORTED_ERROR)
-        if not len(reported):
-            continue
-        k = int(reported[np.argmin(rates[reported])])
-        error = float(errors[k])
-        size = f"about {format_percent(error)}"
-        if error > _MAX_ESTIMATE:
-            size = f"more than {100.0 * _MAX_ESTIMATE:g} %"
-        ratio = min(error, _MAX_ESTIMATE) / _RECOMMENDED_ERROR
-        count = int(np.ceil(beam.mesh.elements * ratio ** (1.0 / convergence_order(beam))))
-        more = f" and {len(reported) - 1} more" if len(reported) > 1 else ""
-        sentences.append(
-            f"{beam.name}: the elements are too long for mode {k + 1}{more}, whose frequency of "
-            f"{rates[k] / (2.0 * np.pi):.4g} Hz has an error of {size}; use elements={count} or "
-            f"more, or {alternative}."
-        )
-    return sentences
+            if energy > 0.5 * rates[j] ** 2 * share[j] and not is_single_arc:
+                errors[j] = axial_wave_error(beam, float(rates[j])) * share[j]
+        compression = np.minimum(self.forces, 0.0)
+        if not np.any(compression):
+            return errors
+        compressed = bending_wave_errors(beam, rates, compression)
+        wave_numbers = bending_wave_numbers(beam, rates, compression)
+        bending, mass = section_values(beam, "EI", "rhoA")
+        energies = np.max(bending * wave_numbers**4 / mass, axis=1) * share
+        # The energy of a shape takes more time than its estimate from waves.
+        for j in np.flatnonzero(compressed * energies > _MIN_ESTIMATE * rates**2):
+            if rates[j] > 0.0:
+                _, energy = _strain_energies(beam, equations, state, shapes[j].real)
+                errors[j] = max(errors[j], compressed[j] * energy / rates[j] ** 2)
+        return errors
 
 
 def response_mesh_warnings(
