@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 
 import casadi as ca
 import numpy as np
@@ -250,3 +251,20 @@ def test_beams_that_bend_far_to_the_equilibrium_have_no_warning():
     findings = bd.check(mech, predict=False, start="equilibrium")
     assert findings.start.settling[0].rotation > np.pi / 4
     assert not findings.start.warning
+
+
+@pytest.mark.parametrize("travel", [3e-4, 0.1])
+def test_regression_preloads_by_drivers_are_no_gaps_of_the_drawing(travel):
+    """A leaf stretched by a driver had "the joints are not closed"; large travels still do."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.008, height=2.5e-4)
+    leaf = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.06, 0.0)), section))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf.start))
+    mech.add(bd.Prismatic("slide", mech.ground.at(0.06, 0.0), leaf.end, (1.0, 0.0)))
+    mech.add(bd.TranslationalDriver("pull", mech.ground.at(0.06, 0.0), leaf.end, travel))
+    mech.observe("middle", leaf.at(0.03))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        result = bd.equilibrium(mech)
+    has_warning = any("joints are not closed" in x for x in result.warnings)
+    assert has_warning == (travel > 0.01)

@@ -110,9 +110,20 @@ def test_long_runs_that_store_some_steps_are_not_called_too_slow(record, speed, 
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.add(bd.Contact("bounce", ball.point, floor, 8e6, restitution=0.6, impact_speed=SPEED))
     monkeypatch.setattr(impact_speeds, "_fastest_impact", lambda gap, interval: speed)
-    trajectory = SimpleNamespace(intervals=(SimpleNamespace(record=record),))
+    trajectory = SimpleNamespace(intervals=(SimpleNamespace(record=record),), start=0.0, end=1.0)
     equations = bd.equations_of_motion(mech)
     assert len(list(impact_speeds.impact_speed_warnings(equations, trajectory))) == count
+
+
+def test_regression_bodies_that_are_pressed_together_have_no_impact(monkeypatch):
+    """A strip that a contact pressed from the start had "the fastest impact is at 3e-9 m/s"."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 0.3, at=(0.0, 0.0)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    mech.add(bd.Contact("rest", ball.point, floor, 8e6, restitution=0.3, impact_speed=0.05))
+    run = bd.simulate(mech, t_end=0.1, start="equilibrium")
+    monkeypatch.setattr(impact_speeds, "_fastest_impact", lambda gap, interval: 3.3e-9)
+    assert not list(impact_speeds.impact_speed_warnings(run.equations, run.trajectory))
 
 
 def test_restitution_at_other_speeds_has_the_same_hysteresis():

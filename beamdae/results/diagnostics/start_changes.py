@@ -13,6 +13,7 @@ from beamdae.equations.starts.dependent_constraints import analyze_constraint_ra
 from beamdae.equations.starts.mobility import describe_free_motion_of
 from beamdae.equations.starts.rigid_motions import Body, collect_bodies
 from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.parts.joints.drivers import DrivenJoint
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.read_only import read_only_data
 
@@ -20,6 +21,8 @@ Array = np.ndarray
 
 _MAX_UNREPORTED_DISPLACEMENT = 1e-3  # relative to the length of the mechanism
 _MAX_UNREPORTED_VELOCITY_CHANGE = 1e-2  # relative to the largest requested velocity of the part
+# Displacements by drivers up to this share of the length of the mechanism are preloads.
+_MAX_PRELOAD = 0.05
 # Larger rotations and displacements (relative to the length of the mechanism) of bodies that joints
 # leave free are falls, not static deflections.
 _MIN_FALL_ANGLE = np.pi / 4  # [rad]
@@ -137,7 +140,7 @@ def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
             StartChange(part.name, float(displacement.max()), float(velocity.max()), largest)
         )
     summary = StartSummary(request, tuple(changes), "")
-    warning = "" if is_moved else _describe_displacement(e, summary.largest)
+    warning = "" if is_moved else _describe_displacement(e, q, summary.largest)
     if request == AS_DRAWN and not warning:
         warning = _describe_lost_velocity(e, v, state)
     if drawn_closed_q is None or e.mechanism is None:
@@ -213,9 +216,14 @@ def _describe_fall(
     return ""
 
 
-def _describe_displacement(e: EquationsOfMotion, change: StartChange | None) -> str:
-    """Return a sentence on the part that was displaced most, or an empty string."""
+def _describe_displacement(e: EquationsOfMotion, q: Array, change: StartChange | None) -> str:
+    """Return a sentence on the part that was displaced most from `q`, or an empty string.
+
+    Small displacements by drivers alone, whose laws begin beside the drawing, are preloads.
+    """
     if change is None or not change.displacement > _MAX_UNREPORTED_DISPLACEMENT * e.length:
+        return ""
+    if change.displacement < _MAX_PRELOAD * e.length and _are_joints_closed(e, q):
         return ""
     return (
         f"{change.part}: the joints are not closed in the reference configuration, and "
@@ -223,6 +231,15 @@ def _describe_displacement(e: EquationsOfMotion, change: StartChange | None) -> 
         f"{change.coordinate}) in a mechanism of {e.length:.3g} m; correct the "
         "positions of the parts, or pass start= with positions by name."
     )
+
+
+def _are_joints_closed(e: EquationsOfMotion, q: Array) -> bool:
+    """Return True if only drivers have gaps at the positions `q` (n,)."""
+    parts = {} if e.mechanism is None else e.mechanism.parts
+    gaps = StateEvaluator(e).position_gaps(time_on_branch(e.breakpoints, 0.0), q)
+    is_open = np.abs(gaps) > _MIN_OPEN_GAP * e.constraint_scales
+    names = [e.lam_names[k].rpartition(".")[0] for k in np.flatnonzero(is_open)]
+    return all(isinstance(parts.get(name), DrivenJoint) for name in names)
 
 
 def _describe_lost_velocity(e: EquationsOfMotion, requested: Array, state: State) -> str:

@@ -18,6 +18,9 @@ _MAX_SPEED_RATIO = 2.0  # or its reciprocal
 _MIN_RESTITUTION_CHANGE = 0.05
 _SLOPE_SHARE = 1e-3  # rates of gaps are differences over this fraction of a step
 _TOUCHING_SHARE = 1e-12  # of the length of the mechanism; smaller gaps are rounding errors
+# Slower bodies than one that moves this share of the length of the mechanism in the run press
+# against each other, without an impact.
+_MIN_TRAVEL = 1e-5
 _MIN_SPEED_SHARE = 1e-9  # of the speeds of the bodies at a gap; rounding errors of rates are below
 
 
@@ -44,6 +47,7 @@ def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
         return
     from beamdae.parts.forces.contact import restitution_at
 
+    slowest = _MIN_TRAVEL * equations.length / (trajectory.end - trajectory.start)
     impacts: dict[tuple[float, float], dict[str, float]] = {}
     for gap in compile_surface_gaps(equations):
         contact = contacts.get(gap.part)
@@ -54,7 +58,7 @@ def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
         # Faster impacts may lie between the stored steps of long runs.
         is_thinned = any(interval.record is not None for interval in trajectory.intervals)
         least = 0.0 if is_thinned else 1.0 / _MAX_SPEED_RATIO
-        if not speed or least <= ratio <= _MAX_SPEED_RATIO:
+        if speed < slowest or least <= ratio <= _MAX_SPEED_RATIO:
             continue
         law = contact.restitution_or_elastic, contact.impact_speed
         if abs(restitution_at(speed, *law) - law[0]) < _MIN_RESTITUTION_CHANGE:
