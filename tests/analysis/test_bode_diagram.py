@@ -1,5 +1,7 @@
 """Bode diagrams against the transfer functions of oscillators."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -43,6 +45,48 @@ def test_default_frequencies_contain_all_peaks_and_half_powers(damping):
                 size = np.abs(diagram.response[at, k, 0]) / largest
                 assert size**2 == pytest.approx(power, rel=2e-3)
     assert not diagram.warnings
+
+
+def chain(stiffnesses, damping):
+    """Return a linear model of masses of 1 kg on springs, with a force on the first mass."""
+    mech = bd.Mechanism()
+    before = mech.ground.at(0.0, 0.0)
+    for k, stiffness in enumerate(stiffnesses):
+        mass = mech.add(bd.PointMass(f"mass {k}", 1.0, at=(k + 1.0, 0.0)))
+        mech.add(bd.PointOnLine(f"rail {k}", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+        spring = bd.SpringDamper(f"spring {k}", before, mass.point, stiffness, damping * stiffness)
+        mech.add(spring)
+        mech.add(bd.Force(f"push {k}", mass.point, (0.0, 0.0)))
+        mech.observe(f"mass {k}", mass.point)
+        before = mass.point
+    return bd.linearize(mech, inputs=["push 0.Fx"], outputs=["mass 0.x"])
+
+
+def test_regression_small_peaks_are_listed():
+    """Peaks below 1 % of the largest one were omitted without a note."""
+    for damping, tolerance in ((0.0, 1e-5), (1e-4, 6e-3)):
+        model = chain([100.0, 1e3, 1e4], damping)
+        frequencies = np.sort(model.poles.imag[model.poles.imag > 0.0]) / (2.0 * np.pi)
+        peaks = bd.bode(model).peak_table()
+        assert_allclose(peaks["frequency [Hz]"], frequencies, rtol=tolerance)
+    assert peaks["magnitude"].iloc[-1] < 1e-5 * peaks["magnitude"].iloc[0]
+
+
+def test_rounding_errors_are_no_peaks():
+    # The second mode of equal springs between walls does not move its node, the middle mass.
+    mech = bd.Mechanism()
+    walls = mech.ground.at(0.0, 0.0), mech.ground.at(4.0, 0.0)
+    masses = [mech.add(bd.PointMass(f"mass {k}", 1.0, at=(k, 0.0))) for k in (1.0, 2.0, 3.0)]
+    points = [walls[0], *(x.point for x in masses), walls[1]]
+    for k, mass in enumerate(masses):
+        mech.add(bd.PointOnLine(f"rail {k}", walls[0], mass.point, (1.0, 0.0)))
+    for k, ends in enumerate(pairwise(points)):
+        mech.add(bd.SpringDamper(f"spring {k}", *ends, 100.0))
+    mech.add(bd.Force("push", masses[1].point, (0.0, 0.0)))
+    mech.observe("middle", masses[1].point)
+    peaks = bd.bode(bd.linearize(mech, outputs=["middle.x"], inputs=["push.Fx"])).peak_table()
+    expected = 10.0 * np.sqrt([2.0 - np.sqrt(2.0), 2.0 + np.sqrt(2.0)]) / (2.0 * np.pi)
+    assert_allclose(peaks["frequency [Hz]"], expected, rtol=1e-5)
 
 
 def test_peaks_of_undamped_modes_are_infinite():

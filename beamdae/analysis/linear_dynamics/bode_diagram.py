@@ -60,8 +60,9 @@ _UNDAMPED_WIDTH = 1e-5  # relative half width in place of that of undamped poles
 # Shift of the positions beside undamped poles, where the response is infinite, and the minimum
 # distance of all frequencies from these poles, in half widths.
 _UNDAMPED_SHIFT, _MIN_POLE_DISTANCE = 0.1, 0.05
-# Lower peaks, relative to the largest magnitude of the transfer function, are not listed.
-_MIN_PEAK_SHARE = 0.01
+# Minimum ratio of listed peaks to the response beside them. Rounding errors cause lower ones, most
+# of all at undamped modes that the input does not excite; those that it excites are far higher.
+_MIN_PEAK_RATIO, _MIN_UNDAMPED_RATIO = 1.01, 2.0**0.5
 
 
 class PoleDescription(NamedTuple):
@@ -181,8 +182,9 @@ class Bode(HasTable, HasPage):
     def peak_table(self) -> pd.DataFrame:
         """Return the peaks of the magnitudes, one row each, and the largest magnitude.
 
-        Peaks below 1 % of the largest magnitude of their transfer function are omitted. Those of
-        undamped modes (damping ratios below 1e-6) are infinite.
+        Peaks are omitted if they are below 1e-9 of the largest magnitude of their transfer
+        function, or less than 1 % above the response beside them. Those of undamped modes (damping
+        ratios below 1e-6) are infinite.
         """
         import pandas as pd
 
@@ -191,17 +193,18 @@ class Bode(HasTable, HasPage):
         undamped = np.abs(poles.imag[is_undamped]) / (2.0 * np.pi)
         rows = []
         for x in self.transfer_functions:
+            if x.is_noise:
+                continue
             size = np.abs(x.response)
-            inner = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1
-            peaks = {*inner[size[inner] >= _MIN_PEAK_SHARE * size.max()].tolist()}
-            listed = [] if x.is_noise else sorted(peaks | {int(np.argmax(size))})
+            ratios = _peak_ratios(np.maximum(size, NOISE_RANGE * size.max()))
+            ratios[int(np.argmax(size))] = np.inf
             name, f, phase = self._short_name(x), self.frequencies, x.phase
-            rows += [
-                (name, f[k], np.inf, x.unit, np.nan)
-                if np.any(np.abs(f[k] - undamped) <= _UNDAMPED_WIDTH * f[k])
-                else (name, f[k], size[k], x.unit, phase[k])
-                for k in listed
-            ]
+            for k in sorted(ratios):
+                if np.any(np.abs(f[k] - undamped) <= _UNDAMPED_WIDTH * f[k]):
+                    if ratios[k] >= _MIN_UNDAMPED_RATIO:
+                        rows.append((name, f[k], np.inf, x.unit, np.nan))
+                elif ratios[k] >= _MIN_PEAK_RATIO:
+                    rows.append((name, f[k], size[k], x.unit, phase[k]))
         names = ["output / input", "frequency [Hz]", "magnitude", "unit", "phase [deg]"]
         return pd.DataFrame(rows, columns=names)
 
@@ -400,6 +403,21 @@ def choose_frequencies(
 
 def _is_oscillating(pole: complex) -> bool:
     return abs(pole.imag) > _MIN_IMAGINARY_SHARE * abs(pole)
+
+
+def _peak_ratios(size: Array) -> dict[int, float]:
+    """Return the ratio of each local maximum to the higher one of the minima beside it, by index.
+
+    A side ends where the response exceeds the maximum.
+    """
+    ratios = {}
+    for k in (np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1).tolist():
+        sides = size[k - 1 :: -1], size[k + 1 :]
+        higher = [np.flatnonzero(side > size[k]) for side in sides]
+        ends = [int(x[0]) if len(x) else None for x in higher]
+        base = max(np.min(side[:end]) for side, end in zip(sides, ends, strict=True))
+        ratios[k] = float(size[k] / base)
+    return ratios
 
 
 def _divide_units(output: Variable, source: Variable) -> str:

@@ -25,12 +25,13 @@ from beamdae.cli.options import (
 from beamdae.cli.output import WrittenFiles, print_facts, print_warnings
 from beamdae.cli.output_paths import plan_outputs
 from beamdae.cli.ranges import SPACED_FORMS, parse_ends, parse_spaced_values
-from beamdae.errors import BeamdaeError, require_choice, short_repr
+from beamdae.errors import BeamdaeError, format_count, require_choice, short_repr
 
 if TYPE_CHECKING:
     from beamdae.analysis.linear_dynamics.bode_diagram import Bode
 
 _COUNTS = (1, 100_000)  # of frequencies
+_MAX_SHOWN_PEAKS = 10  # of each transfer function in the terminal
 _FORMS = f"FIRST:LAST, {SPACED_FORMS}"
 
 
@@ -179,5 +180,14 @@ def _print_results(diagram: Bode, name: str) -> None:
             "peaks": peaks.to_dict("records"),
         },
     )
-    console.print(text_tables.bode_table(peaks))
+    ranks = peaks.groupby("output / input")["magnitude"].rank("first", ascending=False)
+    shown = peaks[ranks <= _MAX_SHOWN_PEAKS]
+    console.print(text_tables.bode_table(shown))
+    if len(shown) < len(peaks):
+        count = format_count(len(peaks) - len(shown), "peak")
+        console.print(
+            f"not shown: {count} beyond the {_MAX_SHOWN_PEAKS} largest of a transfer function; "
+            "--json shows them",
+            style="dim",
+        )
     print_warnings(console, diagram.warnings)
