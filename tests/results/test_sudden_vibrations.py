@@ -120,6 +120,31 @@ def test_regression_controllers_of_stages_that_stiffen_damp_vibrations():
     assert not warnings
 
 
+@pytest.mark.slow(reason="one second")
+def test_regression_stick_slip_is_no_vibration_of_the_start():
+    """Errors of "100 % or more" (true: 1e-5): friction lets the vibration about rest grow."""
+    mech, steel = bd.Mechanism(), bd.Material(E=206e9, nu=0.3, rho=7850.0)
+    section = bd.Section.rectangle(steel, width=0.01, height=8e-4, damping=1e-4)
+    holder = mech.add(bd.RigidBody.plate("holder", (0.0, 0.055), 0.02, 0.01, mass=0.01))
+    mech.add(bd.Prismatic("slide", mech.ground.at(0.0, 0.055), holder.at(0.0, 0.055), (0, 1)))
+    line = bd.Line((0.0, 0.05), (0.0, 0.0))
+    blade = mech.add(bd.Beam("blade", line, section, elements=1, formulation="exact"))
+    mech.add(bd.Weld("clamp", holder.at(0.0, 0.05), blade.start))
+    mech.add(bd.PointMass("lip", 0.05, on=blade.end))
+    belt = mech.add(bd.RigidBody.plate("belt", (0.0, -0.005), 0.5, 0.01, mass=1.0))
+    ends = mech.ground.at(0.0, -0.005), belt.at(0.0, -0.005)
+    mech.add(bd.Prismatic("way", *ends, (1.0, 0.0)))
+    mech.add(bd.TranslationalDriver("drive", *ends, lambda t: 0.02 * t))
+    mech.add(bd.Force("press", holder.at(0.0, 0.055), (0.0, -40.0)))
+    surface, friction = bd.LineSurface(belt.at(0.0, 0.0)), {"friction": 0.2, "static": 0.4}
+    rubber = {"exponent": 1, "restitution": 0.3, "impact_speed": 0.05, "stribeck": 5e-3}
+    mech.add(bd.Contact("lip on belt", blade.end, surface, 1e5, **friction, **rubber))
+    mech.observe("tip", blade.end)
+    mech.observe("sliding", mech.part("lip on belt").sliding)
+    run = bd.simulate(mech, t_end=4.0, output_step=1e-4, start="equilibrium")
+    assert not [x for x in run.warnings if "begin suddenly" in x]
+
+
 @pytest.mark.slow(reason="half a second")
 def test_regression_mechanisms_with_first_order_states_are_examined():
     """The equations of the states were missing, and no mechanism with a filter had a warning."""

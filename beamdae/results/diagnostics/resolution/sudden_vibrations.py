@@ -164,7 +164,11 @@ def sudden_vibration_warnings(
             errors = _find_large_errors(jump, amplify, _MAX_ERROR * sizes)
             if errors is not None:
                 later = _accumulate_later_decays(equations, interval, modes, jump)
-                jump = jump._replace(decays=np.maximum(jump.decays, later))
+                # Vibrations that grow later, as by friction, do not remain those of the jump.
+                remains = later[-1] > -_MAX_GROWTH
+                jump = jump._replace(
+                    decays=np.maximum(jump.decays, later), columns=jump.columns * remains[:, None]
+                )
                 errors = _find_large_errors(jump, amplify, _MAX_ERROR * sizes)
         except (BeamdaeError, np.linalg.LinAlgError):
             continue  # unstable or singular positions have their own warnings
