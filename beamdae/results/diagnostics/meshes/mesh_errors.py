@@ -315,8 +315,10 @@ def _describe(beam: Beam, errors: list[_ColumnError]) -> str:
     errors = sorted(errors, key=lambda x: -x.relative)
     worst, unit = errors[0], split_unit(errors[0].header)[1]
     others = [f"{remove_unit(x.header)} {_percent(x)}" for x in errors[1:]]
+    # The deformation of a single element is less accurate than the loads suggest.
+    least = "at least " if beam.mesh.elements == 1 else ""
     return (
-        f"{beam.name}: the mesh error of {remove_unit(worst.header)} is about "
+        f"{beam.name}: the mesh error of {remove_unit(worst.header)} is {least}about "
         f"{name_with_others(_percent(worst), others)}: "
         f"its largest value, from the strains, is {worst.value:.4g} "
         f"{unit}, and equilibrium with the loads requires {worst.balanced:.4g} {unit}; use shorter "
