@@ -160,6 +160,30 @@ def test_regression_rotations_that_joints_prevent_do_not_name_a_driver(joint):
         bd.simulate(mech, t_end=0.1, start=bd.rotation(30.0))
 
 
+def test_regression_rotations_of_rotors_on_guided_bases_do_not_blame_the_driver():
+    """The remedy was to use the speed of the driver, which the rotation had."""
+    mech = bd.Mechanism()
+    origin = mech.ground.at(0.0, 0.0)
+    base = mech.add(bd.RigidBody("base", 5.0, 0.1, center=(0.0, 0.0)))
+    foot = base.at(0.0, 0.0)
+    mech.add(bd.Prismatic("guide", origin, foot, (0.0, 1.0)))
+    shaking = bd.TranslationalDriver(
+        "shaker", origin, foot, lambda t: 1e-3 * np.sin(90.0 * t), direction=(0.0, 1.0)
+    )
+    mech.add(shaking)
+    hub = mech.add(bd.RigidBody("hub", 1.0, 0.01, center=(0.0, 0.0)))
+    mech.add(bd.Revolute("axle", foot, hub.at(0.0, 0.0)))
+    mech.add(bd.Driver("motor", foot, hub.at(0.0, 0.0), lambda t: 60.0 * t))
+    message = (
+        r"guide.angle does not .* fixes an angle to the ground, .* bd.run_up .* start=\{...\}\."
+    )
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.simulate(mech, t_end=0.1, start=bd.rotation(60.0))
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.simulate(mech, t_end=0.1, start=bd.rotation(60.0, (0.1, 0.0)))
+    assert bd.simulate(mech, t_end=1e-3, start={"hub.angle_dot": 60.0}).status.success
+
+
 @pytest.mark.parametrize("typed", [1256.64, 1256.637, 1256.637061])
 def test_regression_speeds_rounded_to_six_digits_are_those_of_the_driver(typed):
     """A speed of 1256.637 for 12000 rpm was rejected, without the speed of the driver."""

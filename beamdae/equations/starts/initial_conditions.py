@@ -31,6 +31,7 @@ _CLOSED_TOLERANCE = 1e-11  # permitted gap, relative to its scale
 _VELOCITY_TOLERANCE = 1e-8  # permitted relative rate of a gap, relative to `velocity_size`
 # A speed that differs less from that of the drivers, relative to it, was rounded to six digits.
 _MAX_SPEED_ROUNDING = 5e-6
+_CENTERS = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))  # [m], of rotations that are compared
 _MAX_ITERATIONS = 30
 _MAX_NAMES = 4  # in a sentence
 
@@ -160,10 +161,19 @@ def _require_rotation(
     tolerance = _VELOCITY_TOLERANCE * velocity_size(e, v)
     if e.m and not errors[worst] <= tolerance:
         remedy = "use the speed of the driver and its center"
-        if driven is not None and abs(driven) <= tolerance:
+        fixed = _find_fixed_angle(solver, time, q) if driven is None else None
+        if fixed is not None:
+            worst = fixed
+            remedy = (
+                "it fixes an angle to the ground, but a steady rotation turns all parts, so begin "
+                "at rest with bd.run_up as the law of the driver, or give velocities by name with "
+                "start={...}"
+            )
+        elif driven is not None and abs(driven) <= tolerance:
             remedy = (
                 "joints and drivers allow no rotation about this center, use that of a Revolute, "
-                "without a Weld to the ground or a driver at rest"
+                "without a Weld to the ground or a driver at rest, or give velocities by name with "
+                "start={...}"
             )
         elif driven is not None:
             remedy = f"use the speed of the drivers, {driven:.10g} rad/s"
@@ -172,6 +182,24 @@ def _require_rotation(
             f"about {rotation.center} (the velocities differ by {abs(g_dot[worst]):.3g} m/s or "
             f"rad/s); {remedy}."
         )
+
+
+def _find_fixed_angle(solver: ConsistencySolver, time: Array, q: Array) -> int | None:
+    """Return the index of a constraint at rest that prevents rotations about all centers, or None.
+
+    Its rate does not depend on the center, so translations do not change it.
+    """
+    e = solver.equations
+    at_rest = solver.constraint_levels(time, q, np.zeros(e.n))[1]
+    turning = [rotation_velocities(e, q, Rotation(1.0, x)) for x in _CENTERS]
+    rates = [solver.constraint_levels(time, q, v)[1] - at_rest for v in turning]
+    tolerance = (
+        _VELOCITY_TOLERANCE * max(velocity_size(e, v) for v in turning) * e.constraint_scales
+    )
+    is_fixed = (np.abs(at_rest) <= tolerance) & (np.abs(rates[0]) > tolerance)
+    for other in rates[1:]:
+        is_fixed &= np.abs(other - rates[0]) <= tolerance
+    return int(np.argmax(is_fixed)) if is_fixed.any() else None
 
 
 def _split_by_kind(
