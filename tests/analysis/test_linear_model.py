@@ -383,3 +383,13 @@ def test_regression_each_response_of_a_loop_has_its_warnings():
         for model in models:
             model.frequency_response([60.0])
     assert sum("mesh error of root" in str(x.message) for x in record) == 2
+
+
+def test_regression_responses_of_loops_with_long_elements_have_a_warning():
+    """Models with a controller had the error "undamped modes are not supported with states"."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        stage = bd.load_model("example:voice_coil_stage")()
+        linear = bd.linearize(stage, about="equilibrium", outputs=["platform.x"])
+    with pytest.warns(bd.BeamdaeWarning, match="the elements are too long for mode"):
+        linear.frequency_response([10.0, 4000.0])

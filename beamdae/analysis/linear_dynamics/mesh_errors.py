@@ -190,8 +190,9 @@ def response_mesh_warnings(
 ) -> list[str]:
     """Return a warning for each beam whose elements are too long for responses.
 
-    Modes up to 1.5 times the frequency are examined, without damping: the response below a
-    resonance contains the error of its frequency, multiplied by 2 / (1 - (f / f_mode)^2).
+    Modes up to 1.5 times the frequency are examined, without damping if there are no states: the
+    response below a resonance contains the error of its frequency, multiplied by
+    2 / (1 - (f / f_mode)^2).
 
     Parameters
     ----------
@@ -218,10 +219,12 @@ def response_mesh_warnings(
     if not (layered or has_wave_errors):
         return []
     count, degrees = _FIRST_MODES, lin.equations.n - lin.equations.m
-    solution = solve_eigenproblem(lin.linearized_equations, count, damped=False)
+    # Undamped modes do not exist with first-order states, such as those of controllers.
+    damped = len(lin.equations.states) > 0
+    solution = solve_eigenproblem(lin.linearized_equations, count, damped)
     while count < degrees and solution.values[-1].imag <= limit[0]:
         count *= 2
-        solution = solve_eigenproblem(lin.linearized_equations, count, damped=False)
+        solution = solve_eigenproblem(lin.linearized_equations, count, damped)
     sentences: list[str] = []
     if has_wave_errors:
         shapes = solution.shapes.T[solution.values.imag <= limit[0]]
