@@ -151,8 +151,8 @@ class Bode(HasTable, HasPage):
         scales = {unit: max(sizes[x] for x in pairs if units[x] == unit) for unit in units.values()}
         order = list(dict.fromkeys(units.values()))
         pairs.sort(key=lambda x: order.index(units[x]))
-        noise = _TRANSFER_ROUNDING * _bound_magnitudes(
-            model, np.quantile(self.frequencies, _QUARTILES)
+        noise = _TRANSFER_ROUNDING * model.bound_magnitudes(
+            np.quantile(self.frequencies, _QUARTILES)
         )
         return tuple(
             TransferFunction(
@@ -423,17 +423,3 @@ def _peak_ratios(size: Array) -> dict[int, float]:
 def _divide_units(output: Variable, source: Variable) -> str:
     divisor = source.unit if source.unit.isalpha() or source.unit == "-" else f"({source.unit})"
     return f"{output.unit}/{divisor}" if divisor != "-" else output.unit
-
-
-def _bound_magnitudes(model: LinearModel, frequencies: Array) -> Array:
-    """Return the median over the frequencies of |C (i w I - A)^-1| |B|, w = 2 pi f.
-
-    |.| are the norms of rows and columns. Rounding errors of the transfer matrix are proportional
-    to this product, even where the response is zero by symmetry.
-    """
-    bounds = []
-    for f in frequencies:
-        shifted = 2j * np.pi * f * np.eye(len(model.A)) - model.A
-        gains = np.linalg.solve(shifted.T, model.C.T.astype(complex))
-        bounds.append(np.outer(np.linalg.norm(gains, axis=0), np.linalg.norm(model.B, axis=0)))
-    return np.median(bounds, axis=0)

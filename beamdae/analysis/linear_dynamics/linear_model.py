@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,8 +18,10 @@ from beamdae.analysis.linear_dynamics.linearization import (
     warn_of_state,
 )
 from beamdae.analysis.linear_dynamics.mesh_errors import response_mesh_warnings
+from beamdae.beams.beam import beams_of
 from beamdae.equations.assembly.building import build_equations
 from beamdae.equations.assembly.coordinate_map import map_coordinates
+from beamdae.equations.assembly.refined_beams import refine_beams
 from beamdae.equations.assembly.statement_checks import collect_statements
 from beamdae.equations.equations_of_motion import EquationsOfMotion, InputTerm, Observable, State
 from beamdae.equations.formulations.tangents import compute_tangent, differentiate_tangent
@@ -29,6 +31,7 @@ from beamdae.errors import (
     BeamdaeError,
     format_count,
     format_percent,
+    name_with_others,
     require_finite,
     require_positive,
     require_sequence,
@@ -43,7 +46,10 @@ from beamdae.model_parameters import split_unit
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.read_only import read_only_data
+from beamdae.results.diagnostics.meshes.coarse_elements import find_coarse_beam
 from beamdae.results.displays import HasPage
+from beamdae.results.equilibrium import Equilibrium
+from beamdae.results.trajectory import Instant
 from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
@@ -67,6 +73,17 @@ _DISTANCE_RATIO = 0.3
 # Damping ratios of vibrations with a finite peak; smaller ones are rounding errors.
 _MAX_DAMPING_RATIO = 0.3
 _MIN_DAMPING_RATIO = 1e-9
+# Beams with up to this number of elements are compared with halved elements. Smaller changes of
+# responses are not reported, nor those by shifts of frequencies up to this one: `mesh_warnings`
+# reports errors of frequencies from 0.7 % on.
+_FEW_ELEMENTS, _MAX_CHANGE, _MAX_SHIFT = 3, 0.02, 0.01
+# Magnitudes are small below these shares of the median within an octave, of the largest one of
+# outputs with the same unit, and of the bound by the norms of matrices.
+_MIN_SHARE_OF_MEDIAN, _MIN_SHARE_OF_UNIT, _MIN_SHARE_OF_BOUND = 0.3, 1e-2, 1e-9
+# Work of a comparison, in frequencies times number of states cubed, about three seconds at most,
+# and numbers of frequencies that are compared; with fewer, the model is too large for it.
+_COMPARISON_WORK = 5e9
+_MIN_COMPARED_FREQUENCIES, _MAX_COMPARED_FREQUENCIES = 8, 100
 # Distance from undamped resonances at which responses are compared, relative to the frequency.
 _UNDAMPED_DISTANCE = 1e-6
 
@@ -113,6 +130,7 @@ class LinearModel(HasPage):
     about: str
     warnings: tuple[str, ...]
     _linearization: Linearization | None = field(default=None, repr=False)
+    _request: _Request | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         inputs, outputs = (", ".join(x.name for x in y) for y in (self.inputs, self.outputs))
@@ -216,7 +234,8 @@ class LinearModel(HasPage):
             If the elements of a beam are too long for the modes up to 1.5 times the largest
             frequency, or, by more than 2 % of a stress, strain or section force, for the boundary
             layer of a beam under tension, or 20 or more frequencies miss the peak of a resonance
-            between them by more than 5 %.
+            between them by more than 5 %, or the response changes by more than 2 % with halved
+            elements, which is examined if a beam has up to 3, or long ones for its tension.
         """
         values = [
             require_finite("frequency_response", "frequencies", f)
@@ -241,8 +260,107 @@ class LinearModel(HasPage):
                 f"frequency_response: {x}"
                 for x in response_mesh_warnings(self._linearization, highest, headers)
             ]
+            # Warnings of boundary layers recommend more elements.
+            if not any("boundary layer" in x for x in warnings):
+                warnings += filter(None, [self._coarse_element_warning(np.array(values), response)])
         missed_peak = self._missed_peak_warning(np.array(values), response)
         return response, (*warnings, *filter(None, [missed_peak]))
+
+    @cached_property
+    def _refined(self) -> tuple[str, str, LinearModel] | None:
+        """Cause and remedy of elements that are few or long, and the model with halved ones."""
+        lin, request = self._linearization, self._request
+        if lin is None or request is None:
+            return None
+        e = lin.full_equations
+        doubt = find_coarse_beam(e, lin.state.q[None], _FEW_ELEMENTS)
+        halved = None if doubt is None else refine_beams(e)
+        if doubt is None or halved is None:
+            return None
+        if isinstance(request.about, Mapping) and any(
+            str(name).partition(".")[0] in halved.halved for name in request.about
+        ):
+            return None  # Positions of beams belong to their elements.
+        try:
+            lin = linearize_about("linearize", halved.equations, request.about, request.t)
+            finer = _build_linear_model(halved.mechanism, lin, request)
+        except BeamdaeError:
+            return None
+        counts = {x.name: x.mesh.elements for x in beams_of(halved.mechanism)}
+        remedy = f"use elements={counts[doubt.name]} or more"
+        return f"{doubt.cause}: {doubt.comparison}", remedy, finer
+
+    def _coarse_element_warning(self, frequencies: Array, response: Array) -> str | None:
+        """Return a warning if the response changes by over 2 % with halved elements.
+
+        Small changes of resonances are ignored: the response is compared with those at this
+        frequency and at that with the same ratio to the nearest resonance, and those in between.
+        """
+        # Halved elements have about twice as many states.
+        count = int(_COMPARISON_WORK / max(2 * len(self.A), 1) ** 3)
+        if not self.inputs or not self.outputs or count < _MIN_COMPARED_FREQUENCIES:
+            return None
+        if self._refined is None:
+            return None
+        cause, remedy, fine = self._refined
+        count = min(count, _MAX_COMPARED_FREQUENCIES)
+        rows = np.unique(np.linspace(0, len(frequencies) - 1, count).astype(int))
+        values, coarse = frequencies[rows], response[rows]
+        poles, fine_poles = (x.poles.imag[x.poles.imag > 0.0] for x in (self, fine))
+        ratios = np.ones((len(values), 2))
+        if len(poles) and len(fine_poles):
+            nearest = poles[_find_nearest(poles, 2.0 * np.pi * np.abs(values))]
+            ratio = fine_poles[_find_nearest(fine_poles, nearest)] / nearest
+            ratios[:, 1] = np.clip(ratio, 1.0 - _MAX_SHIFT, 1.0 + _MAX_SHIFT)
+        try:
+            segments = [
+                fine._evaluate_response((f * ratio).tolist())
+                for f, ratio in zip(values, ratios, strict=True)
+            ]
+        except BeamdaeError:  # An undamped mode has one of these frequencies.
+            return None
+        errors = measure_changes(self._mark_significant(values, coarse), coarse, np.array(segments))
+        worst: dict[str, tuple[float, float, str]] = {}
+        for i, output in enumerate(self.outputs):
+            k, j = np.unravel_index(np.argmax(errors[:, i]), errors[:, i].shape)
+            if errors[k, i, j] > _MAX_CHANGE:
+                at = float(values[k]), self.inputs[j].name
+                worst[output.name] = (float(errors[k, i, j]), *at)
+        if not worst:
+            return None
+        first, *others = sorted(worst, key=lambda x: -worst[x][0])
+        change, f, source = worst[first]
+        also = [f"{x} {format_percent(worst[x][0])}" for x in others]
+        return (
+            f"frequency_response: {cause}, the response of {first} to {source} at {f:.4g} Hz "
+            f"changes by {name_with_others(format_percent(change), also)}; {remedy}."
+        )
+
+    def _mark_significant(self, frequencies: Array, response: Array) -> Array:
+        """Return True where magnitudes are neither small nor rounding errors, as `response`."""
+        sizes = np.abs(response)
+        # Close to antiresonances, small shifts of them are large relative changes.
+        f = np.abs(frequencies)
+        medians = [np.median(sizes[(f <= 2.0 * x) & (2.0 * f >= x)], axis=0) for x in f]
+        limits = _MIN_SHARE_OF_MEDIAN * np.array(medians)
+        units = np.array([x.unit for x in self.outputs])
+        of_unit = np.stack([sizes[:, units == unit].max(axis=1) for unit in units], axis=1)
+        middle = frequencies[[len(frequencies) // 2]]
+        noise = _MIN_SHARE_OF_BOUND * self.bound_magnitudes(middle)
+        return (sizes > limits) & (sizes > _MIN_SHARE_OF_UNIT * of_unit) & (sizes > noise)
+
+    def bound_magnitudes(self, frequencies: Array) -> Array:
+        """Return the median over the frequencies [Hz] of |C (i w I - A)^-1| |B|, w = 2 pi f.
+
+        |.| are the norms of rows and columns. Rounding errors of the transfer matrix are
+        proportional to this product, even where the response is zero by symmetry.
+        """
+        bounds = []
+        for f in frequencies:
+            shifted = 2j * np.pi * f * np.eye(len(self.A)) - self.A
+            gains = np.linalg.solve(shifted.T, self.C.T.astype(complex))
+            bounds.append(np.outer(la.norm(gains, axis=0), la.norm(self.B, axis=0)))
+        return np.asarray(np.median(bounds, axis=0))
 
     def _missed_peak_warning(self, frequencies: Array, response: Array) -> str | None:
         """Return a warning if peaks at poles exceed the response at both adjacent frequencies."""
@@ -300,6 +418,31 @@ class LinearModel(HasPage):
                     "other frequencies."
                 )
         return response
+
+
+def measure_changes(is_significant: Array, coarse: Array, segments: Array) -> Array:
+    """Return distances of responses from segments, relative to the larger magnitude.
+
+    Parameters
+    ----------
+    is_significant
+        False where the distance is set to zero, (k, outputs, inputs).
+    coarse
+        Responses, (k, outputs, inputs).
+    segments
+        Ends of the segments in the complex plane, (k, 2, outputs, inputs).
+    """
+    start, step = segments[:, 0], segments[:, 1] - segments[:, 0]
+    from_start, square = coarse - start, np.abs(step) ** 2
+    along = np.real(from_start * step.conj()) / np.where(square > 0.0, square, 1.0)
+    distance = np.abs(from_start - np.clip(along, 0.0, 1.0) * step)
+    size = np.maximum(np.abs(coarse), np.abs(segments).max(axis=1))
+    return np.where(is_significant, distance / np.where(size > 0.0, size, 1.0), 0.0)
+
+
+def _find_nearest(values: Array, targets: Array) -> Array:
+    """Return the indices of the values nearest to the targets."""
+    return np.argmin(np.abs(values - targets[:, None]), axis=1)
 
 
 def compute_poles(matrix: Array) -> Array:
@@ -396,17 +539,35 @@ def linearize(
     """
     if isinstance(model, Model):
         model = model()
-    lin = linearize_about("linearize", model, about, require_finite("linearize", "t", t))
-    model_inputs = _resolve_inputs(model, lin, inputs)
-    observables, columns = _resolve_outputs(lin, outputs)
+    time = require_finite("linearize", "t", t)
+    lin = linearize_about("linearize", model, about, time)
+    request = _Request(about, time, inputs, outputs)
+    linear = _build_linear_model(model, lin, request)
+    # The results of runs and of equilibrium paths have warnings of coarse elements.
+    if isinstance(model, Mechanism) and not isinstance(about, (Instant, Equilibrium)):
+        linear = replace(linear, _request=request)
+    warn_of_state(lin)
+    return linear
+
+
+class _Request(NamedTuple):
+    """Arguments of `linearize`."""
+
+    about: Any
+    t: float
+    inputs: Sequence[str] | None
+    outputs: Sequence[str] | None
+
+
+def _build_linear_model(model: Any, lin: Linearization, request: _Request) -> LinearModel:
+    model_inputs = _resolve_inputs(model, lin, request.inputs)
+    observables, columns = _resolve_outputs(lin, request.outputs)
     if lin.equations.n > _MAX_COORDINATES:
         raise BeamdaeError(
             f"linearize: the model has {lin.equations.n} coordinates, more than the "
             f"maximum of {_MAX_COORDINATES}; use fewer elements."
         )
-    linear = _select_outputs(StateReduction(lin, model_inputs).linear_model(observables), columns)
-    warn_of_state(lin)
-    return linear
+    return _select_outputs(StateReduction(lin, model_inputs).linear_model(observables), columns)
 
 
 class ModelInput(NamedTuple):

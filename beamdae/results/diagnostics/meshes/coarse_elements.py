@@ -118,7 +118,8 @@ def find_coarse_beam(
         if mesh.elements <= most and mesh.largest_turn >= least_turn:
             row = int(np.argmax(np.max(np.abs(forces[..., 2]), axis=(1, 2))))
             count = format_count(mesh.elements, "element")
-            cause = f"{beam.name}: {count} are too few"
+            verb = "is" if mesh.elements == 1 else "are"
+            cause = f"{beam.name}: {count} {verb} too few"
             remedy = _always(f"use elements={2 * mesh.elements}")
             return BeamDoubt(beam.name, cause, _HALVED, remedy, row)
     return None
