@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.equations.equations_of_motion import State
 from beamdae.errors import BeamdaeWarning
+from beamdae.results.diagnostics.meshes.coarse_elements import coarse_element_warnings
+from beamdae.results.trajectory import Interval, Trajectory
 
 STEEL = bd.Material.of("steel")
 WIDTH, HEIGHT, LENGTH = 0.02, 1e-3, 0.5
@@ -111,6 +114,14 @@ def test_runs_compare_a_state_with_halved_elements(formulation, settings):
     # The state with the largest tension is near the end of the ramp.
     np.testing.assert_allclose(stated, change, rtol=0.1)
     assert "left.M at t" in warning
+
+
+def test_runs_that_stop_at_once_are_not_compared():
+    run = bd.simulate(clamped_beam(2, 100.0), t_end=1e-3, start="equilibrium")
+    first = run.trajectory.intervals[0]
+    start = Interval(first.nodes[:1], State(*(x[:1] for x in first.rows)), first.branch)
+    arguments = run.equations, Trajectory((start,)), run.step_extremes
+    assert not list(coarse_element_warnings(*arguments))
 
 
 def test_runs_compare_the_active_parts():

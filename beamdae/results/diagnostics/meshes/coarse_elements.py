@@ -167,13 +167,16 @@ def coarse_element_warnings(
     extremes
         Extremes of the observed columns that are not rounding errors, by header.
     """
+    duration = trajectory.end - trajectory.start
+    if not duration > 0.0:
+        return
     instants = sample_instants(trajectory)
     positions = np.array([x.state.q for x in instants])
     doubt = find_coarse_beam(equations, positions, _FEW_ELEMENTS, _LARGE_TURN)
     halved = None if doubt is None else refine_beams(equations)
     if doubt is None or halved is None:
         return
-    duration, coarse = trajectory.end - trajectory.start, instants[doubt.row]
+    coarse = instants[doubt.row]
     fine = _find_state(equations, halved, coarse, duration)
     if fine is None:
         return
