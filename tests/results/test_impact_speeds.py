@@ -124,6 +124,9 @@ def test_regression_bodies_that_are_pressed_together_have_no_impact(monkeypatch)
     run = bd.simulate(mech, t_end=0.1, start="equilibrium")
     monkeypatch.setattr(impact_speeds, "_fastest_impact", lambda gap, interval: 3.3e-9)
     assert not list(impact_speeds.impact_speed_warnings(run.equations, run.trajectory))
+    # Nor has a run that stops at once.
+    at_once = SimpleNamespace(intervals=run.trajectory.intervals, start=0.0, end=0.0)
+    assert not list(impact_speeds.impact_speed_warnings(run.equations, at_once))
 
 
 def test_restitution_at_other_speeds_has_the_same_hysteresis():

@@ -43,11 +43,12 @@ def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
         for name, x in contacts_of(equations).items()
         if x.impact_speed and x.hysteresis > 0.0
     }
-    if not contacts:
+    duration = trajectory.end - trajectory.start
+    if not contacts or not duration > 0.0:
         return
     from beamdae.parts.forces.contact import restitution_at
 
-    slowest = _MIN_TRAVEL * equations.length / (trajectory.end - trajectory.start)
+    slowest = _MIN_TRAVEL * equations.length / duration
     impacts: dict[tuple[float, float], dict[str, float]] = {}
     for gap in compile_surface_gaps(equations):
         contact = contacts.get(gap.part)
