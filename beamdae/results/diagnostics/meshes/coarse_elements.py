@@ -13,6 +13,7 @@ error changes the motion by a multiple of it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,11 +21,9 @@ from beamdae import deferred
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.dispersion import section_values
 from beamdae.equations.assembly.coordinate_map import map_coordinates
-from beamdae.equations.assembly.refined_beams import RefinedBeams, refine_beams
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.measures import ObservedRows
-from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
 from beamdae.errors import BeamdaeError, format_count, format_percent, name_with_others
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.results.columns import (
@@ -38,6 +37,9 @@ from beamdae.results.diagnostics.meshes.beam_ranges import BeamDoubt
 from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
 from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
 from beamdae.results.trajectory import Instant, Trajectory
+
+if TYPE_CHECKING:
+    from beamdae.equations.assembly.refined_beams import RefinedBeams
 
 Array = np.ndarray
 
@@ -140,9 +142,10 @@ def _evaluate_forces(equations: EquationsOfMotion, q: Array) -> Iterator[tuple[B
 def sample_instants(trajectory: Trajectory) -> list[Instant]:
     """Return a few states of a run that are stored."""
     ends = np.cumsum([len(x.nodes) for x in trajectory.intervals])
-    nodes = np.unique(np.linspace(0, ends[-1] - 1, _ROWS).astype(int))
+    # Not np.unique, which imports the modules of masked arrays.
+    nodes = sorted(set(np.linspace(0, ends[-1] - 1, _ROWS).astype(int).tolist()))
     instants = []
-    for k, node in zip(np.searchsorted(ends, nodes, "right"), nodes.tolist(), strict=True):
+    for k, node in zip(np.searchsorted(ends, nodes, "right").tolist(), nodes, strict=True):
         interval, row = trajectory.intervals[k], node - int(ends[k])
         time = np.array([interval.nodes[row], interval.branch])
         state = State(*(x[row] for x in interval.rows))
@@ -173,8 +176,13 @@ def coarse_element_warnings(
     instants = sample_instants(trajectory)
     positions = np.array([x.state.q for x in instants])
     doubt = find_coarse_beam(equations, positions, _FEW_ELEMENTS, _LARGE_TURN)
-    halved = None if doubt is None else refine_beams(equations)
-    if doubt is None or halved is None:
+    if doubt is None:
+        return
+    # Imported here because few runs need it, and the import slows the start of the others.
+    from beamdae.equations.assembly.refined_beams import refine_beams
+
+    halved = refine_beams(equations)
+    if halved is None:
         return
     coarse = instants[doubt.row]
     fine = _find_state(equations, halved, coarse, duration)
@@ -308,6 +316,9 @@ def _find_state(
     equations: EquationsOfMotion, halved: RefinedBeams, coarse: Instant, duration: float
 ) -> Instant | None:
     """Return the instant of a run with halved elements under the same accelerations, or None."""
+    # Imported here because few runs need it, and the import slows the start of the others.
+    from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
+
     whole, active, now = halved.equations, halved.equations, coarse.configuration
     if now is not None and whole.configurations is not None:
         now = whole.configurations.configuration_without(whole, now.inactive, now.frozen_gaps)
