@@ -164,6 +164,16 @@ Loads = Annotated[
         "all loads.",
     ),
 ]
+STATES = ("reference", "equilibrium")
+About = Annotated[
+    str,
+    typer.Option(
+        "--about",
+        metavar="STATE",
+        help="State to linearize about: reference or equilibrium.",
+        autocompletion=lambda: STATES,
+    ),
+]
 LoadTime = Annotated[
     float,
     typer.Option(

@@ -73,10 +73,9 @@ _DISTANCE_RATIO = 0.3
 # Damping ratios of vibrations with a finite peak; smaller ones are rounding errors.
 _MAX_DAMPING_RATIO = 0.3
 _MIN_DAMPING_RATIO = 1e-9
-# Beams with up to this number of elements are compared with halved elements. Smaller changes of
-# responses are not reported, nor those by shifts of frequencies up to this one: `mesh_warnings`
-# reports errors of frequencies from 0.7 % on.
-_FEW_ELEMENTS, _MAX_CHANGE, _MAX_SHIFT = 3, 0.02, 0.01
+# Smaller changes of responses with halved elements are not reported, nor those by shifts of
+# frequencies up to this one: `mesh_warnings` reports errors of frequencies from 0.7 % on.
+_MAX_CHANGE, _MAX_SHIFT = 0.02, 0.01
 # Magnitudes are small below these shares of the median within an octave, of the largest one of
 # outputs with the same unit, and of the bound by the norms of matrices.
 _MIN_SHARE_OF_MEDIAN, _MIN_SHARE_OF_UNIT, _MIN_SHARE_OF_BOUND = 0.3, 1e-2, 1e-9
@@ -273,7 +272,7 @@ class LinearModel(HasPage):
         if lin is None or request is None:
             return None
         e = lin.full_equations
-        doubt = find_coarse_beam(e, lin.state.q[None], _FEW_ELEMENTS)
+        doubt = find_coarse_beam(e, lin.state.q[None])
         halved = None if doubt is None else refine_beams(e)
         if doubt is None or halved is None:
             return None

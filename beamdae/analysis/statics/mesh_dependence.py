@@ -58,8 +58,6 @@ _MIN_STRAIN_ERROR = 5e-4
 # Rotation at the end of a path, relative to the largest one, at which the end is compared.
 _SAME_ROTATION = 0.99
 _LOAD_FACTOR = "load factor [-]"
-# Number of elements of a beam up to which the end of a path is computed again.
-_FEW_ELEMENTS = 3
 
 
 class StabilityRecheck(NamedTuple):
@@ -170,8 +168,7 @@ class EndComparison(NamedTuple):
     notes
         Remarks on values that change by over 1 %.
     has_exact_strains
-        True if beams whose estimated error by their strains is above 1 % were compared with exact
-        strains.
+        True if the beams whose strains may be wrong were compared with exact strains.
     """
 
     notes: tuple[str, ...]
@@ -198,7 +195,7 @@ def compare_end(
     e, last = loading.full_equations, path.points[-1].x[None, : loading.full_equations.n]
     if path.status.kind == "interrupted" or not e.observed_headers:
         return EndComparison((), False)
-    coarse = find_coarse_beam(e, last, _FEW_ELEMENTS)
+    coarse = find_coarse_beam(e, last)
     by_mesh = None if coarse is None else _compare(loading, path, settings, coarse)
     strained, by_strains = find_strain_doubt(ranges, _MIN_STRAIN_ERROR), None
     if strained is not None:

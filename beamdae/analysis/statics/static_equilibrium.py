@@ -23,6 +23,7 @@ from beamdae.errors import (
     hold_messages,
     require_choice,
     require_finite,
+    set_fields,
     warn_of_incomplete_result,
     warn_of_result,
 )
@@ -202,6 +203,7 @@ def equilibrium(
             _free_coordinates(equations, path),
             comparison.has_exact_strains,
         )
+        set_fields(result, validity=ranges)  # already measured
     if result.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(result.status.sentence, result, _NAME)
     if not result.status.success:

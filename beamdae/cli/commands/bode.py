@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli.commands.modes import STATES
 from beamdae.cli.options import (
+    STATES,
+    About,
     LoadTime,
     ModelName,
     ModelPath,
@@ -93,14 +94,7 @@ def bode_command(
     ] = None,
     settings: Settings = None,
     model_name: ModelName = None,
-    about: Annotated[
-        str,
-        typer.Option(
-            metavar="STATE",
-            help="State to linearize about: reference or equilibrium.",
-            autocompletion=lambda: STATES,
-        ),
-    ] = "reference",
+    about: About = "reference",
     speed: Annotated[
         float | None,
         typer.Option(

@@ -10,6 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from beamdae.cli.options import (
+    STATES,
+    About,
     ModelName,
     ModelPath,
     Out,
@@ -30,7 +32,6 @@ from beamdae.cli.output_paths import require_writable
 from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
 from beamdae.errors import BeamdaeError, require_choice, require_count
 
-STATES = ("reference", "equilibrium")
 _MIN_SPEEDS = 2  # of a Campbell diagram
 _RANGE_COUNTS = (_MIN_SPEEDS, 1000)
 
@@ -62,14 +63,7 @@ def modes_command(
     path: ModelPath,
     settings: Settings = None,
     model_name: ModelName = None,
-    about: Annotated[
-        str,
-        typer.Option(
-            metavar="STATE",
-            help="State to linearize about: reference or equilibrium.",
-            autocompletion=lambda: STATES,
-        ),
-    ] = "reference",
+    about: About = "reference",
     number: Annotated[int, typer.Option("-n", "--number", help="Number of modes.")] = 10,
     damping: Annotated[bool, typer.Option(help="Compute damped or undamped modes.")] = True,
     speed: Annotated[

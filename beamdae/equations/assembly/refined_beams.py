@@ -63,20 +63,20 @@ def refine_beams(
     if mechanism is None:
         return None
     beams, sections = {}, attached_sections(mechanism)
-    for name, base in choose_base_meshes(mechanism, 1).items():
-        if base.fixed_by or base.has_custom_kinematics:
-            continue
-        other = base.beam
-        if name in exact:
-            other = other.with_exact_strains()
-        if halved is None or name in halved:
-            stress_mesh = base.beam.divide_mesh(sections[id(base.beam)])
-            other = other.with_mesh(halve_elements(other.mesh), None, stress_mesh)
-        if other is not base.beam:
-            beams[name] = base.beam, other
-    if not beams:
-        return None
     try:
+        for name, base in choose_base_meshes(mechanism, 1).items():
+            if base.fixed_by or base.has_custom_kinematics:
+                continue
+            other = base.beam
+            if name in exact:
+                other = other.with_exact_strains()
+            if halved is None or name in halved:
+                stress_mesh = base.beam.divide_mesh(sections[id(base.beam)])
+                other = other.with_mesh(halve_elements(other.mesh), None, stress_mesh)
+            if other is not base.beam:
+                beams[name] = base.beam, other
+        if not beams:
+            return None
         others = {name: other for name, (_, other) in beams.items()}
         refined = replace_beams(mechanism, others, "refine_beams")
         finer = equations_of_motion(refined, AS_DRAWN)

@@ -50,7 +50,8 @@ _LONG = 10.0
 # In 400 equilibria of straight, curved and tapered beams, travels and reactions have errors of over
 # 1 % without tension only if a beam has up to 3 elements. Runs, in which the comparison takes as
 # long as 500 steps, are only examined for curved beams with up to 2; turn of an element [rad].
-_FEW_ELEMENTS, _LARGE_TURN = 2, 0.1
+_FEW_ELEMENTS = 3
+_FEW_CURVED_ELEMENTS, _LARGE_TURN = 2, 0.1
 # Recommended length of elements, relative to sqrt(EI / N).
 _SHORT_ELEMENT = 5.0
 _MAX_ERROR = 0.01
@@ -98,7 +99,7 @@ def _always(remedy: str) -> Callable[[float], str]:
 
 
 def find_coarse_beam(
-    equations: EquationsOfMotion, q: Array, most: int, least_turn: float = 0.0
+    equations: EquationsOfMotion, q: Array, most: int = _FEW_ELEMENTS, least_turn: float = 0.0
 ) -> BeamDoubt | None:
     """Return a beam whose elements are long for its tension, or few; None if there is none.
 
@@ -175,7 +176,7 @@ def coarse_element_warnings(
         return
     instants = sample_instants(trajectory)
     positions = np.array([x.state.q for x in instants])
-    doubt = find_coarse_beam(equations, positions, _FEW_ELEMENTS, _LARGE_TURN)
+    doubt = find_coarse_beam(equations, positions, _FEW_CURVED_ELEMENTS, _LARGE_TURN)
     if doubt is None:
         return
     # Imported here because few runs need it, and the import slows the start of the others.
