@@ -53,6 +53,42 @@ def test_command_counts_the_peaks_that_it_does_not_show(bode, monkeypatch):
     assert "not shown: 1 peak beyond the 0 largest of a transfer function" in result.stdout
 
 
+LOOP = """
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def loop(kp=1e3):
+    mech = bd.Mechanism()
+    slide = mech.add(bd.PointMass("slide", 2.0, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), slide.point, (1.0, 0.0)))
+    x = mech.sensor("x", slide.point, "x")
+    v = mech.sensor("v", slide.point, "x_dot")
+    command = bd.pid(mech, "servo", 1.0 - x, kp=kp, kd=40.0, rate=-v)
+    idle = bd.pid(mech, "idle", mech.input("target") - 1.0, kp=1.0)
+    mech.add(bd.Force("push", slide.point, (command + idle, 0.0)))
+    mech.observe("slide", slide.point)
+    return mech
+"""
+
+
+def test_bode_states_margins_of_pid_loops_and_why_one_has_none(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "loop.py").write_text(LOOP)
+    arguments = ["bode", "loop.py", "--input", "push.Fx", "--no-page", "--no-picture"]
+    shown = CliRunner().invoke(app, arguments)
+    assert shown.exit_code == 0, shown.output
+    assert "loop of servo" in shown.stdout
+    assert "warning: margins: the command of idle does not depend on the motion" in shown.stdout
+    result = CliRunner().invoke(app, [*arguments, "--json"])
+    (crossover,) = json.loads(result.stdout)["margins"]["servo"]
+    # |kp + kd s| = m w^2 at the gain crossover, and the plant turns the phase by -180 degrees.
+    w = np.sqrt((40.0**2 + np.sqrt(40.0**4 + 4.0 * 2.0**2 * 1e6)) / (2.0 * 2.0**2))
+    assert_allclose(crossover["frequency [Hz]"], w / (2.0 * np.pi), rtol=1e-8)
+    margin = np.degrees(np.arctan2(40.0 * w, 1e3))
+    assert_allclose(crossover["phase margin [deg]"], margin, rtol=1e-8)
+
+
 @pytest.mark.slow(reason="draws a picture")
 def test_bode_writes_a_picture_and_a_page(bode, tmp_path):
     result = bode("--output", "mass.x,mass.x_dot", "--frequencies", "1Hz:0.01kHz")

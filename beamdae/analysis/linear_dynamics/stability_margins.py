@@ -129,6 +129,9 @@ class StabilityMargins(HasTable):
     warnings: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
+        return f"<StabilityMargins: {self}>"
+
+    def __str__(self) -> str:
         text = f"gain margin {self.gain_margin:.4g}"
         if math.isfinite(self.gain_margin):
             text += f" ({self.gain_margin_db:.3g} dB) at {self.phase_crossover:.4g} Hz"
@@ -136,7 +139,7 @@ class StabilityMargins(HasTable):
         if math.isfinite(self.phase_margin):
             text += f" at {self.gain_crossover:.4g} Hz, delay margin {self.delay_margin:.4g} s"
         stability = "stable" if self.stable else "unstable"
-        return f"<StabilityMargins: {text}; closed loop {stability}>"
+        return f"{text}; closed loop {stability}"
 
     @property
     def stable(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,6 +31,8 @@ from beamdae.errors import BeamdaeError, format_count, require_choice, short_rep
 
 if TYPE_CHECKING:
     from beamdae.analysis.linear_dynamics.bode_diagram import Bode
+    from beamdae.analysis.linear_dynamics.linear_model import LinearModel
+    from beamdae.analysis.linear_dynamics.stability_margins import StabilityMargins
 
 _COUNTS = (1, 100_000)  # of frequencies
 _MAX_SHOWN_PEAKS = 10  # of each transfer function in the terminal
@@ -112,7 +115,7 @@ def bode_command(
     """Compute the linear frequency response (transfer functions); write CSV, PNG and page.
 
     Amplitudes are small; `response` computes nonlinear periodic motions. The input of a driver is
-    its acceleration.
+    its acceleration. The margins of the loop of each `pid` are printed, too.
 
     Exits with 0 on success, 1 if the page or the picture failed, and 2 for a usage or model error.
     """
@@ -141,9 +144,10 @@ def bode_command(
         kind = "inputs, such as a force" if not linear.inputs else "outputs, such as an observable"
         raise BeamdaeError(f"bode: the model has no {kind}; add one.")
     diagram = bode(linear, grid, ends)
+    loops, notes = _compute_margins(linear, mechanism.outputs)
     table = escape_table(diagram.table()).to_csv(index=False)
     files = WrittenFiles([write_text(table_path, table)], (page_path, picture_path))
-    _print_results(diagram, model.name)
+    _print_results(diagram, loops, notes, model.name)
     title = f"{model.name}, linear response about {linear.about}"
     if page:
         files.write(page_path.name, lambda: [write_analysis_page(diagram, page_path, title)])
@@ -155,7 +159,27 @@ def bode_command(
     files.finish()
 
 
-def _print_results(diagram: Bode, name: str) -> None:
+def _compute_margins(
+    linear: LinearModel, controllers: Iterable[str]
+) -> tuple[dict[str, StabilityMargins], list[str]]:
+    """Return the margins of the loop of each `pid`, and why loops have none."""
+    from beamdae.analysis.linear_dynamics.stability_margins import margins
+
+    loops: dict[str, StabilityMargins] = {}
+    notes = []
+    for name in controllers:
+        try:
+            loops[name] = margins(linear, name)
+        except BeamdaeError as problem:
+            notes.append(str(problem))
+            continue
+        notes.extend(loops[name].warnings)
+    return loops, notes
+
+
+def _print_results(
+    diagram: Bode, loops: Mapping[str, StabilityMargins], notes: Sequence[str], name: str
+) -> None:
     from beamdae.report.terminal import text_tables
 
     peaks, linear = diagram.peak_table(), diagram.model
@@ -164,6 +188,7 @@ def _print_results(diagram: Bode, name: str) -> None:
         "about": linear.about,
         "states": str(len(linear.states)),
         "frequencies": f"{len(diagram.frequencies)}, {first:.4g} to {last:.4g} Hz",
+        **{f"loop of {loop}": str(x) for loop, x in loops.items()},
     }
     console = print_facts(
         name,
@@ -172,6 +197,7 @@ def _print_results(diagram: Bode, name: str) -> None:
             "about": linear.about,
             "response": diagram.table().to_dict("records"),
             "peaks": peaks.to_dict("records"),
+            "margins": {loop: x.table().to_dict("records") for loop, x in loops.items()},
         },
     )
     ranks = peaks.groupby("output / input")["magnitude"].rank("first", ascending=False)
@@ -184,4 +210,4 @@ def _print_results(diagram: Bode, name: str) -> None:
             "--json shows them",
             style="dim",
         )
-    print_warnings(console, diagram.warnings)
+    print_warnings(console, [*diagram.warnings, *notes])
