@@ -75,6 +75,7 @@ def test_models_of_the_page_run_without_packages_that_pyodide_lacks(tmp_path):
     assert "install scikit-sundae, or" in message
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_page_contains_packages_with_their_dependencies(tmp_path):
     packages = {
         "casadi": ["numpy"],

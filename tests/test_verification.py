@@ -38,6 +38,7 @@ def test_the_estimate_covers_the_error_and_is_of_its_magnitude(integrator, refer
     assert np.all(errors < 5.0 * true)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("method", [bd.Radau(1e-3), bd.GeneralizedAlpha(5e-4)])
 def test_regression_rows_that_begin_after_the_start_have_the_errors_of_the_run(method):
     """The second run began at the first row, and the errors of positions were above 100 %."""
@@ -245,6 +246,7 @@ def test_columns_with_rounding_noise_are_at_rest():
     assert bd.error_estimate(solution)[RELATIVE_ERROR].iloc[0] == 0.0
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_the_allowed_difference_is_that_of_the_looser_run():
     solution = bd.simulate(hub_beam(elements=2), bd.Radau(1e-6), t_end=0.05)
     assert bd.verify(solution, bd.Ida(1e-4))["allowed"].max() == pytest.approx(1e-2)
@@ -294,6 +296,7 @@ def test_regression_no_false_alarm_of_motions_that_vanish_by_symmetry():
     assert errors.loc["device.y [m]", RELATIVE_ERROR] > 0.0
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_errors_of_steady_stresses_are_relative_to_their_value():
     """The stress of a blade at constant speed varied by 5 Pa, of which its error was 2.04 times."""
     errors = bd.error_estimate(

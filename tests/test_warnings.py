@@ -224,6 +224,7 @@ def test_regression_searches_of_equilibria_in_checks_issue_no_warnings():
     assert set(messages) == set(solution.warnings)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_finer_meshes_of_checks_issue_no_warnings():
     """Each of two meshes for the error of fast loads repeated the warning of the damping."""
     mech = bd.Mechanism()

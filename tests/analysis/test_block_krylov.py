@@ -249,6 +249,7 @@ def test_search_ends_if_dense_eigenvalues_take_less_time():
     assert krylov.size < 200
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])
 def test_regression_overdamped_modes_are_as_many_as_requested(formulation):
     """Refined real eigenvalues with rounded imaginary parts below zero were lost: 11 of 20."""

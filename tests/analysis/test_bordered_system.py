@@ -275,6 +275,7 @@ def test_scales_make_all_parts_equally_stiff():
     assert_allclose(system.scales[e.parts[0].rows], e.part_scales[e.parts[0].rows], rtol=1e-15)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_workspaces_are_used_again_for_other_stiffnesses(monkeypatch):
     """Creating the workspace takes as long as several load steps."""
     compile_now(monkeypatch)

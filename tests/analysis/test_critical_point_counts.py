@@ -96,6 +96,7 @@ def check_law(seed):
 
 
 # Seeds of 0 to 79 with limit points, branch points and flutter; all 80 satisfy the law.
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 @pytest.mark.parametrize("seed", [6, 43])
 def test_changes_of_stability_are_critical_points(seed):

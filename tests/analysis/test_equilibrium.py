@@ -73,6 +73,7 @@ def test_observed_columns_are_evaluated_on_first_access(monkeypatch):
     assert len(calls) == 1
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_motion_without_stiffness_is_named():
     with pytest.warns(
         bd.BeamdaeWarning, match=r"bob\.angle: this coordinate can move without stiff"

@@ -133,6 +133,7 @@ def assert_agrees_with_forward(
             assert abs(actual.derivatives[name] - expected) <= tolerance * size, (name, objective)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_adjoint_agrees_with_forward_derivatives():
     by, method = ["stiffness", "damping", "speed"], bd.GeneralizedAlpha(step=1e-3)
     assert_agrees_with_forward(oscillator, by, 0.2, method)

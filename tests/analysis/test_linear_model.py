@@ -96,6 +96,7 @@ def test_regression_slow_poles_of_stiff_structures_are_accurate():
     assert np.all(np.diff(np.abs(poles)) >= -1e-6 * np.abs(poles[1:]))
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_small_step_response_matches_the_nonlinear_run():
     model = bd.linearize(strip(), about="equilibrium")
     force = 1e-4
@@ -279,6 +280,7 @@ def lightly_damped_strip(ratio):
     return bd.linearize(mech, inputs=["push"], outputs=["tip.y"])
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_frequencies_that_miss_a_peak_have_a_warning(recwarn):
     """A resonance between two of 401 frequencies lost 13 % of its peak."""
     model = lightly_damped_strip(3e-4)
@@ -386,6 +388,7 @@ def test_regression_each_response_of_a_loop_has_its_warnings():
     assert sum("mesh error of root" in str(x.message) for x in record) == 2
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_responses_of_loops_with_long_elements_have_a_warning():
     """Models with a controller had the error "undamped modes are not supported with states"."""
     with warnings.catch_warnings():
@@ -430,6 +433,7 @@ def test_regression_responses_of_few_elements_are_compared_with_halved_ones(elem
     assert warning.endswith(f"use elements={2 * elements} or more.")
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_responses_of_few_elements_that_suffice_have_no_warning():
     """Neither resonances and zeros that shift slightly, nor columns of rounding errors, change."""
     _, warnings = responses_and_warnings(3, np.linspace(1.0, 100.0, 300).tolist())

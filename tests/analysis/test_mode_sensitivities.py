@@ -211,6 +211,7 @@ def ring(height=0.01):
     return mech
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_repeated_eigenvalues_have_no_derivatives():
     with pytest.warns(bd.BeamdaeWarning, match=r"modes 1, 2 of twins are repeated.*damping=False"):
         result = bd.mode_sensitivities(twins, "one")
@@ -289,6 +290,7 @@ def test_regression_states_are_suggested_by_their_documented_names():
         bd.mode_sensitivities(oscillator, "mass", about="equil")
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("damping", [0.0, 2e-5])
 def test_regression_drivers_that_start_with_a_velocity_leave_the_reference_at_rest(damping):
     """The damping forces of their velocity seemed to move the state out of equilibrium."""

@@ -619,6 +619,7 @@ def taut_wire(elements):
     return mech
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_elements_are_not_too_long_for_the_long_waves_of_taut_wires():
     """Errors of 4 % were reported for modes whose errors are below 1e-4."""
     result, exact = (bd.modes(taut_wire(k), about="equilibrium", n=10) for k in (8, 16))
@@ -690,6 +691,7 @@ def test_regression_clamped_arcs_of_one_element_have_a_warning(radius):
         bd.modes(mech, n=1)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_errors_of_modes_are_sums_over_beams():
     """The errors of beams, by their shares of the energy, had no warning below 0.7 % each."""
 

@@ -58,6 +58,7 @@ def test_the_analyses_of_a_design_share_one_mechanism():
     assert calls == [WIDTH]
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("height", [0.005, 0.0005, 0.05])
 def test_regression_the_adjoint_differentiates_equilibria_of_slender_steel_beams(
     height, monkeypatch
@@ -1100,6 +1101,7 @@ def test_bounds_may_be_texts_with_units(read):
             read({"stiffness": bounds})
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_frequencies_about_an_unbalanced_reference_name_the_remedy():
     """The message was that of mode_sensitivities, about an argument that optimize does not have."""
 
@@ -1478,6 +1480,7 @@ def optimize_height(model, limit=3e8, **parameters):
     return design
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_limits_of_stresses_that_are_rounding_errors_have_a_warning():
     """Without its load, the search converged to the lower bounds without a warning."""
     design = optimize_height(cantilever, height=(0.02,), load=1e-12)
@@ -1487,6 +1490,7 @@ def test_regression_limits_of_stresses_that_are_rounding_errors_have_a_warning()
     assert "so that its limit has no effect; check the loads" in message
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_designs_at_bounds_far_from_all_limits_have_a_warning():
     """A leaf whose clamp was forgotten swings down; its stresses were no concern."""
 
@@ -1509,6 +1513,7 @@ def test_regression_designs_at_bounds_far_from_all_limits_have_a_warning():
     assert "check loads, supports and limits" in message
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_designs_at_bounds_near_a_limit_have_no_warning():
     # The stress at the root is 54 MPa at the lower bound.
     design = optimize_height(cantilever, height=(0.02,), load=20.0)

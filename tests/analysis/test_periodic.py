@@ -74,6 +74,7 @@ def test_mathieu_equation_at_the_stability_boundaries(q):
         assert np.prod(motion.multipliers).real == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_mathieu_equation_inside_its_stability_regions():
     # Below the first region of stability, between it and the second, and inside both.
     expected = {-0.5: "keep their sign", 1.0: "double", 0.5: "stable", 2.5: "stable"}
@@ -134,6 +135,7 @@ def test_regression_amplitudes_far_beyond_the_size_are_found(damping, ratio, loa
     assert half == pytest.approx(amplitude, rel=accuracy)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_small_loads_are_periodic():
     """A load of 1e-6 N "differed by 3.3e+35 of the largest force" after 1e18 periods."""
     section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-3, damping=1e-3)
@@ -272,6 +274,7 @@ def test_forces_of_any_size_are_checked(size):
     assert bd.periodic(system, 2.0, settle=0).status.success
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_the_mismatch_of_a_period_and_the_period_of_the_loads_are_named():
     """A period with six digits was rejected without the size of the difference, 2e-5 rad."""
     mech = bd.Mechanism()
@@ -413,6 +416,7 @@ def test_regression_axial_vibrations_of_beams_do_not_limit_the_corrections():
     np.testing.assert_allclose(measured, amplitude, rtol=0.02)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_loads_of_the_twelfth_harmonic_are_periodic():
     """They are zero after each twelfth of a period, and then rounding errors of later times."""
     assert bd.periodic(oscillator(bd.sine(1.0, 6.0)), 2.0, settle=0).status.success

@@ -28,6 +28,7 @@ def response(t, stiffness, mass, damping, frequency, load):
     return size * (elastic * np.sin(rate * t) - viscous * np.cos(rate * t))
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_forced_oscillator_has_a_closed_form():
     names = ["stiffness", "mass", "damping", "load"]
     result = bd.periodic_sensitivities(shaker, names, period=1.0 / 0.3)

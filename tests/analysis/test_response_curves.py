@@ -539,6 +539,7 @@ def test_regression_pictures_of_magnitudes_show_their_largest_values(column, is_
     assert (axis.get_legend() is not None) == is_drawn
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_fixed_steps_find_periodic_motions_of_driven_beams():
     """Velocities violate the constraints at the end of a run: the deviation stayed at 2e-5."""
     motion = bd.periodic(constant_travel(), 1.0 / 40.0, bd.GeneralizedAlpha(2e-4), settle=20)

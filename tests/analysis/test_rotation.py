@@ -95,6 +95,7 @@ def about_the_center(model, center=(0.0, 0.0), speed=3.0):
     return [x for x in modes.warnings if x.startswith("rotation: the center")]
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize(
     ("shift", "center", "described"),
     [
@@ -116,6 +117,7 @@ def test_regression_rotors_with_their_bearing_off_the_center_have_a_warning(
     assert not about_the_center(mech, center, speed=0.0)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_mechanisms_on_a_turntable_have_no_warning_of_the_center():
     hinged, _ = particle_in_rotor(offset=(0.1, 0.0), shift=(0.5, 0.0))
     assert not about_the_center(hinged)
@@ -232,6 +234,7 @@ def blade_on_hub(material, **options):
     return mech
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("options", [{}, {"strain": "exact"}, {"formulation": "exact"}])
 def test_regression_speeds_that_no_metal_bears_are_stated_in_rpm(options):
     """6000 rpm, passed as 6000 rad/s, caused no warning, or one about the strain measure."""
@@ -266,6 +269,7 @@ def rotor_on_a_bearing():
     return mech
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_free_rotation_has_no_resonance_at_rest():
     table = bd.campbell(rotor_on_a_bearing(), [-1.0, 0.0, 1.0, 3.0], n=3).resonances()
     assert sorted(table["multiple"]) == [3, 4]
@@ -353,12 +357,14 @@ def test_regression_resonances_on_both_sides_of_an_instability(speeds):
     assert_allclose(actual.to_numpy(), expected, rtol=1e-6)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_modes_that_cannot_be_followed_are_named():
     """A mode grows at 5.6 rad/s; up to 30 rad/s, halvings do not resolve where this ends."""
     diagram = bd.campbell(with_driver(*particle_in_rotor()), [0.0, 5.6, 30.0], n=2)
     assert "mode 1 was not followed from 5.6 to 6.3625 rad/s" in diagram.warnings[-1]
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_campbell_diagram_follows_modes_through_crossings():
     mech = with_driver(*particle_in_rotor())
     diagram = bd.campbell(mech, [0.0, 1.0, 2.0, 3.0], n=2)

@@ -109,6 +109,7 @@ def test_regression_bodies_apart_do_not_change_how_a_driven_beam_starts():
     assert together["apart.x"].iloc[-1] == pytest.approx(5.0 + 1e-10, abs=1e-13)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_drivers_that_bend_a_beam():
     # Both ends turn in opposite directions: the beam has no rigid motion.
     section = bd.Section.rectangle(STEEL, width=0.02, height=0.02)
@@ -124,6 +125,7 @@ def test_drivers_that_bend_a_beam():
     assert solution.status.success
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_weight_acts_as_at_the_start():
     solution = bd.simulate(driven_beam(9.81, strain="exact"), t_end=0.01, start=bd.rotation(SPEED))
     assert solution.status.success

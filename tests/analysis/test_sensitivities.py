@@ -165,6 +165,7 @@ def test_contact_and_friction():
     assert_agree_with_runs(governor, ["torque", "coefficient"], 0.1, relative=3e-5)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_breakpoints_that_do_not_move():
     assert_agree_with_runs(swing, ["torque", "width"], 0.6, step=2e-3, lam=1e-6)
 
@@ -812,6 +813,7 @@ def driven(gain=1.0):
     return mech
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("gain", [1.0, 2.0, -1.0, 0.0])
 def test_regression_values_that_change_the_form_of_observed_columns(gain):
     """They were rejected; CasADi stores 1 q, 2 q and 0 q without a number."""

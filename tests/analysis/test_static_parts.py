@@ -200,6 +200,7 @@ def test_signs_of_pivots_of_free_beams_are_not_certain(height, elements, angle):
     assert count_by_pivots(clamped=False, height=height, elements=elements, angle=angle) is None
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])
 def test_fine_mesh_is_free_only_without_a_clamp(formulation):
     """The lowest stiffness of a fine mesh is 1e-11 of the largest; rounding errors are 1e-16."""

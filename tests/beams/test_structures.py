@@ -101,6 +101,7 @@ def test_pinched_ring(bodies):
     assert_allclose(change("right")[0] - change("left")[0], growth, rtol=2e-6)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_energy_balance_of_a_swinging_closed_ring():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     section = bd.Section.rectangle(STEEL, width=0.01, height=0.002, damping=1e-4)

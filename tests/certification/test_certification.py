@@ -126,6 +126,7 @@ def test_elements_end_at_the_mass_in_every_mesh(certificate):
     assert certificate.elements["strip"] == mechanism.part("strip").mesh.elements
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_the_model_is_not_changed():
     mech = pendulum()
     before = mech.part("strip").mesh

@@ -74,6 +74,7 @@ def test_invalid_options_are_rejected(arguments, message):
     assert message in result.stderr
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_a_refused_certificate_writes_the_run_and_exits_with_1():
     # The pendulum passes its unstable equilibrium with hardly any speed.
     Path("model.py").write_text(

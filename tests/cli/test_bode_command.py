@@ -72,6 +72,7 @@ def loop(kp=1e3):
 """
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_bode_states_margins_of_pid_loops_and_why_one_has_none(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "loop.py").write_text(LOOP)

@@ -41,6 +41,7 @@ def test_a_table_and_a_picture_are_written(buckling):
     assert Path("results/column_buckling.png").stat().st_size > 1000
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_json_contains_the_factors(buckling):
     result = buckling("-n", "1", "--json")
     document = json.loads(result.stdout)

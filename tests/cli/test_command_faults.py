@@ -420,6 +420,7 @@ def test_outputs_are_checked_before_every_command(here, command, out):
     assert line.startswith(f"error: --out {out}")
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_a_checkpoint_that_fails_late_leaves_the_other_files(here, monkeypatch):
     def fail(self, path):
         raise BeamdaeError(f"{path}: the file cannot be written: No space left on device.")

@@ -140,6 +140,7 @@ def test_tables_of_other_runs_are_not_overwritten(run):
     assert "ball_part1.csv: this part of the run in" in result.stderr
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_changed_parameters_need_accept_changes(run):
     run("--t-end", "0.3", "--checkpoint", "end.json")
     options = ("--set", "push=1.0", "--continue", "end.json")

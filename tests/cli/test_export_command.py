@@ -43,6 +43,7 @@ def test_file_and_json(here):
     assert document["size"] == Path("model.fmu").stat().st_size
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_adaptive_steps(here):
     result = run("--integrator", "radau", "--rtol", "1e-4", "--json")
     assert result.exit_code == 0, result.output

@@ -57,6 +57,7 @@ def test_a_self_excited_motion_is_written(periodic):
     assert Path("results/oscillator_periodic.png").stat().st_size > 1000
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_json_of_a_forced_motion(periodic):
     # With growth = 0, the oscillator is linear and undamped.
     options = ["--set", "force=1.0", "--set", "growth=0.0", "--period", "4", "--rtol", "1e-6"]
@@ -84,6 +85,7 @@ def test_usage_errors_are_one_line(periodic, options, message):
     assert result.stderr.count("\n") <= 2
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_a_failed_search_exits_with_1(periodic):
     # With negative growth, all motions decay.
     result = periodic("--set", "growth=-1.0", "--period-guess", "6")

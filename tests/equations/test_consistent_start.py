@@ -201,6 +201,7 @@ def test_large_offsets_do_not_stretch_beams(variant, offset):
     assert strain_energy_of_an_offset(variant, height=0.03, offset=offset) < 1e-2
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])
 def test_regression_rods_follow_a_crank_that_starts_far_away(formulation):
     """Rods became twice as long, or turned several times."""

@@ -497,6 +497,7 @@ def test_regression_drivers_without_a_bearing_are_reported(gravity, formulation)
     )
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_drivers_between_bodies_of_a_floating_mechanism_need_a_bearing_there():
     mech = bd.Mechanism()
     bus = mech.add(bd.RigidBody("bus", 10.0, 1.0))

@@ -189,6 +189,7 @@ def test_note_on_radau_requires_automatic_order():
     assert "note" not in solution.integrator
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize(("stribeck", "method"), [(2e-2, "Ida"), (2e-4, "Radau")])
 def test_regression_friction_that_sticks_is_resolved(stribeck, method):

@@ -95,6 +95,7 @@ def ball():
     return bd.equations_of_motion(mech)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_stalled_run_is_stopped():
     """Such runs never ended, and their memory grew."""
     solution = bd.simulate(ball(), PrescribedSteps(lambda k: 1e-10), 1.0)
@@ -110,6 +111,7 @@ def test_regression_stalled_run_is_stopped():
     assert solution.statistics.steps == 10_304
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_runs_of_many_periods_name_them():
     """Extreme loads or stiffnesses were the only causes named for a pendulum."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
@@ -199,6 +201,7 @@ def test_endlessly_shrinking_steps_are_detected():
     assert 20_000 < 64 * stalled_checks[0] < 45_000
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_max_steps_disables_stall_detection():
     solution = bd.simulate(ball(), PrescribedSteps(lambda k: 1e-10, max_steps=11_000), 1.0)
     assert solution.status.sentence.endswith("reached max_steps = 11000")

@@ -271,6 +271,7 @@ def test_pivots_of_the_pilot_run_are_reused(monkeypatch):
     assert proposals.calls == 1
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @compiled
 def test_failing_pivots_do_not_change_the_steps(monkeypatch):
     expected = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.2)
@@ -283,6 +284,7 @@ def test_failing_pivots_do_not_change_the_steps(monkeypatch):
     assert solution.statistics.steps == expected.statistics.steps
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @compiled
 def test_pivots_are_replaced_during_a_run(monkeypatch):
     settings = bd.Ida(1e-4, formulation="ggl")

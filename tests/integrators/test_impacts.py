@@ -214,6 +214,7 @@ def test_invalid_impacts_are_rejected():
         bouncing(0.5).when("ball.y", do=bd.impact(gap), name="other")
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_touching_balls_pass_an_impact_on():
     """A gap that was zero before an impact had no sign, and the next ball was passed through."""
     mech = bd.Mechanism()

@@ -118,6 +118,7 @@ def test_regression_formulas_of_inactive_forces_need_not_be_finite():
     assert run.columns["spring [N]"][-1] == 0.0
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_controllers_read_zero_for_a_cut_spring():
     mech, spring = build()
     mech.when("mass.x", OFF, "down", bd.deactivate(spring), "cut")

@@ -220,6 +220,7 @@ def test_unreadable_files_are_reported(tmp_path):
         solution.checkpoint(3)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_end_of_a_failed_or_pilot_run_causes_a_warning(tmp_path):
     def halted(t):
         raise KeyboardInterrupt

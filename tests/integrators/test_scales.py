@@ -58,6 +58,7 @@ def test_steps_of_ida_do_not_depend_on_the_unit_of_length(scale, rtol):
     require_equal_runs(bd.Ida(rtol), scale, 0.15)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("scale", SCALES)
 def test_steps_of_generalized_alpha_do_not_depend_on_the_unit_of_length(scale):
     require_equal_runs(bd.GeneralizedAlpha(rtol=1e-5), scale, 0.03)

@@ -386,6 +386,7 @@ def test_rotating_gripper_keeps_the_offset(joint, swapped):
     assert solution.quality.energy_imbalance < 1e-6
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_checkpoint_stores_frozen_gaps(tmp_path):
     def locked(t_end, **more):
         mech, _ = braked(
@@ -490,6 +491,7 @@ def test_driver_follows_another_law_after_an_event(integrator):
     assert_allclose(ends, [0.6, 1.1, 2.1, 2.5, 3.0], atol=1e-6)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_checkpoint_stores_changed_laws(tmp_path):
     first = cycled(bd.Radau(1e-7), 0.9)
     path = first.checkpoint(tmp_path / "end.json")

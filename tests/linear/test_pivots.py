@@ -257,6 +257,7 @@ def eliminate_pattern(pattern):
     return full
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @given(size=st.integers(1, 14), share=st.floats(0.0, 0.6), seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=200, deadline=None)
 def test_fill_is_that_of_gaussian_elimination(size, share, seed):

@@ -125,6 +125,7 @@ def test_sampled_control_is_that_of_the_sampled_linear_pendulum(noise):
         assert_allclose(run[name] - shift, measured[:, k], rtol=0, atol=atol)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_noise_is_that_of_the_seed():
     runs = [
         bd.simulate(

@@ -50,6 +50,7 @@ def test_poles_of_the_closed_loop(loop):
     assert_allclose(response, loop(2j * np.pi * frequencies), rtol=1e-8)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_step_response(loop):
     run = bd.simulate(voice_coil_stage, bd.Radau(1e-7), t_end=0.03, output_step=1e-3)
     expected = STEP * control.step_response(loop, run.t).outputs

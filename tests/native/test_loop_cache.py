@@ -70,6 +70,7 @@ def run(folder, text=MODULE):
         del sys.modules[file.stem]
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_loop_is_compiled_once(tmp_path, cache, builds):
     assert [run(tmp_path) for _ in range(2)] == [TOTAL, TOTAL]
     assert len(builds) == 1

@@ -128,6 +128,7 @@ def test_compiled_loop_agrees_with_plain_python(size):
         compiled.numbers[:] = plain.numbers[:] = 1.0
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_bind_replaces_the_arrays_of_one_nested_object():
     plain, compiled = work(), work()
     loop = compile_without_warnings(use_all_fields, compiled)

@@ -105,6 +105,7 @@ def saturation_warnings(mech, t_end):
     return [x for x in run.warnings if "is at its limit" in x]
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize(
     ("settings", "start"),
     [

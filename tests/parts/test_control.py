@@ -172,6 +172,7 @@ def test_regression_equilibria_of_loops_with_fast_filters_are_found(rate):
     assert found["servo integral"].iloc[-1] == pytest.approx(1.5 / 4.0, rel=1e-9)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("rate", [5.0, 200.0, 2e3, 1e4])
 def test_regression_periodic_motions_of_loops_with_fast_filters_are_found(rate):
     """States of filters are far below their scale: multipliers of 4.1 for 0.33, or no motion."""

@@ -126,6 +126,7 @@ def pendulum(turn=0.0, at=(0.0, 0.0), swap=False, **friction):
     return mech
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @integrators(1e-7, 1e-3)
 def test_a_bearing_dissipates_the_energy_the_pendulum_loses(integrator):
     peak = {"static": 0.4, "stribeck": 0.05}

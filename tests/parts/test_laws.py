@@ -123,6 +123,7 @@ def test_time_scales():
     )
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @given(
     steps=st.lists(times, min_size=2, max_size=6),
     values=st.lists(numbers, min_size=7, max_size=7),

@@ -767,6 +767,7 @@ def test_slopes_of_repeated_tables_are_equal_at_both_ends():
         assert_allclose(float(slope(4.0)), float(slope(0.0)), atol=1e-12)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_steps_do_not_pass_over_peaks_of_repeated_tables():
     pulse = bd.table([0.0, 0.9, 0.91, 0.92, 1.0], [0.0, 0.0, 5.0, 0.0, 0.0], "linear", "repeat")
     solution = run(pulse, bd.Radau(1e-6), velocity=10.0, t_end=2.0)

@@ -220,6 +220,7 @@ def test_regression_tables_of_sensors_are_linearized():
     np.testing.assert_allclose(np.abs(model.poles), np.sqrt(3.0 / INERTIA), rtol=1e-9)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_copies_of_mechanisms_keep_tables_of_sensors():
     mech = pickle.loads(pickle_with_signals(build_table_spring()))
     gc.collect()

@@ -166,6 +166,7 @@ def test_many_springs_share_one_kernel(settings):
     assert sorted(term.count for term in bd.equations_of_motion(mech).forces) == [1, 64]
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_law_of_a_spring_counts_as_a_load_unless_its_energy_is_given():
     def run(**settings):
         mech = bd.Mechanism()

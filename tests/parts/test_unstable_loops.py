@@ -47,6 +47,7 @@ def loop_warnings(mech, t_end, method=None):
     return [x for x in run.warnings if "its loop seems to be unstable" in x]
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_limit_cycles_of_continuous_loops_have_a_warning():
     """A force that went from limit to limit until the end was "ok"."""
     (sentence,) = loop_warnings(build_stage(2.0, limit=3.0), t_end=4.0)
@@ -55,6 +56,7 @@ def test_regression_limit_cycles_of_continuous_loops_have_a_warning():
     assert not loop_warnings(build_stage(0.5, limit=3.0), t_end=4.0)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("method", [bd.Radau(), bd.Ida(), bd.GeneralizedAlpha(1.0)])
 @pytest.mark.parametrize("rate", [3.0, 30.0, 300.0])
 @pytest.mark.parametrize("limit", [1.5, 3.0, 30.0])
@@ -74,6 +76,7 @@ def test_regression_limits_in_formulas_of_users_are_those_of_loops(gain, is_unst
     assert all(x.startswith("motor: the limited value alternates between its") for x in found)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("limit", [1e-3, 1e-2, 0.1])
 @pytest.mark.parametrize("periods", [5, 20, 100])
 def test_weak_actuators_that_damp_large_vibrations_have_no_warning(limit, periods):
@@ -113,6 +116,7 @@ def build_flexure(gain, sign=1.0):
     return mech
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("gain", [0.3, 1.0, 3.0])
 @pytest.mark.parametrize("method", [bd.Radau(max_steps=1000), bd.GeneralizedAlpha(2e-4)])
 def test_regression_unstable_loops_are_the_first_reason_of_runs_that_stop(gain, method):
@@ -274,6 +278,7 @@ def build_two_masses(limit, every=None, delay=0, **factors):
     return mech
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_limit_cycles_whose_first_swings_are_the_largest_have_a_warning():
     """The force was at its limits for 84 % of the last quarter of 2 s, without a warning."""
     (sentence,) = loop_warnings(build_two_masses(8.0, ki=8.0), t_end=2.0)

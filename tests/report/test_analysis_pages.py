@@ -339,6 +339,7 @@ def test_a_linear_model_without_inputs_has_a_page_of_its_poles(oscillator, show)
     assert find_violations(tab) == []
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_transfer_functions_of_rounding_errors_are_not_drawn():
     """The angle of an inclined beam under an axial force had a phase and an axis in rad/N."""
     mech = bd.Mechanism()
@@ -465,6 +466,7 @@ def test_regression_subtitles_count_one_mode_and_one_speed():
     assert build_modes_page(bd.modes(mech), "")["subtitle"].startswith("1 mode about ")
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_modes_of_a_campbell_diagram_keep_their_phase_from_speed_to_speed():
     mech = bd.Mechanism()
     section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)

@@ -64,6 +64,7 @@ def test_panels_show_neither_rates_nor_energies_nor_constant_columns():
     }
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_the_figure_of_a_run_has_curves(tmp_path):
     path = time_plots.save_run_figure(tmp_path / "new" / "run.png", FRAME, "title")
     assert colored_share(path) > 1e-3
@@ -99,6 +100,7 @@ def test_a_comparison_may_have_more_runs_than_styles(tmp_path):
     assert colored_share(path) > 1e-3
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_every_column_of_an_observable_is_drawn(tmp_path, monkeypatch):
     names = [f"wave.{k} [m]" for k in range(60)]
     frame = pd.DataFrame({"t [s]": T, **{name: np.sin(T + k) for k, name in enumerate(names)}})

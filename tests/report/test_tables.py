@@ -209,6 +209,7 @@ def test_ranges_of_columns_with_nan_and_infinity():
     ]
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [

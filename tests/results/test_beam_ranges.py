@@ -193,6 +193,7 @@ def test_equilibria_whose_travel_is_one_percent_off_have_a_warning():
     assert f"tip.y {100.0 * error:.2g} %" in warning
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_equilibria_are_compared_with_exact_strains_instead_of_an_estimate():
     """Leaves that heavy parts bend had "at most about 6 to 14 %" for errors of 0.1 to 0.2 %."""
 
@@ -429,6 +430,7 @@ def test_regression_errors_of_the_integration_are_not_oscillations_of_a_stretche
     assert count_oscillations(1.0 + 2e-3 * wave) == pytest.approx(50.0, abs=1.0)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_equilibria_do_not_vibrate():
     """The errors of bending and of the axis are equal there; rounding decided which was named."""
     for load in (10.0, 15.0, 20.0):
@@ -485,6 +487,7 @@ def test_regression_modes_of_stretched_beams_warn_of_strains():
         assert bd.modes(exact, about="equilibrium", n=1).warnings == ()
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_modes_are_compared_with_those_of_exact_strains():
     """The estimate holds for axial modes; bending modes of a stretched bar are 0.2 % off."""
     with warnings.catch_warnings():

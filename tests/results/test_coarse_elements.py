@@ -89,6 +89,7 @@ def test_statics_name_beams_of_few_elements_whose_travels_change():
     assert not fine.warnings
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_runs_compare_beams_of_few_curved_elements():
     coarse, fine = (bd.simulate(arch(n, ramp(-100.0)), t_end=1.0) for n in (1, 8))
     (warning,) = (x for x in coarse.warnings if "too few" in x)
@@ -124,6 +125,7 @@ def test_runs_that_stop_at_once_are_not_compared():
     assert not list(coarse_element_warnings(*arguments))
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_runs_compare_the_active_parts():
     mech = clamped_beam(2, ramp(100.0))
     middle = mech.part("leaf").at(0.5 * LENGTH)
@@ -134,6 +136,7 @@ def test_runs_compare_the_active_parts():
     assert "left.M" in warning
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_short_elements_and_compression_have_no_warning():
     assert not taut(bd.simulate(clamped_beam(16, ramp(100.0)), t_end=1.0))
     mech = bd.Mechanism()
@@ -157,6 +160,7 @@ def rotor(elements):
     return mech
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_modes_and_campbell_diagrams_compare_frequencies_of_taut_blades():
     speeds = [0.0, 300.0]
     coarse, halved, fine = (
@@ -172,6 +176,7 @@ def test_modes_and_campbell_diagrams_compare_frequencies_of_taut_blades():
         bd.campbell(rotor(1), [*speeds, 0.0], n=2)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_periodic_motions_of_taut_beams_are_compared_with_halved_elements():
     def pulled(elements):
         mech = bd.Mechanism()

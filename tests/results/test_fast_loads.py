@@ -88,6 +88,7 @@ def test_regression_jumps_of_loads_on_mechanisms_that_turn_or_switch(event):
     assert "gauge" in text
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize(
     ("law", "name"), [(pulse(3e-4, 100.0), "push"), ("base", "shaker")], ids=["force", "base"]
 )

@@ -238,6 +238,7 @@ def test_links_to_missing_files_and_pipes_are_replaced_and_links_to_folders_are_
     assert read_folder(tmp_path / "there") == {"inside.txt": b"new"}
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @posix
 def test_links_of_the_system_are_written_directly(tmp_path):
     code = (

@@ -158,6 +158,7 @@ def test_regression_errors_of_heavy_masses_are_not_those_of_elements():
     assert not run(dropped_beam(4, 1e10, 2.0), t_end=2e-4)[1]
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize(("tip_mass", "is_reported"), [(0.0, True), (2.0, False)])
 def test_regression_impulses_of_elements_have_a_warning(tip_mass, is_reported):
     """Impulses of bd.impact at a free end are proportional to the element length, silently."""
@@ -201,6 +202,7 @@ def dropped_box(elements, stiffness, mass=0.02, damping=1e-4, height=0.3, bracke
     return mech
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize(("stiffness", "bracket"), [(2.4e10, True), (1e12, False)])
 def test_regression_impacts_of_bodies_that_carry_damped_beams_have_a_warning(stiffness, bracket):
     """Stresses of 2 elements were too small by 9 and 24 % without a warning."""
@@ -239,6 +241,7 @@ def test_stated_error_and_elements_of_a_rod():
     np.testing.assert_allclose(peaks[0] / peaks[1], 1.2, atol=0.05)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_peaks_of_single_elements_are_not_recommended():
     """Missed peaks advised to read 239 kN from step_extremes."""
     solution, texts = run(rod(4, 5e10), output_step=1e-5)

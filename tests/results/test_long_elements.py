@@ -86,6 +86,7 @@ def test_slow_motions_have_no_warning():
     assert not warnings_of(run)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_rigid_rotations_are_no_vibrations():
     """A blade that spins freely at five times its first frequency hardly vibrates."""
     mech = bd.Mechanism()
@@ -159,11 +160,13 @@ def test_regression_amplitudes_of_maintained_vibrations_by_long_elements(
     assert np.max(difference) < 0.02 * 0.5 * np.ptp(fine.columns[header])
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_maintained_vibrations_of_several_elements_per_wave_have_no_warning():
     for elements, rate in ((2, frequency(1.875)), (4, frequency(4.694)), (4, 20.0)):
         assert not warnings_of(maintained(elements, rate))
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_short_elements_are_examined_without_linearization(monkeypatch):
     """A bound of the error suffices: solving for the error took a third of the run's time."""
     solved, bounds = [], []
@@ -254,6 +257,7 @@ def test_regression_axial_phase_errors_by_long_elements_are_estimated():
     assert "tip.x" in message
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_recommended_numbers_of_elements_are_not_absurd():
     """After a sudden load, 22 elements were recommended, whose error was 32 % of half the range."""
     mech = bd.Mechanism()
@@ -268,6 +272,7 @@ def test_regression_recommended_numbers_of_elements_are_not_absurd():
     assert "use more than elements=16, or suppress the fastest waves by material damping" in message
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_large_errors_have_a_lower_limit_of_the_number_of_elements():
     """Errors with one element hide further vibrations, which need more elements than computed."""
     mech, beam = kicked_cantilever(1, 1e-4)
@@ -347,6 +352,7 @@ def kicked_cantilever(elements, damping):
     return mech, beam
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_stresses_and_rates_of_vibrations_about_rest():
     """The stress at the clamp was off by 50 % of half its range; the angle alone was named."""
     coarse, fine = (bd.simulate(kicked_cantilever(n, 1e-4)[0], bd.Ida(), 0.3) for n in (1, 6))

@@ -81,6 +81,7 @@ def test_resolved_boundary_layers_have_no_warning(tension: float, force: float) 
     assert result.columns["root [Pa]"][-1] == pytest.approx(root_stress(tension, force), rel=0.01)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 def test_stress_of_rotating_blades_is_named_with_the_right_value() -> None:
     run = bd.simulate(rotating_blade(6), start=bd.rotation(314.16), t_end=0.002, output_step=0.001)
@@ -93,6 +94,7 @@ def test_stress_of_rotating_blades_is_named_with_the_right_value() -> None:
     assert "gauge" in sentence
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_wrong_strains_of_floating_frames_are_no_mesh_errors() -> None:
     """At its hinge, a pendulum has a moment by the strains of its frame, which finer meshes keep.
 

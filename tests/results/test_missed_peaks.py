@@ -593,6 +593,7 @@ def test_small_deflections_of_large_motions_have_missed_peaks():
     assert list(missed) == ["jib.transverse [m]"]
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("elements", [4, 8])
 def test_regression_stresses_of_damping_at_an_impact_are_no_peaks(elements):
     """Stresses just after an impact grew with the number of elements, and were recommended."""
@@ -614,6 +615,7 @@ def test_regression_stresses_of_damping_at_an_impact_are_no_peaks(elements):
     assert not any("stress" in x for x in run.warnings if "read these values" in x)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_stresses_of_small_damping_that_peak_late_are_no_peaks():
     """Beside a mass, the stress peaks after the element has turned: it was a peak to be used."""
     mech = bd.Mechanism()

@@ -386,6 +386,7 @@ def block_on_incline(friction_speed, speed=0.0):
     return mech
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize("speed", [0.0, 1.0])
 def test_regression_creep_down_an_incline_is_reported(speed):

@@ -38,6 +38,7 @@ def test_characteristics_are_those_of_python_control(oscillator):
     assert abs(step.steady_state_error) < 2e-3
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_steps_downwards_and_other_bands():
     mech = bd.Mechanism()
     mech.state("level", lambda level, t: -level - 3.0)

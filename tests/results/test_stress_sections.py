@@ -265,6 +265,7 @@ def test_largest_stress_below_a_load_within_an_element_has_a_warning(kind: str, 
     assert f"near s = {at:g} m" in sentence
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_wrong_strains_of_frames_at_an_interior_moment_are_no_mesh_errors() -> None:
     """The jump of the moment indicated a mesh error of 4.3 %, to reduce by shorter elements."""
     mech = bd.Mechanism(gravity=(0.0, 0.0))
@@ -448,6 +449,7 @@ def test_regression_largest_stress_includes_short_grooves(place: float) -> None:
     assert path.columns["stress.largest [Pa]"][-1] == pytest.approx(exact, rel=0.01)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("elements", [11, 16])
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 def test_regression_mesh_errors_of_varying_sections_state_the_right_stress(elements: int) -> None:

@@ -109,6 +109,7 @@ def add_record_of_work(mech):
     mech.state("path", speed, unit="m")
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize("add", [add_turning_beam, add_record_of_work])
 def test_regression_states_and_turning_beams_beside_a_column_do_not_hide_it(add):

@@ -129,6 +129,7 @@ def test_regression_pads_that_are_lifted_at_once_have_a_warning(
     assert sentence.endswith("of the force or the motion that should press.")
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 def test_pads_that_are_pressed_or_land_later_have_no_warning() -> None:
     assert unpressed(pad_on_belt(20.0)) == []

@@ -57,6 +57,7 @@ def test_root_mean_square_is_over_time_and_not_over_rows():
     assert MEASURES["RMS"](t[:1], -x[:1]) == 1.0
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_outputs_are_columns():
     outputs = {
         "swing [m]": lambda run: np.ptp(run["tip.y"]),

@@ -194,6 +194,7 @@ def cleanup_calls(monkeypatch):
     return names
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_memory_is_freed_once_in_reverse_order(cleanup_calls):
     direct = Robertson().create(DirectIda)
     assert cleanup_calls == []

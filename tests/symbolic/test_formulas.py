@@ -77,6 +77,7 @@ def values(numeric):
     return [numeric.force(q=q, v=v, a=a), numeric.reaction(q=q, lam=lam), *levels, *observed]
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_formulas_have_the_values_of_functions(monkeypatch):
     by_kind = NumericEquations(machine(), TIME)
     monkeypatch.setattr(Attachment, "checked_kinematics", property(Attachment._evaluate.__get__))

@@ -135,6 +135,7 @@ def check_path(name, slenderness, elements, formulation):
     assert all(row["verdict"] == "ok" for row in rows), rows
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("setting", FAST_PATHS, ids=lambda setting: setting[0])
 def test_path_has_the_exact_critical_points(setting):
     check_path(*setting)
@@ -157,6 +158,7 @@ def test_loads_of_thin_column_are_not_lost_in_rounding():
     assert path.unstable[-1] == len(loads)
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_regression_step_that_ends_at_a_branch_point_is_shortened():
     # The fourth of ten load steps ends at the branch point, 4 EI / R^3. With a tangent from there,
     # which rounding determines, up to 24 more steps were taken, or none converged.

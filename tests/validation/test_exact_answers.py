@@ -57,6 +57,7 @@ def test_formulations_integrators_and_exudyn_agree_on_the_reference():
     assert (stored["off [mm]"] < 1e3 * stored["model"].map(TOLERANCES)).all()
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("label", [x for x in INTEGRATORS if not x.startswith("Ida")])
 def test_eight_exact_elements_suffice_for_the_hub_beam(label):
     assert (

@@ -34,11 +34,13 @@ def read(name, table="reference"):
     return pd.read_csv(MECHANISMS / name / f"{table}.csv")
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_problems_follow_the_schema_and_files_their_checksums():
     pytest.importorskip("jsonschema")
     assert [message for name in record.all_names() for message in record.check(name)] == []
 
 
+@pytest.mark.slow(reason="a quarter of a second")
 def test_data_and_scorer_do_not_depend_on_beamdae():
     for path in FOLDER.glob("*.py"):
         nodes = list(ast.walk(ast.parse(path.read_text())))
