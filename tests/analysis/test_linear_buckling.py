@@ -230,6 +230,18 @@ def test_regression_long_elements_have_a_warning(formulation):
     assert_allclose(fine.factors, euler, rtol=1e-3)
 
 
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+def test_regression_factors_of_few_elements_are_compared_with_halved_ones(formulation):
+    """The factor of a hinged column of one element was 1.3 % too high without a word."""
+    mech = hinged_column(1, formulation)
+    with pytest.warns(bd.BeamdaeWarning, match="column: 1 element is too few") as caught:
+        factor = float(bd.buckling(mech, n=1).factors[0])
+    euler = mech.part("column").section.EI * np.pi**2
+    percent = 100.0 * (factor / euler - 1.0)
+    assert f"a change of {percent:.1f} %; use elements=2." in str(caught[0].message)
+    assert not bd.buckling(hinged_column(2, formulation), n=1).warnings
+
+
 def test_waves_on_elastic_supports_are_longer_than_the_load_implies():
     """Supports carry half the load: the wave number is 0.7 times that of a free column."""
     mech = hinged_column(8, "exact")

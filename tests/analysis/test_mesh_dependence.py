@@ -93,5 +93,5 @@ def test_points_with_large_eigenvalues_are_not_checked(monkeypatch):
     def fail(*_):
         raise AssertionError("the fine mesh is not needed")
 
-    monkeypatch.setattr(mesh_dependence, "_RefinedPath", fail)
+    monkeypatch.setattr(mesh_dependence, "RefinedPath", fail)
     assert bd.equilibrium(elastica(4)).stable

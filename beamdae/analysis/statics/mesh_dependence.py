@@ -79,7 +79,7 @@ class StabilityRecheck(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _RefinedPath:
+class RefinedPath:
     """Load stages of a path with more accurate beams.
 
     Attributes
@@ -95,7 +95,7 @@ class _RefinedPath:
     refined: RefinedBeams
 
     @classmethod
-    def of(cls, coarse: Loading, exact: Collection[str] | None = None) -> _RefinedPath | None:
+    def of(cls, coarse: Loading, exact: Collection[str] | None = None) -> RefinedPath | None:
         """Return the stages with halved elements, or None if no beam can be refined.
 
         If `exact` are names of beams, these have exact strains instead.
@@ -215,7 +215,7 @@ def _compare(
 ) -> tuple[str, ...] | None:
     """Return remarks on values that change with more accurate beams, or None if unknown."""
     e, last = loading.full_equations, path.points[-1]
-    refined = _RefinedPath.of(loading, exact)
+    refined = RefinedPath.of(loading, exact)
     fine = None if refined is None else refined.correct(last, settings)
     if refined is None or fine is None:
         return None
@@ -278,7 +278,7 @@ def recheck_stability(loading: Loading, path: EquilibriumPath) -> StabilityReche
         doubtful.add(last)
     if not doubtful:
         return unchanged
-    mesh = _RefinedPath.of(loading)
+    mesh = RefinedPath.of(loading)
     if mesh is None:
         return unchanged
 
@@ -314,7 +314,7 @@ def _doubtful_rows(points: Sequence[EquilibriumPoint], rows: Sequence[int]) -> l
     return [rows[::-1][int(np.argmax(ratios))]] if ratios else []
 
 
-def _fine_count(mesh: _RefinedPath, path: EquilibriumPath, row: int) -> int:
+def _fine_count(mesh: RefinedPath, path: EquilibriumPath, row: int) -> int:
     """Return the number of negative eigenvalues at a point on the fine mesh; -1 if unknown.
 
     The number on the coarse mesh is returned if no neighbor belongs to the same load stage.
