@@ -278,7 +278,7 @@ def _mesh_errors(run: RunData) -> Iterable[str]:
         ((_, factors),) = group_rows(run.trajectory, run.t[[row]])
         return LoadedState(*run.trajectory.at(run.t[[row]]), factors)
 
-    return mesh_error_warnings(run.equations, run.columns.__getitem__, select_state)
+    return mesh_error_warnings(run.equations, run.columns.__getitem__, select_state, True)
 
 
 def _coarse_elements(run: RunData) -> Iterable[str]:

@@ -160,3 +160,43 @@ def test_regression_large_percentages_have_no_exponent() -> None:
         "30 %",
         "1000 %",
     ]
+
+
+def shaken_strip(elements: int, pull: float) -> bd.Mechanism:
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(TITANIUM, width=WIDTH, height=HEIGHT, damping=2e-4)
+    frame = mech.add(bd.RigidBody("frame", mass=1.0, inertia=0.1))
+    ends = mech.ground.at(0.0, 0.0), frame.at(0.0, 0.0)
+    mech.add(bd.Prismatic("guide", *ends, (0.0, 1.0)))
+    motion = bd.sine(1e-3, 20.0)
+    mech.add(bd.TranslationalDriver("shaker", *ends, motion, direction=(0.0, 1.0)))
+    line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
+    beam = mech.add(bd.Beam("strip", line, strip, elements=elements, formulation="exact"))
+    mech.add(bd.Weld("clamp", frame.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("pull", beam.end, (pull, 0.0)))
+    mech.observe("root", beam.stress(0.0, "top"))
+    return mech
+
+
+def late_range(solution: bd.Solution) -> float:
+    values = solution.table()["root [Pa]"].to_numpy()
+    return float(np.ptp(values[len(values) * 2 // 3 :]))
+
+
+# Vibrations about a large tension were 4 % too small without a word.
+@pytest.mark.parametrize("elements", [3, 4])
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+def test_regression_ranges_of_late_vibrations_are_named_with_the_right_error(elements: int) -> None:
+    coarse, fine = (bd.simulate(shaken_strip(n, 1e3), t_end=0.3) for n in (elements, 16))
+    (sentence,) = (x for x in mesh_warnings(coarse) if "its range in the last third" in x)
+    error = 1.0 - late_range(coarse) / late_range(fine)
+    # The range in equilibrium with the loads has an error, too, that of the dynamics.
+    assert abs(stated_error(sentence) - error) < 0.2 * error
+    assert not mesh_warnings(fine)
+
+
+def test_ranges_with_the_error_of_the_largest_value_have_no_warning_of_their_own() -> None:
+    with pytest.warns(bd.BeamdaeWarning):
+        solution = bd.simulate(shaken_strip(2, 100.0), t_end=0.3)
+    assert [x for x in mesh_warnings(solution) if "its largest value" in x]
+    assert not [x for x in mesh_warnings(solution) if "its range" in x]

@@ -45,6 +45,11 @@ _MIN_STRESS_SHARE = 1e-3
 # So do strains below this one in beams without loads, whose rounding errors are up to 1e-12.
 _ROUNDING_STRAIN = 1e-10
 _SAME_VALUE = 1e-6  # relative difference of values that are not distinguished
+# Vibrations of a run are those in this share of its rows, at its end, if their range is at least
+# this share of the largest magnitude.
+_LATE_SHARE, _MIN_RANGE_SHARE = 1.0 / 3.0, 0.01
+_MIN_LATE_ROWS = 10
+_LARGER_ERROR = 1.2  # ratio of the errors of this range and of the largest magnitude
 
 
 class LoadedState(NamedTuple):
@@ -66,7 +71,7 @@ class LoadedState(NamedTuple):
 
 
 class _ColumnError(NamedTuple):
-    """Largest magnitude of a column, and its error.
+    """Largest magnitude or range of a column, and its error.
 
     Attributes
     ----------
@@ -91,6 +96,7 @@ def mesh_error_warnings(
     equations: EquationsOfMotion,
     column_of: Callable[[str], Array],
     state_at: Callable[[int], LoadedState],
+    has_vibrations: bool = False,
 ) -> Iterator[str]:
     """Yield a warning per beam whose stresses, strains or section forces are wrong by over 2 %.
 
@@ -99,7 +105,9 @@ def mesh_error_warnings(
     loads within elements. At its largest magnitude, a column is compared with the section forces in
     equilibrium with the loads, whose errors are much smaller; see `SectionForces`. If loads act
     within elements, a largest stress over the length of the beam is compared with that in the
-    sections of `section_forces`, which include those at the loads.
+    sections of `section_forces`, which include those at the loads. The range of late vibrations,
+    such as those of a rotating blade after its run-up, may have a much larger relative error; it
+    has a warning of its own.
 
     Parameters
     ----------
@@ -109,9 +117,12 @@ def mesh_error_warnings(
         Function that returns an observed column (k,) by header.
     state_at
         Function that returns the state of a row of the columns.
+    has_vibrations
+        True if rows are those of a run, in which ranges of vibrations are compared.
     """
     mechanism = equations.mechanism
     errors: dict[Beam, list[_ColumnError]] = {}
+    ranges: dict[Beam, list[_ColumnError]] = {}
     evaluator = _Evaluator(equations, state_at)
     for name, observed in ({} if mechanism is None else mechanism.observables).items():
         quantity, names = measured_quantity(observed)
@@ -120,13 +131,21 @@ def mesh_error_warnings(
             continue
         all_names = [x.name for x in quantity.columns]
         for header, column in zip(format_headers(name, observed.columns), names, strict=True):
-            error = evaluator.measure(
-                header, column_of(header), quantity, all_names.index(column), *sections
-            )
-            if error is not None and error.relative > MAX_UNREPORTED_ERROR:
+            index, values = all_names.index(column), column_of(header)
+            error = evaluator.measure(header, values, quantity, index, *sections)
+            limit = MAX_UNREPORTED_ERROR
+            if error is not None and error.relative > limit:
                 errors.setdefault(sections[0], []).append(error)
+                limit = _LARGER_ERROR * error.relative
+            if not has_vibrations or Beam.covers_beam(quantity):
+                continue
+            error = evaluator.measure_late_range(header, values, quantity, index, *sections)
+            if error is not None and error.relative > limit:
+                ranges.setdefault(sections[0], []).append(error)
     for beam, of_beam in errors.items():
-        yield _describe(beam, of_beam)
+        yield _describe(beam, of_beam, "largest value")
+    for beam, of_beam in ranges.items():
+        yield _describe(beam, of_beam, "range in the last third of the run")
 
 
 class _Evaluator:
@@ -162,16 +181,8 @@ class _Evaluator:
         if value == 0.0 or not np.isfinite(value):
             return None
 
-        def convert(forces: Array, s: tuple[float, ...]) -> Array:
-            return Beam.values_of_section_forces(quantity, forces, s)[column]
-
-        indicated = np.inf
-        points = self._evaluate_points(beam, row)
-        if points is not None and beam.mesh.elements > 1:
-            interpolations = _interpolate(beam, points, sections, self._attached_at(beam))
-            if interpolations is not None:
-                own, smoothed = (convert(x, sections) for x in interpolations)
-                indicated = float(np.max(np.abs(smoothed - own)))
+        convert = partial(_convert, quantity, column)
+        indicated = self._indicate(row, convert, beam, sections)
         # The sections of a largest stress are at element ends. The comparison with further sections
         # takes more time than the whole equilibrium of a small beam.
         has_further_sections = Beam.covers_beam(quantity) and self._has_loads_within_elements(beam)
@@ -204,11 +215,71 @@ class _Evaluator:
         )
         relative = abs(change) / scale
         if relative > MAX_UNREPORTED_ERROR and not Beam.covers_beam(quantity):
-            rows = np.unique(np.linspace(0, len(values) - 1, _COMPARED_ROWS).astype(int))
-            along_beam = (self._find_largest(quantity, column, beam, k) for k in rows.tolist())
-            if max(abs(value), abs(value + change)) < _NEGLIGIBLE_SHARE * max(along_beam):
+            size = max(abs(value), abs(value + change))
+            if self._is_negligible(size, quantity, column, beam, len(values)):
                 return None
         return _ColumnError(header, s[largest], value, value + change, relative)
+
+    def measure_late_range(
+        self,
+        header: str,
+        values: Array,
+        quantity: Quantity,
+        column: int,
+        beam: Beam,
+        sections: tuple[float, ...],
+    ) -> _ColumnError | None:
+        """Return the error of the range of a column in late rows; None if it is small or zero."""
+        first = int((1.0 - _LATE_SHARE) * len(values))
+        late = values[first:]
+        rows = [first + int(np.argmin(late)), first + int(np.argmax(late))]
+        size = float(np.ptp(values[rows]))
+        is_vibration = size > _MIN_RANGE_SHARE * float(np.max(np.abs(values)))
+        if len(late) < _MIN_LATE_ROWS or not is_vibration or not np.isfinite(size):
+            return None
+        convert = partial(_convert, quantity, column)
+        changes = []
+        for row in rows:
+            indicated = self._indicate(row, convert, beam, sections)
+            changes.append(0.0)
+            if indicated < _MIN_INDICATED_ERROR * size:
+                continue
+            balanced, elastic = (convert(x, sections) for x in self._evaluate(beam, row, sections))
+            change = float(balanced[0] - elastic[0])
+            if indicated >= _MIN_INDICATED_SHARE * abs(change):
+                changes[-1] = change
+        balanced_size = size + changes[1] - changes[0]
+        relative = abs(balanced_size - size) / max(size, balanced_size)
+        if relative > MAX_UNREPORTED_ERROR and self._is_negligible(
+            max(size, balanced_size), quantity, column, beam, len(values)
+        ):
+            return None
+        return _ColumnError(header, sections[0], size, balanced_size, relative)
+
+    def _indicate(
+        self,
+        row: int,
+        convert: Callable[[Array, tuple[float, ...]], Array],
+        beam: Beam,
+        sections: tuple[float, ...],
+    ) -> float:
+        """Return the error that interpolation across the end of an element indicates, or inf."""
+        points = self._evaluate_points(beam, row)
+        if points is None or beam.mesh.elements == 1:
+            return np.inf
+        interpolations = _interpolate(beam, points, sections, self._attached_at(beam))
+        if interpolations is None:
+            return np.inf
+        own, smoothed = (convert(x, sections) for x in interpolations)
+        return float(np.max(np.abs(smoothed - own)))
+
+    def _is_negligible(
+        self, size: float, quantity: Quantity, column: int, beam: Beam, count: int
+    ) -> bool:
+        """Return True if a column is small beside the largest one along the beam."""
+        rows = np.unique(np.linspace(0, count - 1, _COMPARED_ROWS).astype(int))
+        along_beam = (self._find_largest(quantity, column, beam, k) for k in rows.tolist())
+        return size < _NEGLIGIBLE_SHARE * max(along_beam)
 
     def _find_largest(self, quantity: Quantity, column: int, beam: Beam, row: int) -> float:
         """Return the largest magnitude of a column at the stiffness points of a beam in a row."""
@@ -222,6 +293,11 @@ class _Evaluator:
         return float(
             np.max(np.abs(Beam.values_of_section_forces(quantity, forces, s.tolist())[column]))
         )
+
+
+def _convert(quantity: Quantity, column: int, forces: Array, s: tuple[float, ...]) -> Array:
+    """Return a column of a quantity at arc lengths, given the section forces (3, sections)."""
+    return Beam.values_of_section_forces(quantity, forces, s)[column]
 
 
 def _find_attached_sections(equations: EquationsOfMotion, beam: Beam) -> tuple[float, ...]:
@@ -311,7 +387,7 @@ def _interpolate(
     return np.array(own).T, np.array(smoothed).T
 
 
-def _describe(beam: Beam, errors: list[_ColumnError]) -> str:
+def _describe(beam: Beam, errors: list[_ColumnError], what: str) -> str:
     errors = sorted(errors, key=lambda x: -x.relative)
     worst, unit = errors[0], split_unit(errors[0].header)[1]
     others = [f"{remove_unit(x.header)} {_percent(x)}" for x in errors[1:]]
@@ -320,7 +396,7 @@ def _describe(beam: Beam, errors: list[_ColumnError]) -> str:
     return (
         f"{beam.name}: the mesh error of {remove_unit(worst.header)} is {least}about "
         f"{name_with_others(_percent(worst), others)}: "
-        f"its largest value, from the strains, is {worst.value:.4g} "
+        f"its {what}, from the strains, is {worst.value:.4g} "
         f"{unit}, and equilibrium with the loads requires {worst.balanced:.4g} {unit}; use shorter "
         f"elements near s = {worst.s:.4g} m, or solution.section_forces({beam.name!r})."
     )
