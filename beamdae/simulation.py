@@ -481,10 +481,11 @@ _skips_checks: ContextVar[bool] = ContextVar("_skips_checks", default=False)
 
 
 @contextmanager
-def skip_run_checks() -> Iterator[None]:
-    """Let runs issue no warnings about their results; `Solution.warnings` evaluates them later.
+def skip_result_checks() -> Iterator[None]:
+    """Let runs, equilibria and modes issue no warnings about their results.
 
-    The checks take as long as a short run.
+    The checks take as long as a short run. `Solution.warnings` evaluates those of a run later;
+    equilibria and modes are not compared with more accurate beams.
     """
     token = _skips_checks.set(True)
     try:
@@ -493,12 +494,17 @@ def skip_run_checks() -> Iterator[None]:
         _skips_checks.reset(token)
 
 
+def skips_result_checks() -> bool:
+    """Return True in `with skip_result_checks()`."""
+    return _skips_checks.get()
+
+
 def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[str, ...]]:
     """Return the solution and its warnings; Ctrl-C skips the checks and changes the status."""
     sentences: tuple[str, ...] = ()
     try:
         # After an interrupt, no further evaluations delay the return.
-        if solution.status.kind != "interrupted" and not _skips_checks.get():
+        if solution.status.kind != "interrupted" and not skips_result_checks():
             sentences = solution.warnings
     except KeyboardInterrupt:
         acknowledge()

@@ -17,6 +17,7 @@ from beamdae.analysis.optimization.analyses import DesignModel, RunSettings, cre
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.result import Constraint, list_warnings
 from beamdae.analysis.optimization.search import Search, Trial, count_idle_trials
+from beamdae.analysis.statics.mesh_dependence import compare_end
 
 STEEL = bd.Material(E=210e9, nu=0.3, rho=7850.0)
 LENGTH, WIDTH, LOAD, SAG = 1.0, 0.02, 50.0, 0.01
@@ -1545,3 +1546,39 @@ def test_regression_first_designs_that_fail_name_meaningless_strains():
         pytest.raises(bd.BeamdaeError, match=f"did not reach its end.*{hint}.*check .* units"),
     ):
         bd.optimize(leaf, bd.Mass(), "height", tip)
+
+
+@pytest.mark.slow(reason="a quarter of a second")
+def test_only_the_best_design_is_compared_with_more_accurate_beams(monkeypatch):
+    compared = []
+
+    def compare(loading, *arguments):
+        compared.append(loading)
+        return compare_end(loading, *arguments)
+
+    monkeypatch.setattr("beamdae.analysis.statics.static_equilibrium.compare_end", compare)
+
+    @bd.model(t_end=1.0)
+    def strip(height=2e-3):
+        mech = bd.Mechanism()
+        section = bd.Section.rectangle(STEEL, width=WIDTH, height=height)
+        line = bd.Line((0.0, 0.0), (1.0, 0.0))
+        beam = mech.add(bd.Beam("beam", line, section, elements=4))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.Force("load", beam.end, (0.0, -0.1 * STEEL.E * WIDTH * 8e-9)))
+        mech.observe("tip", beam.end)
+        return mech
+
+    with pytest.warns(bd.BeamdaeWarning, match="with exact strains"):
+        design = bd.optimize(
+            strip,
+            bd.Mass(),
+            by=["height"],
+            bounds={"height": (1e-3, 4e-3)},
+            subject_to=[bd.at_least(bd.EquilibriumValue("tip.y"), -0.4)],
+        )
+    assert design.evaluations > 3
+    assert len(compared) == 2
+    with pytest.warns(bd.BeamdaeWarning, match="with exact strains"):
+        path = bd.equilibrium(strip(**design.parameters))
+    assert design.warnings == path.warnings

@@ -57,6 +57,7 @@ from beamdae.results.diagnostics.meshes.coarse_elements import (
 from beamdae.results.displays import HasModeShapes
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant
+from beamdae.simulation import skips_result_checks
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -355,7 +356,7 @@ def compute_modes(
     result = Modes(
         lin.about, solution.values, solution.shapes.T, kinds, lin.state.q, mechanism, (), lin
     )
-    if mechanism is not None:
+    if mechanism is not None and not skips_result_checks():
         values, shapes = result.eigenvalues[:assessed], result.shapes[:assessed]
         shares = {name: x[:assessed] for name, x in result.shares.items()}
         sentences = mesh_warnings(mechanism, lin.equations, lin.state, values, shapes, shares)

@@ -17,6 +17,8 @@ from beamdae.analysis.gradients.objectives import SampleGrid, SmoothMaximum, rea
 from beamdae.analysis.optimization.analyses import (
     Analysis,
     DesignModel,
+    EquilibriumAnalysis,
+    ModeAnalysis,
     RunAnalysis,
     RunSettings,
     analysis_key,
@@ -53,7 +55,7 @@ from beamdae.errors import (
 from beamdae.integrators.integrator import Integrator, refine
 from beamdae.model_parameters import parse_unit, split_unit
 from beamdae.results.solution import Solution
-from beamdae.simulation import as_equations, skip_run_checks
+from beamdae.simulation import as_equations, skip_result_checks
 
 Array = np.ndarray
 
@@ -342,10 +344,6 @@ class DesignProblem:
     def _analyze(self, values: Array) -> Design:
         flat = replace(self.flat, parameters=self.parameters(values))
         model = DesignModel(flat)
-        groups: dict[tuple[Any, ...], list[AnalysisQuantity]] = {}
-        for quantity in self.quantities:
-            for leaf in quantity.leaves:
-                groups.setdefault(analysis_key(leaf), []).append(leaf)
         analyses: dict[tuple[Any, ...], Analysis] = {}
         results: dict[AnalysisQuantity, float] = {}
         with warnings.catch_warnings(), keep_known_sections(self._sections):
@@ -353,8 +351,8 @@ class DesignProblem:
             # issued if its analysis fails.
             warnings.simplefilter("ignore", BeamdaeWarning)
             is_first = np.array_equal(values, self.first)
-            for key, leaves in groups.items():
-                with nullcontext() if is_first else skip_run_checks():
+            for key, leaves in self._group_leaves().items():
+                with nullcontext() if is_first else skip_result_checks():
                     analysis = create_analysis(model, leaves, self._settings)
                 analyses[key] = analysis
                 results |= {leaf: analysis.value(leaf) for leaf in leaves}
@@ -369,6 +367,28 @@ class DesignProblem:
             )
         weights = [x for _, x in combined]
         return Design(flat, analyses, numbers, results, self._sections, weights)
+
+    def _group_leaves(self) -> dict[tuple[Any, ...], list[AnalysisQuantity]]:
+        """Return the quantities of each analysis."""
+        groups: dict[tuple[Any, ...], list[AnalysisQuantity]] = {}
+        for quantity in self.quantities:
+            for leaf in quantity.leaves:
+                groups.setdefault(analysis_key(leaf), []).append(leaf)
+        return groups
+
+    def checked_results(self, design: Design) -> tuple[Any, ...]:
+        """Return the results of a design, with all their warnings.
+
+        Equilibria and modes are computed again with the checks that other designs omit.
+        """
+        model, groups = DesignModel(design.flat), self._group_leaves()
+        analyses = dict(design.analyses)
+        with warnings.catch_warnings(), keep_known_sections(design.sections):
+            warnings.simplefilter("ignore", BeamdaeWarning)
+            for key, analysis in design.analyses.items():
+                if isinstance(analysis, (EquilibriumAnalysis, ModeAnalysis)):
+                    analyses[key] = create_analysis(model, groups[key], self._settings)
+        return replace(design, analyses=analyses).results
 
     def _read_bounds(self, bounds: Any) -> tuple[Array, Array]:
         """Return lower and upper bounds of the numbers."""

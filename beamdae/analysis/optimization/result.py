@@ -414,26 +414,26 @@ def create_optimization(
     numbers = zip(
         best.numbers.tolist(), problem.lower.tolist(), problem.upper.tolist(), strict=True
     )
-    results = design.results
-    status, messages = search.status, list_warnings(results)
-    leaves = [x for quantity in problem.quantities for x in quantity.leaves]
-    if not any(isinstance(x, (EquilibriumValue, EquilibriumErrors)) for x in leaves):
-        # Paths of critical loads end beyond these.
-        about_end = [x.instability for x in results if isinstance(x, Equilibrium)]
-        messages = tuple(x for x in messages if x not in about_end)
+    results, status = design.results, search.status
+    own: tuple[str, ...] = ()
     if not search.was_ended:
         try:
+            results = problem.checked_results(design)
             zeros = _check_zeros(problem, search)
             own = (
                 *_check_steps(problem, search),
                 *(zeros or _check_inactive_limits(problem, constraints, best.numbers, design)),
             )
-            messages = tuple(
-                dict.fromkeys((*own, *_check_signs(problem, search, constraints), *messages))
-            )
+            own = (*own, *_check_signs(problem, search, constraints))
         except KeyboardInterrupt:
             acknowledge()
             status = Status("interrupted", INTERRUPTED_CHECKS)
+    messages = list_warnings(results)
+    leaves = [x for quantity in problem.quantities for x in quantity.leaves]
+    if not any(isinstance(x, (EquilibriumValue, EquilibriumErrors)) for x in leaves):
+        # Paths of critical loads end beyond these.
+        about_end = [x.instability for x in results if isinstance(x, Equilibrium)]
+        messages = tuple(x for x in messages if x not in about_end)
     return Optimization(
         parameter_values(problem.flat, best.numbers),
         float(best.values[0]),
@@ -445,7 +445,7 @@ def create_optimization(
         results,
         search.first_analyses,
         {"name": problem.flat.name, "parameters": dict(design.flat.parameters)},
-        messages,
+        tuple(dict.fromkeys((*own, *messages))),
         dict(zip(names, problem.first.tolist(), strict=True)),
         dict(zip(names, numbers, strict=True)),
         columns,
