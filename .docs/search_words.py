@@ -30,6 +30,7 @@ WORDS = {
     "howto/explore_with_sliders": ("slider", "interactive", "live view"),
     "howto/run_on_a_cluster": ("cluster", "Dask"),
     "howto/calibrate": ("calibration", "identification", "measurement", "parameter fit"),
+    "howto/statics_and_modes": ("pretension", "prestress", "tensioned wire", "string"),
     "howto/use_gradients": ("PyTorch", "JAX", "adjoint"),
     "howto/write_a_force": ("custom force", "aerodynamic force", "nonlinear spring"),
     "guide/models": (
