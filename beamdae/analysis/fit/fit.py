@@ -220,7 +220,8 @@ def fit(
         except (ValueError, ArithmeticError):
             pass  # other searches may succeed
         else:
-            rejected = errors.check_start(evaluation)
+            errors.check_ranges(evaluation)
+            rejected = errors.check_scales(evaluation)
     if starts > 1 and not rejected:
         run_starts: Any = deferred.module("studies.fit_starts").run_starts
         first, table, is_interrupted = run_starts(

@@ -137,7 +137,7 @@ class RecordingErrors:
     Attributes
     ----------
     first
-        The first evaluation, after `check_start`.
+        The first evaluation, after `check_ranges`.
     """
 
     def __init__(
@@ -148,14 +148,18 @@ class RecordingErrors:
         self._is_searched = False
         self.first: Evaluation | None = None
 
-    def check_start(self, first: Evaluation) -> str:
-        """Return a clause on an error, or "", if a scale describes the data of the first run.
-
-        A search of the scale decides, because the first values may be far from the estimates. See
-        `check_ranges` for errors and warnings.
-        """
+    def check_ranges(self, first: Evaluation) -> None:
+        """Compare the ranges of the first run and the data; see the function `check_ranges`."""
         self.first = first
         check_ranges(self._problem, self._scaling, first)
+
+    def check_scales(self, best: Evaluation) -> str:
+        """Return a clause on an error, or "", if a scale describes the data of the first run.
+
+        A search of the scale decides, because the first values may be far from the estimates.
+        """
+        first = self.first
+        assert first is not None
         headers = [
             header
             for series, header, rows in _unscaled_series(self._problem)
@@ -166,7 +170,7 @@ class RecordingErrors:
         if not headers or self._problem.sensors.shifts:
             return ""
         with np.errstate(all="ignore"):
-            return self._find(headers, first, self._scaling.first)
+            return self._find(headers, best, self._scaling.first)
 
     def check_progress(self, best: Evaluation) -> str:
         """Return a clause on an error, or "", if a search has not explained the data yet."""

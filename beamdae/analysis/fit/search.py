@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -66,8 +66,11 @@ class Checks(Protocol):
 
     first: Evaluation | None
 
-    def check_start(self, first: Evaluation) -> str:
+    def check_ranges(self, first: Evaluation) -> None:
         """Check the data with the first evaluation."""
+
+    def check_scales(self, best: Evaluation) -> str:
+        """Check the data with the best evaluation of a search that leaves more than noise."""
 
     def check_progress(self, best: Evaluation) -> str:
         """Check the data with the best evaluation of searches that do not explain them."""
@@ -131,10 +134,10 @@ def search(
     """Minimize the sum of squares from the variables `first` (K,).
 
     Only the variables marked in `free` (K,) vary; None means all. Variables without any effect keep
-    their first values. `checks` may end the search at its first values, because of an error of the
-    data. The trust region is scaled by the columns of the Jacobian (Moré, Lect. Notes Math. 630
-    (1978) 105, doi:10.1007/BFb0067700), which suits narrow valleys but permits long steps of
-    variables with little effect. With `has_short_steps`, it is a sphere in the variables, as that
+    their first values. `checks` compares the ranges of the data with those of the first run. The
+    trust region is scaled by the columns of the Jacobian (Moré, Lect. Notes Math. 630 (1978) 105,
+    doi:10.1007/BFb0067700), which suits narrow valleys but permits long steps of variables with
+    little effect. With `has_short_steps`, it is a sphere in the variables, as that
     of Levenberg: the first step changes no variable by more than about its first value or a factor
     of e. With `can_stall`, a search ends that has not explained the data and makes no progress.
     Squares of the distances from the variables `prior` (K,) are added with a small weight, which
@@ -252,8 +255,8 @@ def search(
     at_bounds = np.zeros(len(first), bool)
     # The search must not depend on the units of the data.
     size = float(np.linalg.norm(start.residuals)) or 1.0
-    if checks is not None and (clause := checks.check_start(start)):
-        return reject_data(start, evaluations, clause)
+    if checks is not None:
+        checks.check_ranges(start)
     try:
         # Kept within the bounds up to rounding, as the method requires.
         result = least_squares(
@@ -326,6 +329,22 @@ def reject_data(first: Evaluation, evaluations: int, clause: str) -> SearchResul
     return SearchResult(first, evaluations, status, at_bounds, recording_error=clause)
 
 
+def _reject(
+    checks: Checks, check: Callable[[Evaluation], str], end: SearchResult
+) -> SearchResult | None:
+    """Return the result of `reject_data` if a check of a search finds an error, otherwise None."""
+    try:
+        clause = check(end.evaluation)
+    except KeyboardInterrupt:
+        reason = "interrupted while the data were checked"
+        partial = replace(end, status=Status("interrupted", reason))
+        raise Interrupted(reason, partial) from None
+    if not clause:
+        return None
+    assert checks.first is not None
+    return reject_data(checks.first, end.evaluations, clause)
+
+
 def robust_search(
     problem: FitProblem,
     scaling: Scaling,
@@ -352,9 +371,11 @@ def robust_search(
         See `search`.
     """
     end = search(problem, scaling, first, max_evaluations, checks=checks, can_stall=True)
-    if end.recording_error:
-        return end
     evaluations = end.evaluations
+    if checks is not None and not is_noise(end.evaluation.residuals):
+        rejected = _reject(checks, checks.check_scales, end)
+        if rejected is not None:
+            return rejected
 
     def repeat(
         begin: Array,
@@ -406,15 +427,9 @@ def robust_search(
             if other is not None and _is_better(problem, other, end):
                 end = other
     if checks is not None and not is_explained(problem, end.evaluation):
-        try:
-            clause = checks.check_progress(end.evaluation)
-        except KeyboardInterrupt:
-            reason = "interrupted while the data were checked"
-            partial = replace(end, status=Status("interrupted", reason))
-            raise Interrupted(reason, partial) from None
-        if clause:
-            assert checks.first is not None
-            return reject_data(checks.first, evaluations, clause)
+        rejected = _reject(checks, checks.check_progress, replace(end, evaluations=evaluations))
+        if rejected is not None:
+            return rejected
     is_runaway = _find_runaways(problem, scaling, end)
     if not end.status.success or is_runaway.any():
         short = repeat(first)
