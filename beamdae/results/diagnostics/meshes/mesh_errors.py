@@ -202,16 +202,12 @@ class _Evaluator:
         if has_further_sections:
             largest = int(np.argmax(balanced))
             change += max(float(balanced[largest]) - at_sections, 0.0)
-        section = beam.section.at(s[largest])
-        radius = np.sqrt(section.second_moment / section.area)
-        force = np.max(np.abs(forces[0]) / np.array([[1.0], [1.0], [radius]]))
-        force = max(_MIN_STRESS_SHARE * force, _ROUNDING_STRAIN * section.EA)
-        units = convert(np.diag([force, force, force * radius]), (s[largest],) * 3)
+        negligible = _find_negligible_size(convert, beam, s[largest], forces[0])
         scale = max(
             abs(value),
             abs(value + change),
             MIN_SHARE * float(np.max(np.abs(balanced))),
-            float(np.max(np.abs(units))),
+            negligible,
         )
         relative = abs(change) / scale
         if relative > MAX_UNREPORTED_ERROR and not Beam.covers_beam(quantity):
@@ -238,18 +234,20 @@ class _Evaluator:
         if len(late) < _MIN_LATE_ROWS or not is_vibration or not np.isfinite(size):
             return None
         convert = partial(_convert, quantity, column)
-        changes = []
+        changes, scale = [], size
         for row in rows:
             indicated = self._indicate(row, convert, beam, sections)
             changes.append(0.0)
             if indicated < _MIN_INDICATED_ERROR * size:
                 continue
-            balanced, elastic = (convert(x, sections) for x in self._evaluate(beam, row, sections))
+            forces = self._evaluate(beam, row, sections)
+            scale = max(scale, _find_negligible_size(convert, beam, sections[0], forces[0]))
+            balanced, elastic = (convert(x, sections) for x in forces)
             change = float(balanced[0] - elastic[0])
             if indicated >= _MIN_INDICATED_SHARE * abs(change):
                 changes[-1] = change
         balanced_size = size + changes[1] - changes[0]
-        relative = abs(balanced_size - size) / max(size, balanced_size)
+        relative = abs(balanced_size - size) / max(scale, balanced_size)
         if relative > MAX_UNREPORTED_ERROR and self._is_negligible(
             max(size, balanced_size), quantity, column, beam, len(values)
         ):
@@ -298,6 +296,20 @@ class _Evaluator:
 def _convert(quantity: Quantity, column: int, forces: Array, s: tuple[float, ...]) -> Array:
     """Return a column of a quantity at arc lengths, given the section forces (3, sections)."""
     return Beam.values_of_section_forces(quantity, forces, s)[column]
+
+
+def _find_negligible_size(
+    convert: Callable[[Array, tuple[float, ...]], Array], beam: Beam, s: float, forces: Array
+) -> float:
+    """Return the size of a column up to which it is negligible or a rounding error.
+
+    `forces` are section forces (3, sections) of the beam.
+    """
+    section = beam.section.at(s)
+    radius = np.sqrt(section.second_moment / section.area)
+    force = np.max(np.abs(forces) / np.array([[1.0], [1.0], [radius]]))
+    force = max(_MIN_STRESS_SHARE * force, _ROUNDING_STRAIN * section.EA)
+    return float(np.max(np.abs(convert(np.diag([force, force, force * radius]), (s,) * 3))))
 
 
 def _find_attached_sections(equations: EquationsOfMotion, beam: Beam) -> tuple[float, ...]:
