@@ -181,6 +181,20 @@ def record_warnings(function: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
+def warnings_are_ignored() -> bool:
+    """Return True if each `BeamdaeWarning` issued now would be neither shown nor listed."""
+    if _held_messages.get() is not None or _message_lists.get():
+        return False
+    filters: list[Any] = warnings.filters  # type: ignore[assignment]
+    for action, text, category, module, line in filters:
+        if text is None and module is None and not line and issubclass(BeamdaeWarning, category):
+            return action == "ignore"
+        applies = issubclass(category, BeamdaeWarning) or issubclass(BeamdaeWarning, category)
+        if applies and action != "ignore":
+            return False
+    return False
+
+
 def kind_of_message(message: str) -> str:
     """Return a key that is equal if messages differ only in numbers after their first colon."""
     part, colon, rest = message.partition(": ")

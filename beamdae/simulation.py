@@ -28,6 +28,7 @@ from beamdae.errors import (
     short_repr,
     warn_of_incomplete_result,
     warn_of_result,
+    warnings_are_ignored,
 )
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import require_integrator
@@ -153,6 +154,8 @@ def simulate(
     -----
     BeamdaeWarning
         If the run was not completed (with the reason), and for each of `Solution.warnings`.
+        If filters of `warnings` ignore this category, the latter are evaluated only when they are
+        read, which saves the time of a short run.
     KernelWarning
         If machine code cannot be compiled or cached, so that runs are slower, or if `Auto` replaces
         `Ida` because a package cannot be imported; once per process and message.
@@ -504,7 +507,8 @@ def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[st
     sentences: tuple[str, ...] = ()
     try:
         # After an interrupt, no further evaluations delay the return.
-        if solution.status.kind != "interrupted" and not skips_result_checks():
+        is_checked = not (skips_result_checks() or warnings_are_ignored())
+        if solution.status.kind != "interrupted" and is_checked:
             sentences = solution.warnings
     except KeyboardInterrupt:
         acknowledge()

@@ -38,6 +38,9 @@ _VARIANTS_PER_SLOW_TEST = 4
 _COMPLETE_FOLDERS = ("models", "validation")
 _SAMPLED_PROGRAM = "test_robustness.py"
 _DOCTESTS = "test_docstrings.py"
+# Runs check their results only if some filter may show the warnings, which are ignored. This one
+# matches no message: slow tests thus check the results of every run, for errors in these checks.
+_CHECKS_RESULTS = "always:(?!):beamdae.errors.BeamdaeWarning"
 _WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")  # of xdist, such as "gw1"
 _COLLECTS_IN_REVERSE = _WORKER.endswith(("1", "3", "5", "7", "9"))
 
@@ -70,7 +73,7 @@ def pytest_make_collect_report(collector):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark tests that need a browser, and most variants of a test, as slow."""
+    """Mark tests in a browser and most variants of a test as slow, whose runs are checked."""
     if _WORKER:
         items.sort(key=lambda item: item.path.parts)
     tests = defaultdict(list)
@@ -82,6 +85,9 @@ def pytest_collection_modifyitems(items):
                 item.add_marker(pytest.mark.slow(reason="starts a browser"))
         elif variants[0].path.name != _DOCTESTS:
             _mark_variants(name, variants)
+    for item in items:
+        if item.get_closest_marker("slow"):
+            item.add_marker(pytest.mark.filterwarnings(_CHECKS_RESULTS))
 
 
 def _mark_variants(name, variants):

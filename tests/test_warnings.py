@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.errors import warn_of_result, warn_user
+from beamdae.errors import InputWarning, record_messages, warn_of_result, warn_user
+from beamdae.results import solution
 
 
 def shown(action, messages, times=1):
@@ -45,6 +46,36 @@ def test_regression_a_loop_over_models_warns_once_of_each_kind():
                 warnings.simplefilter("ignore")
     assert [str(x.message)[:37] for x in records] == ["beam: the curve turns by 2.5 rad with"]
     assert records[0].filename == __file__
+
+
+@pytest.mark.parametrize(
+    ("filters", "is_checked"),
+    [
+        ([], True),
+        ([("ignore", "", Warning)], False),
+        ([("default", "", bd.BeamdaeWarning), ("ignore", "", UserWarning)], False),
+        ([("ignore", "", bd.BeamdaeWarning), ("always", "", InputWarning)], True),
+        ([("ignore", "", bd.BeamdaeWarning), ("always", "", DeprecationWarning)], False),
+        ([("ignore", "", bd.BeamdaeWarning), ("error", "the run was not", Warning)], True),
+        ([("default", "", Warning), ("ignore", "mass: ", bd.BeamdaeWarning)], True),
+        ([("default", "", Warning), ("ignore", "", InputWarning)], True),
+    ],
+)
+def test_runs_are_checked_unless_all_warnings_are_ignored(monkeypatch, filters, is_checked):
+    checked = []
+    monkeypatch.setattr(solution, "RUN_CHECKS", {lambda run: checked.append(run) or ["mass: off."]})
+    with warnings.catch_warnings(record=True):
+        warnings.simplefilter("default")
+        for action, message, category in filters:
+            warnings.filterwarnings(action, message, category)
+        run = bd.simulate(_press_crown(), bd.Radau(), t_end=0.1)
+        assert len(checked) == is_checked
+        assert run.warnings == ("mass: off.",)
+        assert len(checked) == 1
+        # Recorded messages are part of a result.
+        with record_messages() as messages:
+            bd.simulate(_press_crown(), bd.Radau(), t_end=0.1)
+        assert "mass: off." in messages
 
 
 def _press_crown():
