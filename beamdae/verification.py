@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.beams.beam import beams_of
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, format_percent, name_with_others, short_repr
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
@@ -225,7 +226,7 @@ def _compare_second_run(
     name, value = integrator.accuracy
     if len(solution.t) > 1:
         for second in _second_runs(solution, integrator, max_steps):
-            other = _run_again(solution, second.integrator, progress)
+            other = run_again(solution, second.integrator, progress)
             if other is None:
                 continue
             steps = solution.trajectory.steps, other.trajectory.steps
@@ -467,7 +468,7 @@ def compare_methods(
     other_name, other_value = require_integrator("verify", integrator).accuracy
     if other_name == "rtol":
         allowed_error = max(allowed_error, _ALLOWED_ERROR * other_value)
-    other = _run_again(solution, integrator, progress)
+    other = run_again(solution, integrator, progress)
     rtol = value if has_rtol else 0.0
     columns = _compare(solution, other, np.nan if other is None else 1.0, rtol)
     del columns[SIGNED_ERROR]
@@ -516,17 +517,23 @@ def _require_own_integrator(name: str, solution: Any) -> Integrator:
     return require_integrator(name, solution.made_by)
 
 
-def _run_again(
-    solution: Solution, integrator: Integrator, progress: Progress | None
+def run_again(
+    solution: Solution,
+    integrator: Integrator,
+    progress: Progress | None,
+    equations: EquationsOfMotion | None = None,
 ) -> Solution | None:
-    """Repeat the run; return None if it has a single row or the repeated run is not completed."""
+    """Repeat the run; return None if it has a single row or the repeated run is not completed.
+
+    `equations` default to those of the run.
+    """
     if len(solution.t) < 2:
         return None
     # The rows of `Solution.at_times` may begin later than the run.
     begin = solution.trajectory.start
     is_later = solution.t[0] > begin
     times = np.append(begin, solution.t) if is_later else solution.t
-    other = integrator.integrate(solution.equations, times, progress)
+    other = integrator.integrate(equations or solution.equations, times, progress)
     if is_later:
         other = replace(other, t=other.t[1:])
     if other.status.kind == "interrupted":

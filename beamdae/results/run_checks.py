@@ -49,6 +49,7 @@ from beamdae.results.diagnostics.meshes.beam_ranges import (
 from beamdae.results.diagnostics.meshes.coarse_elements import coarse_element_warnings
 from beamdae.results.diagnostics.meshes.fast_loads import fast_load_warnings
 from beamdae.results.diagnostics.meshes.forced_vibrations import examine_vibrations
+from beamdae.results.diagnostics.meshes.impact_meshes import impact_mesh_warnings
 from beamdae.results.diagnostics.meshes.long_elements import long_element_warnings
 from beamdae.results.diagnostics.meshes.mesh_errors import LoadedState, mesh_error_warnings
 from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
@@ -185,6 +186,21 @@ def _step_errors(run: RunData) -> Iterator[str]:
         warning = verification.accuracy_warning(run, verification.estimate_errors(run))
     if warning:
         yield warning
+
+
+def _impact_meshes(run: RunData) -> Iterator[str]:
+    can_repeat = run.made_by is not None and run.status.success and _is_complete(run)
+    # Of fast rises, the error by the elements is known.
+    if not (_estimates_errors.get() and can_repeat and run.columns) or run._hard_impacts:
+        return
+    verification = deferred.module("verification")
+
+    def run_again(equations: EquationsOfMotion) -> RunData | None:
+        other: RunData | None = verification.run_again(run, run.made_by, None, equations)
+        return other
+
+    with suppress(BeamdaeError):  # The second run cannot begin.
+        yield from impact_mesh_warnings(run, run.start.request, run_again)
 
 
 def _hard_impacts(run: RunData) -> Iterable[str]:
@@ -399,6 +415,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _of_motion(deep_contact_warnings),
     _of_motion(soft_contact_warnings),
     _untouched_contacts,
+    _impact_meshes,
     _mesh_errors,
     _coarse_elements,
     _long_elements,

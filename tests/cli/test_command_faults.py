@@ -233,11 +233,11 @@ def test_files_that_a_model_left_open_are_complete(here):
 def test_interrupt_in_the_second_run_keeps_the_first(here):
     lines = """
 import beamdae.verification as verification
-again = verification._run_again
+again = verification.run_again
 def interrupt(*arguments):
     send_signal()
     return again(*arguments)
-verification._run_again = interrupt
+verification.run_again = interrupt
 """
     Path("model.py").write_text(MODEL.replace("# importing", lines), encoding="utf-8")
     command = process("run", "model.py")

@@ -245,7 +245,7 @@ def test_interrupts_of_the_second_run_keep_the_first_one(monkeypatch):
     def interrupt(*_):
         raise Interrupted("interrupted at t = 0.1 s")
 
-    monkeypatch.setattr(verification, "_run_again", interrupt)
+    monkeypatch.setattr(verification, "run_again", interrupt)
     with pytest.raises(Interrupted, match="while the run was checked") as caught:
         bd.simulate(oscillator(), bd.GeneralizedAlpha(0.01), 1.0)
     assert caught.value.solution.t[-1] == 1.0

@@ -189,13 +189,7 @@ def coarse_element_warnings(
     fine = _find_state(equations, halved, coarse, duration)
     if fine is None:
         return
-    scales = {
-        header: x.max - x.min
-        if Header.of(header).unit in UNITS_OF_POSITIONS
-        else max(abs(x.min), abs(x.max))
-        for header, x in extremes.items()
-        if "/s" not in Header.of(header).unit  # rates are those of the run
-    }
+    scales = scales_of_columns(extremes)
     pairs = (equations, coarse), (halved.equations, fine)
     values = _pair(equations.observed_headers, *(_observe(*pair) for pair in pairs))
     before, after = (_find_eigenvalues(*pair) for pair in pairs)
@@ -228,8 +222,55 @@ def describe_changes(
     when
         Phrase that follows the first value.
     """
-    compared = _headers_of_sections(equations)
-    headers = [x for x in values if x in scales and x not in compared]
+    compared = headers_of_sections(equations)
+    pairs = {header: pair for header, pair in values.items() if header not in compared}
+    errors = find_changes(equations, pairs, scales)
+    if not errors:
+        return
+    worst, *others = errors
+    coarse, fine = values[worst]
+    also = [f"{remove_unit(x)} {format_percent(errors[x])}" for x in others]
+    change = name_with_others(format_percent(errors[worst]), also)
+    one, other = format_apart(worst, fine, coarse)
+    yield (
+        f"{doubt.cause}: {doubt.comparison}, {remove_unit(worst)}{when} is {one} instead of "
+        f"{other}, a change of {change}; {doubt.remedy(errors[worst])}."
+    )
+
+
+def scales_of_columns(extremes: Mapping[str, StepExtremes]) -> dict[str, float]:
+    """Return the ranges of positions and angles and the largest magnitudes of other columns.
+
+    Rates, which are those of the run, are omitted.
+    """
+    return {
+        header: x.max - x.min
+        if Header.of(header).unit in UNITS_OF_POSITIONS
+        else max(abs(x.min), abs(x.max))
+        for header, x in extremes.items()
+        if "/s" not in Header.of(header).unit
+    }
+
+
+def find_changes(
+    equations: EquationsOfMotion,
+    values: Mapping[str, tuple[float, float]],
+    scales: Mapping[str, float],
+) -> dict[str, float]:
+    """Return changes of over 1 % relative to the scale, by header, the largest one first.
+
+    Columns that are rounding errors, or small beside others of their kind, are omitted.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    values
+        Values of the model and with more accurate beams, by header.
+    scales
+        Size of the values, by header. Other values are ignored.
+    """
+    headers = [x for x in values if x in scales]
     sizes = np.array([scales[x] for x in headers])
     lengths = {"m": equations.length, "rad": 1.0}
     rounding = [_ROUNDING * lengths.get(Header.of(x).unit, 0.0) for x in headers]
@@ -244,17 +285,7 @@ def describe_changes(
         for header, change, size, noise in zip(headers, changes, sizes, is_noise, strict=True)
         if not noise and _MAX_ERROR < abs(change) / size < np.inf
     }
-    if not errors:
-        return
-    worst, *others = sorted(errors, key=lambda x: -errors[x])
-    coarse, fine = values[worst]
-    also = [f"{remove_unit(x)} {format_percent(errors[x])}" for x in others]
-    change = name_with_others(format_percent(errors[worst]), also)
-    one, other = format_apart(worst, fine, coarse)
-    yield (
-        f"{doubt.cause}: {doubt.comparison}, {remove_unit(worst)}{when} is {one} instead of "
-        f"{other}, a change of {change}; {doubt.remedy(errors[worst])}."
-    )
+    return dict(sorted(errors.items(), key=lambda x: -x[1]))
 
 
 def pair_frequencies(
@@ -279,7 +310,7 @@ def pair_frequencies(
     }
 
 
-def _headers_of_sections(equations: EquationsOfMotion) -> set[str]:
+def headers_of_sections(equations: EquationsOfMotion) -> set[str]:
     """Return the headers of stresses, strains and section forces of beams."""
     mechanism, headers = equations.mechanism, set[str]()
     observed = {} if mechanism is None else mechanism.observables
