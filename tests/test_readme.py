@@ -16,6 +16,12 @@ TESTED_PAGES = {"equations", "equilibria", "events", "forces", "modes", "section
 EXECUTED_PAGES = {page.stem for page in GUIDE.glob("*.md") if "{code-cell}" in page.read_text()}
 
 
+@pytest.fixture(autouse=True)
+def empty_folder(tmp_path, monkeypatch):
+    """Examples write files into the working directory, which stayed in the repository."""
+    monkeypatch.chdir(tmp_path)
+
+
 def code_blocks(text):
     return re.findall(r"```(?:python|\{code-cell\})\n(.*?)```", text, flags=re.DOTALL)
 
@@ -28,11 +34,10 @@ def run_page(page):
     return names
 
 
-def test_example_runs_and_writes_its_table(tmp_path, monkeypatch):
+def test_example_runs_and_writes_its_table():
     section = (ROOT / "README.md").read_text().split("## A model")[1].split("\n## ")[0]
     (example,) = code_blocks(section)
     assert len([line for line in example.splitlines() if line.strip()]) <= 15
-    monkeypatch.chdir(tmp_path)
     exec(compile(example, "README.md", "exec"), {})
     table = pd.read_csv("results/pendulum.csv")
     assert table["t [s]"].iloc[-1] == 1.0
