@@ -28,6 +28,7 @@ from beamdae.analysis.optimization.quantities import (
     AnalysisQuantity,
     LargestOf,
     Limit,
+    ParameterFunction,
     Quantity,
     RunQuantity,
     as_quantity,
@@ -46,6 +47,7 @@ from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
     as_real,
+    hold_messages,
     kind_of_message,
     list_first,
     require_mapping,
@@ -128,7 +130,11 @@ class Design:
             by_analysis: dict[tuple[Any, ...], dict[AnalysisQuantity, float]] = {}
             for quantity, weight in self._weights[index].items():
                 by_analysis.setdefault(analysis_key(quantity), {})[quantity] = weight
-            with warnings.catch_warnings(), keep_known_sections(self.sections):
+            with (
+                warnings.catch_warnings(),
+                skip_result_checks(),
+                keep_known_sections(self.sections),
+            ):
                 warnings.simplefilter("ignore", BeamdaeWarning)
                 total = sum(self.analyses[key].gradient(x) for key, x in by_analysis.items())
             gradient = np.asarray(total, float)
@@ -355,7 +361,9 @@ class DesignProblem:
                 with nullcontext() if is_first else skip_result_checks():
                     analysis = create_analysis(model, leaves, self._settings)
                 analyses[key] = analysis
-                results |= {leaf: analysis.value(leaf) for leaf in leaves}
+                # Functions of parameters may contain analyses.
+                with skip_result_checks():
+                    results |= {leaf: analysis.value(leaf) for leaf in leaves}
         combined = [quantity.combine(results) for quantity in self.quantities]
         numbers = np.array([value for value, _ in combined])
         if not np.all(np.isfinite(numbers)):
@@ -376,19 +384,25 @@ class DesignProblem:
                 groups.setdefault(analysis_key(leaf), []).append(leaf)
         return groups
 
-    def checked_results(self, design: Design) -> tuple[Any, ...]:
-        """Return the results of a design, with all their warnings.
+    def checked_results(self, design: Design) -> tuple[tuple[Any, ...], tuple[str, ...]]:
+        """Return the results of a design with all their warnings, and those of the user's code.
 
-        Equilibria and modes are computed again with the checks that other designs omit.
+        Equilibria and modes are computed again with the checks that other designs omit, and so are
+        those that functions of parameters and the model function contain.
         """
         model, groups = DesignModel(design.flat), self._group_leaves()
         analyses = dict(design.analyses)
+        with hold_messages() as messages, keep_known_sections(design.sections):
+            _ = model.mechanism
+            for key, leaf in ((key, x) for key, leaves in groups.items() for x in leaves):
+                if isinstance(leaf, ParameterFunction):
+                    design.analyses[key].value(leaf)
         with warnings.catch_warnings(), keep_known_sections(design.sections):
             warnings.simplefilter("ignore", BeamdaeWarning)
             for key, analysis in design.analyses.items():
                 if isinstance(analysis, (EquilibriumAnalysis, ModeAnalysis)):
                     analyses[key] = create_analysis(model, groups[key], self._settings)
-        return replace(design, analyses=analyses).results
+        return replace(design, analyses=analyses).results, tuple(messages)
 
     def _read_bounds(self, bounds: Any) -> tuple[Array, Array]:
         """Return lower and upper bounds of the numbers."""

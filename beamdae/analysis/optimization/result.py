@@ -416,9 +416,10 @@ def create_optimization(
     )
     results, status = design.results, search.status
     own: tuple[str, ...] = ()
+    of_user_code: tuple[str, ...] = ()
     if not search.was_ended:
         try:
-            results = problem.checked_results(design)
+            results, of_user_code = problem.checked_results(design)
             zeros = _check_zeros(problem, search)
             own = (
                 *_check_steps(problem, search),
@@ -445,7 +446,7 @@ def create_optimization(
         results,
         search.first_analyses,
         {"name": problem.flat.name, "parameters": dict(design.flat.parameters)},
-        tuple(dict.fromkeys((*own, *messages))),
+        tuple(dict.fromkeys((*own, *messages, *of_user_code))),
         dict(zip(names, problem.first.tolist(), strict=True)),
         dict(zip(names, numbers, strict=True)),
         columns,
