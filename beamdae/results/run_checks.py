@@ -291,8 +291,9 @@ def _untouched_contacts(run: RunData) -> Iterable[str]:
 def _mesh_errors(run: RunData) -> Iterable[str]:
     def select_state(row: int) -> LoadedState:
         """Return the state at an output time; load factors of inactive parts are zero."""
-        ((_, factors),) = group_rows(run.trajectory, run.t[[row]])
-        return LoadedState(*run.trajectory.at(run.t[[row]]), factors)
+        times, state = run._states_of_rows(slice(row, row + 1))
+        ((_, factors),) = group_rows(run.trajectory, times[:, 0])
+        return LoadedState(times, state, factors)
 
     return mesh_error_warnings(run.equations, run.columns.__getitem__, select_state, True)
 

@@ -297,20 +297,25 @@ class RunData:
         return EnergyLedger.of(self.equations, self.trajectory)
 
     def _evaluate_rows(self, rows: Callable[..., Array]) -> Array:
-        row_bytes = sum(x[:1].nbytes for x in self.trajectory.intervals[0].rows)
-        count = max(int(_MAX_BLOCK_BYTES / row_bytes), 1)
-        # States between the steps of a large model would take as much memory as the run.
-        is_large = row_bytes * len(self.t) > _MAX_CACHED_BYTES and "_output" not in vars(self)
+        count = max(int(_MAX_BLOCK_BYTES / self._row_bytes), 1)
         blocks = []
         for k in range(0, max(len(self.t), 1), count):
-            block = slice(k, k + count)
-            if is_large:
-                times, state = self.trajectory.at(self.t[block], limited=True)
-                blocks.append(rows(times, *state))
-            else:
-                times, state = self._output
-                blocks.append(rows(times[block], *(x[block] for x in state)))
+            times, state = self._states_of_rows(slice(k, k + count))
+            blocks.append(rows(times, *state))
         return blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
+
+    def _states_of_rows(self, rows: slice) -> tuple[Array, State]:
+        """Return rows (t, branch) and the states at some of the output times."""
+        # States between the steps of a large model would take as much memory as the run.
+        is_large = self._row_bytes * len(self.t) > _MAX_CACHED_BYTES
+        if is_large and "_output" not in vars(self):
+            return self.trajectory.at(self.t[rows], limited=True)
+        times, state = self._output
+        return times[rows], State(*(x[rows] for x in state))
+
+    @property
+    def _row_bytes(self) -> int:
+        return sum(x[:1].nbytes for x in self.trajectory.intervals[0].rows)
 
 
 def find_drift(run: RunData) -> tuple[float, float]:
