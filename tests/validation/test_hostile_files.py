@@ -10,6 +10,7 @@ def find_complaints(names):
     return [f"{row.file}: {row.complaint}: {row.text[:200]}" for row in rows if row.complaint]
 
 
+@pytest.mark.exhaustive(reason="CI runs another sample: validation/robustness/run.py --quick")
 @pytest.mark.slow(reason="80 files")
 def test_a_sample_of_hostile_files_is_refused_or_used_consistently():
     """Overflow errors of checkpoints and raw IndexErrors of saved runs ended 109 of 1370."""

@@ -30,6 +30,7 @@ def sample():
 
 
 pytestmark = pytest.mark.slow(reason="thousands of short runs, and real commands")
+another_sample = pytest.mark.exhaustive(reason="CI runs another sample: run.py --quick")
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +43,7 @@ def test_no_group_of_inputs_is_missing_from_the_sample():
     assert {bad_input.group for bad_input in sample()} == set(GROUPS)
 
 
+@another_sample
 @pytest.mark.parametrize("group", GROUPS)
 def test_bad_inputs_end_in_a_sentence(processes, group):
     names = [x.name for x in sample() if x.group == group and not x.hopeless]
@@ -60,6 +62,7 @@ def test_bad_inputs_end_in_a_sentence(processes, group):
     assert not complaints, "\n".join(f"{name}: {why}" for name, why in complaints.items())
 
 
+@another_sample
 @pytest.mark.parametrize("seed", SAMPLE_SEEDS)
 def test_random_mechanisms_are_accurate_or_warn(seed):
     rows = [row for row in mechanisms.try_seed(str(seed)) if row.complaint]
@@ -68,11 +71,13 @@ def test_random_mechanisms_are_accurate_or_warn(seed):
     assert not rows
 
 
+@another_sample
 @pytest.mark.parametrize("name", starts.TRIALS.sample(starts.QUICK_START_COUNT, SEED))
 def test_starts_inside_a_surface_are_reported_and_no_others(name):
     assert not starts.try_start(name).complaint
 
 
+@another_sample
 @pytest.mark.parametrize("name", interrupts.TRIALS.sample(interrupts.QUICK_INTERRUPT_COUNT, SEED))
 def test_interrupts_end_every_call_and_command(name):
     assert not interrupts.try_interrupt(name).complaint
