@@ -523,6 +523,7 @@ def test_regression_joint_of_the_ground_and_two_bodies_connects_both():
     assert mech.check(predict=False).loose == ()
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_sections_higher_than_their_beams_are_long_cause_a_warning():
     """Only `check` warned, not the run."""
 

@@ -34,6 +34,7 @@ def run_page(page):
     return names
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_example_runs_and_writes_its_table():
     section = (ROOT / "README.md").read_text().split("## A model")[1].split("\n## ")[0]
     (example,) = code_blocks(section)
@@ -103,6 +104,7 @@ def test_forces_in_the_guide():
     assert solution.quality.energy_imbalance < 1e-2
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_events_in_the_guide():
     solution = run_page("events")["solution"]
     assert list(solution.events["event"]) == ["low", "tip.x crosses 0", "tip.x crosses -0.3"]

@@ -588,6 +588,7 @@ def resting_ball(height=0.0, stiffness=2e4):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("height", [0.0, -1e-18, -1e-12])
 def test_regression_start_at_first_touch_of_a_contact(height):
     """The stiffness of the contact is proportional to the square root of the penetration.
@@ -664,6 +665,7 @@ def assert_derivatives_of_rod(kind, expected, method, tolerance):
         assert backward == pytest.approx(forward, rel=1e-8)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("method", BOTH_METHODS, ids=repr)
 def test_regression_missing_forces_that_differ_in_their_points(method):
     """Both parameters had the derivative of the first, because the structures are equal."""

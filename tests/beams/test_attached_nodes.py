@@ -230,6 +230,7 @@ def test_impacts_on_gaps_of_beams_divided_later():
     assert len(solution.events) == 1
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_parts_added_after_the_first_assembly_keep_the_mesh():
     """The equations of earlier runs refer to its coordinates."""
     mech = arm(4)

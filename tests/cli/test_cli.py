@@ -390,6 +390,7 @@ def fall():
 """
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_runs_with_data_print_their_differences(command):
     """Measured points were drawn, but no number compared them with the run."""
     # Differences of 3 and -4 mm; the last row is after the run.
@@ -576,6 +577,7 @@ def test_model_file_may_define_dataclasses(command):
     assert command("check", head + kind + ARM).exit_code == 0
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_help_answers_without_the_heavy_imports():
     code = (
         "import sys\nsys.argv = ['beamdae', '--help']\nimport runpy\n"

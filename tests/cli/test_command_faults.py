@@ -355,6 +355,7 @@ def test_a_model_that_exits_is_a_model_error(here, command, place, line, words):
 # Options.
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_a_run_at_its_time_limit_keeps_its_results(here, monkeypatch):
     titles = []
     monkeypatch.setattr(

@@ -172,6 +172,7 @@ def test_invalid_options_of_the_picture_are_refused_before_the_run(tmp_path, opt
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_static_draws_columns_over_another_one(tmp_path):
     result, kinds = call(tmp_path, "static", "--plot", "tip.y", "--x", "tip.x", "--no-page")
     assert result.exit_code == 0, result.output

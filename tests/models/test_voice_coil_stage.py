@@ -36,6 +36,7 @@ def loop(plant):
     return control.interconnect(blocks, inputs="target", outputs="position")
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_poles_of_the_closed_loop(loop):
     linear = bd.linearize(voice_coil_stage(step=0.0), inputs=["target"], outputs=["position"])
     poles, expected = linear.poles, loop.poles()

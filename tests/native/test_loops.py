@@ -139,6 +139,7 @@ def test_bind_replaces_the_arrays_of_one_nested_object():
     assert_same(compiled, plain)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_loops_of_one_function_have_separate_objects(cache):
     works = [work(size) for size in (2, 5)]
     plain = copy.deepcopy(works)

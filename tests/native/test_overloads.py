@@ -168,6 +168,7 @@ def operands(size, count, specials, seed):
     )
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     "function",
     [

@@ -389,6 +389,7 @@ def limit_cycle_warnings(gain, limit):
     return loop_warnings(build_sampled_stage(every, kd, law=law), every, samples=400)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_slow_limit_cycles_of_sampled_loops_have_a_warning():
     """A force that went from limit to limit until the end, with 42 samples a period, was "ok"."""
     (sentence,) = limit_cycle_warnings(4.0, limit=20.0)
@@ -545,6 +546,7 @@ def test_invalid_controllers_are_rejected():
         mech.add(bd.Controller("third", 0.1, pin.reaction, mech.input("free"), servo_law))
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_step_response_of_a_transfer_function():
     mech = bd.Mechanism()
     step = mech.input("step", default=1.0)

@@ -589,6 +589,7 @@ def test_regression_headers_that_differ_in_their_unit_are_ambiguous(tmp_path):
     assert bd.table_from_csv(file, "travel", "force", kind="linear")(1e-3) == 9.0
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("outside", ["hold", "error"])
 def test_regression_linear_models_outside_a_table_carry_a_warning(outside):
     """The held value of a table has no slope."""

@@ -57,6 +57,7 @@ def test_deflection_rotation_and_strain_of_an_arc():
     )
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_the_remedy_of_a_warning_removes_it(tmp_path):
     with pytest.warns(
         bd.BeamdaeWarning, match=r"strip: the beam bends .* rad away .* bodies=\d"
@@ -217,6 +218,7 @@ def test_equilibria_are_compared_with_exact_strains_instead_of_an_estimate():
     assert bent.factor == pytest.approx(exact.factor, rel=0.01)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_columns_near_their_buckling_load_have_a_warning():
     """15 % of the deflection at 0.975 of the buckling load, beside an estimate of 0.8 %."""
 

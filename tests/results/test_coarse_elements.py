@@ -54,6 +54,7 @@ def taut(result):
     return [x for x in result.warnings if "too long for its tension" in x]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])
 def test_statics_compare_travels_and_reactions_with_halved_elements(formulation):
     settings = {"formulation": formulation}

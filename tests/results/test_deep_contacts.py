@@ -29,6 +29,7 @@ def deep_warnings(call, *arguments, **settings):
         return [x for x in call(*arguments, **settings).warnings if "deep, more than" in x]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_soft_contacts_let_parts_pass_in_silence():
     """A lip of 2 mm sank 22 mm into a surface, without a word."""
     (text,) = deep_warnings(bd.simulate, cantilever(1e3), t_end=0.2)
@@ -140,6 +141,7 @@ def test_regression_contacts_softer_than_the_beam_have_a_warning():
     assert "sinks 0.0008" in text
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_stiff_contacts_foundations_and_free_beams_on_soft_floors_have_no_warning():
     assert soft_warnings(pressed_leaf(0.25)) == []
     assert soft_warnings(pressed_leaf(8.0, contacts=2)) == []

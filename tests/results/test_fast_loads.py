@@ -112,6 +112,7 @@ def test_resolved_laws_have_no_warning(build, t_end):
     assert find_warnings(build(), t_end) == []
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("elements", [2, 3])
 def test_regression_short_runs_of_steady_rotations_have_no_warning(elements):
     """Rounding errors of 1e-12 of the steady position were wrong by 100 % of their range."""

@@ -63,6 +63,7 @@ def run(mech, t_end=4e-4, output_step=None):
     return solution, [x for x in solution.warnings if "force rises within" in x]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     ("build", "names"),
     [

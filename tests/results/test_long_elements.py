@@ -363,6 +363,7 @@ def test_regression_stresses_and_rates_of_vibrations_about_rest():
     assert error_of_half_range(coarse, fine, "gauge [Pa]") > 0.1
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_vibrations_that_decay_in_the_first_half_of_a_run():
     """The rate of a damped arc under sudden weight was off by 20 % of half its range."""
 

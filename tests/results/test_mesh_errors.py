@@ -184,6 +184,7 @@ def late_range(solution: bd.Solution) -> float:
 
 
 # Vibrations about a large tension were 4 % too small without a word.
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("elements", [3, 4])
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 def test_regression_ranges_of_late_vibrations_are_named_with_the_right_error(elements: int) -> None:

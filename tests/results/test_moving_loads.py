@@ -77,6 +77,7 @@ def test_loads_elsewhere_and_stresses_in_short_elements_have_no_warning(elements
     assert len(about_moving_loads(run(mech, 0.6))) == count
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(("start", "count"), [(0.1, 1), (0.5, 0)])
 def test_sliding_points_are_moving_loads(start, count):
     mech = bd.Mechanism(gravity=(0.0, -9.81))

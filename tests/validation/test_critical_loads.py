@@ -225,6 +225,7 @@ def test_regression_interpolated_branch_points_are_not_corrected():
     assert max(float(row["relative"]) for row in rows) < 1e-4
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_rows_tell_missed_and_invented_points_and_wrong_kinds(monkeypatch):
     case = BY_NAME["rigid bars, two bars, dead load"]
     first, second = case.reference(1e1, "exact")

@@ -41,6 +41,7 @@ SLOW_PERIODIC_CASES = (
 )
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     "case", [case_parameter(case, *SLOW_PERIODIC_CASES) for case in PERIODIC_CASES]
 )

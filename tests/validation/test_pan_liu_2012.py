@@ -134,6 +134,7 @@ def test_summary_follows_from_the_stored_tables():
     assert not (decided[["tested", "threshold"]] == "-").any(axis=None)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_derived_tables_follow_from_the_stored_ones():
     table = table_2.compute_table_2(stored("table_2_errors"))
     pd.testing.assert_frame_equal(table, stored("table_2"), rtol=1e-6, check_dtype=False)
