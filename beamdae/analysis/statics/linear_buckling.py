@@ -158,9 +158,9 @@ def buckling(
     under pressure. If the first one deviates by more than 3 % from the first critical point of the
     equilibrium path, which may be the onset of flutter, `Buckling.warnings` contains a warning; use
     `equilibrium` instead. Loads without a potential have a warning if there is no factor, or one
-    of a motion above 5 % of the size of the mechanism, which is not checked. Factors whose errors
-    by the elements of beams are estimated at 0.8 % or more have one, and so have those that change
-    by more than 1 % with halved elements, which are examined if a beam has up to 3.
+    of a motion above 5 % of the size of the mechanism, which is not checked. So have factors whose
+    errors by the elements of beams are estimated at 0.8 % or more or, if a beam has up to 3, that
+    change by more than 1 % with halved elements.
 
     Parameters
     ----------
@@ -244,9 +244,14 @@ def buckling(
         ) from None
     e = system.equations
     if len(factors):
-        warnings += buckling_mesh_warnings(
-            e, begin.x[: e.n], path.response.x[: e.n], factors, vectors[: e.n]
-        ) or _compare_with_halved_elements(loading, begin, factors)
+        compared = _compare_with_halved_elements(loading, begin, factors)
+        warnings += (
+            buckling_mesh_warnings(
+                e, begin.x[: e.n], path.response.x[: e.n], factors, vectors[: e.n]
+            )
+            if compared is None
+            else compared
+        )
     shapes = vectors[: e.n] / e.position_scales[:, None]
     largest = shapes[locate_largest(shapes), np.arange(shapes.shape[1])]
     shapes = shapes * e.position_scales[:, None] / largest
@@ -298,23 +303,28 @@ def _linearize_along_path(corrector: Corrector, begin: EquilibriumPoint) -> _Lin
 
 def _compare_with_halved_elements(
     loading: Loading, begin: EquilibriumPoint, factors: Array
-) -> list[str]:
-    """Return a warning if factors change by over 1 % with halved elements of coarse beams."""
+) -> list[str] | None:
+    """Return a warning if factors change by over 1 % with halved elements, otherwise [].
+
+    Returns None if no beam has few elements or the factors cannot be compared.
+    """
     e = begin.system.equations
     doubt = find_coarse_beam(e, begin.x[None, : e.n])
     refined = None if doubt is None else RefinedPath.of(loading)
     if doubt is None or refined is None:
-        return []
+        return None
     system, x = refined.transfer(begin)
     corrector = Corrector(system)
     try:
         point = corrector.correct(LoadControl(), begin.mu, x, begin.mu)
         finer, *_ = _solve(_linearize_along_path(corrector, point), len(factors))
     except (CorrectorError, SingularMatrixError, ArpackError, la.LinAlgError):
-        return []
+        return None
+    if len(finer) < len(factors):
+        return None
     values = {
         f"the load factor of mode {k + 1} [-]": pair
-        for k, pair in enumerate(zip(factors.tolist(), finer.tolist(), strict=False))
+        for k, pair in enumerate(zip(factors.tolist(), finer.tolist(), strict=True))
     }
     scales = {name: factor for name, (factor, _) in values.items()}
     return list(describe_changes(e, doubt, values, scales))
