@@ -201,3 +201,28 @@ def test_ranges_with_the_error_of_the_largest_value_have_no_warning_of_their_own
         solution = bd.simulate(shaken_strip(2, 100.0), t_end=0.3)
     assert [x for x in mesh_warnings(solution) if "its largest value" in x]
     assert not [x for x in mesh_warnings(solution) if "its range" in x]
+
+
+def pushed_strip(elements: int) -> bd.Mechanism:
+    """Return a strip under sudden tension that a force bends later."""
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(TITANIUM, width=WIDTH, height=HEIGHT, damping=1e-4)
+    line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
+    beam = mech.add(bd.Beam("strip", line, strip, elements=elements))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    push = bd.table([0.0, 0.1, 0.14, 0.2], [0.0, 0.0, 2.0, 2.0], "pchip")
+    mech.add(bd.Force("pull", beam.end, (1e3, push)))
+    mech.observe("root", beam.stress(0.0, "top"))
+    return mech
+
+
+@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+def test_regression_ranges_after_a_largest_value_without_error_are_named() -> None:
+    """The largest value, of the tension, was right, and nothing indicated an error there."""
+    coarse, fine = (bd.simulate(pushed_strip(n), t_end=0.2) for n in (4, 16))
+    (sentence,) = mesh_warnings(coarse)
+    assert "its range in the last third" in sentence
+    error = 1.0 - late_range(coarse) / late_range(fine)
+    assert abs(stated_error(sentence) - error) < 0.2 * error
+    assert not mesh_warnings(fine)

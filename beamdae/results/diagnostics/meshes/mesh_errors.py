@@ -49,7 +49,8 @@ _SAME_VALUE = 1e-6  # relative difference of values that are not distinguished
 # this share of the largest magnitude.
 _LATE_SHARE, _MIN_RANGE_SHARE = 1.0 / 3.0, 0.01
 _MIN_LATE_ROWS = 10
-# If less than this share of the range is indicated at the largest magnitude, its error is small.
+# If less than this share of the range is indicated at the largest magnitude and at the row of the
+# range with the most different value, its error is small.
 _NO_INDICATED_ERROR = 1e-3
 _LARGER_ERROR = 1.2  # ratio of the errors of this range and of the largest magnitude
 
@@ -234,10 +235,12 @@ class _Evaluator:
         if len(late) < _MIN_LATE_ROWS or not is_vibration or not np.isfinite(size):
             return None
         convert = partial(_convert, quantity, column)
-        # The state of the largest magnitude is known; further ones take as long as the other checks
-        # of a short run.
-        indicated = self._indicate(_find_largest_row(values), convert, beam, sections)
-        if indicated < _NO_INDICATED_ERROR * size:
+        # The state of the largest magnitude is known; further ones take time. One of them suffices,
+        # because the largest value may be that of a tension that does not bend the beam.
+        largest = _find_largest_row(values)
+        farther = max(rows, key=lambda row: abs(values[row] - values[largest]))
+        both = (self._indicate(x, convert, beam, sections) for x in (largest, farther))
+        if max(both) < _NO_INDICATED_ERROR * size:
             return None
         changes, scale = [], size
         for row in rows:
