@@ -574,3 +574,27 @@ def test_regression_one_mirrored_column_beside_others_is_named(shift):
     with pytest.warns(bd.BeamdaeWarning, match="because the data of two.x look mirrored"):
         result = bd.fit(chain, data, list(first), method, **options)
     assert result.parameters == pytest.approx(first)
+
+
+@bd.model(t_end=1.0)
+def pulled(stiffness=300.0, damping=1.0, mass=1.0):
+    mech = bd.Mechanism()
+    body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, damping))
+    mech.add(bd.Force("pull", body.point, (lambda t: 3.0 * t, 0.0)))
+    mech.observe("mass", body.point)
+    return mech
+
+
+@pytest.mark.slow(reason="a second")
+def test_regression_searches_do_not_creep_along_values_that_the_model_rejects():
+    """Next to a damping of zero, a search took 20 further short steps of the whole run."""
+    times = np.linspace(0.0, 1.0, 101)
+    method = bd.GeneralizedAlpha(step=5e-3)
+    exact = bd.simulate(pulled(), method, output_step=0.01)["mass.x"].to_numpy()
+    noise = np.random.default_rng(1).normal(scale=1e-4, size=len(times))
+    data = {"t [s]": times, "mass.x": exact + noise}
+    first = {"stiffness": 1500.0, "damping": 0.3, "mass": 1.0}
+    result = bd.fit(pulled, data, list(first), method, parameters=first, sigma=1e-4)
+    assert result.parameters["stiffness"] == pytest.approx(300.0, rel=0.01)
+    assert result.evaluations <= 30

@@ -41,8 +41,11 @@ MAX_NOISE_CORRELATION = 0.5
 # Such a search has stalled if its sum of squares decreases less than by this factor in the last
 # evaluations, from the second number of evaluations on. Of 51 searches of five small models from
 # first values that were wrong by factors of up to 3, 48 reached the solution; 46 of these had
-# explained the data after 10 evaluations, the other two after 20.
+# explained the data after 10 evaluations, the other two after 20. Steps next to values that the
+# model rejects, such as a negative damping, hardly decrease the sum: before, a search has stalled
+# if it decreases less than by the last factor. Values at which runs fail count as evaluations.
 _MAX_STALLED_RATIO, _STALLED_EVALUATIONS, _MIN_EVALUATIONS = 0.2, 6, 12
+_MIN_CREEPING_RATIO = 0.95
 # Shares of the variation of the data above which the end of a search is no solution.
 _MAX_ACCEPTED_SHARE = 0.5
 # Steps that return parameters without an effect to their first values, the largest relative change
@@ -187,6 +190,7 @@ def search(
             is_ours = isinstance(failure, BeamdaeError)
             failures.append(str(failure) if is_ours else format_exception(failure))
             failed_values = scaling.values(whole)
+            record_progress()
             return None
         # The trust region, scaled by derivatives, permits long steps of parameters with little
         # effect, to values at which nothing moves. Steps to such values are shortened.
@@ -200,16 +204,17 @@ def search(
             latest = key, evaluation
             if best is None or evaluation.chi_square < best.chi_square:
                 best = evaluation
+        record_progress()
+        return None if is_runaway else evaluation
+
+    def record_progress() -> None:
         assert best is not None
         sums.append(best.chi_square)
-        if (
-            can_stall
-            and len(sums) >= _MIN_EVALUATIONS
-            and sums[-1] > _MAX_STALLED_RATIO * sums[-1 - _STALLED_EVALUATIONS]
-            and not is_explained(problem, best)
-        ):
+        if not can_stall or len(sums) <= _STALLED_EVALUATIONS or is_explained(problem, best):
+            return
+        ratio = sums[-1] / sums[-1 - _STALLED_EVALUATIONS]
+        if ratio > (_MAX_STALLED_RATIO if len(sums) >= _MIN_EVALUATIONS else _MIN_CREEPING_RATIO):
             raise _StalledError
-        return None if is_runaway else evaluation
 
     def residuals(x: Array) -> Array:
         evaluation = evaluate(x)
@@ -253,6 +258,10 @@ def search(
         latest = begin.tobytes(), start
     lower, upper = (limit[free] for limit in scaling.limits)
     at_bounds = np.zeros(len(first), bool)
+
+    def find_rejected(last: Evaluation) -> dict[str, float]:
+        return _find_rejected_values(problem, last.values, failed_values) if failures else {}
+
     # The search must not depend on the units of the data.
     size = float(np.linalg.norm(start.residuals)) or 1.0
     if checks is not None:
@@ -273,7 +282,8 @@ def search(
     except _StalledError:
         assert best is not None
         status = Status("limited", "stopped without progress")
-        return SearchResult(best, evaluations, status, at_bounds, is_stalled=True)
+        rejected = find_rejected(best)
+        return SearchResult(best, evaluations, status, at_bounds, rejected, is_stalled=True)
     except KeyboardInterrupt:
         assert best is not None
         reason = f"interrupted after {format_count(evaluations, 'evaluation')}"
@@ -306,7 +316,7 @@ def search(
         count = format_count(max_evaluations, "evaluation")
         sentence = f"stopped after {count}; increase max_evaluations="
         status = Status("limited", sentence)
-    rejected = _find_rejected_values(problem, last.values, failed_values) if failures else {}
+    rejected = find_rejected(last)
     if failures and not status.success:
         count = format_count(len(failures), "run")
         sentence = f"{status.sentence}; {count} failed, the last one: {failures[-1]}"
