@@ -1,4 +1,4 @@
-"""Warnings about bodies that rest because no joint, driver or force moves them."""
+"""Warnings about bodies that rest, or only fall, because no joint, driver or force acts."""
 
 from __future__ import annotations
 
@@ -76,6 +76,41 @@ def test_runs_that_stop_early_have_no_warning() -> None:
     mech.observe("disk", mech.part("disk").at(0.0, 0.0))
     mech.when("disk.angle", 0.1)
     assert unconnected(mech) == []
+
+
+def pendulum_and_plate(**plate: Any) -> bd.Mechanism:
+    """Return a pendulum beside a plate that was meant to be welded to it."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (0.3, 0.0), mass=1.0))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech.add(bd.RigidBody("plate", 0.2, 1e-3, (0.3, 0.0), **plate))
+    mech.observe("rod", rod.at(0.3, 0.0))
+    return mech
+
+
+def falling(mech: bd.Mechanism) -> list[str]:
+    return [x for x in bd.simulate(mech, t_end=0.1).warnings if "fall" in x]
+
+
+def test_regression_bodies_that_only_fall_have_a_warning() -> None:
+    """A plate without its weld fell beside a pendulum that was too light, without a word."""
+    mech = pendulum_and_plate()
+    with pytest.warns(bd.BeamdaeWarning):
+        assert falling(mech) == [
+            "plate: no joint and no force connects it to other parts, so it only falls, and no "
+            "column depends on it; add a joint, observe it, or remove it."
+        ]
+    mech.add(bd.Weld("weld", mech.part("rod").at(0.3, 0.0), mech.part("plate").at(0.3, 0.0)))
+    assert falling(mech) == []
+
+
+def test_falls_that_are_intended_have_no_warning() -> None:
+    assert falling(pendulum_and_plate(velocity=(1.0, 0.0))) == []
+    observed, driven = pendulum_and_plate(), pendulum_and_plate()
+    observed.observe("plate", observed.part("plate").at(0.3, 0.0))
+    driven.add(bd.Force("thrust", driven.part("plate").at(0.3, 0.0), (0.0, 2.0)))
+    assert falling(observed) == []
+    assert falling(driven) == []
 
 
 def guided_ram(angle: float = 0.0, gravity: float = -9.81, **start: Any) -> bd.Mechanism:

@@ -1,4 +1,4 @@
-"""Warnings about bodies that rest during a run because no joint, driver or force moves them."""
+"""Warnings about bodies that rest, or only fall, because no joint, driver or force acts on them."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from beamdae.results.trajectory import Trajectory
 _MAX_NAMES = 4
 _MAX_MOTION = 1e-9  # during the run, relative to the scale of the coordinate
 _MIN_ROTATION = 1e-9  # of a free motion, relative to its largest component
+_BODIES = (RigidBody, PointMass, Beam)
 # Joints along which weight neither holds nor drives bodies that rest.
 _STRAIGHT_JOINTS = (Prismatic, PointOnLine, Weld)
 
@@ -48,6 +49,7 @@ def unconnected_body_warnings(
     if mechanism is None or any(x.inactive for x in intervals) or not duration > 0.0:
         return
     if np.any(mechanism.gravity) or mechanism.gravity_laws:
+        yield from _falling_body_warnings(equations, mechanism, trajectory)
         return
     resting = [x for x in find_loose_groups(equations) if _rests(equations, trajectory, x)]
     time, q = intervals[0].times[0], intervals[0].state.q[0]
@@ -58,6 +60,32 @@ def unconnected_body_warnings(
             f"force acts on {them}, so {they} during the whole run; add a joint or a force, or "
             f"remove {them}."
         )
+
+
+def _falling_body_warnings(
+    equations: EquationsOfMotion, mechanism: Mechanism, trajectory: Trajectory
+) -> Iterator[str]:
+    bodies = {part.name: part for part in mechanism.parts.values() if part.coordinates}
+    loose = find_loose_groups(equations)
+    are_bodies = all(isinstance(x, _BODIES) for x in bodies.values())
+    may_depend = mechanism.events or mechanism.inputs or equations.controllers or not are_bodies
+    if may_depend or len(bodies) == sum(map(len, loose)):
+        return
+    observed = mechanism.observables.values()
+    used = {x.owner.name for what in observed for x in what.pieces}
+    with_reactions = {what.joint for what in observed}
+    for part in mechanism.parts.values():
+        if part.name in with_reactions or not _is_passive(part, has_gravity=False):
+            used.update(body.name for body in part.bodies)
+    velocity = trajectory.intervals[0].state.v[0]
+    for group in loose:
+        if used.isdisjoint(group) and not np.any(velocity[_rows_of(equations, group)]):
+            them, they = ("it", "it only falls") if len(group) == 1 else ("them", "they only fall")
+            yield (
+                f"{list_first(group, _MAX_NAMES)}: no joint and no force connects {them} to other "
+                f"parts, so {they}, and no column depends on {them}; add a joint, observe {them}, "
+                f"or remove {them}."
+            )
 
 
 def undriven_body_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
@@ -132,4 +160,4 @@ def _group_passive_bodies(mechanism: Mechanism) -> set[tuple[str, ...]]:
 def _is_passive(part: Part, has_gravity: bool) -> bool:
     if isinstance(part, Joint):
         return not part.laws and (not has_gravity or isinstance(part, _STRAIGHT_JOINTS))
-    return isinstance(part, (RigidBody, PointMass, Beam)) and not part.gaps
+    return isinstance(part, _BODIES) and not part.gaps
