@@ -48,6 +48,17 @@ def test_regression_a_stop_of_two_points_that_is_not_reached_has_a_warning(
     assert remedy in sentence
 
 
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize(("do", "count"), [("record", 1), ("stop", 0)])
+def test_regression_events_that_are_only_recorded_hide_no_contact_without_a_touch(
+    do: str, count: int
+) -> None:
+    """A drop test that recorded its impacts, and flew up, was silent."""
+    mech = dropped_ball()
+    mech.when("ball.y", crosses=0.0, direction="down", do=do, name="impact")
+    assert len(untouched(mech, 0.3)) == count
+
+
 @pytest.mark.slow(reason="half a second")
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 def test_contacts_that_touch_or_may_be_guards_have_no_warning() -> None:

@@ -13,6 +13,7 @@ from beamdae.equations.table_arguments import (
     find_distinct,
 )
 from beamdae.errors import format_percent
+from beamdae.parts.events import have_actions
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -116,7 +117,7 @@ def unentered_table_warnings(equations: EquationsOfMotion, trajectory: Trajector
     """Yield a warning if the argument of a table that is zero outside moves, but never enters it.
 
     Several such tables may be stops at both ends of a stroke, and are exempt like those in models
-    with events.
+    with events that act.
 
     Parameters
     ----------
@@ -124,7 +125,7 @@ def unentered_table_warnings(equations: EquationsOfMotion, trajectory: Trajector
         The equations of motion and the steps of a run from its start to its planned end.
     """
     intervals = trajectory.intervals
-    if equations.mechanism is None or equations.mechanism.events:
+    if equations.mechanism is None or have_actions(equations.mechanism.events):
         return
     sentences = []
     for term in find_distinct(compile_table_arguments(equations)):

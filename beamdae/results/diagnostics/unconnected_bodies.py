@@ -16,6 +16,7 @@ from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.errors import list_first
 from beamdae.parts.bodies.point_mass import PointMass
 from beamdae.parts.bodies.rigid_body import RigidBody
+from beamdae.parts.events import have_actions
 from beamdae.parts.joints.guides import PointOnLine, Prismatic
 from beamdae.parts.joints.joint import Joint, Weld
 from beamdae.parts.mechanism import Mechanism
@@ -68,7 +69,12 @@ def _falling_body_warnings(
     bodies = {part.name: part for part in mechanism.parts.values() if part.coordinates}
     loose = find_loose_groups(equations)
     are_bodies = all(isinstance(x, _BODIES) for x in bodies.values())
-    may_depend = mechanism.events or mechanism.inputs or equations.controllers or not are_bodies
+    may_depend = (
+        have_actions(mechanism.events)
+        or mechanism.inputs
+        or equations.controllers
+        or not are_bodies
+    )
     if may_depend or len(bodies) == sum(map(len, loose)):
         return
     observed = mechanism.observables.values()
@@ -92,7 +98,8 @@ def undriven_body_warnings(equations: EquationsOfMotion, trajectory: Trajectory)
     """Yield a warning per group of bodies that joints with the ground let move, but nothing moves.
 
     No driver and no force but weight acts on them. With gravity, only translations along straight
-    guides have a warning: other bodies may hang at rest. Mechanisms with events are exempt.
+    guides have a warning: other bodies may hang at rest. Mechanisms with events that act are
+    exempt.
 
     Parameters
     ----------
@@ -100,7 +107,7 @@ def undriven_body_warnings(equations: EquationsOfMotion, trajectory: Trajectory)
         The equations of motion and the steps of a run from its start to its planned end.
     """
     mechanism, intervals = equations.mechanism, trajectory.intervals
-    if mechanism is None or mechanism.events or mechanism.gravity_laws:
+    if mechanism is None or have_actions(mechanism.events) or mechanism.gravity_laws:
         return
     if any(x.inactive for x in intervals) or not trajectory.end > trajectory.start:
         return

@@ -10,6 +10,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.errors import name_with_others
+from beamdae.parts.events import have_actions
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of, gaps_of_run
 from beamdae.results.trajectory import Trajectory
@@ -46,9 +47,9 @@ def untouched_contact_warnings(
     The bodies of all contacts have to approach, or to depart, or a contact has friction: a pad is
     meant to slide, and has a warning also if it lies on the surface without a force, or is lifted
     within the first 1 % of the run. Contacts beside others that touch may be guards that are not
-    reached. So may be contacts without friction in mechanisms with events, those whose gap does not
-    change in one direction, such as stops of vibrations, those whose gap changes by less than a
-    tenth, and pairs of end stops, of which one approaches and the other one departs.
+    reached. So may be contacts without friction in mechanisms with events that act, those whose
+    gap does not change in one direction, such as stops of vibrations, those whose gap changes by
+    less than a tenth, and pairs of end stops, of which one approaches and the other one departs.
 
     Parameters
     ----------
@@ -90,7 +91,7 @@ def untouched_contact_warnings(
                 "direction of the surface, and that of the force or the motion that should press."
             )
             return
-    elif mechanism.events or not (min(changes) > 0.0 or max(changes) < 0.0):
+    elif have_actions(mechanism.events) or not (min(changes) > 0.0 or max(changes) < 0.0):
         return
     remedy = (
         "use a later t_end=, or check the place of the surface"
@@ -109,7 +110,7 @@ def fallen_contact_warnings(equations: EquationsOfMotion, trajectory: Trajectory
 
     This is the motion through a floor whose direction is reversed. Mechanisms in which another
     contact touches or approaches are exempt, because the line may be an upper end stop, and so are
-    those with events.
+    those with events that act.
 
     Parameters
     ----------
@@ -117,7 +118,9 @@ def fallen_contact_warnings(equations: EquationsOfMotion, trajectory: Trajectory
         The equations of motion and the steps of a run from its start to its planned end.
     """
     contacts, mechanism = contacts_of(equations), equations.mechanism
-    if not contacts or mechanism is None or mechanism.events or mechanism.gravity_laws:
+    if not contacts or mechanism is None or mechanism.gravity_laws:
+        return
+    if have_actions(mechanism.events):
         return
     if any(x.inactive for x in trajectory.intervals):
         return
