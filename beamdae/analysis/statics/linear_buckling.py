@@ -244,14 +244,12 @@ def buckling(
         ) from None
     e = system.equations
     if len(factors):
-        compared = _compare_with_halved_elements(loading, begin, factors)
-        warnings += (
-            buckling_mesh_warnings(
+        of_mesh = _compare_with_halved_elements(loading, begin, factors)
+        if of_mesh is None:
+            of_mesh = buckling_mesh_warnings(
                 e, begin.x[: e.n], path.response.x[: e.n], factors, vectors[: e.n]
             )
-            if compared is None
-            else compared
-        )
+        warnings += of_mesh
     shapes = vectors[: e.n] / e.position_scales[:, None]
     largest = shapes[locate_largest(shapes), np.arange(shapes.shape[1])]
     shapes = shapes * e.position_scales[:, None] / largest

@@ -21,7 +21,6 @@ from beamdae.results.diagnostics.meshes.coarse_elements import (
     headers_of_sections,
     scales_of_columns,
 )
-from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
 from beamdae.results.run_data import RunData
 
 Array = np.ndarray
@@ -104,8 +103,8 @@ def _has_impacts(run: RunData) -> bool:
 def _describe(run: RunData, other: RunData, beams: Sequence[Beam]) -> Iterator[str]:
     e = run.equations
     scales = scales_of_columns(run._extremes_above_rounding)
-    extremes, finer = run._extremes_above_rounding, other._extremes_above_rounding
-    values = {x: (_size(x, extremes[x]), _size(x, finer[x])) for x in scales if x in finer}
+    finer = scales_of_columns(other._extremes_above_rounding)
+    values = {x: (scales[x], finer[x]) for x in scales if x in finer}
     errors = find_changes(e, values, scales)
     clauses = []
     if errors:
@@ -136,13 +135,6 @@ def _describe(run: RunData, other: RunData, beams: Sequence[Beam]) -> Iterator[s
         f"{names}: {count} {'is' if few == 1 else 'are'} too few for this impact: with halved "
         f"elements, {', and '.join(clauses)}; use {remedy}."
     )
-
-
-def _size(header: str, x: StepExtremes) -> float:
-    """Return the range of a position or an angle, and the largest magnitude of other columns."""
-    if Header.of(header).unit in UNITS_OF_POSITIONS:
-        return x.max - x.min
-    return max(abs(x.min), abs(x.max))
 
 
 def _find_later_change(

@@ -239,12 +239,12 @@ class _Evaluator:
         # because the largest value may be that of a tension that does not bend the beam.
         largest = _find_largest_row(values)
         farther = max(rows, key=lambda row: abs(values[row] - values[largest]))
-        both = (self._indicate(x, convert, beam, sections) for x in (largest, farther))
-        if max(both) < _NO_INDICATED_ERROR * size:
+        indicate = cache(lambda row: self._indicate(row, convert, beam, sections))
+        if max(indicate(largest), indicate(farther)) < _NO_INDICATED_ERROR * size:
             return None
         changes, scale = [], size
         for row in rows:
-            indicated = self._indicate(row, convert, beam, sections)
+            indicated = indicate(row)
             changes.append(0.0)
             if indicated < _MIN_INDICATED_ERROR * size:
                 continue
