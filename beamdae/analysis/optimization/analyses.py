@@ -21,6 +21,7 @@ from beamdae.analysis.gradients.number_derivatives import (
 )
 from beamdae.analysis.gradients.objectives import EndValue, Objective
 from beamdae.analysis.gradients.start_adjoint import StartAdjoint
+from beamdae.analysis.linear_dynamics.linearization import REFERENCE
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.analysis.optimization.quantities import (
     AnalysisQuantity,
@@ -44,7 +45,7 @@ from beamdae.errors import BeamdaeError, as_real, short_repr
 from beamdae.integrators import Integrator
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
-from beamdae.parts.mechanism import AS_DRAWN
+from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.results.columns import require_one_column
 from beamdae.simulation import as_equations
 
@@ -304,9 +305,17 @@ class ModeAnalysis(Analysis):
     def __init__(
         self, model: DesignModel, quantities: Sequence[Frequency], settings: RunSettings
     ) -> None:
-        self._flat, self._about = model.flat, quantities[0].about
+        self._flat, about = model.flat, quantities[0].about
         number = max(x.number for x in quantities)
-        mechanism, n = model.mechanism, number
+        self._about, self.result = about or REFERENCE, None
+        self._compute(model.mechanism, number)
+        if about is None and not self._is_balanced:
+            self._about = EQUILIBRIUM
+            self._compute(model.mechanism, number)
+
+    def _compute(self, mechanism: Any, number: int) -> None:
+        """Compute modes until `number` of them are vibrations, or there are no more."""
+        n = number
         while True:
             self.result = compute_modes(mechanism, self._about, n, damping=False)
             vibrations = self._vibrations
@@ -315,6 +324,11 @@ class ModeAnalysis(Analysis):
             if n > number + _MAX_FREE_MOTIONS:
                 break
             n += number - len(vibrations)
+
+    @property
+    def _is_balanced(self) -> bool:
+        """True if the loads of the model are balanced in the state of the modes."""
+        return not self.result._linearization.zero_square > 0.0
 
     @property
     def _vibrations(self) -> list[int]:
@@ -345,7 +359,7 @@ class ModeAnalysis(Analysis):
     @cached_property
     def _sensitivities(self) -> Any:
         count = len(self.result)
-        if self.result._linearization.zero_square > 0.0:
+        if not self._is_balanced:
             raise BeamdaeError(
                 f"{_NAME}: frequencies about the {self._about} of {self._flat.name} cannot be "
                 "differentiated, because its loads are not balanced there; use "

@@ -191,6 +191,7 @@ def optimize(
     if result.status.kind == "interrupted":
         if partial == "raise":
             raise Interrupted(result.status.sentence, result, "optimize")
+        _issue_warnings(problem, result)
         return result
     # The search does not move numbers without effect.
     has_moved = search.best.numbers != problem.first
@@ -209,10 +210,14 @@ def optimize(
             )
     if not result.status.success:
         warn_of_incomplete_result(f"optimize: {result.status.sentence}.")
+    _issue_warnings(problem, result)
+    return result
+
+
+def _issue_warnings(problem: DesignProblem, result: Optimization) -> None:
     of_analyses = list_warnings(result.analyses)
     warn_of_result(
         x if x in of_analyses else f"optimize: {x}"
         for x in result.warnings
         if kind_of_message(x) not in problem.build_warnings
     )
-    return result

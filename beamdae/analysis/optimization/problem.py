@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import time as clock
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
@@ -22,6 +23,7 @@ from beamdae.analysis.optimization.analyses import (
     RunAnalysis,
     RunSettings,
     analysis_key,
+    assemble_design,
     create_analysis,
 )
 from beamdae.analysis.optimization.quantities import (
@@ -42,6 +44,7 @@ from beamdae.beams.section_samples import (
     list_known_sections,
     merge_known_sections,
 )
+from beamdae.equations.assembly.refined_beams import refine_beams
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
@@ -87,6 +90,8 @@ class Design:
         Values of the results of analyses of which the quantities are functions.
     sections
         Known stress sections with which the models were built, see `keep_known_sections`.
+    wall_time
+        Duration of the analyses [s].
     """
 
     flat: FlatModel
@@ -94,6 +99,7 @@ class Design:
     values: Array
     leaf_values: dict[AnalysisQuantity, float]
     sections: Mapping[str, KnownSections]
+    wall_time: float
     _weights: list[dict[AnalysisQuantity, float]]
     _gradients: dict[int, Array] = field(default_factory=dict)
 
@@ -146,6 +152,24 @@ class Design:
                 )
             self._gradients[index] = gradient
         return self._gradients[index]
+
+
+@dataclass(frozen=True)
+class _AccurateModel(FlatModel):
+    """Model whose floating-frame beams have exact strains, halved elements, or both."""
+
+    exact: bool
+    halved: bool
+
+    def __call__(self, **values: float) -> Any:
+        equations = assemble_design(super().__call__(**values))
+        inexact = [x.statement.part for x in equations.ranges if x.statement.defect is not None]
+        refined = refine_beams(
+            equations, exact=inexact if self.exact else (), halved=None if self.halved else ()
+        )
+        if refined is None:
+            raise BeamdaeError(f"{_NAME}: no beam of {self.name} can be more accurate.")
+        return refined.mechanism
 
 
 class DesignProblem:
@@ -347,7 +371,39 @@ class DesignProblem:
         finer._settings = replace(self._settings, integrator=refine(self.integrator))
         return finer._analyze(values).values - design.values
 
+    def beam_errors(self, values: Array, exact: bool = True, halved: bool = True) -> Array:
+        """Return how more accurate beams change the values (1 + C,) of a design.
+
+        Parameters
+        ----------
+        values
+            Values (k,) of the numbers.
+        exact, halved
+            True for exact strains and for halved elements.
+
+        Returns
+        -------
+        Array
+            0 if no quantity depends on the beams, or no beam can be more accurate.
+
+        Raises
+        ------
+        BeamdaeError
+            If an analysis fails.
+        """
+        design = self.design(values)
+        unchanged = np.zeros_like(design.values)
+        if not any(hasattr(x, "equations") for x in design.results):
+            return unchanged
+        flat = self.flat
+        accurate = self.without_designs()
+        accurate.flat = _AccurateModel(flat.model, flat.parameters, flat.entries, exact, halved)
+        accurate._sections = dict(design.sections)
+        with skip_result_checks():
+            return accurate._analyze(values).values - design.values
+
     def _analyze(self, values: Array) -> Design:
+        begin = clock.perf_counter()
         flat = replace(self.flat, parameters=self.parameters(values))
         model = DesignModel(flat)
         analyses: dict[tuple[Any, ...], Analysis] = {}
@@ -374,7 +430,8 @@ class DesignProblem:
                 "exclude them by bounds=."
             )
         weights = [x for _, x in combined]
-        return Design(flat, analyses, numbers, results, self._sections, weights)
+        duration = clock.perf_counter() - begin
+        return Design(flat, analyses, numbers, results, self._sections, duration, weights)
 
     def _group_leaves(self) -> dict[tuple[Any, ...], list[AnalysisQuantity]]:
         """Return the quantities of each analysis."""

@@ -469,8 +469,8 @@ class Frequency(AnalysisQuantity):
     number
         Number of the mode from 1 on, in ascending order, without free motions.
     about
-        "reference" or "equilibrium", see `modes`. With weight or other loads, the frequencies about
-        the reference are not those of the loaded structure.
+        "reference" or "equilibrium", see `modes`. None is the equilibrium if weight or other loads
+        of the model are not balanced in the reference, and otherwise the reference.
 
     Examples
     --------
@@ -480,11 +480,11 @@ class Frequency(AnalysisQuantity):
     """
 
     number: int = 1
-    about: str = "reference"
+    about: str | None = None
 
     def __post_init__(self) -> None:
         number = require_count("Frequency", "number", self.number, most=_MAX_NUMBER)
-        about = require_choice("Frequency", "about", self.about, ["reference", "equilibrium"])
+        about = require_choice("Frequency", "about", self.about, [None, "reference", "equilibrium"])
         set_fields(self, number=number, about=about)
 
     @property

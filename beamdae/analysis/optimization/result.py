@@ -38,7 +38,14 @@ from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.dependent_constraints import analyze_constraint_rank
 from beamdae.equations.starts.mobility import describe_free_motions
-from beamdae.errors import BeamdaeError, format_count, format_error, format_percent, list_first
+from beamdae.errors import (
+    BeamdaeError,
+    format_count,
+    format_error,
+    format_percent,
+    list_first,
+    name_with_others,
+)
 from beamdae.integrators.integrator import refine
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import format_with_unit
@@ -59,6 +66,14 @@ if TYPE_CHECKING:
 # Relative change by more accurate runs above which values of a design depend on the steps.
 _MAX_STEP_ERROR = 0.01
 _RECOMMENDED_STEP_ERROR = 2e-3
+# Changes by more accurate beams from which a design is reported: of an active limit, at which the
+# design ends exactly, or a limit that is then exceeded, and of the objective, relative to both.
+_MAX_LIMIT_ERROR, _MAX_OBJECTIVE_ERROR = 5e-3, 0.01
+# Share of the change by which strains, or elements, are named as a cause.
+_CAUSE_SHARE = 0.3
+# The best design of an interrupted search is checked if its analyses took less time [s]; the checks
+# take two to eight times as long.
+_MAX_CHECKED_TIME = 1.0
 # Relative excess of the smooth bound of `LargestOf` from which the largest quantity is stated.
 _MAX_BOUND_EXCESS = 5e-3
 # Relative difference of objectives up to which several searches end at the same one.
@@ -71,6 +86,10 @@ _NEGLIGIBLE_SHARE, _MAX_ROUNDING_SHARE = 1e-9, 1e-6
 # Ratio of a value to its upper limit, or of a lower limit to the value, below which the limit is
 # far from active.
 _MAX_INACTIVE_RATIO = 0.1
+# Ratio of an upper limit to the largest value of all designs, or of the smallest value to a lower
+# limit, from which the limit may be in another unit: mm and degrees are 1000 and 57 times smaller
+# than m and rad, and without the limit, designs exceed it several times.
+_MIN_DISTANT_RATIO = 20.0
 _MAX_NAMES = 3  # of free motions in a warning
 _MAX_NOTES = 3  # on bounds in the short form of a result
 # Distance from a bound, relative to the bound, up to which a number is reported to be at it.
@@ -173,10 +192,13 @@ class Optimization:
         Name and all parameters of the model of the best design.
     warnings
         Sentences on values that depend on the steps of the run (a run with half the step or a tenth
-        of `rtol` would change the objective or a constrained quantity by more than 1 %), on
+        of `rtol` would change the objective or a constrained quantity by more than 1 %), on limits
+        that the design exceeds, or active ones that it does not reach, by more than 0.5 % with
+        exact strains and halved elements, or an objective that these change by more than 1 %, on
         stresses, and quantities of one sign, within a limit of their signed value whose magnitude
         is beyond it, on quantities that are zero or negligible for every design, on designs of
-        which all numbers are at bounds, far from all limits, and the warnings of `analyses`.
+        which all numbers are at bounds, far from all limits, on limits that are over 20 times away
+        from the values of all designs, and the warnings of `analyses`.
     """
 
     parameters: Mapping[str, Any]
@@ -417,18 +439,24 @@ def create_optimization(
     results, status = design.results, search.status
     own: tuple[str, ...] = ()
     of_user_code: tuple[str, ...] = ()
-    if not search.was_ended:
+    if not search.was_ended or design.wall_time <= _MAX_CHECKED_TIME:
         try:
             results, of_user_code = problem.checked_results(design)
             zeros = _check_zeros(problem, search)
             own = (
                 *_check_steps(problem, search),
-                *(zeros or _check_inactive_limits(problem, constraints, best.numbers, design)),
+                *_check_beams(problem, search, constraints),
+                *(
+                    zeros
+                    or _check_inactive_limits(problem, constraints, best.numbers, design)
+                    or _check_distant_limits(problem, search, constraints)
+                ),
             )
             own = (*own, *_check_signs(problem, search, constraints))
         except KeyboardInterrupt:
             acknowledge()
-            status = Status("interrupted", INTERRUPTED_CHECKS)
+            if not search.was_ended:
+                status = Status("interrupted", INTERRUPTED_CHECKS)
     messages = list_warnings(results)
     leaves = [x for quantity in problem.quantities for x in quantity.leaves]
     if not any(isinstance(x, (EquilibriumValue, EquilibriumErrors)) for x in leaves):
@@ -577,6 +605,117 @@ def _check_steps(problem: DesignProblem, search: SearchResult) -> tuple[str, ...
         f"{label}: the steps of the run change its value at the best design by "
         f"{format_error(error, 1.0)}; use {method.method}({name}={sufficient:.1g}).",
     )
+
+
+def _check_distant_limits(
+    problem: DesignProblem, search: SearchResult, constraints: Sequence[Constraint]
+) -> tuple[str, ...]:
+    """Return a warning if limits are far from the values of all designs, as in another unit."""
+    trials = np.abs([x.values[1:] for x in search.trials if not x.failure]) * search.ratios
+    distances: dict[int, tuple[float, float]] = {}
+    for k, (limit, constraint) in enumerate(zip(problem.limits, constraints, strict=True)):
+        bound, is_upper = abs(limit.bound), limit.sign * limit.bound > 0.0
+        nearest = float(np.max(trials[:, k]) if is_upper else np.min(trials[:, k]))
+        small, large = (nearest, bound) if is_upper else (bound, nearest)
+        if constraint.margin > 0.0 and 0.0 < _MIN_DISTANT_RATIO * small < large:
+            distances[k] = large / small, nearest
+    if not distances:
+        return ()
+    farthest, *others = sorted(distances, key=lambda k: -distances[k][0])
+    constraint, (ratio, nearest) = constraints[farthest], distances[farthest]
+    limit_text, value = (
+        format_with_unit(float(f"{x:.3g}"), constraint.unit) for x in (constraint.limit, nearest)
+    )
+    label = problem.limits[farthest].quantity.label
+    name = name_with_others(label, [constraints[k].name for k in others], most=1)
+    is_upper = problem.limits[farthest].sign * constraint.limit > 0.0
+    times = float(f"{ratio:.2g}")
+    comparison = f"{times:.0f} times the largest" if is_upper else f"1/{times:.0f} of the smallest"
+    return (
+        f"{name}: the limit of {limit_text} is {comparison} magnitude of all designs, {value}, "
+        "and has no effect; check its unit (numbers are in SI units).",
+    )
+
+
+def _check_beams(
+    problem: DesignProblem, search: SearchResult, constraints: Sequence[Constraint]
+) -> tuple[str, ...]:
+    """Return warnings if more accurate beams change the limits or the objective of the best design.
+
+    The search moves the design to the limits of its own beams, so that errors of these are those of
+    the design: an active limit is exceeded, or not reached. Limits that the design violates anyway
+    have none.
+    """
+    best = search.best
+    try:
+        changes = problem.beam_errors(best.numbers)
+    except BeamdaeError:
+        # For example a critical point that is not on the path: the values are those of the beams.
+        return ()
+    # Sums of squared errors are small at their minimum.
+    size = max(abs(best.values[0]), abs(search.trials[0].values[0]))
+    error = float(abs(changes[0]) / size) if size else 0.0
+    changed = [0] if error > _MAX_OBJECTIVE_ERROR else []
+    excesses = _limit_excesses(problem, search, constraints, changes)
+    if not changed and not excesses:
+        return ()
+    causes, remedy = _find_beam_causes(problem, search, [*excesses, *changed], changes)
+    messages = []
+    if excesses:
+        worst, *others = sorted(excesses, key=lambda k: -abs(excesses[k]))
+        excess, name = excesses[worst], constraints[worst - 1].name
+        verb = "exceeds this limit by" if excess > 0.0 else "could come closer to this limit by"
+        also = [constraints[k - 1].name for k in others]
+        tighten = f", or tighten the limit by {format_percent(excess)}" if excess > 0.0 else ""
+        messages.append(
+            f"{name_with_others(name, also, most=1)}: with {causes}, the best design {verb} "
+            f"{format_percent(abs(excess))}; {remedy}{tighten}."
+        )
+    if changed:
+        messages.append(
+            f"{problem.objective.label}: {causes} change its value at the best design by "
+            f"{format_percent(error)}; {remedy}."
+        )
+    return tuple(messages)
+
+
+def _limit_excesses(
+    problem: DesignProblem,
+    search: SearchResult,
+    constraints: Sequence[Constraint],
+    changes: np.ndarray,
+) -> dict[int, float]:
+    """Return by how much `changes` (1 + C,) of the values exceed limits, by the number of these.
+
+    Excesses are relative to the limits, and negative for active limits that are not reached.
+    """
+    firsts, excesses = np.abs(search.trials[0].values), {}
+    rows = zip(problem.limits, constraints, search.ratios.tolist(), strict=True)
+    for k, (limit, constraint, ratio) in enumerate(rows, 1):
+        size = abs(limit.bound) or float(firsts[k])
+        value = constraint.value + ratio * float(changes[k])
+        excess = -limit.margin(value) / size if size else 0.0
+        is_active = constraint.relative_margin == 0.0
+        is_satisfied = is_active or constraint.margin > 0.0
+        if is_satisfied and (abs(excess) if is_active else excess) > _MAX_LIMIT_ERROR:
+            excesses[k] = excess
+    return excesses
+
+
+def _find_beam_causes(
+    problem: DesignProblem, search: SearchResult, rows: Sequence[int], changes: np.ndarray
+) -> tuple[str, str]:
+    """Return whether strains or elements of beams change some values, and the remedy."""
+    try:
+        by_strains = problem.beam_errors(search.best.numbers, halved=False)
+    except BeamdaeError:
+        # No beam has other strains than exact ones.
+        by_strains = np.zeros_like(changes)
+    shares = np.abs([by_strains[rows], (changes - by_strains)[rows]]) / np.abs(changes[rows])
+    has_strains, has_elements = (np.max(shares, axis=1) >= _CAUSE_SHARE).tolist()
+    causes = ["exact strains"] * has_strains + ["halved elements"] * has_elements
+    remedies = ["set strain='exact'"] * has_strains + ["use twice as many elements"] * has_elements
+    return " and ".join(causes), " and ".join(remedies)
 
 
 def _check_signs(

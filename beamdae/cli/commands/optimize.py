@@ -38,9 +38,10 @@ if TYPE_CHECKING:
     from beamdae.model_functions import Model
 
 _KINDS = (
-    "mass, frequency:NUMBER[:equilibrium], equilibrium:COLUMN, end:COLUMN, maximum:COLUMN, "
-    "integral:COLUMN, or the name of a parameter"
+    "mass, frequency:NUMBER, frequency:NUMBER:equilibrium, frequency:NUMBER:reference, "
+    "equilibrium:COLUMN, end:COLUMN, maximum:COLUMN, integral:COLUMN, or the name of a parameter"
 )
+_STATES = ("equilibrium", "reference")
 
 
 def optimize_command(
@@ -162,9 +163,9 @@ class _QuantityParser:
 
         kind, _, name = str(text).partition(":")
         number, _, about = name.partition(":")
-        is_frequency = number.isdigit() and name in (number, f"{number}:equilibrium")
+        is_frequency = number.isdigit() and name in (number, *(f"{number}:{x}" for x in _STATES))
         kinds: dict[str, Any] = {
-            "frequency": lambda: Frequency(int(number), about or "reference"),
+            "frequency": lambda: Frequency(int(number), about or None),
             "equilibrium": lambda: EquilibriumValue(name, t=self.t),
             "end": lambda: EndValue(name),
             "maximum": lambda: SmoothMaximum(name),
