@@ -25,6 +25,7 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.interrupts import interruptible
+from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
@@ -176,7 +177,7 @@ class Solution(RunData, TimeSeries):
     @cached_property
     def _sentences(self) -> dict[Check, tuple[str, ...]]:
         # Checks search equilibria and assemble finer meshes, whose messages are not about the run.
-        with hold_messages():
+        with single_threaded, hold_messages():
             return {check: tuple(check(self)) for check in RUN_CHECKS}
 
     def coordinate_columns(self) -> dict[str, Array]:
