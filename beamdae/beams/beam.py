@@ -908,6 +908,23 @@ class Beam(Part):
         )
 
     @staticmethod
+    def is_deformation(quantity: Quantity) -> bool:
+        """Return True for a `deformation` or `deflection`."""
+        build = None if quantity.recipe is None else quantity.recipe.build
+        return build in (Beam.deformation, Beam.deflection)
+
+    def sections_of_motion(self, quantity: Quantity) -> list[float]:
+        """Return the arc lengths [m] of the sections whose motion a quantity measures."""
+        recipe = quantity.recipe
+        if recipe is None or Beam.sections_of_strains(quantity) is not None:
+            return []
+        values = (*recipe.arguments, *recipe.options.values())
+        if any(x is self for x in values):
+            return [float(x) for x in values if isinstance(x, (int, float))]
+        attachments = [x for x in values if isinstance(x, Attachment) and x.body is self]
+        return [float(x.s) for x in attachments if x.s is not None]
+
+    @staticmethod
     def exponent_of_bound(quantity: Quantity) -> float | None:
         """Return the exponent of a `largest_stress`; None for other quantities."""
         recipe = quantity.recipe

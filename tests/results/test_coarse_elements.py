@@ -98,6 +98,46 @@ def test_runs_compare_beams_of_few_curved_elements():
     assert not [x for x in fine.warnings if "too few" in x]
 
 
+def connecting_rod(elements, observed):
+    """The rod of a slider-crank, which its own inertia bends."""
+    mech = bd.Mechanism()
+    crank = mech.add(bd.RigidBody("crank", mass=1.0, inertia=1e-3))
+    shaft = mech.add(bd.Revolute("shaft", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
+    law = bd.run_up(30.0, 0.2)
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0), law))
+    axis = bd.Line((0.04, 0.0), (0.24, 0.0))
+    rod = mech.add(leaf("rod", axis, elements, "floating frame", height=5e-3))
+    mech.add(bd.Revolute("pin", crank.at(0.04, 0.0), rod.start))
+    mech.add(bd.PointMass("slider", 1.0, on=rod.end))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), rod.end, direction=(1.0, 0.0)))
+    mech.observe("shaft", shaft.reaction)
+    mech.observe("slider", rod.end)
+    if observed == "bending":
+        mech.observe("bow", rod.deformation(s=0.1, axes="frame"))
+    elif observed == "position":
+        mech.observe("middle", rod.at(0.1))
+    return mech
+
+
+@pytest.mark.slow(reason="a third of a second")
+def test_runs_compare_observed_bending_within_one_straight_element():
+    coarse, fine = (bd.simulate(connecting_rod(n, "bending"), t_end=0.6) for n in (1, 8))
+    (warning,) = (x for x in coarse.warnings if "too few" in x)
+    assert warning.startswith("rod: 1 element is too few: with halved elements, bow.")
+    change = np.ptp(fine["bow.v"]) / np.ptp(coarse["bow.v"]) - 1.0
+    stated = float(warning.split("bow.v ")[1].split()[0]) / 100.0
+    # The warning is relative to the whole range, at one of its ends.
+    assert 0.4 * change < stated < 1.1 * change
+    assert change > 0.03
+    assert not [x for x in fine.warnings if "too few" in x]
+
+
+@pytest.mark.parametrize("observed", ["ends", "position"])
+def test_runs_with_one_straight_element_whose_columns_are_right_have_no_warning(observed):
+    run = bd.simulate(connecting_rod(1, observed), t_end=0.3)
+    assert not [x for x in run.warnings if "too few" in x]
+
+
 def test_the_recommended_elements_have_no_warning():
     (warning,) = taut(bd.equilibrium(clamped_beam(2, 100.0)))
     longest = float(warning.split("at most ")[1].split()[0])
