@@ -27,6 +27,7 @@ from beamdae.integrators.method import clip_step
 from beamdae.integrators.run_plan import plan_run
 from beamdae.linear import blas_threads
 from beamdae.results.outcome import Statistics
+from beamdae.simulation import skip_result_checks
 
 
 class Rolling:
@@ -236,6 +237,24 @@ def two_threads_of_blas():
     assert set(before.values()) == {2}
     yield before
     set_threads_of_blas(1)
+
+
+def test_regression_checks_that_are_read_later_use_one_blas_thread(
+    two_threads_of_blas, monkeypatch
+):
+    """On busy cores, checks of a run of 0.1 s took 30 s."""
+    counts = []
+
+    def check(run):
+        counts.append(set(threads_of_blas().values()))
+        return ()
+
+    with skip_result_checks():
+        run = bd.simulate(PENDULUM.build(), t_end=0.01)
+    monkeypatch.setattr("beamdae.results.solution.RUN_CHECKS", (check,))
+    assert not run.warnings
+    assert counts == [{1}]
+    assert two_threads_of_blas.items() <= threads_of_blas().items()
 
 
 def test_regression_overlapping_runs_restore_blas_threads(two_threads_of_blas):

@@ -4,8 +4,10 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import beamdae as bd
+from beamdae.results.diagnostics.meshes import fast_loads
 
 STEEL = bd.Material(E=210e9, nu=0.3, rho=7850.0)
 SECTION = bd.Section.rectangle(STEEL, width=0.02, height=0.02)
@@ -64,6 +66,16 @@ def test_regression_pulse_on_a_coarse_rod_has_a_warning(late):
     (text,) = find_warnings(rod(1, 40e-6, late), 1e-3)
     assert text.startswith("push: this law rises within")
     assert "tip.x" in text
+
+
+@pytest.mark.slow(reason="assembles two finer models")
+def test_regression_responses_have_few_lengths_of_steps(monkeypatch):
+    """Of each, the exponential of every mode was computed: 24 000 instead of 80."""
+    exponentials = []
+    monkeypatch.setattr(fast_loads.la, "expm", lambda x: exponentials.append(x) or expm(x))
+    assert find_warnings(cantilever(pulse(3e-3), 1), 0.05)
+    # Of three models, steps of the fast change and later ones.
+    assert 3 <= len(exponentials) <= 12
 
 
 @pytest.mark.slow(reason="assembles two finer models")

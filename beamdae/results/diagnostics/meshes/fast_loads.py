@@ -66,7 +66,8 @@ _MAX_SAMPLED_TIMES = 2000
 _MAX_SLOW_SAMPLES = 200  # of functions that accept no arrays
 _FAST_SHARE = 0.05  # of the largest rate, in the time of the fast change
 _CONSTANT_SHARE = 1e-6  # largest change of a constant law, relative to its range
-_FINE_TIMES, _COARSE_TIMES = 100, 400  # of the fast change, and of the response
+# Least number of steps of the fast change, and number of times of the response.
+_FINE_STEPS, _COARSE_TIMES = 100, 400
 _PERIODS = 1.2  # duration of the response, in periods of a clamped beam
 _CANTILEVER = 3.516  # angular frequency over sqrt(EI / (rhoA L^4))
 _DIFFERENCE = 1e-5  # change of a coordinate, relative to its scale, for differences
@@ -379,7 +380,11 @@ def _time_grid(
     inside = [x for x in equations.breakpoints if begin < x < end]
     grids = [np.linspace(begin, end, _COARSE_TIMES), np.array(inside)]
     if change.end > begin:
-        grids.append(np.linspace(begin, min(change.end, end), _FINE_TIMES))
+        # Divide the first steps equally: each length of a step takes an exponential of each mode.
+        step = (end - begin) / (_COARSE_TIMES - 1)
+        divided = math.ceil(min(change.end - begin, end - begin) / step)
+        fine = divided * math.ceil(_FINE_STEPS / divided)
+        grids.append(np.linspace(begin, begin + divided * step, fine + 1))
     times = np.unique(np.concatenate(grids))
     return times[np.append(True, np.diff(times) > _SHORT_TIME * (end - begin))]
 
