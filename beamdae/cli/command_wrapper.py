@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import wraps
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -40,6 +41,7 @@ _UNNEEDED_OPTIONS = {
     ("fit", "--output-step"): "runs are compared with the data at the times of the data",
 }
 _OUT_OF_MEMORY = "out of memory; use fewer elements or a larger output step."
+_DELETED_FOLDER = "the working folder has been deleted; change to an existing folder."
 
 _OUTPUT_OPTIONS = {
     "quiet": Annotated[
@@ -103,6 +105,8 @@ def _run_to_exit_code(command: Callable[[], None]) -> int:
             return _report_interrupt("")
         if is_out_of_memory(problem):
             problem = BeamdaeError(_OUT_OF_MEMORY)
+        elif isinstance(problem, FileNotFoundError) and _is_working_folder_deleted():
+            problem = BeamdaeError(_DELETED_FOLDER)
         if not isinstance(problem, BeamdaeError):
             raise
         print_error(f"error: {problem}")
@@ -111,6 +115,12 @@ def _run_to_exit_code(command: Callable[[], None]) -> int:
         print_error(f"error: the model ended the run with {type(problem).__name__}({problem}).")
         return USAGE_ERROR
     return 0
+
+
+def _is_working_folder_deleted() -> bool:
+    from beamdae.results.storage.files import is_in_deleted_folder
+
+    return is_in_deleted_folder(Path())
 
 
 def _report_interrupt(reason: str) -> int:

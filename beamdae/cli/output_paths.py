@@ -102,10 +102,13 @@ def _require_folder(option: str, folder: Path) -> None:
 
     try:
         _create_temporarily(option, folder)
-    except OSError as problem:
-        reason = f"of the error '{problem.strerror or problem}'"
+    except (OSError, BeamdaeError) as problem:
         if is_in_deleted_folder(folder):
             reason = "the working folder has been deleted"
+        elif isinstance(problem, BeamdaeError):
+            raise
+        else:
+            reason = f"of the error '{problem.strerror or problem}'"
         raise BeamdaeError(
             f"{option} {folder}: the folder cannot be written because {reason}; "
             "choose another folder."

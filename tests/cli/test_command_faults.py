@@ -583,3 +583,22 @@ def test_regression_folder_deleted_while_outputs_are_checked_is_named(name, tmp_
     monkeypatch.setattr(output_paths.Path, name, delete)
     with pytest.raises(BeamdaeError, match="because the working folder has been deleted"):
         output_paths._require_folder("--out", Path("results", "study"))
+
+
+def test_regression_folder_deleted_while_paths_are_resolved_is_reported(tmp_path, monkeypatch):
+    """Commands ended with a traceback if the folder was deleted after their first checks."""
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    realpath = os.path.realpath
+
+    def delete(path):
+        shutil.rmtree(work, ignore_errors=True)
+        return realpath(path)
+
+    monkeypatch.setattr(output_paths.os.path, "realpath", delete)
+    result = CliRunner().invoke(app, ["modes", "example:pendulum"])
+    assert result.exit_code == 2
+    assert result.stderr == (
+        "error: the working folder has been deleted; change to an existing folder.\n"
+    )

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import subprocess
 import sys
 import time
 import warnings
+from itertools import count
 from pathlib import Path
 
 import pandas as pd
@@ -255,6 +257,91 @@ def test_deleted_working_folder_is_reported(tmp_path, monkeypatch):
         bd.sweep(swing, {"mass": [1.0, 2.0]}, folder="results", progress=delete)
     # Without a folder, results need no working folder.
     assert list(bd.sweep(swing, {"mass": [1.0, 2.0]}).table["status"]) == ["ok", "ok"]
+
+
+# Operations on paths that cannot succeed in a deleted folder.
+_OPERATIONS = ("access", "getcwd", "link", "lstat", "mkdir", "open", "replace", "scandir", "stat")
+
+
+def _delete_before(names, number, folder, patch):
+    """Delete a folder before the operation of this number; return a list that then is empty."""
+    remaining = [None] * number
+
+    def replace_by_deleting(name):
+        operation = getattr(os, name)
+
+        def delete_and_call(*arguments, **options):
+            if remaining:
+                remaining.pop()
+                if not remaining:
+                    patch.undo()
+                    shutil.rmtree(folder)
+            return operation(*arguments, **options)
+
+        patch.setattr(os, name, delete_and_call)
+
+    for name in names:
+        replace_by_deleting(name)
+    return remaining
+
+
+def _sweep_in_deleted_folder(names, number, folder, monkeypatch):
+    """Return the error of a sweep whose working folder is deleted before one of its operations.
+
+    The error is "" if the sweep has been completed, and None if it has fewer operations.
+    """
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    error = ""
+    with monkeypatch.context() as patch:
+        remaining = _delete_before(names, number, folder, patch)
+        try:
+            bd.sweep(
+                swing,
+                {"mass": [1.0]},
+                measure={"measured mass": lambda model: model.parameters["mass"]},
+                folder="results",
+            )
+        except bd.BeamdaeError as problem:
+            error = str(problem)
+    return None if remaining else error
+
+
+def test_regression_working_folder_deleted_while_files_are_listed_is_reported(
+    tmp_path, monkeypatch
+):
+    """A sweep ended with a traceback if the folder was deleted before its files were listed."""
+    error = _sweep_in_deleted_folder(["scandir"], 1, tmp_path / "work", monkeypatch)
+    assert (
+        error == "results/.lock: the file cannot be written: the working folder has been deleted."
+    )
+
+
+@pytest.mark.slow(reason="a hundred sweeps")
+def test_working_folder_deleted_at_any_moment_is_reported(tmp_path, monkeypatch):
+    for number in count(1):
+        error = _sweep_in_deleted_folder(_OPERATIONS, number, tmp_path / f"{number}", monkeypatch)
+        if error is None:
+            break
+        reported = error.endswith(
+            ": the file cannot be written: the working folder has been deleted."
+        )
+        assert reported or error == "", f"operation {number}: {error}"
+    assert number > 50
+
+
+@pytest.mark.slow(reason="starts a process")
+def test_regression_worker_processes_start_in_a_folder_that_is_deleted(tmp_path, monkeypatch):
+    """A process that changed to a folder deleted in the meantime printed a traceback and ended."""
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    worker = worker_processes.WorkerProcess()
+    work.rmdir()
+    try:
+        assert worker.receive_outcome() is None
+    finally:
+        worker.kill()
 
 
 @pytest.mark.slow(reason="starts a process")

@@ -9,6 +9,7 @@ import warnings
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -18,6 +19,7 @@ from beamdae.memory import limit_memory, peak_memory, reset_peak_memory
 from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
+from beamdae.results.storage.files import is_in_deleted_folder
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
 from beamdae.studies.column_measures import measure_rows
@@ -49,7 +51,7 @@ def run_task(serialized: bytes) -> Outcome:
     still exists.
     """
     folder = working_folder()
-    is_deleted = not folder.samefile(os.curdir)
+    is_deleted = is_in_deleted_folder(Path())
     try:
         with record_file_reads() as reads, compile_sums():
             home = folder

@@ -159,7 +159,13 @@ def _start_process() -> tuple[Connection, Any]:
     connection, worker_connection = context.Pipe()
     process = context.Process(target=_serve_tasks, args=(worker_connection,), name="beamdae worker")
     try:
-        with _block_interrupts(), _hide_main_module(), _one_blas_thread(), worker_connection:
+        with (
+            _block_interrupts(),
+            _hide_main_module(),
+            _inherit_working_folder(),
+            _one_blas_thread(),
+            worker_connection,
+        ):
             process.start()
     except BaseException:
         connection.close()
@@ -219,6 +225,22 @@ def _hide_main_module() -> Iterator[None]:
         yield
     finally:
         sys.modules["__main__"] = main
+
+
+@contextmanager
+def _inherit_working_folder() -> Iterator[None]:
+    """Prevent processes started in this block from changing to the folder that they inherit.
+
+    If the folder is deleted while a process starts, the process would print a traceback.
+    """
+    from multiprocessing import spawn
+
+    prepare = spawn.get_preparation_data
+    spawn.get_preparation_data = lambda name: {k: x for k, x in prepare(name).items() if k != "dir"}
+    try:
+        yield
+    finally:
+        spawn.get_preparation_data = prepare
 
 
 def _describe_exit(code: int | None) -> str:

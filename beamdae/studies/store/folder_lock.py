@@ -26,7 +26,8 @@ def lock_folder(folder: Path) -> Iterator[None]:
     Raises
     ------
     BeamdaeError
-        If another process runs a study in this folder, or the file cannot be created.
+        If another process runs a study in this folder, the file cannot be created, or an operation
+        in the block misses the folder, because it has been deleted.
     """
     path = folder / _LOCK_FILE
     try:
@@ -38,6 +39,11 @@ def lock_folder(folder: Path) -> Iterator[None]:
             os.ftruncate(descriptor, 0)
             os.write(descriptor, f"process {os.getpid()} on {platform.node()}".encode())
         yield
+    except FileNotFoundError as problem:
+        # Any operation of the study may be the first to miss the folder.
+        if folder.is_dir():
+            raise
+        raise describe_write_error(path, problem) from problem
     finally:
         if os.name == "nt":  # Windows cannot remove open files.
             os.close(descriptor)
