@@ -412,8 +412,8 @@ def campbell(
     Warns
     -----
     BeamdaeWarning
-        At the first speed, for each warning that `modes` issues, and for modes that were not
-        followed.
+        For each warning that `modes` issues, of long elements at the slowest and the fastest
+        rotation, and for modes that were not followed.
 
     Examples
     --------
@@ -440,9 +440,15 @@ def campbell(
     if isinstance(model, Model):
         model = model()
 
+    # Errors by elements change little with the speed, and a comparison of meshes takes longer than
+    # the modes.
+    ends = {min(values, key=abs), max(values, key=abs)}
+
     def solve(speed: float, assessed: int = 0) -> Modes:
-        about = rotation(speed, center)
-        return compute_modes(model, about, count + _EXTRA_MODES, damping, assessed=assessed)
+        about, total = rotation(speed, center), count + _EXTRA_MODES
+        return compute_modes(
+            model, about, total, damping, assessed=assessed, assesses_meshes=speed in ends
+        )
 
     all_modes = [solve(speed, count) for speed in values]
     order = np.arange(min(count, *map(len, all_modes)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,6 +18,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     warn_of_state,
 )
 from beamdae.analysis.linear_dynamics.mesh_errors import response_mesh_warnings
+from beamdae.analysis.linear_dynamics.refined_linearization import linearize_refined
 from beamdae.beams.beam import beams_of
 from beamdae.equations.assembly.building import build_equations
 from beamdae.equations.assembly.coordinate_map import map_coordinates
@@ -48,8 +49,6 @@ from beamdae.parts.part import Part
 from beamdae.read_only import read_only_data
 from beamdae.results.diagnostics.meshes.coarse_elements import find_coarse_beam
 from beamdae.results.displays import HasPage
-from beamdae.results.equilibrium import Equilibrium
-from beamdae.results.trajectory import Instant
 from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
@@ -255,9 +254,10 @@ class LinearModel(HasPage):
         if self._linearization is not None and values:
             headers = {x.header for x in self.outputs}
             highest = float(np.max(np.abs(values)))
+            about, t = (REFERENCE, 0.0) if self._request is None else self._request[:2]
             warnings = [
                 f"frequency_response: {x}"
-                for x in response_mesh_warnings(self._linearization, highest, headers)
+                for x in response_mesh_warnings(self._linearization, highest, headers, about, t)
             ]
             # Warnings of boundary layers recommend more elements.
             if not any("boundary layer" in x for x in warnings):
@@ -276,13 +276,11 @@ class LinearModel(HasPage):
         halved = None if doubt is None else refine_beams(e)
         if doubt is None or halved is None:
             return None
-        if isinstance(request.about, Mapping) and any(
-            str(name).partition(".")[0] in halved.halved for name in request.about
-        ):
-            return None  # Positions of beams belong to their elements.
+        fine_lin = linearize_refined(lin, halved, request.about, request.t, self.poles)
+        if fine_lin is None:
+            return None
         try:
-            lin = linearize_about("linearize", halved.equations, request.about, request.t)
-            finer = _build_linear_model(halved.mechanism, lin, request)
+            finer = _build_linear_model(halved.mechanism, fine_lin, request)
         except BeamdaeError:
             return None
         counts = {x.name: x.mesh.elements for x in beams_of(halved.mechanism)}
@@ -542,8 +540,7 @@ def linearize(
     lin = linearize_about("linearize", model, about, time)
     request = _Request(about, time, inputs, outputs)
     linear = _build_linear_model(model, lin, request)
-    # The results of runs and of equilibrium paths have warnings of coarse elements.
-    if isinstance(model, Mechanism) and not isinstance(about, (Instant, Equilibrium)):
+    if isinstance(model, Mechanism):
         linear = replace(linear, _request=request)
     warn_of_state(lin)
     return linear

@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from beamdae.analysis.eigenproblems.eigensolution import massless_error
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.turning import find_turning
-from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
+from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading, build_loading
 from beamdae.equations.commands import limit_warnings
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
@@ -284,19 +284,19 @@ def _linearize_rest(full_equations: EquationsOfMotion, description: str, t: floa
 
 def load_path_end(
     model: Any, full_equations: EquationsOfMotion, path: Equilibrium
-) -> tuple[LoadedEquations, float]:
-    """Return the static equations of the load stage at the end of a path, and its load factor."""
+) -> tuple[Loading, LoadedEquations, float]:
+    """Return the load stages of a path, the equations of that at its end, and the load factor."""
     stages = [list(stage) for stage in path.loads] or None
     loading = build_loading(model, full_equations, stages, path.t)
     factors = path.factors[-1].tolist() or [1.0]
     unfinished = (k for k, factor in enumerate(factors) if abs(factor - 1.0) > _FACTOR_TOLERANCE)
     stage = next(unfinished, len(factors) - 1)
-    return loading.systems[stage], factors[stage]
+    return loading, loading.systems[stage], factors[stage]
 
 
 def _linearize_path_end(name: str, model: Any, path: Equilibrium) -> Linearization:
     full_equations = path.to_checkpoint().start_equations(as_equations(name, model, AS_DRAWN))
-    system, factor = load_path_end(model, full_equations, path)
+    _, system, factor = load_path_end(model, full_equations, path)
     equations = replace(system.equations, q0=full_equations.q0, v0=full_equations.v0)
     time = system.loaded.time
     rest = linearize_at_rest(equations, time, lambda state: system.motion_tangent(state, factor))

@@ -1,15 +1,20 @@
-"""Estimated errors of natural frequencies by the elements of beams."""
+"""Errors of natural frequencies by the elements of beams.
+
+They are estimated from the waves in the elements. If the estimate is not small or a beam has few
+elements, the frequencies are compared with those of halved elements.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
 from beamdae.analysis.linear_dynamics.linearization import Linearization
+from beamdae.analysis.linear_dynamics.refined_linearization import solve_refined_eigenvalues
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.dispersion import (
     axial_wave_error,
@@ -20,12 +25,13 @@ from beamdae.beams.dispersion import (
     section_values,
 )
 from beamdae.beams.shape_functions import gauss_points
+from beamdae.equations.assembly.refined_beams import RefinedBeams, refine_beams
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State, format_headers
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import format_percent, name_with_others
-from beamdae.parts.mechanism import Mechanism
 from beamdae.results.columns import remove_unit
+from beamdae.results.diagnostics.meshes.coarse_elements import find_coarse_beam
 from beamdae.results.diagnostics.meshes.mesh_errors import MAX_UNREPORTED_ERROR, MIN_SHARE
 from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
 from beamdae.results.section_forces.balance import (
@@ -41,8 +47,16 @@ Array = np.ndarray
 _ENERGY_POINTS = 3  # of the quadrature of the strain energy in an element
 # Largest change of a coordinate, in natural sizes, for differences of axial forces.
 _DIFFERENCE = 1e-5
-# Estimated errors above this one are reported; then, errors of 2 % are, and those of 0.3 % are not.
+# Errors above this one are reported; of estimated ones, those of 2 % are, and of 0.3 % are not.
 _MIN_REPORTED_ERROR = 0.007
+# Estimated errors from which on frequencies are compared with those of halved elements: estimates
+# are 0.7 to 6 times the true errors.
+_MIN_COMPARED_ERROR = 0.003
+# Of models with more coordinates, only those with long elements for a tension are compared. For 300
+# coordinates, a comparison takes 0.1 to 0.3 s; for 1200, one to two seconds.
+_MAX_COMPARED_COORDINATES = 1000
+# Part of the errors by waves from which on they, and not the tension, are named as the cause.
+_MIN_WAVE_SHARE = 0.5
 # Estimates by waves under compression from which on the energy of the shape is evaluated.
 _MIN_ESTIMATE = 0.1 * _MIN_REPORTED_ERROR
 # Beams with a smaller share of the error of a mode are not named.
@@ -61,70 +75,111 @@ _FIRST_MODES = 10  # number of modes to begin with when those of a frequency ran
 
 
 def mesh_warnings(
-    mechanism: Mechanism,
-    equations: EquationsOfMotion,
-    state: State,
+    lin: Linearization,
     eigenvalues: Array,
     shapes: Array,
     shares: Mapping[str, Array],
+    solve_refined: Callable[[RefinedBeams], Array | None],
     alternative: str = "fewer modes",
 ) -> list[str]:
-    """Return a warning of the beams whose elements are too long for the waves of modes, or none.
+    """Return a warning of the beams whose elements are too long for modes, or none.
 
-    The error of a mode is the sum of those of all beams, which are proportional to their shares in
-    its kinetic energy. Tension, such as that of taut wires and rotating blades, makes bending waves
-    longer. Axial waves of the same frequency are longer still, but a single curved element has no
-    motions without axial strains between clamps. Compression makes waves shorter and modes slower,
-    so that the same error of the bending stiffness is a larger part of a small total stiffness.
+    The estimated error of a mode is the sum of those by the waves in all beams, which are
+    proportional to their shares in its kinetic energy. Tension, such as that of taut wires and
+    rotating blades, makes bending waves longer. Axial waves of the same frequency are longer still,
+    but a single curved element has no motions without axial strains between clamps. Compression
+    makes waves shorter and modes slower, so that the same error of the bending stiffness is a
+    larger part of a small total stiffness. Unless estimates are small and beams have many elements,
+    changes of the frequencies with halved elements replace them.
 
     Parameters
     ----------
-    mechanism
-        The assembled mechanism.
-    equations, state
-        Its equations of motion and the state of the modes.
+    lin
+        A linearized mechanism.
     eigenvalues
         Eigenvalues (k,) of the modes.
     shapes
         Their shapes (k, n), with x^H M x = 1.
     shares
         Share of each part in the kinetic energy of each mode, (k,), by name.
+    solve_refined
+        Function that returns the eigenvalues with more accurate beams, at least as many, or None if
+        they are unknown.
     alternative
         What the warnings recommend besides more elements.
     """
+    equations, state, mechanism = lin.equations, lin.state, lin.equations.mechanism
+    assert mechanism is not None
     rates = np.abs(eigenvalues.imag)
     beams = [x for x in mechanism.parts.values() if isinstance(x, Beam) and x.name in shares]
     if not beams or not len(rates):
         return []
     waves = [_WaveErrors.of(x, equations, state, rates, shares[x.name]) for x in beams]
     # Where the sum is large, errors of axial motions and of compressed beams are computed.
-    large = np.flatnonzero(sum(x.errors for x in waves) > _MIN_REPORTED_ERROR)
+    large = np.flatnonzero(sum(x.errors for x in waves) > _MIN_COMPARED_ERROR)
     errors = np.array([x.refine(equations, state, shapes, large) for x in waves])
-    total = np.sum(errors, axis=0)
+    total = estimate = np.sum(errors, axis=0)
+
+    doubt = find_coarse_beam(lin.full_equations, state.q[None])
+    is_taut = doubt is not None and doubt.is_taut
+    is_small = equations.n <= _MAX_COMPARED_COORDINATES
+    if is_taut or (is_small and (doubt or np.max(estimate) > _MIN_COMPARED_ERROR)):
+        refined = refine_beams(lin.full_equations)
+        finer = None if refined is None else solve_refined(refined)
+        changes = None if finer is None else _frequency_changes(eigenvalues, finer)
+        total = estimate if changes is None else changes
+
     reported = np.flatnonzero(total > _MIN_REPORTED_ERROR)
     if not len(reported):
         return []
     k = int(reported[np.argmin(rates[reported])])
-    order = np.argsort(-errors[:, k], kind="stable").tolist()
+    # Rounding does not choose between the beams of a symmetric mechanism.
+    order = sorted(range(len(beams)), key=lambda j: -float(f"{errors[j, k]:.3g}"))
     worst = beams[order[0]]
-    others = [beams[j].name for j in order[1:] if errors[j, k] > _MIN_NAMED_SHARE * total[k]]
+    others = [beams[j].name for j in order[1:] if errors[j, k] > _MIN_NAMED_SHARE * estimate[k]]
 
     size, largest = float(total[k]), float(np.max(total))
+    ratio = min(size, _MAX_ESTIMATE) / _RECOMMENDED_ERROR
+    count = int(np.ceil(worst.mesh.elements * ratio ** (1.0 / convergence_order(worst))))
+    names, remedy = name_with_others(worst.name, others), f"use elements={count} or more"
+    if doubt is not None and is_taut and estimate[k] < _MIN_WAVE_SHARE * size:
+        names, remedy = doubt.name, doubt.remedy(size)
     more = ""
     if len(reported) > 1:
         limit = f"more than {100.0 * _MAX_ESTIMATE:g} %"
         most = f"up to {format_percent(largest)}" if largest <= _MAX_ESTIMATE else limit
         more = f" and {len(reported) - 1} more ({most})"
-    ratio = min(size, _MAX_ESTIMATE) / _RECOMMENDED_ERROR
-    count = int(np.ceil(worst.mesh.elements * ratio ** (1.0 / convergence_order(worst))))
     error = f"about {format_percent(size)}"
     if size > _MAX_ESTIMATE:
         error = f"more than {100.0 * _MAX_ESTIMATE:g} %"
     return [
-        f"{name_with_others(worst.name, others)}: the elements are too long for mode {k + 1}"
-        f"{more}, whose frequency of {rates[k] / (2.0 * np.pi):.4g} Hz has an error of {error}; "
-        f"use elements={count} or more, or {alternative}."
+        f"{names}: the elements are too long for mode {k + 1}{more}, whose frequency of "
+        f"{rates[k] / (2.0 * np.pi):.4g} Hz has an error of {error}; {remedy}, or {alternative}."
     ]
+
+
+def _frequency_changes(coarse: Array, fine: Array) -> Array | None:
+    """Return the changes of the frequencies of modes with halved elements, (k,).
+
+    They are relative to the frequencies with halved elements. Vibrations are paired in ascending
+    order. Returns None if the numbers of other motions differ.
+
+    Parameters
+    ----------
+    coarse, fine
+        Eigenvalues of the model, (k,), and with halved elements, at least as many.
+    """
+    vibrations = np.flatnonzero(coarse.imag > 0.0)
+    vibrations = vibrations[np.argsort(coarse.imag[vibrations], kind="stable")]
+    rates = np.sort(fine.imag[fine.imag > 0.0])
+    # Fast motions without vibration are decays, of which only one of the models may have some.
+    largest = np.max(coarse.imag, initial=0.0)
+    counts = [np.sum((x.imag <= 0.0) & (np.abs(x) < largest)) for x in (coarse, fine)]
+    if counts[0] != counts[1] or len(rates) < len(vibrations):
+        return None
+    changes = np.zeros(len(coarse))
+    changes[vibrations] = np.abs(coarse.imag[vibrations] / rates[: len(vibrations)] - 1.0)
+    return changes
 
 
 @dataclass(frozen=True)
@@ -186,7 +241,7 @@ class _WaveErrors:
 
 
 def response_mesh_warnings(
-    lin: Linearization, frequency: float, outputs: Collection[str]
+    lin: Linearization, frequency: float, outputs: Collection[str], about: Any, t: float
 ) -> list[str]:
     """Return a warning for each beam whose elements are too long for responses.
 
@@ -202,6 +257,8 @@ def response_mesh_warnings(
         The largest frequency of the response [Hz].
     outputs
         Headers of the columns of the response.
+    about, t
+        State and time [s] of the linearization; see `modes`.
     """
     mechanism, limit = lin.equations.mechanism, np.array([_REACH * 2.0 * np.pi * frequency])
     assert mechanism is not None
@@ -213,7 +270,7 @@ def response_mesh_warnings(
     layered = {beam: columns for beam, columns in layered.items() if columns}
     # Compression raises the errors of modes beyond those of waves.
     has_wave_errors = any(
-        bending_wave_errors(beam, limit)[0] > _MIN_REPORTED_ERROR or np.any(forces[beam] < 0.0)
+        bending_wave_errors(beam, limit)[0] > _MIN_COMPARED_ERROR or np.any(forces[beam] < 0.0)
         for beam in beams
     )
     if not (layered or has_wave_errors):
@@ -230,9 +287,11 @@ def response_mesh_warnings(
         shapes = solution.shapes.T[solution.values.imag <= limit[0]]
         values = solution.values[solution.values.imag <= limit[0]]
         shares = kinetic_energy_shares(lin, shapes)
-        sentences += mesh_warnings(
-            mechanism, lin.equations, lin.state, values, shapes, shares, "lower frequencies"
-        )
+
+        def solve_refined(refined: RefinedBeams) -> Array | None:
+            return solve_refined_eigenvalues(lin, refined, about, t, values, damped)
+
+        sentences += mesh_warnings(lin, values, shapes, shares, solve_refined, "lower frequencies")
     # Shapes of responses below the first resonance are similar to that of its mode.
     vibrations = np.flatnonzero(solution.values.imag > 0.0)
     is_inside = solution.values[vibrations].imag <= 2.0 * np.pi * frequency

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -26,6 +26,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     warn_of_state,
 )
 from beamdae.analysis.linear_dynamics.mesh_errors import kinetic_energy_shares, mesh_warnings
+from beamdae.analysis.linear_dynamics.refined_linearization import solve_refined_eigenvalues
 from beamdae.beams.beam import Beam
 from beamdae.equations.assembly.refined_beams import RefinedBeams, refine_beams
 from beamdae.equations.starts.mobility import find_free_groups
@@ -44,19 +45,9 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
-from beamdae.results.diagnostics.meshes.beam_ranges import (
-    BeamDoubt,
-    find_strain_doubt,
-    frequency_warnings,
-)
-from beamdae.results.diagnostics.meshes.coarse_elements import (
-    describe_changes,
-    find_taut_beams,
-    pair_frequencies,
-)
+from beamdae.results.diagnostics.meshes.beam_ranges import find_strain_doubt, frequency_warnings
+from beamdae.results.diagnostics.meshes.coarse_elements import describe_changes, pair_frequencies
 from beamdae.results.displays import HasModeShapes
-from beamdae.results.equilibrium import Equilibrium
-from beamdae.results.trajectory import Instant
 from beamdae.simulation import skips_result_checks
 
 if TYPE_CHECKING:
@@ -112,8 +103,8 @@ class Modes(HasModeShapes):
         Warnings that the state is unstable, not an equilibrium, or the end of an equilibrium path
         or a run that ended early, that the command of a controller has reached its limit, that
         there are no modes, that rounding errors of the stiffness hide slow modes, that nothing
-        holds a body, or that the elements of a beam are too long for modes (estimated errors of
-        frequencies above 0.7 %).
+        holds a body, or that the elements of a beam are too long for modes (errors of frequencies
+        above 0.7 %, which are changes with halved elements unless the model is large).
     """
 
     about: str
@@ -323,10 +314,12 @@ def compute_modes(
     damping: bool = True,
     t: float = 0.0,
     assessed: int | None = None,
+    assesses_meshes: bool = True,
 ) -> Modes:
     """Compute natural modes as `modes` does, without issuing the warnings of the result.
 
-    Errors by the elements of beams are estimated for the first `assessed` modes; None means all.
+    Errors by the strains and, if `assesses_meshes` is set, by the elements of beams are estimated
+    for the first `assessed` modes; None means all.
     """
     count = None if n is None else require_count("modes", "n", n)
     is_damped = require_choice("modes", "damping", damping, (True, False))
@@ -359,10 +352,15 @@ def compute_modes(
     if mechanism is not None and not skips_result_checks():
         values, shapes = result.eigenvalues[:assessed], result.shapes[:assessed]
         shares = {name: x[:assessed] for name, x in result.shares.items()}
-        sentences = mesh_warnings(mechanism, lin.equations, lin.state, values, shapes, shares)
-        # The results of runs and of equilibrium paths have such warnings.
-        if not isinstance(about, (Instant, Equilibrium)):
-            found, replaced = _compare_with_refined_beams(lin, values, about, t, is_damped)
+
+        def solve_refined(refined: RefinedBeams) -> Array | None:
+            return solve_refined_eigenvalues(lin, refined, about, t, values, is_damped)
+
+        sentences = []
+        if assesses_meshes:
+            sentences += mesh_warnings(lin, values, shapes, shares, solve_refined)
+        if len(values):
+            found, replaced = _compare_with_exact_strains(lin, values, solve_refined)
             sentences += found
             warnings = [x for x in warnings if x not in replaced]
             lin = replace(lin, warnings=tuple(x for x in lin.warnings if x not in replaced))
@@ -371,41 +369,28 @@ def compute_modes(
     return replace(result, warnings=tuple(warnings), _linearization=lin)
 
 
-def _compare_with_refined_beams(
-    lin: Linearization, eigenvalues: Array, about: Any, t: float, is_damped: bool
+def _compare_with_exact_strains(
+    lin: Linearization,
+    eigenvalues: Array,
+    solve_refined: Callable[[RefinedBeams], Array | None],
 ) -> tuple[list[str], set[str]]:
-    """Return warnings of frequencies that change by over 1 % with more accurate beams.
+    """Return warnings of frequencies that change by over 1 % with exact strains of beams.
 
-    The lowest one is compared with halved elements, if these are long for a tension, and all are
-    compared with exact strains, if estimates of their errors exceed 1 %. The second set contains
-    the warnings with these estimates, if the frequencies were compared.
+    They are compared if estimates of their errors exceed 1 %. The second set contains the warnings
+    with these estimates, if the frequencies were compared.
     """
-    e = lin.full_equations
-
-    def compare(refined: RefinedBeams | None, doubt: BeamDoubt, lowest: int) -> list[str] | None:
-        if refined is None:
-            return None
-        try:
-            other = linearize_about("modes", refined.equations, about, t).linearized_equations
-        except BeamdaeError:
-            return None
-        solution = solve_eigenproblem(other, len(eigenvalues), is_damped)
-        frequencies = pair_frequencies(eigenvalues, solution.values, lowest)
-        sizes = {name: x[0] for name, x in frequencies.items()}
-        return list(describe_changes(e, doubt, frequencies, sizes))
-
-    sentences, replaced = [], set[str]()
-    taut = find_taut_beams(e, lin.state.q[None])
-    if taut:
-        sentences += compare(refine_beams(e), taut[0], 1) or []
-    strained = find_strain_doubt(lin.bent_beams)
-    if strained is not None:
-        doubt, names = strained
-        changes = compare(refine_beams(e, exact=names, halved=()), doubt, len(eigenvalues))
-        if changes is not None:
-            sentences += changes
-            replaced = set(frequency_warnings(lin.bent_beams))
-    return sentences, replaced
+    e, strained = lin.full_equations, find_strain_doubt(lin.bent_beams)
+    if strained is None:
+        return [], set()
+    doubt, names = strained
+    refined = refine_beams(e, exact=names, halved=())
+    finer = None if refined is None else solve_refined(refined)
+    if finer is None:
+        return [], set()
+    frequencies = pair_frequencies(eigenvalues, finer, len(eigenvalues))
+    sizes = {name: x[0] for name, x in frequencies.items()}
+    changes = list(describe_changes(e, doubt, frequencies, sizes))
+    return changes, set(frequency_warnings(lin.bent_beams))
 
 
 def _rounding_warnings(

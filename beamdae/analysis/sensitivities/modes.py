@@ -341,7 +341,7 @@ class _StateDerivatives:
             if not isinstance(about, Equilibrium):
                 return (active_equations(e, None, t)[0],), 1.0
             source = e if e.mechanism is None else e.mechanism
-            system, factor = load_path_end(source, e, about)
+            _, system, factor = load_path_end(source, e, about)
             if not system.has_scaled_loads:
                 return (system.equations,), 1.0
             return (system.unloaded.equations, system.equations), factor

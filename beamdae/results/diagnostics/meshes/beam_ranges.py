@@ -179,6 +179,8 @@ class BeamDoubt(NamedTuple):
         Function of the largest change that returns the last part.
     row
         Index of the state that is compared.
+    is_taut
+        True if the elements are long for the tension of the beam.
     """
 
     name: str
@@ -186,6 +188,7 @@ class BeamDoubt(NamedTuple):
     comparison: str
     remedy: Callable[[float], str]
     row: int = 0
+    is_taut: bool = False
 
 
 class _Deformations(NamedTuple):

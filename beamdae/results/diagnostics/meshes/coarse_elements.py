@@ -94,7 +94,7 @@ def find_taut_beams(equations: EquationsOfMotion, q: Array) -> list[BeamDoubt]:
             )
             # Rounding does not choose between the beams of a symmetric mechanism.
             ratio = float(f"{ratios[row, k]:.3g}")
-            found.append((ratio, BeamDoubt(beam.name, cause, _HALVED, _always(remedy), row)))
+            found.append((ratio, BeamDoubt(beam.name, cause, _HALVED, _always(remedy), row, True)))
     return [x for _, x in sorted(found, key=lambda x: -x[0])]
 
 
@@ -194,7 +194,7 @@ def coarse_element_warnings(
     if halved is None:
         return
     coarse = instants[doubt.row]
-    fine = _find_state(equations, halved, coarse, duration)
+    fine = find_refined_instant(equations, halved, coarse, duration)
     if fine is None:
         return
     scales = scales_of_columns(extremes)
@@ -371,10 +371,13 @@ def _find_eigenvalues(equations: EquationsOfMotion, instant: Instant) -> Array:
         return np.zeros(0)
 
 
-def _find_state(
+def find_refined_instant(
     equations: EquationsOfMotion, halved: RefinedBeams, coarse: Instant, duration: float
 ) -> Instant | None:
-    """Return the instant of a run with halved elements under the same accelerations, or None."""
+    """Return the instant of a run with more accurate beams and the same accelerations, or None.
+
+    Changes of the positions have the rates 1 / T and 1 / T^2, with the duration T [s].
+    """
     # Imported here because few runs need it, and the import slows the start of the others.
     from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
 
