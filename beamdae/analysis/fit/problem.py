@@ -200,6 +200,12 @@ class FitProblem:
         other._t_end = other._latest_times()
         return other
 
+    def without_data_before(self, time: float) -> FitProblem:
+        """Return a problem that ignores data before a time [s]: their weights are zero."""
+        other = copy.copy(self)
+        other.weights = np.where(self._times < time, 0.0, self.weights)
+        return other
+
     @property
     def headers(self) -> tuple[str, ...]:
         """Header of the observed column of each series of `data`."""
@@ -357,13 +363,15 @@ class FitProblem:
         return True
 
     def weighted_rates(self, evaluation: Evaluation) -> Array:
-        """Return the time derivatives (N,) of the model at the data, over the sigma of the data."""
+        """Return the time derivatives (N,) of the recorded values over the sigma of the data."""
         rates = {x: column_rates(run.solution) for x, run in evaluation.runs.items()}
         result = np.empty(len(self._times))
         for series, header, rows in self.rows_by_series():
             run = evaluation.runs[series.experiment]
             at = np.minimum(np.searchsorted(run.t, self._times[rows]), len(run.t) - 1)
             result[rows] = rates[series.experiment][header][at]
+        for sensor, scale in zip(self.sensors.scales, evaluation.coefficients, strict=False):
+            result[sensor.rows] *= scale
         return result * self.weights
 
     def step_errors(self, evaluation: Evaluation) -> Array:

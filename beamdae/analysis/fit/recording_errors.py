@@ -49,10 +49,11 @@ _MIN_DEVIATIONS = 5.0
 # the amplitude if it leaves less than its inverse.
 _MAX_SIGN_ERROR = 0.03
 _MAX_LEFT_SHARE = 0.5
-# A search of a delay begins with the best one of this number, from early data by this share of the
-# duration up to data whose first value is at the start, with bounds at this share on both sides.
+# A search of a delay begins with the best one of this number, from early data by the first share of
+# the duration up to data that are late by the second one, beyond those whose first value is at the
+# start, with bounds at the last share on both sides.
 _DELAY_COUNT = 400
-_MAX_EARLY_SHARE = 0.5
+_MAX_EARLY_SHARE, _MAX_LATE_SHARE = 0.5, 0.2
 _MAX_FIRST_SHARE = 0.3
 _DELAY_WINDOW = 0.05
 # Delays that differ by whole periods of a vibration and are smaller by at least this share are
@@ -213,9 +214,8 @@ class RecordingErrors:
                 return _describe_scales(problem, scaled, scales)
             share = _MAX_LEFT_SHARE if is_sign else 1.0 / _MAX_LEFT_SHARE
             limit = min(limit, share * scaled.chi_square)
-        delayed = self._search_delay(
-            [self.first, best, *([] if scaled is None else [scaled])], limit
-        )
+        evaluations = [self.first, best, *([] if scaled is None else [scaled])]
+        delayed = self._search_delay(evaluations, limit)
         if delayed is not None and not scales:
             begin = self._scaling.start(delayed.values[:-1])
             limit = _MAX_LEFT_SHARE * delayed.chi_square
@@ -223,7 +223,19 @@ class RecordingErrors:
             delayed = None if scales else delayed
         if delayed is not None:
             return _describe_delay(self._problem, self._reduce_delay(delayed))
-        return _describe_scales(problem, scaled, scales) if scaled is not None and scales else ""
+        if scaled is not None and scales:
+            return _describe_scales(problem, scaled, scales)
+        return self._find_delayed_column(evaluations[:2], limit)
+
+    def _find_delayed_column(self, evaluations: Sequence[Evaluation], limit: float) -> str:
+        """Return a clause on a delay of one of several columns, or ""."""
+        names = list(dict.fromkeys(self._problem.headers))
+        for name in names[:_MAX_PARTS] if len(names) > 1 else ():
+            delayed = self._search_delay(evaluations, limit, name)
+            if delayed is not None:
+                delayed = self._reduce_delay(delayed, name)
+                return _describe_delay(self._problem, delayed, name)
+        return ""
 
     def _find_in_part(self, headers: Sequence[str], limit: float) -> str:
         """Return a clause on scales of one column, or of the columns with one unit, or "".
@@ -264,37 +276,49 @@ class RecordingErrors:
             return end, {}
         return end, scales
 
-    def _search_delay(self, evaluations: Sequence[Evaluation], limit: float) -> Evaluation | None:
-        """Return the end of a search of a delay of all data, or None.
+    def _search_delay(
+        self, evaluations: Sequence[Evaluation], limit: float, column: str = ""
+    ) -> Evaluation | None:
+        """Return the end of a search of a delay of all data or of a column, or None.
 
         There is none if the end leaves more than a sum of squares. The search begins with the best
-        of several evaluations.
+        of several evaluations, at first without delays for which early data are ignored.
         """
-        if self._problem.sensors.shifts or self._problem.sensors.scales:
+        problem = self._problem
+        if problem.sensors.shifts or problem.sensors.scales:
             return None
-        guesses = [(*_guess_delay(self._problem, x), x.values) for x in evaluations]
-        _, delay, values = min(guesses, key=lambda x: x[0])
-        end = self._search_near_delay(delay, values)
-        if end is None or end.chi_square > limit:
-            return None
-        return None if self._is_needless(end) else end
+        guesses = [(*_scan_delays(problem, x, column), x.values) for x in evaluations]
+        latest = min(float(x.times[0]) for x in problem.data.series)
+        for is_late in (False, True):
+            best = []
+            for delays, shares, values in guesses:
+                is_in = (delays > latest) == is_late
+                k = int(np.argmin(np.where(is_in, shares, np.inf)))
+                best.append((float(shares[k]), float(delays[k]), values))
+            share, delay, values = min(best, key=lambda x: x[0])
+            end = self._search_near_delay(delay, values, column) if share < np.inf else None
+            if end is not None and end.chi_square <= limit and not self._is_needless(end):
+                return end
+        return None
 
-    def _search_near_delay(self, delay: float, values: Array) -> Evaluation | None:
+    def _search_near_delay(
+        self, delay: float, values: Array, column: str = ""
+    ) -> Evaluation | None:
         """Return the end of a search from a delay and values of the parameters, or None."""
-        problem = _with_delay(self._problem, delay)
+        problem = _with_delay(self._problem, delay, column)
         scaling = Scaling(problem, self._bounds, self._log)
         return self._search(problem, scaling, scaling.start(np.append(values, delay)))
 
-    def _reduce_delay(self, delayed: Evaluation) -> Evaluation:
+    def _reduce_delay(self, delayed: Evaluation, column: str = "") -> Evaluation:
         """Return the end with the smallest delay that explains the data about as well.
 
         Other parameters, such as the damping, may compensate whole periods of a vibration.
         """
         size, values = abs(float(delayed.values[-1])), delayed.values[:-1]
-        delays = _list_best_delays(self._problem, delayed)
+        delays = _list_best_delays(self._problem, delayed, column)
         smaller = sorted(delays[np.abs(delays) < (1.0 - _MIN_REDUCTION) * size], key=abs)
         for delay in smaller[:_MAX_SMALLER_DELAYS]:
-            end = self._search_near_delay(delay, values)
+            end = self._search_near_delay(delay, values, column)
             is_smaller = end is not None and abs(end.values[-1]) < size
             if end and is_smaller and _MAX_LEFT_SHARE * end.chi_square <= delayed.chi_square:
                 return end
@@ -413,12 +437,20 @@ def _with_linear_sensors(
     return problem.with_sensors(sensors, problem.first_values)
 
 
-def _with_delay(problem: FitProblem, delay: float) -> FitProblem:
-    """Return a problem with an unknown delay of all data about a first one."""
+def _with_delay(problem: FitProblem, delay: float, column: str = "") -> FitProblem:
+    """Return a problem with an unknown delay of all data, or of a column, about a first one.
+
+    Late data may begin before the run; those that may be earlier than its start are ignored.
+    """
     size = _DELAY_WINDOW * problem.last_time
     latest = min(float(x.times[0]) for x in problem.data.series)
-    bounds = delay - size, min(delay + size, latest)
-    rows = np.arange(problem.data.count)
+    if delay <= latest:
+        bounds = delay - size, min(delay + size, latest)
+    else:
+        bounds = delay - size, delay + size
+        problem = problem.without_data_before(bounds[1])
+    parts = [rows for _, header, rows in problem.rows_by_series() if column in ("", header)]
+    rows = np.concatenate([np.arange(x.start, x.stop) for x in parts])
     shift = Sensor("shift of *", rows, size, "s", bounds)
     sensors = replace(problem.sensors, shifts=(shift,))
     return problem.with_sensors(sensors, np.append(problem.first_values, delay))
@@ -431,15 +463,17 @@ def _guess_delay(problem: FitProblem, evaluation: Evaluation) -> tuple[float, fl
     return (float(shares[best]), float(delays[best])) if shares[best] < np.inf else (np.inf, 0.0)
 
 
-def _list_best_delays(problem: FitProblem, evaluation: Evaluation) -> Array:
+def _list_best_delays(problem: FitProblem, evaluation: Evaluation, column: str = "") -> Array:
     """Return the delays that leave less of the variation than those beside them, ascending."""
-    delays, shares = _scan_delays(problem, evaluation)
+    delays, shares = _scan_delays(problem, evaluation, column)
     before, after = np.append(np.inf, shares[:-1]), np.append(shares[1:], np.inf)
     return delays[(shares < before) & (shares <= after)]
 
 
-def _scan_delays(problem: FitProblem, evaluation: Evaluation) -> tuple[Array, Array]:
-    """Return delays of the data, and the shares of the variation that they leave.
+def _scan_delays(
+    problem: FitProblem, evaluation: Evaluation, column: str = ""
+) -> tuple[Array, Array]:
+    """Return delays of the data, or of a column, and the shares of the variation that they leave.
 
     Data are compared with the run where it covers their times less the delay.
     """
@@ -453,14 +487,17 @@ def _scan_delays(problem: FitProblem, evaluation: Evaluation) -> tuple[Array, Ar
             columns[name] = t, run.solution.at_times(t).columns
     # Data that begin late relative to their duration are hardly early.
     begins_late = latest > _MAX_FIRST_SHARE * (last - latest)
-    delays = np.linspace(0.0 if begins_late else -_MAX_EARLY_SHARE * last, latest, _DELAY_COUNT)
+    first = 0.0 if begins_late else -_MAX_EARLY_SHARE * last
+    delays = np.linspace(first, latest + _MAX_LATE_SHARE * (last - latest), _DELAY_COUNT)
     shares = np.full(len(delays), np.inf)
     for k, delay in enumerate(delays):
         left = variation = 0.0
         for series, header in zip(problem.data.series, problem.headers, strict=True):
+            if column not in ("", header):
+                continue
             t, model = columns[series.experiment]
             moved = series.times - delay
-            is_covered = moved <= t[-1]
+            is_covered = (moved >= 0.0) & (moved <= t[-1])
             if not is_covered.any():
                 continue
             values, sigma = series.values[is_covered], series.sigma[is_covered]
@@ -559,17 +596,32 @@ def _has_offset(problem: FitProblem, end: Evaluation, header: str) -> bool:
     return abs(offsets[header]) > _MIN_OFFSET_SHARE * size
 
 
-def _describe_delay(problem: FitProblem, end: Evaluation) -> str:
-    """Return a clause on a delay of all data, which vibrations determine up to whole periods."""
+def _describe_delay(problem: FitProblem, end: Evaluation, column: str = "") -> str:
+    """Return a clause on a delay, which vibrations determine up to whole periods.
+
+    It is that of all data, or of a column.
+    """
     columns, delay = dict.fromkeys(map(remove_unit, problem.headers)), float(end.values[-1])
     name = "*" if len(columns) > 1 else next(iter(columns))
-    periods, or_more = np.diff(_list_best_delays(problem, end)), ", up to whole periods"
+    name = remove_unit(column) or name
+    what = f"{name} looks" if column else "the data look"
+    periods, or_more = np.diff(_list_best_delays(problem, end, column)), ", up to whole periods"
     if len(periods) > _OUTER_PERIODS:
         or_more = f", or by whole periods of {np.median(periods):.3g} s more or less"
+    omit = advise_omission(problem, delay)
     return (
-        f"the data look {'late' if delay > 0.0 else 'early'} by {abs(delay):.3g} s{or_more}; "
-        f"correct their times, or estimate the delay with shift=[{name!r}]"
+        f"{what} {'late' if delay > 0.0 else 'early'} by {abs(delay):.3g} s{or_more}; "
+        f"correct their times, or {omit}estimate the delay with shift=[{name!r}]"
     )
+
+
+def advise_omission(problem: FitProblem, delay: float) -> str:
+    """Return advice to omit data that are earlier than the start of the run, or "".
+
+    The default bounds of shift= are the first time of the data on both sides.
+    """
+    first = min(float(x.times[0]) for x in problem.data.series)
+    return f"omit data before {2.0 * delay:.2g} s and " if delay > first else ""
 
 
 def _guess_units(header: str, scale: float) -> str:

@@ -17,6 +17,7 @@ from beamdae.analysis.fit.data import Series
 from beamdae.analysis.fit.intervals import bounded_interval
 from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling, column_lengths
 from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
+from beamdae.analysis.fit.recording_errors import advise_omission
 from beamdae.analysis.fit.search import MAX_NOISE_CORRELATION, MIN_RELATIVE_RESIDUAL, SearchResult
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.equations import measures
@@ -24,7 +25,7 @@ from beamdae.errors import BeamdaeError, kind_of_message, require_choice, warn_u
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import split_unit
 from beamdae.read_only import read_only_data
-from beamdae.results.columns import require_one_column, select_observed_columns
+from beamdae.results.columns import remove_unit, require_one_column, select_observed_columns
 from beamdae.results.displays import Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -1011,7 +1012,8 @@ def _check_chi_square(
         return (f"{sentence}; most of their squares are outliers.", *_name_outliers(problem, parts))
     if residuals @ residuals > _MIN_LOCAL_SHARE * problem.data.variation:
         return (
-            f"{sentence}; start from other values, or pass bounds= and starts= to search from "
+            f"{sentence}; {_suggest_shift(problem, evaluation)}start from other values, or pass "
+            "bounds= and starts= to search from "
             f"several, because the search may have ended at a local minimum, "
             f"{_suggest_offset(problem, residuals)}check the unit of sigma, which is that of its "
             "column, or add what the model lacks.",
@@ -1072,24 +1074,36 @@ def _suggest_offset(problem: FitProblem, residuals: Array) -> str:
 
 
 def _suggest_shift(problem: FitProblem, evaluation: Evaluation) -> str:
-    """Return the beginning of a remedy if a delay of all data explains most of the residuals.
+    """Return the beginning of a remedy if a delay explains most of the residuals.
 
-    To first order, a delay d changes the residuals by d times the rates of the columns, of which
-    other estimates compensate a part.
+    It is that of all data or of one column. To first order, a delay d changes the residuals by d
+    times the rates of the columns, of which other estimates compensate a part.
     """
-    if problem.sensors.shifts or problem.sensors.scales:
+    if problem.sensors.shifts:
         return ""
-    residuals, rates = evaluation.residuals, problem.weighted_rates(evaluation)
+    residuals, all_rates = evaluation.residuals, problem.weighted_rates(evaluation)
     basis = np.linalg.qr(evaluation.jacobian / column_lengths(evaluation.jacobian))[0]
-    rates = rates - basis @ (basis.T @ rates)
-    work, square = float(residuals @ rates), float(rates @ rates)
-    if not work**2 > _MIN_SHIFT_SHARE * square * float(residuals @ residuals):
+    columns = list(dict.fromkeys(problem.headers))
+    best = (_MIN_SHIFT_SHARE, "", 0.0)
+    for column in ("", *columns) if len(columns) > 1 else ("",):
+        rates = np.zeros_like(all_rates)
+        for _, header, rows in problem.rows_by_series():
+            if column in ("", header):
+                rates[rows] = all_rates[rows]
+        rates -= basis @ (basis.T @ rates)
+        work, square = float(residuals @ rates), float(rates @ rates)
+        share = work**2 / (square * float(residuals @ residuals)) if square else 0.0
+        if share > best[0]:
+            best = share, column, work / square
+    _, column, delay = best
+    if not delay:
         return ""
-    delay = work / square
+    name = remove_unit(column)
+    shift, data = (f"shift=[{name!r}]", f"values of {name}") if column else ("shift=", "data")
     side = "late" if delay > 0.0 else "early"
     return (
-        f"estimate an error of the times with shift=, because data that are {side} by about "
-        f"{abs(delay):.2g} s would explain most of the residuals, "
+        f"{advise_omission(problem, delay)}estimate an error of the times with {shift}, because "
+        f"{data} that are {side} by about {abs(delay):.2g} s would explain most of the residuals, "
     )
 
 
