@@ -220,11 +220,39 @@ def test_regression_smallest_of_equivalent_delays_is_named(delay):
     run = bd.simulate(plucked(damping=3.0), method).at_times(times - delay)
     noise = np.random.default_rng(0).normal(scale=1e-4, size=times.size)
     data = {"t [s]": times, "mass.x": run["mass.x"].to_numpy() + noise}
-    with pytest.warns(bd.BeamdaeWarning, match="or by whole periods of 0.09"):
+    with pytest.warns(bd.BeamdaeWarning, match="or by whole periods of 0.0(9|89) s"):
         result = bd.fit(plucked, data, "damping", method)
     side, number = re.search(r"look (\w+) by ([\d.]+) s", result.status.sentence).groups()
     assert side == ("late" if delay > 0.0 else "early")
     assert float(number) == pytest.approx(abs(delay), abs=2e-4)
+
+
+@pytest.mark.parametrize("delay", [0.02, 0.03])
+def test_regression_delays_of_data_that_begin_at_the_start_are_named(delay):
+    """Data could not be later than their first time: the fit had other causes, or none."""
+    method, times = bd.GeneralizedAlpha(step=0.002), np.linspace(0.0, 1.0, 201)
+    run = bd.simulate(plucked(damping=3.0), method).at_times(times)["mass.x"]
+    noise = np.random.default_rng(0).normal(scale=1e-4, size=times.size)
+    data = {"t [s]": times, "mass.x": np.interp(times - delay, times, run) + noise}
+    with pytest.warns(bd.BeamdaeWarning, match="look late by .* omit data before 0.0"):
+        result = bd.fit(plucked, data, ["stiffness", "damping"], method)
+    number = re.search(r"by ([\d.]+) s", result.status.sentence).group(1)
+    assert float(number) == pytest.approx(delay, abs=5e-4)
+
+
+@pytest.mark.parametrize("delay", [0.02, 0.15])
+def test_regression_delays_of_one_column_are_named(delay):
+    """Only delays of all data were."""
+    method, times = bd.GeneralizedAlpha(step=0.015), np.linspace(0.3, 3.0, 91)
+    exact, sigma = noisy_chain(times, method, 3.5, 0.005, seed=3)
+    moved, _ = noisy_chain(times - delay, method, 3.5, 0.005, seed=4)
+    data = exact | {"two.x": moved["two.x"]}
+    first = {"k1": 57.0, "k2": 85.0, "damping": 0.4}
+    options = {"sigma": sigma, "parameters": first, "log": list(first)}
+    message = r"(two.x looks|values of two.x that are) late by (about )?0.*shift=\['two.x'\]"
+    message += r"|shift=\['two.x'\], because values of two.x that are late by about 0"
+    with pytest.warns(bd.BeamdaeWarning, match=message):
+        bd.fit(chain, data, list(first), method, **options)
 
 
 def test_regression_searches_that_fail_have_no_warnings_of_their_last_runs():

@@ -20,6 +20,7 @@ from beamdae.analysis.fit.data import (
 )
 from beamdae.analysis.fit.sensors import Sensor, Sensors, read_sensors
 from beamdae.analysis.parameter_bounds import convert_bounds, require_bounds_around
+from beamdae.analysis.sensitivities.differentiable_methods import require_differentiable_method
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
@@ -44,7 +45,7 @@ from beamdae.model_parameters import (
     split_unit,
 )
 from beamdae.results.solution import Solution
-from beamdae.simulation import as_equations, skip_result_checks
+from beamdae.simulation import as_equations, simulate, skip_result_checks
 
 Array = np.ndarray
 
@@ -336,13 +337,51 @@ class FitProblem:
         BeamdaeError
             If a run fails or cannot be differentiated.
         """
+        times = self._shift_times(values)
+        runs = {x: self._run(x, values, times) for x in self.data.experiments}
+        model, derivatives = self._compare(runs, times)
+        return self._project(values, runs, model, derivatives)
+
+    def _evaluate_residuals(self, values: Array) -> Array:
+        """Return the residuals (N,) at the given values (K,) without derivatives of the runs."""
+        times = self._shift_times(values)
+        method = require_differentiable_method(self.integrator, Radau())
+        solutions = {}
+        for experiment in self.data.experiments:
+            with warnings.catch_warnings(), skip_result_checks():
+                warnings.simplefilter("ignore", BeamdaeWarning)
+                mechanism = self.model(**self._parameters(experiment, values))
+                t_end = self._t_end[experiment]
+                run = simulate(mechanism, method, t_end, start=self.start, keep_steps=True)
+                if run.trajectory.end < t_end:
+                    raise BeamdaeError(f"fit: the run was {run.status.sentence}.")
+                solutions[experiment] = run.at_times(self._needed_times(experiment, times))
+        model = np.empty(len(times))
+        for series, header, rows in self.rows_by_series():
+            run = solutions[series.experiment]
+            model[rows] = run.columns[header][_nearest_rows(run.t, times[rows])]
+        return self._project(
+            values, {}, model, np.zeros((len(times), len(self.variables)))
+        ).residuals
+
+    def _shift_times(self, values: Array) -> Array:
+        """Return the times (N,) of the runs at which they are compared with the data."""
         times = self._times.copy()
         shifts = values[len(self.names) :]
         for shift, value in zip(self.sensors.shifts, shifts, strict=True):
             times[shift.rows] -= value
-        runs = {x: self._run(x, values, times) for x in self.data.experiments}
-        model, derivatives = self._compare(runs, times)
-        return self._project(values, runs, model, derivatives)
+        return times
+
+    def _parameters(self, experiment: str, values: Array) -> dict[str, Any]:
+        """Return all parameters of the model in an experiment."""
+        fitted = dict(zip(self.names, values.tolist(), strict=False))
+        return {**self.parameters, **self._settings[experiment], **fitted}
+
+    def _needed_times(self, experiment: str, times: Array) -> Array:
+        """Return the ascending times of the rows of an experiment, within its run."""
+        needed = np.unique(times[self._rows_of(experiment)])
+        # Bounds of shifts hold up to rounding.
+        return np.unique(np.clip(needed, 0.0, self._t_end[experiment]))
 
     def recorded_values(self, evaluation: Evaluation) -> Array:
         """Return the recorded values (N,) that an evaluation predicts."""
@@ -368,7 +407,7 @@ class FitProblem:
         result = np.empty(len(self._times))
         for series, header, rows in self.rows_by_series():
             run = evaluation.runs[series.experiment]
-            at = np.minimum(np.searchsorted(run.t, self._times[rows]), len(run.t) - 1)
+            at = _nearest_rows(run.t, self._times[rows])
             result[rows] = rates[series.experiment][header][at]
         for sensor, scale in zip(self.sensors.scales, evaluation.coefficients, strict=False):
             result[sensor.rows] *= scale
@@ -384,11 +423,10 @@ class FitProblem:
         """
         finer = copy.copy(self)
         finer.integrator = refine(self.integrator)
-        return finer.evaluate(evaluation.values).residuals - evaluation.residuals
+        return finer._evaluate_residuals(evaluation.values) - evaluation.residuals
 
     def _run(self, experiment: str, values: Array, times: Array) -> Sensitivities:
         t_end = self._t_end[experiment]
-        fitted = dict(zip(self.names, values.tolist(), strict=False))
         # The result evaluates the warnings of the last run.
         with warnings.catch_warnings(), skip_result_checks():
             warnings.simplefilter("ignore", BeamdaeWarning)
@@ -397,18 +435,18 @@ class FitProblem:
                 self.names,
                 self.integrator,
                 t_end,
-                parameters={**self.parameters, **self._settings[experiment], **fitted},
+                parameters=self._parameters(experiment, values),
                 start=self.start,
+                needs_high_order=False,
             )
-            needed = np.unique(times[self._rows_of(experiment)])
+            needed = self._needed_times(experiment, times)
             end = run.solution.trajectory.end
             if end < t_end:
                 raise BeamdaeError(
                     f"fit: the run of {self.model.name} was {run.solution.status.sentence}, before "
                     f"the last data at {needed[-1]:g} s; omit later data, or do not stop the run."
                 )
-            # Bounds of shifts hold up to rounding.
-            return run.at_times(np.unique(np.clip(needed, 0.0, t_end)))
+            return run.at_times(needed)
 
     def _compare(self, runs: Mapping[str, Sensitivities], times: Array) -> tuple[Array, Array]:
         """Return the model at the times of the data, (N,), and its derivatives (N, K)."""
@@ -417,7 +455,7 @@ class FitProblem:
         rates = {x: column_rates(run.solution) for x, run in runs.items() if self.sensors.shifts}
         for series, header, rows in self.rows_by_series():
             run = runs[series.experiment]
-            at = np.minimum(np.searchsorted(run.t, times[rows]), len(run.t) - 1)
+            at = _nearest_rows(run.t, times[rows])
             model[rows] = run.solution.columns[header][at]
             for j, name in enumerate(self.names):
                 derivatives[rows, j] = run.sensitivity(header, name).to_numpy()[at]
@@ -570,6 +608,11 @@ class Scaling:
     def derivatives(self, x: Array) -> Array:
         """Return the derivatives of the values with respect to x, (K,)."""
         return self._size * np.where(self.is_log, np.exp(np.where(self.is_log, x, 0.0)), 1.0)
+
+
+def _nearest_rows(times: Array, needed: Array) -> Array:
+    """Return the rows at needed times, which are among the times up to rounding."""
+    return np.minimum(np.searchsorted(times, needed), len(times) - 1)
 
 
 def column_lengths(matrix: Array) -> Array:

@@ -607,7 +607,7 @@ def _describe_delay(problem: FitProblem, end: Evaluation, column: str = "") -> s
     what = f"{name} looks" if column else "the data look"
     periods, or_more = np.diff(_list_best_delays(problem, end, column)), ", up to whole periods"
     if len(periods) > _OUTER_PERIODS:
-        or_more = f", or by whole periods of {np.median(periods):.3g} s more or less"
+        or_more = f", or by whole periods of {np.median(periods):.2g} s more or less"
     omit = advise_omission(problem, delay)
     return (
         f"{what} {'late' if delay > 0.0 else 'early'} by {abs(delay):.3g} s{or_more}; "

@@ -55,6 +55,13 @@ _ROUNDING = 1e-9
 _ROUNDING_OF_KIND = 1e-12
 
 
+# Deviation of numbers from the mean of their two neighbors, relative to their changes, up to which
+# central differences of these suffice for fits: with (h / L)^2 / 6 for the step h and the scale L
+# of the parameter, and h / 2 L of this deviation, their errors are below 1e-5.
+_MAX_CURVATURE = 4e-3
+# The same for single numbers, from which on they may have a kink at the value.
+_MAX_CURVATURE_OF_NUMBERS = 0.05
+
 # Public functions whose messages begin with their own names.
 _CALLS = (
     "sensitivities",
@@ -135,6 +142,9 @@ class Difference:
         return _combine(self.weights[1:], [x - first for x in others])
 
 
+_TWO_NEIGHBORS = _Stencil((-1, 1), (-0.5, 0.5), (0.5, 0.5), (-0.5, 0.5))
+
+
 def difference_model(
     model: Model,
     name: str,
@@ -143,6 +153,7 @@ def difference_model(
     assemble: Callable[[Any], EquationsOfMotion],
     *,
     moves_operators: bool = False,
+    needs_high_order: bool = True,
 ) -> Difference:
     """Return the models around the value of one parameter.
 
@@ -168,6 +179,9 @@ def difference_model(
     moves_operators
         True to permit that the operators of joints depend on the parameter, as the shape functions
         at joints of curved floating-frame beams do; see `operator_changes`.
+    needs_high_order
+        False to use only two neighbors, with errors of the derivatives up to 1e-5, if their numbers
+        are smooth enough and the equations have the structure of `base`.
 
     Raises
     ------
@@ -183,6 +197,10 @@ def difference_model(
     """
     value = float(parameters[name])
     delta = _RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
+    if not needs_high_order:
+        two = _try_two_neighbors(model, name, parameters, base, assemble, delta)
+        if two is not None:
+            return two
     best: _Trial | None = None
     problem: BeamdaeError | None = None
     for _ in range(_MAX_TRIALS):
@@ -382,6 +400,46 @@ def _try_step(
         difference = Difference(name, base, neighbors, weights, steps)
         return _Trial(difference, excess, change, kinks, changes, resolution)
     raise _RejectedError(str(rejection))
+
+
+def _try_two_neighbors(
+    model: Model,
+    name: str,
+    parameters: Mapping[str, Any],
+    base: EquationsOfMotion,
+    assemble: Callable[[Any], EquationsOfMotion],
+    delta: float,
+) -> Difference | None:
+    """Return the central difference of second order, or None if it may be inaccurate.
+
+    Parts that events activate have structures of their own, which need more neighbors.
+    """
+    value = float(parameters[name])
+    sections = {x.name: x.section for x in beams_of(base.mechanism)}
+    stencil = _TWO_NEIGHBORS
+    if base.configurations is not None:
+        return None
+    try:
+        with keep_numbers_of_sections(sections):
+            neighbors = tuple(
+                assemble(_build_neighbor(model, {**parameters, name: value + step * delta}))
+                for step in stencil.steps
+            )
+        for equations in neighbors:
+            _require_same_structure(model.name, name, base, neighbors[0], equations, False)
+    except BeamdaeError:
+        return None
+    if any(e.structure != base.structure or forms_of(e) != forms_of(base) for e in neighbors):
+        return None
+    changes = np.max([np.abs(e.p - base.p) for e in neighbors], axis=0)
+    deviations = np.abs(0.5 * (neighbors[0].p + neighbors[1].p) - base.p)
+    excess, change = _estimate_excess(base, neighbors, stencil, delta)
+    is_smooth = deviations <= _MAX_CURVATURE_OF_NUMBERS * changes + rounding_of_numbers(base)
+    is_accurate = excess * _MAX_DEVIATION_OF_VALUES <= _MAX_CURVATURE
+    if not change or not is_accurate or not np.all(is_smooth):
+        return None
+    weights = tuple(w / delta for w in stencil.derivative_weights)
+    return Difference(name, base, neighbors, weights, tuple(k * delta for k in stencil.steps))
 
 
 def _estimate_excess(

@@ -385,8 +385,11 @@ def differentiate_run(
     *,
     parameters: Mapping[str, Any] | None,
     start: Any,
+    needs_high_order: bool = True,
 ) -> tuple[Sensitivities, GeneralizedAlpha | Radau]:
     """Return the result of `sensitivities` without checks of its accuracy, and the method.
+
+    See `difference_model` for `needs_high_order`.
 
     Raises
     ------
@@ -397,7 +400,9 @@ def differentiate_run(
     values = complete_parameters("sensitivities", model, parameters)
     method = require_differentiable_method(integrator, Radau())
     mechanism = model(**values)
-    differences = _difference_models(model, names, values, mechanism, start)
+    differences = _difference_models(
+        model, names, values, mechanism, start, needs_high_order=needs_high_order
+    )
     solution = simulate(mechanism, method, t_end, output_step, start=start, keep_steps=True)
     if not solution.status.success:
         raise BeamdaeError(
@@ -488,6 +493,8 @@ def _difference_models(
     mechanism: Any,
     start: Any,
     inputs: Mapping[str, Any] | None = None,
+    *,
+    needs_high_order: bool = True,
 ) -> dict[str, Difference]:
     """Return the models around the value of each parameter; `mechanism` is the model itself."""
 
@@ -497,7 +504,15 @@ def _difference_models(
     base = as_equations(derivative_call(), mechanism, start)
     assemble = assemble_neighbors(base, start, with_inputs)
     return {
-        name: difference_model(model, name, values, base, assemble, moves_operators=True)
+        name: difference_model(
+            model,
+            name,
+            values,
+            base,
+            assemble,
+            moves_operators=True,
+            needs_high_order=needs_high_order,
+        )
         for name in names
     }
 
