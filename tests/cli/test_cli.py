@@ -641,9 +641,9 @@ def test_the_error_of_an_interrupted_run_is_not_estimated(command, monkeypatch):
 
 @pytest.mark.parametrize(
     ("options", "steps"),
-    [([], [2e-3, 4e-3]), (["--no-estimate"], [2e-3]), (["--verify"], [2e-3])],
+    [([], [2e-3, 4e-3, 1e-3]), (["--no-estimate"], [2e-3]), (["--verify"], [2e-3])],
 )
-def test_runs_with_fixed_steps_are_repeated_once(command, monkeypatch, options, steps):
+def test_estimates_of_fixed_steps_are_shared(command, monkeypatch, options, steps):
     taken, integrate = [], bd.GeneralizedAlpha.integrate
 
     def count(method, *arguments, **settings):

@@ -140,10 +140,10 @@ def test_regression_large_errors_in_example_models_have_a_warning(name, step):
 @pytest.mark.parametrize(
     ("family", "rho_inf", "step"),
     [
-        ("generalized-alpha", 0.8, 6e-3),
-        ("generalized-alpha", 0.0, 4e-3),
-        ("hht", 0.6, 6e-3),
-        ("newmark", 1.0, 6e-3),
+        ("generalized-alpha", 0.8, 9e-3),
+        ("generalized-alpha", 0.0, 6e-3),
+        ("hht", 0.6, 9e-3),
+        ("newmark", 1.0, 9e-3),
     ],
 )
 def test_warnings_name_a_sufficient_step(family, rho_inf, step):
@@ -153,7 +153,7 @@ def test_warnings_name_a_sufficient_step(family, rho_inf, step):
     (message,) = step_errors_of(run)
     assert re.match(rf"\S+ \(also \S+, \S+\): the error with fixed steps of {step} s is", message)
     (estimate,) = re.findall(r"estimated at up to (\S+) % of half its range", message)
-    assert error < 0.01 * float(estimate) < 5.0 * error
+    assert error < 0.01 * float(estimate) < 2.5 * error
     (recommended,) = re.findall(r"use a step of (\S+) s, or an integrator with rtol", message)
     fine = bd.simulate(oscillator(), replace(method, step=float(recommended)), 2.5)
     assert np.abs(fine["mass.x_dot"] / 0.5 - np.cos(OMEGA * fine.t)).max() < 0.01
@@ -175,17 +175,41 @@ def test_a_shorter_second_run_replaces_one_that_fails(monkeypatch):
 
 def test_checks_and_estimates_share_the_second_run(monkeypatch):
     steps = count_runs(monkeypatch)
-    run = bd.simulate(oscillator(), bd.GeneralizedAlpha(0.01), 1.0)
-    assert steps == [0.01, 0.02]
+    run = bd.simulate(oscillator(), bd.GeneralizedAlpha(0.01), 2.0)
+    # Half the step replaces an estimate that has a warning.
+    assert steps == [0.01, 0.02, 0.005]
     table = bd.error_estimate(run)
-    assert max(table["error over half the range"]) > 0.2
+    assert max(table["error over half the range"]) > 0.15
     run.warnings  # noqa: B018
     verification.estimate_errors(run)
-    assert steps == [0.01, 0.02]
+    assert steps == [0.01, 0.02, 0.005]
     # Other columns need another comparison.
     other = run.observe("again", run.equations.mechanism.parts["mass"].point)
     assert "again.x" in step_errors_of(other)[0]
-    assert steps == [0.01, 0.02, 0.02]
+    assert steps == [0.01, 0.02, 0.005, 0.02, 0.005]
+
+
+def test_regression_errors_that_only_twice_the_step_suggests_have_no_warning(monkeypatch):
+    """Of an error of 20 %, 84 % were stated, and 37 % of one of 2 %."""
+    steps = count_runs(monkeypatch)
+    run = bd.simulate(oscillator(), bd.GeneralizedAlpha(6e-3), 2.5)
+    error = np.abs(run["mass.x_dot"] / 0.5 - np.cos(OMEGA * run.t)).max()
+    assert error < 0.1
+    assert not step_errors_of(run)
+    assert steps == [6e-3, 1.2e-2, 3e-3]
+    assert (
+        error
+        < bd.error_estimate(run)["error over half the range"]["mass.x_dot [m/s]"]
+        < 2.5 * error
+    )
+
+
+def test_long_runs_are_not_repeated_with_half_the_step(monkeypatch):
+    steps = count_runs(monkeypatch)
+    monkeypatch.setattr(verification, "_MAX_WORK", 0.0)
+    run = bd.simulate(oscillator(), bd.GeneralizedAlpha(0.01), 2.0)
+    assert step_errors_of(run)
+    assert steps == [0.01, 0.02]
 
 
 def test_runs_that_belong_to_an_estimate_are_not_repeated(monkeypatch):
