@@ -624,11 +624,9 @@ def test_regression_elements_are_not_too_long_for_the_long_waves_of_taut_wires()
     """Errors of 4 % were reported for modes whose errors are below 1e-4."""
     result, exact = (bd.modes(taut_wire(k), about="equilibrium", n=10) for k in (8, 16))
     errors = np.abs(result.frequencies / exact.frequencies - 1.0)
-    (reported,) = [x for x in result.warnings if "elements are too long" in x]
-    first = int(reported.split("mode ")[1].split()[0]) - 1
     assert np.all(errors[:4] < 2e-4)
-    assert errors[first] > 1e-3
-    assert np.max(errors) > 0.006
+    assert 0.006 < np.max(errors) < 0.007
+    assert not any("elements are too long" in x for x in result.warnings)
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-5])
@@ -687,7 +685,7 @@ def test_regression_clamped_arcs_of_one_element_have_a_warning(radius):
     beam = mech.add(bd.Beam("beam", arc, strip, elements=1))
     mech.add(bd.Weld("left", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.Weld("right", mech.ground.at(*beam.end.point), beam.end))
-    with pytest.warns(bd.BeamdaeWarning, match="too long for mode 1, .* more than 30 %"):
+    with pytest.warns(bd.BeamdaeWarning, match="too long for mode 1, .* (about|more than) 30 %"):
         bd.modes(mech, n=1)
 
 

@@ -141,9 +141,10 @@ def mesh_warnings(
     size, largest = float(total[k]), float(np.max(total))
     ratio = min(size, _MAX_ESTIMATE) / _RECOMMENDED_ERROR
     count = int(np.ceil(worst.mesh.elements * ratio ** (1.0 / convergence_order(worst))))
-    names, remedy = name_with_others(worst.name, others), f"use elements={count} or more"
+    cause = f"{name_with_others(worst.name, others)}: the elements are too long for"
+    remedy = f"use elements={count} or more, or {alternative}"
     if doubt is not None and is_taut and estimate[k] < _MIN_WAVE_SHARE * size:
-        names, remedy = doubt.name, doubt.remedy(size)
+        cause, remedy = f"{doubt.cause} and for", doubt.remedy(size)
     more = ""
     if len(reported) > 1:
         limit = f"more than {100.0 * _MAX_ESTIMATE:g} %"
@@ -153,8 +154,8 @@ def mesh_warnings(
     if size > _MAX_ESTIMATE:
         error = f"more than {100.0 * _MAX_ESTIMATE:g} %"
     return [
-        f"{names}: the elements are too long for mode {k + 1}{more}, whose frequency of "
-        f"{rates[k] / (2.0 * np.pi):.4g} Hz has an error of {error}; {remedy}, or {alternative}."
+        f"{cause} mode {k + 1}{more}, whose frequency of {rates[k] / (2.0 * np.pi):.4g} Hz has an "
+        f"error of {error}; {remedy}."
     ]
 
 
