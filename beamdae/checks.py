@@ -203,7 +203,7 @@ class Check:
     problem
         Reason why the mechanism cannot be run, or "".
     warnings
-        Sentences about the start (see `StartSummary.warning`), sections over three times as high as
+        Sentences about the start (see `StartSummary.warning`), sections that are higher than
         their beams are long, parts and event actions without effect, drivers whose bodies no joint
         connects, contacts that start inside a surface, damping laws that supply energy, columns
         that change by more than 3 % if all elements are halved, and beams without damping in runs

@@ -539,17 +539,32 @@ def test_regression_sections_higher_than_their_beams_are_long_cause_a_warning():
         return [[x for x in y if "high" in x] for y in (checked, solution.warnings)]
 
     sentence = (
-        ": the section is 2 m high, but the beam is only 0.3 m long; give sizes in meters, or "
-        "model the part as a rigid body."
+        ": the section is 2 m high, but the beam is only 0.3 m long; exchange width and height, "
+        "give sizes in meters, or model the part as a rigid body."
     )
     with pytest.warns(bd.BeamdaeWarning, match=sentence):
         of_check, of_run = warnings_of(2.0)
     assert len(of_check) == 1
     assert of_check == of_run
     with pytest.warns(bd.BeamdaeWarning):
-        assert all(warnings_of(0.91))
+        assert all(warnings_of(0.31))
     assert warnings_of(0.29) == [[], []]
     assert warnings_of(0.2, bodies=2) == [[], []]
+
+
+@pytest.mark.parametrize("joined", [False, True])
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_regression_flexures_with_width_and_height_exchanged_have_a_warning(joined):
+    """Sections up to three times as high as their beams are long had none in any analysis."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=3e-4, height=0.02)
+    line = bd.Line((0.0, 0.0), (0.01, 0.0))
+    flexure = mech.add(bd.Beam("flexure", line, section, elements=1))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), flexure.start))
+    if joined:  # It may be a piece of a longer bar.
+        other = mech.add(bd.Beam("bar", bd.Line((0.01, 0.0), (0.1, 0.0)), section, elements=1))
+        mech.add(bd.Weld("weld", flexure.end, other.start))
+    assert any("m high" in x for x in bd.linearize(mech).warnings) != joined
 
 
 def test_dampings_that_seem_to_be_damping_ratios_cause_a_warning():

@@ -100,8 +100,10 @@ _BENDING_ERROR_OF_MOVING_LOADS = {4: (3, 0.1), 3: (3, 0.25), 2: (2, 2.9)}
 _MAX_MOVING_LOAD_ERROR = 0.01  # above which `warn_about_moving_load` warns
 _RECOMMENDED_MOVING_LOAD_ERROR = 0.005
 
-# Beams may be short pieces of a longer bar; sizes in millimeters give factors of 1000.
-_MAX_HEIGHT_TO_LENGTH_RATIO = 3.0
+# Sections higher than the beam is long are those of blocks, or width and height are exchanged, as
+# of short flexures; sizes in millimeters give factors of 1000. Beams joined to others may be short
+# pieces of a longer bar.
+_MAX_HEIGHT_TO_LENGTH_RATIO, _MAX_HEIGHT_TO_LENGTH_RATIO_OF_PIECES = 1.0, 3.0
 # Metals have damping ratios below 1e-2. Round dampings above 1 ms, such as 0.02, are ratios by
 # mistake rather than values that damp the fast vibrations of a mechanism, typically 1e-5 to 1e-4 s.
 # Values that follow from a ratio and a frequency have more digits.
@@ -248,9 +250,9 @@ class Beam(Part):
     BeamdaeWarning
         If the elements are too long or the section is too high for the curvature of the axis. At
         assembly, if an attachment inside an element causes a relative error of more than 2e-4 in
-        deflections, the section is over three times as high as the curve is long, or a damping of
-        more than 1 ms with two digits, such as 0.02, would give a metal cantilever of its length a
-        damping ratio above 0.1.
+        deflections, the section is higher than the curve is long (over three times as high if other
+        beams are joined to it), or a damping of more than 1 ms with two digits, such as 0.02, would
+        give a metal cantilever of its length a damping ratio above 0.1.
 
     Examples
     --------
@@ -366,8 +368,9 @@ class Beam(Part):
         element ends, or with custom kinematics) or if `has_fixed_coordinates` is True. Warn if an
         attachment that remains inside an element causes a relative error of more than 2e-4 in
         deflections, sections that change within elements cause one of more than 0.4 %, the section
-        is over three times as high as the curve is long, or a damping of more than 1 ms with two
-        digits would give a metal cantilever of its length a damping ratio above 0.1.
+        is higher than the curve is long (over three times, if other beams are joined), or a damping
+        of more than 1 ms with two digits would give a metal cantilever of its length a damping
+        ratio above 0.1.
         """
         sections = [x for x in attached if x.attachment.s is not None]
         last = self.mesh
@@ -377,7 +380,7 @@ class Beam(Part):
                 set_fields(self, mesh=mesh)
                 vars(self).pop("kinematics", None)
         set_fields(self, _has_final_mesh=True)
-        _warn_about_units(self)
+        _warn_about_units(self, attached)
         error = estimate_section_error(self.mesh, self.section, sections)
         set_fields(self, section_error=error)
         _warn_about_sections_inside_elements(self.name, error)
@@ -1194,7 +1197,7 @@ def warn_about_moving_load(part: str, beam: Beam, attached: Sequence[AttachedPar
         )
 
 
-def _warn_about_units(beam: Beam) -> None:
+def _warn_about_units(beam: Beam, attached: Sequence[AttachedPart]) -> None:
     """Warn if the section is too high or its damping too large for any usual beam.
 
     The length is that of the whole curve, because other beams continue the segment of a curve.
@@ -1205,10 +1208,14 @@ def _warn_about_units(beam: Beam) -> None:
     length = curve.length
     sections = [beam.section.at(s) for s in (0.0, 0.5 * beam.length, beam.length)]
     height = max(section.height or 0.0 for section in sections)
-    if height > _MAX_HEIGHT_TO_LENGTH_RATIO * length:
+    bodies = (attachment.body for x in attached for attachment in x.part.attachments)
+    is_piece = any(isinstance(body, Beam) and body is not beam for body in bodies)
+    limit = _MAX_HEIGHT_TO_LENGTH_RATIO_OF_PIECES if is_piece else _MAX_HEIGHT_TO_LENGTH_RATIO
+    if height > limit * length:
         warn_user(
             f"{beam.name}: the section is {height:.4g} m high, but the beam is only "
-            f"{length:.4g} m long; give sizes in meters, or model the part as a rigid body."
+            f"{length:.4g} m long; exchange width and height, give sizes in meters, or model the "
+            "part as a rigid body."
         )
     root = sections[0]
     frequency = _CANTILEVER_FREQUENCY * np.sqrt(root.EI / root.rhoA) / length**2
