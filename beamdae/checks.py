@@ -249,8 +249,8 @@ class Check:
     def verdict(self) -> str:
         """The reason why a run is not possible, or "ready to run".
 
-        The latter is followed by the number of warnings, the groups of `free_groups` and the
-        `unheld_motions`.
+        The latter is followed by the number of warnings, the groups of `free_groups`, the
+        `unheld_motions` and the rate of a motion that grows from the start.
         """
         if self.problem:
             return self.problem
@@ -263,6 +263,8 @@ class Check:
         elif self.unheld_motions:
             motions = list_first(self.unheld_motions, _MAX_NAMES)
             notes.append(f"no driver, spring or load acts along a free motion: {motions}")
+        if self.spectrum is not None and self.spectrum.describe_growth():
+            notes.append(self.spectrum.describe_growth())
         return "ready to run" + f", but {'; '.join(notes)}" * bool(notes)
 
     def _repr_html_(self) -> str:

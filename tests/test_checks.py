@@ -228,6 +228,22 @@ def test_pendulums_and_bodies_with_a_velocity_are_not_in_the_verdict(gravity, ve
     assert len(mech.check(t_end=1.0, predict=False).unheld_motions) == count
 
 
+def test_regression_verdicts_name_motions_that_grow_from_the_start():
+    """The head of a column without its guide was listed as unstable, and ready to run."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ground, head = mech.ground, mech.add(bd.PointMass("head", 2.0, at=(0.0, 1.0)))
+    column = mech.add(bd.RigidBody("column", 1.0, 0.1, center=(0.0, 0.5)))
+    mech.add(bd.Revolute("foot", ground.at(0.0, 0.0), column.at(0.0, 0.0)))
+    mech.add(bd.Revolute("top", column.at(0.0, 1.0), head.point))
+    findings = mech.check(predict=False)
+    rate = np.sqrt(9.81 * (0.5 + 2.0) / (0.1 + 0.25 + 2.0))
+    growth = f"a motion grows from the start at a rate of {rate:.3g} 1/s"
+    assert findings.verdict == f"ready to run, but {growth}"
+    assert f"unstable               {growth}" in str(findings)
+    mech.add(bd.PointOnLine("guide", ground.at(0.0, 1.0), head.point, direction=(0.0, 1.0)))
+    assert mech.check(predict=False).verdict == "ready to run"
+
+
 def test_contradicting_drivers_are_named():
     (dependent_set,) = doubly_driven_crank(3.0, 2.0).check().dependent
     assert dependent_set.parts == ("motor", "second motor")

@@ -363,6 +363,12 @@ class FrequencyRange:
     growth_rate: float
     massless: str
 
+    def describe_growth(self) -> str:
+        """Return a clause on the fastest growth from the start, or ""."""
+        if not self.growth_rate > 0.0:
+            return ""
+        return f"a motion grows from the start at a rate of {self.growth_rate:.3g} 1/s"
+
 
 def compute_frequency_range(e: EquationsOfMotion, time: Array, state: State) -> FrequencyRange:
     """Return the range of undamped natural frequencies about a consistent state.

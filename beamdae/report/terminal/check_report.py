@@ -133,8 +133,6 @@ def _describe_frequencies(frequencies: FrequencyRange) -> dict[str, str]:
             f"the lowest, {_RESOLVING_STEP / highest:.2g} s the highest; damping ratio of the "
             f"fastest mode {frequencies.damping_ratio:.2g}, {stability}"
         )
-    if frequencies.growth_rate > 0.0:
-        facts["unstable"] = (
-            f"a motion grows from the start at a rate of {frequencies.growth_rate:.3g} 1/s"
-        )
+    if growth := frequencies.describe_growth():
+        facts["unstable"] = growth
     return facts
