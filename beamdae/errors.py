@@ -201,6 +201,47 @@ def kind_of_message(message: str) -> str:
     return part + colon + _NUMBER.sub("0", rest)
 
 
+def merge_parts(warned: Iterable[tuple[str, float, str]], most: int = 3) -> Iterator[str]:
+    """Yield one warning for all parts with the same one, that of the part with the largest error.
+
+    Parameters
+    ----------
+    warned
+        Name of each part, size of its error, and the warning, "name: text".
+    most
+        Number of other parts that are named.
+    """
+    parts = [(name, size, text.removeprefix(f"{name}: ")) for name, size, text in warned]
+    if not parts:
+        return
+    worst, _, text = max(parts, key=lambda x: x[1])
+    others = dict.fromkeys(name for name, _, _ in parts if name != worst)
+    yield f"{name_with_others(worst, list(others), most)}: {text}"
+
+
+def merge_alike(messages: Iterable[str]) -> Iterator[str]:
+    """Yield warnings of parts, one for all that differ only in the part and in numbers.
+
+    It is the one whose first different number is the largest, and names the other parts.
+    """
+    kinds: dict[str, list[tuple[str, str]]] = {}
+    for message in messages:
+        part, colon, text = message.partition(": ")
+        kinds.setdefault(kind_of_message(f": {text}") if colon else message, []).append(
+            (part, message)
+        )
+    for alike in kinds.values():
+        if len(alike) == 1:
+            yield alike[0][1]
+            continue
+        rows = [_NUMBER.findall(message.partition(": ")[2]) for _, message in alike]
+        different = [x for x in zip(*rows, strict=True) if len(set(x)) > 1]
+        sizes = [abs(float(x)) for x in different[0]] if different else [0.0] * len(alike)
+        yield from merge_parts(
+            (part, size, message) for (part, message), size in zip(alike, sizes, strict=True)
+        )
+
+
 def merge_ranges(messages: Sequence[str]) -> str:
     """Return the text that messages share, with the range of each number.
 

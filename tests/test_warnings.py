@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.errors import InputWarning, record_messages, warn_of_result, warn_user
+from beamdae.errors import (
+    InputWarning,
+    merge_alike,
+    record_messages,
+    warn_of_result,
+    warn_user,
+)
 from beamdae.results import solution
 
 
@@ -267,3 +273,25 @@ def test_regression_finer_meshes_of_checks_issue_no_warnings():
     mech.observe("tip", rod.end)
     messages, _ = issued(mech, 1e-3)
     assert sum("`damping` is a time" in x for x in messages) == 1
+
+
+def test_regression_alike_beams_have_one_warning_of_the_model():
+    """Each of several leaves had the same sentence. Those of other kinds remain."""
+    mech, steel = bd.Mechanism(), bd.Material.of("steel")
+    for k, height in enumerate((0.4e-3, 0.42e-3, 0.41e-3)):
+        section = bd.Section.rectangle(steel, width=0.02, height=height, damping=0.02)
+        line = bd.Line((0.1 * k, 0.0), (0.1 * k, 0.05))
+        leaf = mech.add(bd.Beam(f"leaf {k}", line, section, elements=1))
+        mech.add(bd.Weld(f"clamp {k}", mech.ground.at(0.1 * k, 0.0), leaf.start))
+    with pytest.warns(bd.BeamdaeWarning) as caught:
+        equations = bd.equations_of_motion(mech)
+    (sentence,) = equations.build_warnings
+    assert [str(x.message) for x in caught] == [sentence]
+    assert sentence.startswith("leaf 1 (also leaf 0, leaf 2): `damping` is a time [s]; 0.02 s")
+
+
+def test_alike_warnings_name_the_part_with_the_largest_number():
+    messages = ["a: off by 2 % of 10 m.", "b: off by 3 % of 10 m.", "c: off.", "a: off by -1 m."]
+    merged = ["b (also a): off by 3 % of 10 m.", "c: off.", "a: off by -1 m."]
+    assert list(merge_alike(messages)) == merged
+    assert list(merge_alike(["a: off.", "b: off.", "no part"])) == ["a (also b): off.", "no part"]

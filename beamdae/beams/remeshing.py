@@ -192,7 +192,9 @@ def replace_beams(mechanism: Mechanism, beams: Mapping[str, Beam], caller: str) 
                     del vars(part)[name]
     # Warnings about the replaced beams concern their meshes and lengths.
     other.build_warnings = tuple(
-        x for x in other.build_warnings if not x.startswith(tuple(f"{name}: " for name in beams))
+        x
+        for x in other.build_warnings
+        if not x.startswith(tuple(f"{name}{end}" for name in beams for end in (": ", " (also ")))
     )
     other.observables = {name: x.current for name, x in other.observables.items()}
     for event in other.events:

@@ -24,7 +24,7 @@ from beamdae.equations.part_warnings import (
     supplied_energy_warnings,
     unguided_driver_warnings,
 )
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, merge_parts
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.results.diagnostics.contacts.deep_contacts import (
@@ -309,7 +309,7 @@ def _long_elements(run: RunData) -> Iterator[str]:
         return
     motion = run.equations, run.trajectory, run.step_extremes
     examined = dict(examine_vibrations(*motion, run._observe))
-    yield from filter(None, examined.values())
+    yield from merge_parts((name, *x) for name, x in examined.items() if x[1])
     yield from long_element_warnings(
         *motion, run._observe_at, lambda: run._energy_ledger.is_lightly_damped, examined
     )

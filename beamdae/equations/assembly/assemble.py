@@ -30,7 +30,14 @@ from beamdae.equations.equations_of_motion import (
     PartStatements,
 )
 from beamdae.equations.singular_laws import collect_unbounded_laws
-from beamdae.errors import BeamdaeError, record_messages, short_repr, warn_user
+from beamdae.errors import (
+    BeamdaeError,
+    hold_messages,
+    merge_alike,
+    record_messages,
+    short_repr,
+    warn_user,
+)
 from beamdae.memory import require_memory
 from beamdae.parts.attachments import largest_distance
 from beamdae.parts.control.controller import select_controllers
@@ -94,7 +101,12 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     parts = list(mechanism.parts.values())
     start = mechanism.start if start is None else require_start("start", start)
     with record_messages() as messages:
-        _prepare_parts(mechanism, start)
+        try:
+            with hold_messages() as of_parts:
+                _prepare_parts(mechanism, start)
+        finally:
+            for message in merge_alike(of_parts):
+                warn_user(message)
     # Parts are prepared once, but the mechanism may be assembled again.
     mechanism.build_warnings = tuple(dict.fromkeys([*mechanism.build_warnings, *messages]))
     snapshot.observables = ReadOnlyDict(

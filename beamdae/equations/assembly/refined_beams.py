@@ -13,7 +13,7 @@ from beamdae.beams.prolongation import halve_elements, prolong_coordinates
 from beamdae.beams.remeshing import attached_sections, choose_base_meshes, replace_beams
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, hold_messages
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 
 Array = np.ndarray
@@ -78,8 +78,9 @@ def refine_beams(
         if not beams:
             return None
         others = {name: other for name, (_, other) in beams.items()}
-        refined = replace_beams(mechanism, others, "refine_beams")
-        finer = equations_of_motion(refined, AS_DRAWN)
+        with hold_messages():  # Warnings about these beams do not concern the user.
+            refined = replace_beams(mechanism, others, "refine_beams")
+            finer = equations_of_motion(refined, AS_DRAWN)
     except BeamdaeError:
         return None
     final = {beam.name: beam for beam in beams_of(refined)}

@@ -14,7 +14,7 @@ from beamdae.beams.beam import Beam, beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, RangeTerm
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.rank import scaled_null_space
-from beamdae.errors import format_percent, kind_of_message, name_with_others
+from beamdae.errors import format_percent, kind_of_message, merge_parts, name_with_others
 from beamdae.memory import release_freed_memory
 from beamdae.results.trajectory import Trajectory
 
@@ -373,9 +373,7 @@ def _merge_beams(warned: Iterable[tuple[str, float, str]]) -> Iterator[str]:
         text = sentence.removeprefix(f"{name}: ")
         kinds.setdefault(kind_of_message(f": {text}"), []).append((size, name, text))
     for beams in kinds.values():
-        _, worst, text = max(beams)
-        others = [name for _, name, _ in beams if name != worst]
-        yield f"{name_with_others(worst, others, _MAX_NAMES)}: {text}"
+        yield from merge_parts(((name, size, text) for size, name, text in beams), _MAX_NAMES)
 
 
 def measure_frequency_ranges(equations: EquationsOfMotion, q: Array) -> list[BeamRange]:

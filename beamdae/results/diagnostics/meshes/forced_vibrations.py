@@ -84,8 +84,8 @@ def examine_vibrations(
     trajectory: Trajectory,
     extremes: Mapping[str, StepExtremes],
     observe: Callable[..., Array],
-) -> Iterator[tuple[str, str]]:
-    """Yield the name of each beam that vibrates about rest, and a warning or "".
+) -> Iterator[tuple[str, tuple[float, str]]]:
+    """Yield the name of each beam that vibrates about rest, its error, and a warning or "".
 
     The warning states that elements are so long that amplitudes or phases are wrong. If events
     switch parts, the longest time between them is examined.
@@ -123,7 +123,7 @@ def examine_vibrations(
         vibration = _Vibration.of_run(equations, trajectory, beam, count)
         # Most runs need neither the linearization nor the factorizations below.
         if vibration.bound(half_ranges, observe) <= _MAX_ERROR:
-            yield beam.name, ""
+            yield beam.name, (0.0, "")
             continue
         measure = partial(vibration.measure, half_ranges, observe)
         try:
@@ -135,7 +135,7 @@ def examine_vibrations(
                     warning = _describe(beam, errors, measure)
         except RuntimeError:  # dependent constraints
             continue
-        yield beam.name, warning
+        yield beam.name, (max(errors.values()), warning)
 
 
 def _longest_stretch(trajectory: Trajectory) -> Trajectory:

@@ -12,7 +12,7 @@ from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State, format_headers
-from beamdae.errors import format_percent, name_with_others
+from beamdae.errors import format_percent, merge_parts, name_with_others
 from beamdae.results.columns import remove_unit, split_unit
 from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
 from beamdae.results.section_forces.balance import (
@@ -145,10 +145,14 @@ def mesh_error_warnings(
             error = evaluator.measure_late_range(header, values, quantity, index, *sections)
             if error is not None and error.relative > limit:
                 ranges.setdefault(sections[0], []).append(error)
-    for beam, of_beam in errors.items():
-        yield _describe(beam, of_beam, "largest value")
-    for beam, of_beam in ranges.items():
-        yield _describe(beam, of_beam, "range in the last third of the run")
+    for by_beam, what in (
+        (errors, "largest value"),
+        (ranges, "range in the last third of the run"),
+    ):
+        yield from merge_parts(
+            (beam.name, max(x.relative for x in of_beam), _describe(beam, of_beam, what))
+            for beam, of_beam in by_beam.items()
+        )
 
 
 class _Evaluator:
