@@ -15,6 +15,7 @@ from beamdae.results.diagnostics.meshes.beam_ranges import MAX_UNREPORTED_ERROR,
 from beamdae.results.diagnostics.meshes.fast_loads import fast_load_warnings
 from beamdae.results.displays import HasPage, HasTable, Plot
 from beamdae.results.outcome import Status
+from beamdae.results.run_checks import BEAMS, skip_error_estimates
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
@@ -242,6 +243,9 @@ def run_warnings(
     includes_rows
         False to omit warnings about rows that miss values between them.
     """
+    # A more accurate beam does not repeat the motion: its periodic motion starts elsewhere.
+    with skip_error_estimates(BEAMS):
+        sentences = solution.warnings
     has_exact_strains = error is not None and error.has_exact_strains
     replaced = set(range_warnings(solution.validity)) if has_exact_strains else set()
     if solution.fast_load_warnings:
@@ -250,7 +254,7 @@ def run_warnings(
     about_rows = {x: f"{x.rpartition('; ')[0]}; {_ROW_REMEDY}" for x in solution.row_warnings}
     if not includes_rows:
         replaced |= set(about_rows)
-    return tuple(about_rows.get(x, x) for x in solution.warnings if x not in replaced)
+    return tuple(about_rows.get(x, x) for x in sentences if x not in replaced)
 
 
 def largest_modulus(multipliers: Array) -> float:

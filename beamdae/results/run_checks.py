@@ -41,11 +41,7 @@ from beamdae.results.diagnostics.contacts.untouched_contacts import (
     untouched_contact_warnings,
 )
 from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
-from beamdae.results.diagnostics.meshes.beam_ranges import (
-    range_warnings,
-    sample_positions,
-    strain_warnings,
-)
+from beamdae.results.diagnostics.meshes.beam_ranges import sample_positions, strain_warnings
 from beamdae.results.diagnostics.meshes.coarse_elements import coarse_element_warnings
 from beamdae.results.diagnostics.meshes.fast_loads import fast_load_warnings
 from beamdae.results.diagnostics.meshes.forced_vibrations import examine_vibrations
@@ -53,6 +49,8 @@ from beamdae.results.diagnostics.meshes.impact_meshes import impact_mesh_warning
 from beamdae.results.diagnostics.meshes.long_elements import long_element_warnings
 from beamdae.results.diagnostics.meshes.mesh_errors import LoadedState, mesh_error_warnings
 from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
+from beamdae.results.diagnostics.meshes.refined_runs import RunAgain
+from beamdae.results.diagnostics.meshes.strain_errors import strain_error_warnings
 from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
 from beamdae.results.diagnostics.rare_samples import rare_sample_warnings
 from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
@@ -90,8 +88,11 @@ from beamdae.results.trajectory import Trajectory
 
 Check = Callable[[RunData], Iterable[str]]
 
-# False if checks must not repeat runs with fixed steps, see `skip_error_estimates`.
-_estimates_errors: ContextVar[bool] = ContextVar("estimates_errors", default=True)
+# Causes of errors for which checks repeat runs, see `skip_error_estimates`.
+STEPS, BEAMS = "steps", "beams"
+_estimated_errors: ContextVar[frozenset[str]] = ContextVar(
+    "estimated_errors", default=frozenset((STEPS, BEAMS))
+)
 _POWER_SAMPLES = 201  # times at which the power of user-written damping is evaluated
 
 
@@ -137,10 +138,6 @@ def _singular_positions(run: RunData) -> Iterable[str]:
     return singularity_warnings(run.singular_positions)
 
 
-def _beam_ranges(run: RunData) -> Iterable[str]:
-    return range_warnings(run.validity)
-
-
 def _strains(run: RunData) -> Iterable[str]:
     return strain_warnings(run.equations, run.validity, lambda: sample_positions(run.trajectory))
 
@@ -163,22 +160,25 @@ def _suspected_errors(run: RunData) -> Iterable[str]:
 
 
 @contextmanager
-def skip_error_estimates() -> Iterator[None]:
-    """Within the context, checks of runs with fixed steps make no second run.
+def skip_error_estimates(*causes: str) -> Iterator[None]:
+    """Within the context, checks do not repeat runs with shorter steps or more accurate beams.
 
     For callers that estimate the errors themselves, and for runs that belong to an estimate.
+    `causes` of errors are STEPS and BEAMS; they default to both.
     """
-    token = _estimates_errors.set(False)
+    skipped = causes or (STEPS, BEAMS)
+    token = _estimated_errors.set(_estimated_errors.get().difference(skipped))
     try:
         yield
     finally:
-        _estimates_errors.reset(token)
+        _estimated_errors.reset(token)
 
 
 def _step_errors(run: RunData) -> Iterator[str]:
     # Runs that were loaded from a file do not contain their integrator.
     can_repeat = run.made_by is not None and run._has_fixed_steps and run.status.success
-    if not (_estimates_errors.get() and can_repeat and run.columns) or run._is_at_rest:
+    is_estimated = STEPS in _estimated_errors.get()
+    if not (is_estimated and can_repeat and run.columns) or run._is_at_rest:
         return
     verification = deferred.module("verification")
     warning = ""
@@ -188,19 +188,33 @@ def _step_errors(run: RunData) -> Iterator[str]:
         yield warning
 
 
-def _impact_meshes(run: RunData) -> Iterator[str]:
-    can_repeat = run.made_by is not None and run.status.success and _is_complete(run)
-    # Of fast rises, the error by the elements is known.
-    if not (_estimates_errors.get() and can_repeat and run.columns) or run._hard_impacts:
-        return
-    verification = deferred.module("verification")
+def _repeat_with_beams(run: RunData) -> RunAgain | None:
+    """Return a function that repeats a run with other equations; None if it cannot be repeated."""
+    # Runs that were loaded from a file do not contain their integrator.
+    can_repeat = run.made_by is not None and run.status.success and run.trajectory.start == 0.0
+    if not (BEAMS in _estimated_errors.get() and can_repeat and run.columns):
+        return None
 
     def run_again(equations: EquationsOfMotion) -> RunData | None:
-        other: RunData | None = verification.run_again(run, run.made_by, None, equations)
+        other: RunData | None = None
+        verification = deferred.module("verification")
+        with suppress(BeamdaeError):  # The second run cannot begin.
+            other = verification.run_again(run, run.made_by, None, equations)
         return other
 
-    with suppress(BeamdaeError):  # The second run cannot begin.
-        yield from impact_mesh_warnings(run, run.start.request, run_again)
+    return run_again
+
+
+def _strain_errors(run: RunData) -> Iterable[str]:
+    return strain_error_warnings(run, _repeat_with_beams(run))
+
+
+def _impact_meshes(run: RunData) -> Iterable[str]:
+    run_again = _repeat_with_beams(run)
+    # Of fast rises, the error by the elements is known.
+    if run_again is None or not _is_complete(run) or run._hard_impacts:
+        return ()
+    return impact_mesh_warnings(run, run_again)
 
 
 def _hard_impacts(run: RunData) -> Iterable[str]:
@@ -398,7 +412,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _balance,
     _columns,
     _singular_positions,
-    _beam_ranges,
+    _strain_errors,
     _strains,
     _step_errors,
     _suspected_errors,

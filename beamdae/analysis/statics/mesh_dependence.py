@@ -100,8 +100,8 @@ class RefinedPath:
 
         If `exact` are names of beams, these have exact strains instead.
         """
-        settings = {} if exact is None else {"exact": exact, "halved": ()}
-        refined = refine_beams(coarse.full_equations, **settings)
+        halved = None if exact is None else ()
+        refined = refine_beams(coarse.full_equations, exact=exact or (), halved=halved)
         if refined is None:
             return None
         loads = [list(stage) for stage in coarse.stages]

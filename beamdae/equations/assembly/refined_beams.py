@@ -46,11 +46,12 @@ def refine_beams(
     *,
     exact: Collection[str] = (),
     halved: Collection[str] | None = None,
+    start: str = AS_DRAWN,
 ) -> RefinedBeams | None:
     """Return the mechanism with exact strains and halved elements of the named beams.
 
     Beams keep their elements and strains if the start names their coordinates or their kinematics
-    are custom ones. Returns None if no beam differs or a part cannot be copied.
+    are custom ones. Returns None if no beam differs, a part cannot be copied, or the start fails.
 
     Parameters
     ----------
@@ -58,6 +59,8 @@ def refine_beams(
         Equations of motion of the mechanism.
     exact, halved
         Names of beams; None means all.
+    start
+        Start of the equations, AS_DRAWN or EQUILIBRIUM.
     """
     mechanism = equations.mechanism
     if mechanism is None:
@@ -80,7 +83,7 @@ def refine_beams(
         others = {name: other for name, (_, other) in beams.items()}
         with hold_messages():  # Warnings about these beams do not concern the user.
             refined = replace_beams(mechanism, others, "refine_beams")
-            finer = equations_of_motion(refined, AS_DRAWN)
+            finer = equations_of_motion(refined, start)
     except BeamdaeError:
         return None
     final = {beam.name: beam for beam in beams_of(refined)}

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from beamdae.beams.beam import Beam, beams_of
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.errors import format_count, format_percent, name_with_others
 from beamdae.parts.events import select_impacts
-from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.results.columns import Header, format_apart, remove_unit
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of, gaps_of_run
 from beamdae.results.diagnostics.meshes.coarse_elements import (
@@ -21,6 +18,7 @@ from beamdae.results.diagnostics.meshes.coarse_elements import (
     headers_of_sections,
     scales_of_columns,
 )
+from beamdae.results.diagnostics.meshes.refined_runs import RunAgain, is_short, refine_run
 from beamdae.results.run_data import RunData
 
 Array = np.ndarray
@@ -30,8 +28,6 @@ Array = np.ndarray
 # times the error beside 12 elements for single elements, and 0.8 to 1.1 times for 2 and 3. Later
 # peaks are off by up to 75 %. Errors of the largest values are below 2 % with 4 elements.
 _FEW_ELEMENTS = 3
-# Steps times coordinates of runs that are repeated, which takes up to about two seconds.
-_MAX_WORK = 2e5
 _ROUNDING = 1e-9  # of gaps, relative to the length of the mechanism
 # Peaks of tenths of the run, at this number of times, with at least this share of the largest
 # magnitude, have a warning from this change on.
@@ -41,9 +37,7 @@ _MIN_SHARE_OF_PEAK, _MAX_CHANGE_OF_PEAK = 0.25, 0.05
 _MAX_RATIO = 1.5  # of the largest change of such a peak and of the largest value of a column
 
 
-def impact_mesh_warnings(
-    run: RunData, request: str, run_again: Callable[[EquationsOfMotion], RunData | None]
-) -> Iterator[str]:
+def impact_mesh_warnings(run: RunData, run_again: RunAgain) -> Iterator[str]:
     """Yield a warning if peaks of a run with impacts change with halved elements.
 
     Impacts excite vibrations of which a single element, or a few, do not follow the first ones
@@ -55,34 +49,16 @@ def impact_mesh_warnings(
     ----------
     run
         The run, from t = 0 to its planned end.
-    request
-        The requested start of the run.
     run_again
         Function that repeats the run with other equations, or returns None if it fails.
     """
-    e, trajectory = run.equations, run.trajectory
-    if e.controllers or trajectory.steps * e.n > _MAX_WORK:
+    beams = [x for x in beams_of(run.equations.mechanism) if x.mesh.elements <= _FEW_ELEMENTS]
+    if not beams or not is_short(run) or not _has_impacts(run):
         return
-    beams = [x for x in beams_of(e.mechanism) if x.mesh.elements <= _FEW_ELEMENTS]
-    if not beams or not _has_impacts(run):
-        return
-    # Imported here because few runs need it, and the import slows the start of the others.
-    from beamdae.equations.assembly.assemble import equations_of_motion
-    from beamdae.equations.assembly.refined_beams import refine_beams
-
-    halved = refine_beams(e, halved=[x.name for x in beams])
-    if halved is None:
-        return
-    if request == EQUILIBRIUM:
-        finer = equations_of_motion(halved.mechanism, request)
-    else:
-        first = trajectory.intervals[0].rows
-        q, v = (halved.prolongation @ x[0] for x in (first.q, first.v))
-        finer = replace(halved.equations, q0=halved.start + q, v0=v)
-    other = run_again(finer)
-    if other is not None:
-        beams = [x for x in beams if x.name in halved.halved]
-        yield from _describe(run, other, sorted(beams, key=lambda x: x.mesh.elements))
+    finer = refine_run(run, run_again, halved=[x.name for x in beams])
+    if finer is not None:
+        beams = [x for x in beams if x.name in finer.halved]
+        yield from _describe(run, finer.run, sorted(beams, key=lambda x: x.mesh.elements))
 
 
 def _has_impacts(run: RunData) -> bool:
