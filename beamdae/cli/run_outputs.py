@@ -191,7 +191,7 @@ def integrate_run(
     KeyboardInterrupt
         If the command is interrupted before the run starts.
     """
-    from beamdae.results.run_checks import skip_error_estimates
+    from beamdae.results.run_checks import STEPS, skip_error_estimates
     from beamdae.simulation import simulate
 
     with show_run_progress(t_end or run.model.t_end) as show_progress:
@@ -204,7 +204,7 @@ def integrate_run(
 
         try:
             # `estimate_errors` follows, with a progress bar of its own.
-            with skip_error_estimates():
+            with skip_error_estimates(STEPS):
                 return simulate(
                     run.model,
                     run.integrator,

@@ -130,3 +130,13 @@ def test_regression_estimates_refute_warnings_about_suspected_errors(
     for suffix in ("json", "html"):
         text = Path(f"results/train.{suffix}").read_text(encoding="utf-8")
         assert (sentence in text) == is_kept, suffix
+
+
+@pytest.mark.slow(reason="half a second")
+def test_regression_run_compares_with_more_accurate_beams(folder):
+    """The command, which estimates errors of time steps itself, also left out those of beams."""
+    soft = MODEL.replace("bd.sine(0.1, frequency)", "15.0").replace("t_end=0.02", "t_end=0.3")
+    Path("soft.py").write_text(soft, encoding="utf-8")
+    result = CliRunner().invoke(app, ["run", "soft.py", "--no-page"])
+    assert result.exit_code == 0, result.output
+    assert "with exact strains, " in " ".join(result.output.split())
