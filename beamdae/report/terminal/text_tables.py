@@ -153,7 +153,7 @@ def validity_table(beams: Iterable[BeamRange]) -> ResponsiveTable:
         Column("deflection\nof length", 2),
         Column("rotation\n[rad]", 3),
         Column("strain\n[-]", 1),
-        Column("error\n[-]"),
+        Column("estimated\nerror [-]"),
     ]
     rows = [
         (x.name, *(format_number(v, 2) for v in (x.deflection, x.rotation, x.strain, x.error)))
