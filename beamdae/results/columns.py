@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -77,6 +79,11 @@ _UNITS_OF_FORCES = ("N", "N m")  # of columns whose values do not depend on an o
 
 _BY = ")/d("  # between column and parameter in the header of a derivative
 _MAX_NAMES = 12  # of columns in a message
+# Columns that are listed first for an unknown name: a common word, such as the name of a part, or
+# the unit of a quantity counts more than common letters.
+_MAX_LIKE_NAMES, _MIN_LIKENESS = 6, 0.6
+_WORD = re.compile(r"[^\W_]+")
+_UNITS_OF_WORDS = {"torque": "N m", "moment": "N m", "m": "N m", "force": "N", "f": "N"}
 
 
 class Header(NamedTuple):
@@ -183,13 +190,36 @@ def _select_by_name(
         matches = [header for header in headers if reading(header) == name]
         if matches:
             return [header for header in matches if header in preferred] or matches
-    available = [remove_unit(x) for x in headers if x in preferred or not preferred]
+    shown = list(map(remove_unit, _order_by_likeness(headers, name, preferred)))
     # Headers last, for names with another unit.
     known_names = list(dict.fromkeys(x(h) for x in (*readings[1:], readings[0]) for h in headers))
     raise BeamdaeError(
         f"{part or of}: there is no column {short_repr(name)}{suggest(name, known_names)}; "
-        f"available columns: {list_first(available, _MAX_NAMES) or 'none'}."
+        f"available columns: {list_first(shown, _MAX_NAMES) or 'none'}."
     )
+
+
+def _order_by_likeness(headers: Sequence[str], name: Any, preferred: set[str]) -> list[str]:
+    """Return the headers to list for an unknown name, the most similar ones first.
+
+    They are followed by forces and moments, whose names are hard to guess, and by the others, if
+    they are `preferred`; without these, all are listed.
+    """
+    text = (as_text(name) or "").lower()
+    words = set(_WORD.findall(text))
+    units = {unit for word, unit in _UNITS_OF_WORDS.items() if word in words}
+
+    def likeness(header: str) -> float:
+        known, unit = remove_unit(header).lower(), Header.of(header).unit
+        ratio = difflib.SequenceMatcher(None, text, known).ratio()
+        return ratio + len(words & set(_WORD.findall(known))) + (unit in units)
+
+    scores = {x: likeness(x) for x in headers}
+    near = [x for x in headers if scores[x] > _MIN_LIKENESS]
+    near = sorted(near, key=lambda x: -scores[x])[:_MAX_LIKE_NAMES]
+    available = [x for x in headers if x in preferred or not preferred]
+    forces = [x for x in available if Header.of(x).unit in _UNITS_OF_FORCES]
+    return list(dict.fromkeys([*near, *forces, *available]))
 
 
 def select_column(part: str, headers: Iterable[str], name: Any) -> str:

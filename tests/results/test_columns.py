@@ -70,3 +70,31 @@ def test_regression_lists_of_names_that_raise_are_rejected():
     message = "^Solution: the column must be a name or a list of names, but .* cannot be read"
     with pytest.raises(bd.BeamdaeError, match=message):
         select_columns(["tip.x [m]"], HostileList(["tip.x"]))
+
+
+@pytest.mark.parametrize(
+    ("name", "first"),
+    [
+        ("motr.M", "motor.M"),
+        ("torque", "motor.M"),
+        ("motor.T", "motor.M"),
+        ("knee 2.z", "knee 2.x"),
+    ],
+)
+def test_regression_messages_list_the_most_similar_columns_first(name, first):
+    """Torques of drivers were hidden behind "and 2 more"."""
+    headers = [f"{point} {k}.{x} [m]" for point in ("tip", "knee") for k in range(5) for x in "xy"]
+    headers.append("motor.M [N m]")
+    with pytest.raises(bd.BeamdaeError) as caught:
+        select_columns(headers, name, observed=headers)
+    listed = str(caught.value).partition("available columns: ")[2]
+    assert listed.startswith(f"{first}, ")
+    assert "motor.M" in listed
+    assert listed.endswith("and 9 more.")
+
+
+def test_regression_messages_name_forces_of_drivers_beside_observed_columns():
+    """Only observed columns were listed, though others may be selected."""
+    headers = ["tip.x [m]", "lam.motor.angle [N m]"]
+    with pytest.raises(bd.BeamdaeError, match=r"available columns: lam\.motor\.angle, tip\.x"):
+        select_columns(headers, "motor.torque", observed=headers[:1])
