@@ -146,3 +146,23 @@ def test_free_motions_are_not_unstable():
 def test_invalid_arguments_are_rejected(arguments, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         bd.bode(**({"model": oscillator()} | arguments))
+
+
+@pytest.mark.slow(reason="a quarter of a second")
+def test_regression_default_frequencies_end_where_elements_are_too_long(recwarn):
+    """They ended at ten times the highest mode, with a warning of errors of more than 30 %."""
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.002, damping=1e-5)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), strip, elements=4))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("push", beam.end, (0.0, 0.0)))
+    mech.observe("tip", beam.end)
+    model = bd.linearize(mech, inputs=["push"], outputs=["tip.y"])
+    diagram = bd.bode(model)
+    assert not recwarn.list
+    assert not diagram.warnings
+    # The error of the fourth mode is 0.37 %.
+    fourth = np.sort(model.poles.imag[model.poles.imag > 0.0])[3] / (2.0 * np.pi)
+    assert diagram.frequencies[-1] == pytest.approx(fourth / 1.5, rel=1e-3)
+    with pytest.warns(bd.BeamdaeWarning, match="too long for mode 5"):
+        bd.bode(model, between=(1.0, 1000.0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -46,6 +46,7 @@ _GROWTH_ROUNDING = 100.0 * np.finfo(float).eps
 _LEAST_GROWTH_SHARE, _LARGEST_GROWTH_SHARE = 1e-9, 1e-4
 _MIN_POLE = 1e-4  # [1/s]; smaller poles are zero
 _FREQUENCY_MARGIN = 10.0  # of the range, below the slowest and above the listed poles
+_MIN_RANGE = 3.0  # of the range above the lowest resonance, also if elements are too long for it
 _MAX_PEAK_DAMPING = 0.7  # damping ratio above which a pole has no peak
 _MAX_FREQUENCY_RATIO = 1e6  # of the range
 _MAX_FREQUENCIES, _MIN_FREQUENCIES = 600, 60
@@ -237,7 +238,9 @@ def bode(
         and further ones near the slowest resonances, so that no peak is missed.
     between
         Smallest and largest of the default frequencies [Hz]. Defaults to a tenth of the lowest and
-        ten times the highest one of the first 24 natural frequencies.
+        ten times the highest one of the first 24 natural frequencies. It ends before, but not below
+        three times the lowest one, where the elements of beams are too long for modes up to 1.5
+        times the largest frequency.
 
     Returns
     -------
@@ -294,7 +297,9 @@ def bode(
             if not first < last:
                 raise BeamdaeError(f"bode: between must ascend, got {short_repr(between)}.")
             ends = first, last
-        values = choose_frequencies(model.poles, len(model.states), ends)
+        values = choose_frequencies(
+            model.poles, len(model.states), ends, model.find_resolved_frequency
+        )
     response, warnings = model.respond(values.tolist())
     growing = find_growing_poles(model.poles)
     if len(growing):
@@ -356,12 +361,16 @@ def select_poles(poles: Array) -> list[int]:
 
 
 def choose_frequencies(
-    all_poles: Array, n_states: int, ends: tuple[float, float] | None = None
+    all_poles: Array,
+    n_states: int,
+    ends: tuple[float, float] | None = None,
+    find_resolved_frequency: Callable[[float], float] = float,
 ) -> Array:
     """Return frequencies [Hz] around the listed poles, or between `ends` [Hz].
 
-    They contain all natural frequencies and half-power frequencies, and are denser near lightly
-    damped ones.
+    `find_resolved_frequency` returns the frequency up to which elements are short enough, at most
+    its argument. The frequencies contain all natural frequencies and half-power frequencies, and
+    are denser near lightly damped ones.
     """
     poles = all_poles[all_poles.imag >= 0.0]
     sizes = np.abs(poles) / (2.0 * np.pi)
@@ -376,7 +385,11 @@ def choose_frequencies(
         if _is_oscillating(pole) and abs(pole.real) < _MAX_PEAK_DAMPING * abs(pole)
     ]
     high = min(max([known[0], *peaks]) * _FREQUENCY_MARGIN, low * _MAX_FREQUENCY_RATIO)
-    low, high = ends or (low, high)
+    if ends is None:
+        lowest = min(peaks, default=known[0])
+        high = min(high, max(find_resolved_frequency(float(high)), _MIN_RANGE * lowest))
+    else:
+        low, high = ends
     work = _FREQUENCY_WORK / max(n_states, 1) ** 3
     count = int(np.clip(work, _MIN_FREQUENCIES, _MAX_FREQUENCIES))
     near, undamped = [], []

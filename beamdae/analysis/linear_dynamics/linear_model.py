@@ -17,7 +17,10 @@ from beamdae.analysis.linear_dynamics.linearization import (
     solve_for_accelerations,
     warn_of_state,
 )
-from beamdae.analysis.linear_dynamics.mesh_errors import response_mesh_warnings
+from beamdae.analysis.linear_dynamics.mesh_errors import (
+    find_resolved_frequency,
+    response_mesh_warnings,
+)
 from beamdae.analysis.linear_dynamics.refined_linearization import linearize_refined
 from beamdae.beams.beam import beams_of
 from beamdae.equations.assembly.building import build_equations
@@ -264,6 +267,11 @@ class LinearModel(HasPage):
                 warnings += filter(None, [self._coarse_element_warning(np.array(values), response)])
         missed_peak = self._missed_peak_warning(np.array(values), response)
         return response, (*warnings, *filter(None, [missed_peak]))
+
+    def find_resolved_frequency(self, highest: float) -> float:
+        """Return the frequency up to which elements are short for responses, at most `highest`."""
+        lin = self._linearization
+        return highest if lin is None else find_resolved_frequency(lin, highest)
 
     @cached_property
     def _refined(self) -> tuple[str, str, LinearModel] | None:

@@ -24,7 +24,7 @@ from beamdae.cli.options import (
     parse_number,
     split_names,
 )
-from beamdae.cli.output import WrittenFiles, print_facts, print_warnings
+from beamdae.cli.output import WrittenFiles, current_output, print_facts, print_warnings
 from beamdae.cli.output_paths import plan_outputs
 from beamdae.cli.ranges import SPACED_FORMS, parse_ends, parse_spaced_values
 from beamdae.errors import BeamdaeError, format_count, require_choice, short_repr
@@ -92,7 +92,7 @@ def bode_command(
             metavar="FIRST:LAST",
             help="Range in Hz, or with a unit (0.1:1kHz), in which all resonances have their own "
             "frequencies, or START:STOP:COUNT with :log or without it for these frequencies only. "
-            "Defaults to the range of the resonances.",
+            "Defaults to the range of the resonances, for which elements are short enough.",
         ),
     ] = None,
     settings: Settings = None,
@@ -144,7 +144,9 @@ def bode_command(
         kind = "inputs, such as a force" if not linear.inputs else "outputs, such as an observable"
         raise BeamdaeError(f"bode: the model has no {kind}; add one.")
     diagram = bode(linear, grid, ends)
-    loops, notes = _compute_margins(linear, mechanism.outputs)
+    output = current_output()
+    has_readers = output.as_json or not output.quiet
+    loops, notes = _compute_margins(linear, mechanism.outputs if has_readers else ())
     table = escape_table(diagram.table()).to_csv(index=False)
     files = WrittenFiles([write_text(table_path, table)], (page_path, picture_path))
     _print_results(diagram, loops, notes, model.name)
