@@ -188,6 +188,7 @@ def hung_ram(guided=False, lateral=None):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_verdicts_name_free_motions_along_which_nothing_acts():
     """A press whose ram had no guide was ready to run without a word."""
     motion = "rod can rotate about (0, 0.06), ram can translate along (1, 0)"
@@ -280,6 +281,7 @@ def free_chain(joint):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_parts_with_the_same_motion_are_grouped():
     welded = free_chain(bd.Weld).check().free_motions
     assert len(welded) == 3
@@ -347,6 +349,7 @@ def test_lowest_frequency_of_a_hinged_beam_is_that_of_a_pendulum():
 # Minimum norm ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @integrators(1e-6, 1e-3)
 def test_reactions_of_redundant_bars_are_of_minimum_norm(integrator):
     mech = linkage(3, redundant="minimum norm")
@@ -367,6 +370,7 @@ def test_reactions_of_redundant_bars_are_of_minimum_norm(integrator):
     assert solution.drift.to_numpy().max() < 1e-3
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_two_drivers_share_their_torque():
     mech = doubly_driven_crank(redundant="minimum norm")
     mech.add(bd.Moment("brake", mech.part("crank").at(0.0, 0.0), -2.0))
@@ -515,6 +519,7 @@ def exact_arch(*joints):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_rigid_mobility_treats_a_beam_of_nodes_as_one_body():
     assert bd.check(exact_arch()).rigid_mobility == 3
     hinged = bd.check(exact_arch((bd.Revolute, False)))
@@ -583,6 +588,7 @@ def test_regression_flexures_with_width_and_height_exchanged_have_a_warning(join
     assert any("m high" in x for x in bd.linearize(mech).warnings) != joined
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_dampings_that_seem_to_be_damping_ratios_cause_a_warning():
     steel, plastic = bd.Material.of("steel"), bd.Material(E=2.4e9, nu=0.35, rho=1240.0)
 

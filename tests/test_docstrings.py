@@ -31,9 +31,15 @@ def test_some_docstrings_have_examples():
     assert len(WITH_EXAMPLES) >= 4
 
 
-# Examples that trace equilibrium paths.
-SLOW_EXAMPLES = ("beamdae.analysis.statics.boundary", "beamdae.analysis.statics.imperfections")
-SLOW = pytest.mark.slow(reason="half a second and more")
+# Examples that trace equilibrium paths, and searches and sweeps of many runs.
+SLOW_EXAMPLES = (
+    "beamdae.analysis.fit.fit",
+    "beamdae.analysis.optimization.optimize",
+    "beamdae.analysis.statics.boundary",
+    "beamdae.analysis.statics.imperfections",
+    "beamdae.studies.sweeps.sweep",
+)
+SLOW = pytest.mark.slow(reason="a quarter of a second and more")
 
 
 @pytest.mark.parametrize(

@@ -308,6 +308,7 @@ def test_regression_errors_of_steady_stresses_are_relative_to_their_value():
     assert deflection[RELATIVE_ERROR] < 1e-6
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("force", [1e-4, 1e-2])
 def test_regression_errors_of_small_deflections_are_relative_to_their_range(force):
     """A deflection of 1.3e-8 m had half a range of 1 mm, and errors of 6 % were 1e-8."""

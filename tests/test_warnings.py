@@ -171,6 +171,7 @@ def _optimize_stiffness():
     bd.optimize(_mass_with_steep_table, objective, "stiffness", limit, bounds, max_evaluations=2)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("search", [_fit_stiffness, _optimize_stiffness])
 def test_regression_searches_show_warnings_of_the_model_function_once(search):
     """The warning of the first model was repeated with the result."""
@@ -212,6 +213,7 @@ def _swing():
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     ("analyze", "text"),
     [
@@ -243,6 +245,7 @@ def issued(mech, t_end):
     return [str(x.message) for x in records], solution
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_searches_of_equilibria_in_checks_issue_no_warnings():
     """A strip that fell on a floor at 1.4 m/s was said not to use its velocity."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))

@@ -293,6 +293,7 @@ def test_regression_gyroscopic_modes_need_few_solutions(damping, monkeypatch):
     assert_allclose(modes.eigenvalues, expected[:20], rtol=2e-9)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_slow_decays_of_stiff_parts_with_strong_dampers_are_found():
     """The undamped modes do not contain them: x'' + c x' + k x = 0 with c >> sqrt(k) >> 1."""
     stiffness = np.linspace(1.0, 500.0, 300)

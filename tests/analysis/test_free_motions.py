@@ -75,6 +75,7 @@ def count_free_motions(mech, n, damping):
     return int(np.sum(modes.eigenvalues == 0.0))
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     ("slenderness", "elements"),
     [

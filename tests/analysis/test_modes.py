@@ -596,6 +596,7 @@ def test_regression_campbell_diagrams_state_warnings_of_several_speeds_once():
     assert sentence.startswith("at 3 speeds from 6 to 8 rad/s, beam: the beam bends 0.2")
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_campbell_diagrams_with_long_elements_have_one_warning():
     mech = hinged_or_clamped_beam(2, "exact")
     texts = bd.campbell(mech, [0.0, 5.0, 10.0], n=3).warnings
@@ -650,6 +651,7 @@ def test_regression_modes_about_equilibria_do_not_depend_on_the_size_of_other_pa
     assert_allclose(modes.frequencies * max(1.0, ratio), expected[formulation], rtol=2e-6)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(("elements", "share"), [(1, 0.9), (1, 0.99), (2, 0.99)])
 def test_regression_long_elements_of_compressed_beams_have_a_warning(elements, share):
     """Frequencies of heated beams were 7 and 53 % wrong, while the warning named another mode."""

@@ -44,6 +44,7 @@ def cantilever(height=bd.param((0.02,) * 3, "m"), width=WIDTH, load=LOAD, length
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_the_analyses_of_a_design_share_one_mechanism():
     calls = []
 
@@ -132,6 +133,7 @@ def test_regression_lightest_tapered_leaf_under_a_stress_limit(first):
     assert path["stress.bound"].iloc[-1] == pytest.approx(5e8, rel=2e-6)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("by", ["height", "length"])
 def test_designs_of_a_search_have_the_stress_sections_of_its_first_design(by):
     first = {"height": (0.008, 0.008, 0.008, 0.006, 0.003), "length": 0.4}
@@ -558,6 +560,7 @@ def test_no_design_satisfies_the_constraints():
     assert result.constraints[0].margin < 0.0
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(("least", "contradicts"), [(1.0, True), (0.0, False)])
 def test_regression_searches_that_stop_at_contradictions_say_so(least, contradicts):
     """They only advised more evaluations."""

@@ -219,6 +219,7 @@ def leaning_bar():
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_unstable_ends_by_arc_length_warn_if_no_critical_point_shows_them():
     with pytest.warns(bd.BeamdaeWarning, match="unstable in 1 direction since the branch point at"):
         path = bd.equilibrium(leaning_bar(), to={"bob.x": 0.5}, switch=1)

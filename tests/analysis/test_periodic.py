@@ -41,6 +41,7 @@ def assert_same_multipliers(actual, expected, atol):
     )
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("frequency", [0.2, 3.0])
 def test_damped_oscillator_under_a_sine(frequency):
     motion = bd.periodic(oscillator(bd.sine(1.0, frequency)), 1.0 / frequency)
@@ -266,6 +267,7 @@ def test_response_of_a_duffing_oscillator_passes_both_folds():
 STIFF = pytest.param(1e6, marks=pytest.mark.slow(reason="thousands of vibrations in a period"))
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("size", [1e-6, STIFF])
 def test_forces_of_any_size_are_checked(size):
     system = oscillator(bd.sine(size, 0.5), stiffness=size * STIFFNESS)
@@ -444,6 +446,7 @@ def test_regression_forces_in_axes_of_a_turning_blade_are_periodic():
     assert bd.periodic(mech, 2.0 * np.pi / speed, settle=1).status.success
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     "law", [lambda t: 2.0 * np.pi * t, lambda t: 0.4 * np.cos(2.0 * np.pi * t)]
 )

@@ -50,6 +50,7 @@ def test_period_of_a_self_excited_motion_is_found(guess):
     np.testing.assert_allclose(motion.multipliers.real, [1.0, expected], atol=1e-6)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("length", [1.0, 1000.0])
 def test_period_is_estimated_from_the_run_of_the_model(length):
     motion = bd.periodic(self_excited(length=length))
@@ -59,6 +60,7 @@ def test_period_is_estimated_from_the_run_of_the_model(length):
     assert half == pytest.approx(2.00862 * length, rel=1e-5)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_relaxation_oscillation():
     # scipy's DOP853 at rtol = 1e-13, time between two zero crossings.
     motion = bd.periodic(van_der_pol(10.0), period_guess=25.0)

@@ -279,6 +279,7 @@ def test_regression_undamped_strips_take_few_periods_with_all_adaptive_methods(
     assert np.abs(motion.multipliers[:2]) == pytest.approx(1.0, abs=2e-4)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("frequency", [0.4, 0.05])
 def test_multipliers_are_those_of_the_dense_matrix(frequency):
     """Error estimates include the contraction of earlier halvings of the steps."""

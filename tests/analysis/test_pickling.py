@@ -63,6 +63,7 @@ def test_constrained_systems_are_rejected():
         pickle.dumps(system.equations)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_solutions_with_signals_can_be_pickled():
     # CasADi's error "Cannot pickle SX objects without a casadi context", without the cause.
     mech = bd.Mechanism()

@@ -134,6 +134,7 @@ def response_curve(model, ends):
     return ResponseCurve(model, "frequency", ends, lambda f: 1.0 / f, RUNS, 0.0, tolerance)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_tangent_of_the_curve_includes_the_motion_of_drivers():
     point, _ = response_curve(constant_travel, (38.0, 44.0)).first_point(settle=0)
     equations = point.run.solution.equations
@@ -329,6 +330,7 @@ def test_regression_unsolvable_linearized_equations_are_no_first_motion(monkeypa
     assert not response.points
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_progress_is_called_with_the_points():
     points = []
     response = bd.frequency_response(

@@ -100,6 +100,7 @@ def test_given_velocities_are_stopped_by_joints():
     assert solution["end.x_dot"].iloc[0] == pytest.approx(-1.0, abs=0.2)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_bodies_apart_do_not_change_how_a_driven_beam_starts():
     """A velocity of 1e-9 m/s of another body let the beam whip."""
     mech = driven_beam(strain="exact")

@@ -206,10 +206,12 @@ def test_bodies_that_follow_a_given_velocity():
         assert gradient.derivatives[name] == pytest.approx(table[column].iloc[-1], rel=1e-9)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_nonholonomic_constraint():
     assert_agree_with_runs(skater, ["offset", "push"], 0.1)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_observed_columns():
     method = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-12)
     result = bd.sensitivities(swing, "width", method, output_step=0.01)
@@ -481,6 +483,7 @@ def geared(load=3.0):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_parameter_that_changes_only_reactions():
     # The derivatives of the positions are rounding errors, which do not converge.
     result = bd.sensitivities(geared, "load")
@@ -557,6 +560,7 @@ def formula(stiffness=10.0):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_parameter_in_a_user_formula():
     method = bd.GeneralizedAlpha(step=0.01)
     result = bd.sensitivities(formula, "stiffness", method)
@@ -594,6 +598,7 @@ def test_regression_factors_of_one_keep_the_rows_of_tables():
     np.testing.assert_allclose(result.sensitivity("angle", "factor"), expected, atol=1e-8)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("step", [0.05, 0.01])
 def test_regression_errors_of_fixed_steps_are_reported(step):
     """The period is 1.4 s; with 28 steps per period, the derivative is wrong by 11 % at 4 s."""
@@ -626,6 +631,7 @@ def ripple(stiffness=1e4, speed=0.02):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("rtol", [1e-3, 1e-4])
 def test_regression_errors_of_adaptive_steps_are_reported(rtol, recwarn):
     """Velocities and their derivatives; rtol=1e-3 damps the vibration, by 13 % in derivatives."""
@@ -793,6 +799,7 @@ def cocked(cosine=1.0):
     return oscillator(stiffness=10.0 + math.acos(cosine) ** 2)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_formulas_that_fail_on_one_side_lead_to_one_sided_differences():
     method = bd.GeneralizedAlpha(step=2e-3)
     by_cosine = bd.sensitivities(cocked, "cosine", method).sensitivity("mass.x", "cosine")

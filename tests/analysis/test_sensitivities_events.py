@@ -102,6 +102,7 @@ def moving(end=0.2, force=2.0):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_breakpoint_that_moves(integrator):
     result = bd.sensitivities(moving, "end", integrator)
@@ -453,6 +454,7 @@ def flat_rod(mass=1.0):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_events_that_repeat_at_one_time_are_named_once():
     """Impacts that close each other's gaps were listed up to a hundred times."""
     with pytest.raises(bd.BeamdaeError, match="events hit left and hit right act at the same time"):

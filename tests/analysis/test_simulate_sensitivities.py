@@ -52,6 +52,7 @@ def test_derivatives_are_those_of_sensitivities(solution):
     assert len(solution["d(mass)/d(speed)"].columns) == len(solution["mass"].columns)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_a_parameter_name_or_a_built_mechanism_is_accepted():
     stiff = bd.simulate(oscillator(stiffness=90.0), ALPHA, sensitivities="stiffness")
     expected = bd.sensitivities(oscillator, "stiffness", ALPHA, parameters={"stiffness": 90.0})
@@ -170,6 +171,7 @@ def fall(mass=1.0, drag=0.3):
 """
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_the_command_writes_derivatives(tmp_path):
     (tmp_path / "fall.py").write_text(MODEL)
 

@@ -330,6 +330,7 @@ def test_regression_light_damping_on_a_fine_mesh():
     assert [point.factor for point in path.critical] == pytest.approx([10.93881], rel=1e-4)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(("ratio", "has_note"), [(1e-11, True), (1e-8, False)])
 def test_damping_near_rounding_errors_has_a_note(ratio, has_note):
     mech = flutter_column(1e-3, column_damping(1e-3, ratio), formulation="exact")
@@ -378,6 +379,7 @@ def test_regression_critical_loads_do_not_depend_on_larger_parts(options, ratio)
     assert not linear.warnings
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @FORMULATIONS
 def test_regression_critical_loads_of_a_small_column_on_the_tip_of_a_large_one(options):
     """The path ended at 5 to 18 % of the load for a column of 1 um on one of 1 m."""

@@ -150,6 +150,7 @@ def test_displacement_control_finds_many_branch_points_in_one_step():
     assert len(path.critical) == path.unstable[-1]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_arc_length_ends_where_points_are_recomputed():
     """The end of the last step may lie on either side of the target in the last digit."""
     for elements in (4, 8):

@@ -149,6 +149,7 @@ def test_loop_of_a_pid_is_opened_at_its_command(factor, limits):
     assert loop.gain_margin == pytest.approx(8.0 / (300.0 * factor), rel=1e-6)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_command_in_a_formula_of_a_state_is_differentiated():
     """The drive y, T y' + y = (1 + 0.1 x) u, of a mass on a spring; the factor depends on x."""
     mech = bd.Mechanism()

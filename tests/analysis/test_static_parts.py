@@ -62,6 +62,7 @@ def central_differences(function, x, step=1e-6):
     return np.array(columns).T
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("stage", [0, 1])
 def test_tangent_matches_differences_of_the_residual(loading, state, stage):
     system, mu = loading.systems[stage], 0.7
@@ -95,6 +96,7 @@ def test_columns_are_linear_controls_if_they_are_linear_in_the_coordinates(loadi
         assert control.is_linear == is_linear, name
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_linear_columns_control_paths_as_other_columns_do(monkeypatch):
     mech = bd.Mechanism()
     strip = bd.Section.rectangle(STEEL, width=0.02, height=0.003)
@@ -131,6 +133,7 @@ def test_equations_without_loads_are_those_of_a_mechanism_without_loads(state, m
             assert_array_equal(system.tangent(state, factor), assembled.tangent(state, factor))
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_loads_that_share_a_kernel_with_other_loads_are_removed_by_assembly():
     mech = mechanism_with_all_forces()
     mech.add(bd.Force("second", mech.parts["leaf 2"].end, (1.0, 0.0), axes="body"))

@@ -215,6 +215,7 @@ def test_starts_that_name_coordinates_of_nodes_keep_the_mesh(start, is_divided):
     assert (beam.mesh.bounds is not None) == is_divided
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_impacts_on_gaps_of_beams_divided_later():
     """The gap is a quantity of the coordinates before the beam is divided."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
@@ -328,6 +329,7 @@ def test_uneven_meshes_have_consistent_geometry(nodes, shape):
     assert np.all(np.diff(places) > 0.0)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @formulations
 def test_equal_lengths_given_as_ends_or_as_a_number_are_equivalent(formulation):
     columns = [

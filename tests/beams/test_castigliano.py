@@ -166,6 +166,7 @@ def test_default_quadrature_does_not_lock(nodes, shape, continuity, max_error, f
     assert max(worst) < 1.05 * worst[0] + 1e-6
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("shape", ["curved", "straight"])
 def test_straight_elements_do_not_lock_with_four_points_and_curved_ones_do(shape):
     thick, thin = (errors(r, 8, quadrature="full", shape=shape)[2, 2] for r in (4, 2500))
@@ -189,6 +190,7 @@ def test_two_full_points_on_two_nodes_lock_in_shear():
     assert full < -0.999
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_three_full_points_on_three_nodes_lock_as_curved_elements_and_not_as_straight_ones():
     moment = np.array([errors(r, 8, quadrature="full", nodes=3)[2, 2] for r in SLENDERNESS])
     # Membrane locking: the error increases with slenderness, to 95 % of the compliance.
@@ -199,6 +201,7 @@ def test_three_full_points_on_three_nodes_lock_as_curved_elements_and_not_as_str
     assert np.abs(straight).max() < 1.2e-2
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_curved_elements_converge_with_fourth_order():
     # Measured with 1, 2, 4, 8 elements: radial 2.2e-3, 1.7e-4, 1.1e-5, 6.9e-7; tangential 6.4e-3,
     # 8.5e-5, 7.4e-7, 2.4e-8; moment 8.6e-4, 5.7e-5, 3.6e-6, 2.3e-7.
@@ -208,6 +211,7 @@ def test_curved_elements_converge_with_fourth_order():
     assert np.all(orders[1:] > 3.85)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_quadratic_elements_converge_with_fourth_order():
     # The compliance is an energy, whose order is twice that of the strains: 2 (nodes - 1). Measured
     # with 4, 8, 16, 32 elements: radial 8.9e-5, 5.6e-6, 3.5e-7, 2.2e-8; tangential 9.3e-5, 6.4e-6,

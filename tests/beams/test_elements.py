@@ -430,6 +430,7 @@ def _full(pattern, nonzeros):
     return matrix.toarray()
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("form", FIRST_ORDER)
 @few_variants
 def test_jacobian_of_first_order_forms(variant, form):
@@ -447,6 +448,7 @@ def test_jacobian_of_first_order_forms(variant, form):
     assert_derivative(jacobian, residual, y)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("stabilized", [False, True], ids=["index3", "stabilized-index2"])
 @few_variants
 def test_jacobian_of_step_equations(variant, stabilized):
@@ -465,6 +467,7 @@ def test_jacobian_of_step_equations(variant, stabilized):
     assert_derivative(jacobian, lambda z: step.residual(time, at, z), x)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("form", FIRST_ORDER)
 def test_packed_states_solve_the_first_order_form(form):
     equations = driven_mechanism(VARIANTS[0])

@@ -64,6 +64,7 @@ def build(add):
 SIGNALS = [sensor_in_law, global_sensor_in_formula, work_of_a_damper, servo, sampled, states]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_copies_can_be_assembled():
     for add in SIGNALS:
         mech, beam = build(add)
@@ -129,6 +130,7 @@ def test_regression_laws_with_locks_and_variables_without_a_value():
     assert law_without_value(SimpleNamespace(reads=[1.0])) == -gain
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_mechanisms_with_compiled_gravity_laws_are_copied():
     """Machine code cannot be copied, and kernels are found by their ids."""
     mech = bd.Mechanism(gravity=(0.0, lambda t: -9.81 + 0.0 * t))

@@ -18,6 +18,7 @@ sizes = st.floats(1e-4, 1.0)
 ROUNDING = {"rtol": 1e-14}
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @given(width=sizes, height=sizes)
 def test_rectangle(width, height):
     section = bd.Section.rectangle(ALLOY, width=width, height=height)

@@ -253,6 +253,7 @@ def bead_on_short_rail(speed):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     ("speed", "t_end", "place"),
     [

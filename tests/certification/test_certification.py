@@ -136,6 +136,7 @@ def test_the_model_is_not_changed():
     assert bd.simulate(mech, t_end=0.01).status.success
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_exact_beams_have_no_theory_error():
     result = bd.certify(pendulum(formulation="exact"), accuracy=0.05, t_end=0.05)
     assert np.all(result.budget["theory as written"] == 0.0)
@@ -185,6 +186,7 @@ def test_a_chaotic_double_pendulum_is_refused_at_ten_percent():
     assert result.budget["total"].max() > 0.3
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_only_the_named_columns_are_required():
     result = bd.certify(pendulum(), accuracy=0.05, columns="tip", t_end=0.05)
     verdicts = result.budget["certified"]

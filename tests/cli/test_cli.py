@@ -661,6 +661,7 @@ def test_estimates_of_fixed_steps_are_shared(command, monkeypatch, options, step
     )
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_draw_shows_a_model_without_a_run(command):
     result = command("draw", ARM, "--set", "name=$pin")
     assert result.exit_code == 0, result.output

@@ -109,6 +109,7 @@ def test_a_checkpoint_can_be_resumed_twice(run):
     assert len(metadata["parts"]) == 2
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_a_run_resumed_from_a_failure_has_failed(run):
     run("--t-end", "0.3", "--checkpoint", "end.json")
     sidecar = Path("results/ball.json")

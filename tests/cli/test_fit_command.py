@@ -174,6 +174,7 @@ def test_missing_data(here):
     assert "'none.csv' cannot be read: No such file or directory" in result.stderr
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("option", ["--t-end", "--output-step"])
 def test_options_that_the_data_replace_are_refused_with_the_reason(option):
     """The parser proposed --seed and --step instead."""

@@ -84,6 +84,7 @@ def test_numbers_of_options_may_have_units():
             parse_seconds(text)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_times_and_speeds_of_commands_may_have_units(tmp_path):
     folder = tmp_path / "out"
     skipped = ["--no-page", "--no-picture", "--out", str(folder)]

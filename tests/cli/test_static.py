@@ -68,6 +68,7 @@ def read_metadata(name="truss"):
     return json.loads(Path(f"results/{name}_static.json").read_text())
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_a_path_is_written_and_printed(static):
     result = static("--to", "crown.y=0", "--to", "crown.y=-0.25")
     assert result.exit_code == 0, result.output

@@ -165,6 +165,7 @@ def test_sweep_of_a_file_runs_and_resumes(tmp_path):
     assert "speeds is a sweep; use beamdae sweep." in compared.output
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_compare_refuses_sweeps(tmp_path):
     path = tmp_path / "sweeps.py"
     path.write_text(MODEL + SWEEP + SWEEP.replace("def speeds", "def others"))

@@ -25,6 +25,7 @@ def slider_crank(rod_y=0.0, **start):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_prescribed_positions_and_velocities_are_kept_and_others_follow():
     angle, rate = 0.7, 5.0
     start = {"crank.angle": angle, "crank.angle_dot": rate}
@@ -182,6 +183,7 @@ def test_regression_gaps_and_falls_are_reported_by_statics_and_modes(analyze, an
         analyze(arm(angle, law, gravity))
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     ("start", "law"),
     [("equilibrium", 0.5), (bd.rotation(2.0), lambda t: 0.5 + 2.0 * t)],
@@ -241,6 +243,7 @@ def test_small_motions_to_the_equilibrium_have_no_warning():
     assert findings.verdict == "ready to run"
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_beams_that_bend_far_to_the_equilibrium_have_no_warning():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.01, height=5e-4)

@@ -283,6 +283,7 @@ def test_parts_that_act_are_not_reported():
     assert bd.check(mech, predict=False).warnings == ()
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_loads_outside_the_run_are_reported():
     mech, _, beam = hinged_disk()
     mech.add(bd.MovingForce("wheel", beam, (0.0, -1.0), speed=1.0, start=-2.0))
@@ -359,6 +360,7 @@ def test_damping_that_supplies_energy_is_reported(sign):
             assert amount == pytest.approx(supplied, rel=1e-2)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_laws_at_rest_do_not_supply_energy():
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
@@ -473,6 +475,7 @@ def meet(mech, arm):
     yield bd.Contact("floor", arm.start, bd.LineSurface(mech.ground.at(0.0, 0.0)), 1e3)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     "hold",
     [bear, bear_on_a_cart, guide, drive_travel, couple, found, control, meet],
@@ -486,6 +489,7 @@ def rub(mech, arm):
     yield bd.ForceLaw("edge", arm.end, lambda p, t: (-p.velocity[0], -p.velocity[1]))
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])
 @pytest.mark.parametrize("gravity", [0.0, -G])
 def test_regression_drivers_without_a_bearing_are_reported(gravity, formulation):

@@ -4,6 +4,7 @@ import gc
 from copy import copy
 
 import numpy as np
+import pytest
 from numpy.testing import assert_array_equal
 
 import beamdae as bd
@@ -29,6 +30,7 @@ def force_by_new_sum(equations, q):
     return result[: equations.n]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_models_that_differ_in_numbers_reuse_sums_one_after_the_other():
     light, heavy = build_pendulum(0.2), build_pendulum(3.0)
     q, rest = light.q0 + 0.1, np.zeros(light.n)

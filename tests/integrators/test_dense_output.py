@@ -55,6 +55,7 @@ def test_radau_dense_output_orders_are_five_four_and_three(monkeypatch):
     assert_allclose(np.log2(np.divide(*errors_by_step)), [5.0, 4.0, 3.0], rtol=0.0, atol=0.2)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("rtol", [1e-3, 1e-5])
 def test_axial_force_of_a_slow_rod_between_the_steps(rtol):
     # Corrections of positions by the joints must not stretch the rod.

@@ -274,6 +274,7 @@ def _flat_rod(restitution, together):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("restitution", [1.0, 0.5])
 def test_regression_simultaneous_impacts_that_close_each_other(restitution):
     """The first gap was closed again by the second impact, and the rod fell through the floor."""

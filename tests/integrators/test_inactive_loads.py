@@ -42,6 +42,7 @@ def cut(stiffness=100.0):
 METHOD = bd.GeneralizedAlpha(step=2e-3)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     "method", [METHOD, bd.Radau(1e-7), bd.Ida(1e-7)], ids=["alpha", "radau", "ida"]
 )

@@ -354,6 +354,7 @@ def test_a_tight_tolerance_ends_at_rounding():
     assert_allclose(solution.q[:, 0], exact, rtol=0.0, atol=1e-10)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("rtol", [1e-8, 3e-9])
 def test_regression_rounding_of_velocities_does_not_collapse_the_step(rtol):
     """Newton's iteration stalled above its bound; steps fell from 3e-3 to 1e-5 s and stayed there.

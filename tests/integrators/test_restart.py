@@ -86,6 +86,7 @@ def test_run_continues_after_a_stop_event(tmp_path):
         assert [one.name for one in both.event_records] == ["impact"]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_a_ball_bounces_by_stops_and_restarts():
     """Times of impact in closed form, with a restitution of 0.8."""
     t, times, height, velocity = 0.0, [], 2.0, 0.0

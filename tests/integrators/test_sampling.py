@@ -138,6 +138,7 @@ def test_methods_that_take_samples_give_the_bits_of_the_driver(method, options, 
             assert_array_equal(x, y)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_slow_laws_do_not_delay_limits(monkeypatch):
     monkeypatch.setattr(stepper, "MAX_TIME_BETWEEN_CHECKS", 0.0)
     stopped = bd.simulate(crank(), replace(METHODS["fixed steps"], time_limit=1e-9), 0.33)
@@ -244,6 +245,7 @@ def test_regression_peaks_between_samples_keep_the_states_of_laws(method, every)
     assert counts[-1] == np.ceil(1.0 / every - 1e-9)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_tables_end_runs_before_the_law_fails_outside():
     """Steps across several samples leave the table before they are checked."""
 

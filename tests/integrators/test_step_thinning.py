@@ -157,6 +157,7 @@ def test_saved_run_has_the_energies_of_all_steps(small_memory, tmp_path):
     assert loaded.followed_by(resumed).t[-1] == 2.0
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_regression_peaks_between_stored_rows_are_reported_as_unknown(small_memory):
     """The peak of a contact that is in no stored row was lost without a warning."""

@@ -184,6 +184,7 @@ def test_endless_switching_ends_the_run():
     assert solution.status.kind == "limited"
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_runs_with_switches_are_repeatable_and_estimated():
     mech, bar = spinning()
     lock = mech.add(bd.Driver("lock", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=0.5))
@@ -325,6 +326,7 @@ def test_hinge_is_locked_at_any_angle_and_released(integrator):
     assert solution.quality.max_position_drift < 1e-9
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_slide_and_link_are_locked_at_any_position():
     for brake_of in (
         lambda g, b: bd.TranslationalDriver("brake", g, b, 0.0, (1.0, 0.0)),
@@ -470,6 +472,7 @@ def angle_of(t):
     return np.minimum(0.6 + bent, 1.7)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("integrator", CYCLES, ids=lambda one: one.method)
 def test_driver_follows_another_law_after_an_event(integrator):
     solution = cycled(integrator)

@@ -84,6 +84,7 @@ def test_regression_one_undamped_beam_among_damped_ones_keeps_the_order_at_two()
         assert_allclose(tip, true, rtol=0.0, atol=100.0 * rtol * 0.5 * np.ptp(true, axis=0).min())
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("integrator", [bd.Ida, pytest.param(bd.Radau, marks=pytest.mark.slow)])
 def test_regression_tolerances_follow_the_amplitudes(integrator):
     """A cantilever under 0.1 N was off by 11 % at 1e-5, its root moment by 13 %, unnoticed."""

@@ -56,6 +56,7 @@ def test_fill_is_small_and_solutions_are_accurate(name):
             assert backward_error(pattern, nonzeros, solver.solve(right), right) < 1e-8
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(("joint", "frame"), [(bd.Revolute, "tangent"), (bd.Weld, "chord")])
 def test_relative_fill_of_a_chain_is_independent_of_its_length(joint, frame):
     fills = []

@@ -84,6 +84,7 @@ def fall(t, state):
     return [velocity, accelerations[0], rate, accelerations[1]]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("tilt", [0.1, 0.6])
 def test_rigid_strip(tilt):
     run = bd.simulate(inverted_pendulum(rigid=True, tilt=tilt), bd.Radau(1e-8), 2.0, 0.02)
@@ -93,6 +94,7 @@ def test_rigid_strip(tilt):
     assert_allclose(run["angle"] - tilt, exact.y[2], rtol=0, atol=1e-7)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_flexible_strip_follows_the_rigid_one():
     run = bd.simulate(inverted_pendulum, bd.Radau(), output_step=0.02)
     exact = solve_ivp(fall, (0.0, 2.0), [0.0, 0.0, -0.1, 0.0], t_eval=run.t, rtol=1e-9)

@@ -60,6 +60,7 @@ def test_step_response(loop):
     assert_allclose(run["position"], expected, rtol=0, atol=3e-4 * STEP)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_rigid_stage_with_springs():
     """The leaves as massless springs 12 EI / L^3, and 13/35 of their masses at the platform."""
     width, thickness, length = 0.02, 0.3e-3, 0.04
@@ -94,6 +95,7 @@ def test_sampled_control_is_that_of_the_sampled_linear_stage(plant):
     assert_allclose(run["position"], positions, rtol=0, atol=2e-3 * STEP)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_saturated_coil():
     run = bd.simulate(voice_coil_stage(step=1e-3), bd.Radau(), t_end=0.01)
     assert np.max(run["coil.Fx"]) == 15.0

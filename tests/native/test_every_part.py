@@ -90,6 +90,7 @@ def test_every_public_part_is_tested():
     assert parts - base_classes <= tested
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @every_model
 def test_all_kernels_can_be_compiled(model):
     equations = bd.equations_of_motion(model())

@@ -155,6 +155,7 @@ def multiply(work, factor, table):
     return DONE
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_callbacks_have_the_stated_arguments():
     instance = work()
     loop = compile_without_warnings(use_all_fields, instance, multiply=(multiply, "d@p"))
@@ -203,6 +204,7 @@ def test_other_threads_run_during_a_loop():
 # Unavailable machine code.
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_native_off_applies_only_while_it_is_set(monkeypatch):
     instance = work()
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")

@@ -53,12 +53,14 @@ def test_regression_saturated_loops_have_no_feedback_in_silence(target, size, ki
     assert all(f"{beyond}this equilibrium is that of the limit" in x for x in sentences)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_limits_in_formulas_of_users_are_named():
     (sentence,) = limit_sentences(bd.linearize, build_stage(2.0, user=True))
     assert sentence.startswith("motor: the limited value 6 is beyond its limit 5")
     assert not limit_sentences(bd.linearize, build_stage(1.0, user=True))
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_linear_models_at_a_limit_contain_half_of_the_feedback():
     model = build_stage(0.0, limits=(0.0, LIMIT), ki=0.0)
     (sentence,) = limit_sentences(bd.linearize, model)
@@ -71,6 +73,7 @@ def test_linear_models_at_a_limit_contain_half_of_the_feedback():
     assert abs(linear.poles[0]) ** 2 == pytest.approx(11.5)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_values_that_are_no_sums_of_limited_values_are_no_commands():
     mech = build_stage(0.1)
     x = mech.sensor("position", mech.parts["stage"].point, "x")
@@ -169,6 +172,7 @@ def pid_law(target, limits=(-8.0, 8.0), sign=1.0, digits=9):
     return law
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     ("law", "delay", "limit"),
     [
@@ -228,6 +232,7 @@ def test_sampled_commands_without_two_limits_or_within_them_have_no_warning(law)
     assert not saturation_warnings(build_sampled_servo(law), t_end=0.2)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_only_the_driven_input_at_its_limit_is_named(side):
     mech = build_sampled_servo(lambda sample: 0.0)

@@ -237,6 +237,7 @@ def block_on_belt(exponent=1.0, **changes):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     "method",
     [

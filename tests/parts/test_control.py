@@ -292,6 +292,7 @@ def test_regression_unstable_loops_at_a_limit_have_a_warning(every, limit, step,
     assert all(x.startswith(f"servo: force {problem}") for x in found)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_switches_between_two_values_have_no_warning():
     """A law of two values, such as that of a relay, switches as intended."""
     mech = build_servo(lambda sample: 1.0 if sample.reads[0] < 0.5 else -1.0)
@@ -348,6 +349,7 @@ def loop_warnings(mech, every, samples=120):
     return [x for x in run.warnings if "its loop seems to be unstable" in x]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("limit", [30.0, 12.0, np.inf])
 @pytest.mark.parametrize(
     ("every", "kd"),
@@ -434,6 +436,7 @@ def test_loops_that_follow_noise_forces_or_a_switch_have_no_warning():
     assert "or to amplify noise" in sentence
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_commands_are_no_vibrations_of_the_drawing():
     """The derivative of the first samples was "because the drawing is not in equilibrium"."""
     mech = build_sampled_stage(5e-4, 2000.0)
@@ -443,6 +446,7 @@ def test_regression_commands_are_no_vibrations_of_the_drawing():
     assert run.warnings == ()
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_unstable_loops_of_states_have_a_warning():
     mech = build_servo(lambda sample: 0.0)
     error = 1.0 - mech.sensor("angle again", mech.parts["wheel"].at(0.0, 0.0), "angle")
@@ -502,6 +506,7 @@ def test_regression_laws_whose_memory_acts_late_end_the_run(method, start):
         assert run.status.kind == "failed"
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_laws_whose_memory_an_earlier_run_has_changed_are_rejected():
     """The second run was "ok", with a latch that was closed from its start."""
     is_closed = False
@@ -599,6 +604,7 @@ def test_saturated_pid_does_not_wind_up():
     assert np.max(winding["x"]) - 0.1 > 2.0 * (np.max(run["x"]) - 0.1)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_rounding_of_gains_does_not_change_the_structure():
     """Equal numbers in a formula are one number; ki (kp / ki) was kp or not, by rounding."""
     options = {"filter_time": 0.01, "limits": (-1.0, 1.0)}

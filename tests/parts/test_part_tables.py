@@ -243,6 +243,7 @@ def table_spring(stiffness=40.0, kind="linear"):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     "kind", [pytest.param("linear", marks=pytest.mark.slow(reason="two models")), "spline"]
 )

@@ -330,6 +330,7 @@ def test_regression_limit_cycles_of_sampled_loops_have_a_warning_after_all_times
         assert len(found) == (factor > 5.0), (limit, t_end)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("size", [1e-12, 1e-7])
 def test_regression_growth_far_below_the_command_has_no_warning(size):
     """Rounding errors before a step of the target grew by a factor of 16 000 at random."""

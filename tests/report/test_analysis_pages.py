@@ -64,6 +64,7 @@ def test_the_page_of_a_path_has_its_points_and_critical_points(path, tmp_path):
     assert path.page(tmp_path / "path.html").stat().st_size > 10_000
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_the_page_of_modes_has_a_motion_for_each(column, tmp_path):
     modes = bd.modes(column, n=3)
     page = build_modes_page(modes, "column")
@@ -184,6 +185,7 @@ def shake(amplitude):
     return bd.simulate(mech, bd.GeneralizedAlpha(step=0.01), 0.5)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_the_page_of_a_response_has_a_motion_for_each_point(response, tmp_path):
     page = build_response_page(response, "shaken")
     assert page["subtitle"] == "periodic motions over force: reached the end of the range"

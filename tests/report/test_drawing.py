@@ -88,6 +88,7 @@ def test_drawings_do_not_depend_on_the_size_of_the_mechanism():
     assert_allclose(sizes, [sizes[1]] * 3, rtol=1e-9)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     "name",
     [

@@ -147,6 +147,7 @@ def test_regression_texts_in_other_columns_of_data_are_ignored(run):
     assert_array_equal(run.plot(data=data).figure.axes[0].lines[1].get_ydata(), [0.0, 1.0])
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_plots_of_data_over_time_show_the_range_of_the_data(run):
     """Data of a short part of the run were squeezed into a corner."""
     end = float(run.t[-1])

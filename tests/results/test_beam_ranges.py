@@ -163,6 +163,7 @@ def _bend_by_tip_force(load, **settings):
     return bd.equilibrium(mech)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_regression_beams_with_the_same_warning_share_a_sentence():
     """The four leaves of a stage had four sentences that differed in numbers only."""
@@ -383,6 +384,7 @@ def test_the_remedy_for_a_stretched_beam_is_exact_strains():
 # Strains beyond linear elasticity -----------------------------------------------------------------
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("settings", [{"formulation": "exact"}, {"strain": "exact"}, {}])
 @pytest.mark.parametrize(("strain", "is_reported"), [(-101.0, True), (0.9, True), (0.1, False)])
 def test_strains_beyond_linear_elasticity_are_reported(settings, strain, is_reported):
@@ -446,6 +448,7 @@ def test_regression_equilibria_do_not_vibrate():
         assert re.match(r"bar: the beam bends 1 rad away from the floating frame", warning)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_axial_vibrations_of_a_beam_that_also_bends_are_counted():
     # Exact strains change the motion of the mass along the bar by 12 % of half its range, and the
     # deflections by 1.3 %. The oscillations of bending alone would give an estimate of 0.4 %.
@@ -473,6 +476,7 @@ def pull_bar(force, height=0.1, **settings):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_modes_of_stretched_beams_warn_of_strains():
     # The axial frequency is 6.9 % above that of exact strains, whose axial stiffness is constant.
     with warnings.catch_warnings():
@@ -532,6 +536,7 @@ def shaken_cantilever(damping, frequency=1.1):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_regression_errors_of_damped_vibrations_do_not_accumulate():
     """The estimate of a press rod grew with each turn, to 60 times its error."""

@@ -79,6 +79,7 @@ def test_statics_to_a_position_compare_the_load():
     assert change > 0.1
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_statics_name_beams_of_few_elements_whose_travels_change():
     coarse, fine = (bd.equilibrium(arch(n, -100.0)) for n in (1, 8))
     (warning,) = coarse.warnings
@@ -132,6 +133,7 @@ def test_runs_compare_observed_bending_within_one_straight_element():
     assert not [x for x in fine.warnings if "too few" in x]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("observed", ["ends", "position"])
 def test_runs_with_one_straight_element_whose_columns_are_right_have_no_warning(observed):
     run = bd.simulate(connecting_rod(1, observed), t_end=0.3)

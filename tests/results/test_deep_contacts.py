@@ -41,6 +41,7 @@ def test_regression_soft_contacts_let_parts_pass_in_silence():
     assert 0.008 < depth <= 0.01  # the beam carries the rest
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("start", [None, "equilibrium"])
 def test_contacts_less_deep_than_the_beam_have_no_warning(start):
     assert deep_warnings(bd.simulate, cantilever(1e5, start=start), t_end=0.05) == []
@@ -129,6 +130,7 @@ def soft_warnings(mech, t_end=0.1):
         return [x for x in bd.simulate(mech, t_end=t_end).warnings if "soft layer" in x]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_contacts_softer_than_the_beam_have_a_warning():
     """A contact took 99 % of the stroke that should bend the lip of a wiper."""
     (text,) = soft_warnings(pressed_leaf(4.0))

@@ -3,6 +3,7 @@
 import warnings
 
 import numpy as np
+import pytest
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import State
@@ -33,6 +34,7 @@ def run(step, **options):
         return bd.simulate(leaf_spring(**options), bd.GeneralizedAlpha(step), t_end=0.05)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_energy_lost_in_the_first_steps_is_that_of_the_start():
     """The whole motion was said to be unreliable, although only the first steps lose energy."""
     (sentence,) = (x for x in run(1e-4).warnings if x.startswith("energy"))

@@ -71,6 +71,7 @@ def test_writers_create_the_folder_and_leave_no_scratch_file(tmp_path, writer):
     assert path.stat().st_size > 0
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(("where", "number"), [("fsync", errno.ENOSPC), ("replace", errno.EACCES)])
 def test_the_old_file_stays_if_the_new_one_cannot_be_written(
     tmp_path, monkeypatch, writer, where, number

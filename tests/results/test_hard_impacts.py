@@ -81,6 +81,7 @@ def test_regression_forces_that_elements_do_not_resolve_have_a_warning(build, na
     assert text.split(": this force rises within")[0] in names
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     "build",
     [
@@ -145,6 +146,7 @@ def test_regression_accelerations_are_named_and_forces_have_their_own_error(stif
     assert 0.3 < stated / error < 3.0
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_stiffer_stops_of_damped_beams_have_a_warning_too():
     """Errors of 18 to 22 % of the force with 3 elements were silent from 1e13 N/m^1.5 on."""
     for stiffness in (1e11, 1e14):
@@ -152,6 +154,7 @@ def test_regression_stiffer_stops_of_damped_beams_have_a_warning_too():
         assert 10 <= int(text.split("roughly ")[1].split(" %")[0]) <= 50
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_errors_of_heavy_masses_are_not_those_of_elements():
     """A force on a mass of 2 kg that was right within 0.5 % "may be wrong by roughly 50 %"."""
     (text,) = run(dropped_beam(2, 1e12, 2.0), t_end=2e-4)[1]
@@ -216,6 +219,7 @@ def test_regression_impacts_of_bodies_that_carry_damped_beams_have_a_warning(sti
     np.testing.assert_allclose(stated, error, atol=0.1)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     "mech",
     [

@@ -70,6 +70,7 @@ def test_regression_later_peaks_that_a_larger_one_hides_are_named():
     assert float(change[3]) == pytest.approx(100.0 * error, rel=0.5)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_peaks_of_enough_elements_have_no_warning():
     assert not find_sentences(bd.simulate(dropped_board(3), t_end=0.002))
 

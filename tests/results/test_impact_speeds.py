@@ -64,6 +64,7 @@ def test_impacts_near_the_given_speed_and_without_losses_have_no_warning(impact_
     assert not drop(impact_speed, restitution)[1]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("height", [0.0, -1e-17, 5e-17, 1e-9])
 def test_regression_impacts_at_the_start_of_a_run_are_the_fastest(height):
     """Slower rebounds were called the fastest impact of a ball that touches at the start."""

@@ -69,12 +69,14 @@ def test_regression_phase_errors_by_long_elements_are_estimated(formulation):
     assert 6 <= int(match[2]) <= 9
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_phase_errors_of_damped_vibrations_do_not_accumulate():
     damped = bd.Section.rectangle(SECTION.material, width=0.02, height=0.01, damping=1e-4)
     load = bd.sine(10.0, frequency=1.3 * frequency(4.694))
     assert not warnings_of(simulate(cantilever(3, load=load, section=damped), periods=200))
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_slow_motions_have_no_warning():
     """A run of half a period of a soft cantilever contains no vibration, but has wave numbers."""
     soft = bd.Section.rectangle(SECTION.material, width=0.02, height=5e-4)
@@ -191,6 +193,7 @@ def test_short_elements_are_examined_without_linearization(monkeypatch):
     assert bounds[1] > estimate
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_largest_peaks_of_few_coordinates_are_selected(monkeypatch):
     """Selecting those of all coordinates for each unit took a tenth of the time of a case."""
     selected, counts = [], []
@@ -220,6 +223,7 @@ def test_the_largest_sum_of_selected_coordinates_is_exact():
     assert forced_vibrations._largest_sum(factors, changes, sums, where) == expected
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_small_motions_of_points_are_bounded_without_linearization(monkeypatch):
     """Motions along the span, 1 % of those across, had their bound: the check took 6 ms, not 2."""
     solved = []

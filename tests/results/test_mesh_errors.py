@@ -109,6 +109,7 @@ def test_wrong_strains_of_floating_frames_are_no_mesh_errors() -> None:
     assert mesh_warnings(run) == []
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_section_forces_of_beams_in_a_feedback_loop() -> None:
     """Loads whose laws read a sensor of the beam raised an IndexError."""
     mech = bd.load_model("example:active_damping")()
@@ -196,6 +197,7 @@ def test_regression_ranges_of_late_vibrations_are_named_with_the_right_error(ele
     assert not mesh_warnings(fine)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_ranges_with_the_error_of_the_largest_value_have_no_warning_of_their_own() -> None:
     with pytest.warns(bd.BeamdaeWarning):
         solution = bd.simulate(shaken_strip(2, 100.0), t_end=0.3)

@@ -68,6 +68,7 @@ def push(t, time, duration):
     return np.exp(-(((t - time) / duration) ** 2))
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("speed", [0.1, 1.0, 10.0])
 @pytest.mark.parametrize("integrator", [bd.Auto(), bd.Ida(), bd.GeneralizedAlpha(rtol=1e-5)])
 def test_regression_ringing_after_a_push_that_the_rows_miss_is_reported(integrator, speed):

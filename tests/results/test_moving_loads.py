@@ -65,6 +65,7 @@ def test_regression_observed_section_forces_below_a_moving_load_have_a_warning()
     assert np.abs(column - moment)[place > 0.5].max() < 0.015 * 0.5 * FORCE
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     ("elements", "start", "count"),
     [(4, 0.1, 0), (4, 0.6, 0), (4, 1.1, 2), (30, 0.9, 1)],

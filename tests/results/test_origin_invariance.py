@@ -108,6 +108,7 @@ def test_regression_certificates_do_not_name_the_rates_of_fixed_points(place):
     assert certificate.status.sentence == "all required columns are within 0.01 of half their range"
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_certificates_assess_small_motions_that_no_joint_prescribes():
     """Motions of the size of rtol have errors, also if these are as large as the motion."""
     certificate = bd.certify(small_vibration(0.0, 0.5), accuracy=0.01, t_end=0.1)

@@ -62,6 +62,7 @@ def test_other_parameters_have_another_hash():
     assert one == same != other
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_metadata_contain_time_parts_and_hash(tmp_path):
     before = datetime.now(UTC).replace(microsecond=0)
     run = bd.simulate(mechanism()[0], bd.Radau(1e-3), t_end=0.01)

@@ -55,6 +55,7 @@ def test_regression_a_law_with_a_pole_is_rejected(law, integrator):
         bd.simulate(bar(law), integrator, 1.0)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_energy_warnings_do_not_understate_errors_of_velocities():
     """Velocities that were 39 % off "may be wrong by several percent"."""
 
@@ -232,6 +233,7 @@ def magnet(datum):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("integrator", [bd.Ida(1e-4), bd.Radau(1e-4)])
 def test_regression_an_attracting_magnet_has_no_false_alarm(integrator):
     """The energy exchanged was the largest sum of kinetic and negative potential energy, zero."""
@@ -246,6 +248,7 @@ def test_regression_an_attracting_magnet_has_no_false_alarm(integrator):
     assert_allclose(list(quality.values()), quality[0.0], rtol=0.0, atol=1e-11)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_controllers_without_an_actuator_leave_a_stage_at_rest():
     """The integral of the controller moved, so that rounding errors had a warning."""
     mech = bd.Mechanism()
@@ -264,6 +267,7 @@ def test_regression_controllers_without_an_actuator_leave_a_stage_at_rest():
     assert sentence.startswith("pid: its output is used by no part")
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_prestressed_rings_at_rest_have_no_warnings():
     """The strain energy is large and constant; only rounding noise is exchanged."""
     mech = bd.Mechanism()

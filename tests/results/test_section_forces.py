@@ -182,6 +182,7 @@ def test_the_moment_is_largest_at_a_moving_load(place, kind):
     assert forces.s[np.argmin(forces.M[0])] == pytest.approx(place)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @every_formulation
 def test_a_slider_loads_the_beam_between_nodes(kind):
     mech, beam = simply_supported_beam(elements=3, **FORMULATIONS[kind])

@@ -146,6 +146,7 @@ def flexible_slider():
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("integrator", [bd.Radau(1e-3), bd.Ida(1e-3)])
 def test_regression_points_of_beams_that_joints_hold_have_no_warning(integrator):
     """The errors of the constraint, 1e-8 m and 1e-5 m/s, seemed to be motions of the slider."""

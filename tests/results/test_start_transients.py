@@ -50,6 +50,7 @@ def test_regression_peaks_of_the_start_are_named(speed):
     assert not find_warnings(resting)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_larger_forces_of_the_motion_have_no_warning():
     assert not find_warnings(bd.simulate(press(62.8), bd.Radau(1e-5), t_end=0.5))
 
@@ -69,6 +70,7 @@ def test_step_responses_have_no_warning():
     assert not find_warnings(solution)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_given_velocities_have_no_warning():
     """A start in equilibrium would remove them."""
     mech = press()

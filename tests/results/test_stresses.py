@@ -296,6 +296,7 @@ def test_remedies_against_unresolved_waves(settings):
     assert safety.error < 0.1 * safety.stress
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     ("elements", "error"),
     [pytest.param(2, 0.02, marks=pytest.mark.slow(reason="as 4 elements")), (4, 2e-3)],

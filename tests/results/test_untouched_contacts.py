@@ -174,6 +174,7 @@ def far_contacts(mech: bd.Mechanism) -> list[str]:
     return [x for x in run.warnings if "during the whole run" in x]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_contacts_that_are_meters_away_have_a_warning() -> None:
     """A leaf spring 2 m (in place of 2 mm) from its cam rested silently."""
     (sentence,) = far_contacts(leaf_on_cam(2.0))

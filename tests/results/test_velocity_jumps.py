@@ -30,6 +30,7 @@ def test_regression_a_driver_whose_slope_jumps_has_a_warning(integrator):
     assert warning.startswith("drive: the slope of its law jumps 2 times, first at t = 0.4 s")
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_a_distance_whose_slope_jumps_has_a_warning():
     law = bd.piecewise((0.5, lambda t: 1.0 + 0.1 * t), 1.05)
     warnings = bd.simulate(crank(law, bd.Distance), t_end=1.0).warnings
@@ -38,6 +39,7 @@ def test_a_distance_whose_slope_jumps_has_a_warning():
     )
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("integrator", [bd.Auto(), bd.GeneralizedAlpha(step=0.01)])
 @pytest.mark.parametrize(
     "law",

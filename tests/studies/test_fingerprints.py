@@ -368,6 +368,7 @@ def test_regression_long_arrays_have_different_groups():
         assert " at 0x" not in group
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_fingerprints_of_a_thousand_cases_take_less_than_two_seconds():
     curve = np.linspace(0.0, 1.0, 10_000)
 

@@ -78,6 +78,7 @@ def test_reasons_and_cells_have_no_line_breaks(text):
     assert escape_cell("=1\n+1") == "'=1 +1"
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_lost_tasks_have_their_own_status_and_are_run_again(tmp_path):
     results = run_study(STUDY, tmp_path, LosingPool())
     table = pd.read_csv(tmp_path / "cases.csv")

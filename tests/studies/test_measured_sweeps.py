@@ -39,6 +39,7 @@ def amplitude(mass, frequency, stiffness=50.0, damping=3.0):
     return 4.0 / math.hypot(stiffness - mass * rate**2, damping * rate)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_measures_are_columns_and_failures_have_reasons():
     measure = {
         **natural_frequencies(2),
@@ -236,6 +237,7 @@ def test_regression_measured_cases_have_no_rows_and_say_why(tmp_path):
     assert create_sweep_page(swept)["notes"] == []
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_pages_of_sweeps_that_are_not_stored_name_no_files(monkeypatch):
     monkeypatch.setattr(sweep_results, "MAX_CURVES", 1)
     swept = bd.sweep(oscillator, {"length": [0.5, 1.0]}, t_end=0.1)

@@ -402,6 +402,7 @@ def test_scratch_files_of_killed_processes_are_removed(filled):
 # Cells ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_formulas_in_tables_are_escaped_and_numbers_stay_numbers(tmp_path):
     cases = (bd.Case(swing, {"note": "=1+2", "mass": 1.0}, CASE.integrator),)
     results = study_run.run_study(replace(STUDY, cases=cases), tmp_path, SerialPool())

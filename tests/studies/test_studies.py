@@ -389,6 +389,7 @@ def test_cases_of_killed_workers_are_repeated_and_others_are_not_lost(tmp_path):
 # Resumption -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_stored_cases_are_not_repeated(swings):
     progress = []
     again = run(swings.study, swings.folder, progress=progress.append)
@@ -396,6 +397,7 @@ def test_stored_cases_are_not_repeated(swings):
     pd.testing.assert_frame_equal(again.table, swings.table, check_dtype=False)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_only_changed_cases_are_run(swings):
     progress = []
     case = replace(SWINGS[0], integrator=bd.GeneralizedAlpha(step=0.004))
@@ -485,6 +487,7 @@ def test_regression_fingerprints_depend_on_modules_next_to_the_study(tmp_path):
     assert len(set(keys)) == 3
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     "executor",
     [
@@ -563,6 +566,7 @@ def test_different_models_of_the_same_name_are_refused():
         )
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_a_case_that_is_also_a_reference_runs_once_and_has_frames(tmp_path):
     results = run(create_study([bd.Case(swing, {}, COARSE[0])]), tmp_path)
     assert len(results.outcomes) == 3

@@ -98,6 +98,7 @@ REASONS = {
 }
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_exceptions_of_models_are_rows_of_the_table(tmp_path):
     """sys.exit() in a model used to end the study with exit code 0 and without tables."""
     study = create_study(*create_faulty_cases("none", *REASONS, "long"))
@@ -154,6 +155,7 @@ def test_regression_study_without_a_successful_case_has_all_tables(tmp_path):
     assert list(again.table["reason"]) == list(results.table["reason"])
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_group_without_a_successful_case_fails_the_study(tmp_path):
     study = create_study(*create_faulty_cases("base"), bd.Case(swing, {}, ALPHA))
     results = check_complete(study_run.run_study(study, tmp_path, SerialPool()))

@@ -241,6 +241,7 @@ def test_decorated_function_is_a_sweep_that_runs_when_called():
     assert list(speeds().table["rows"]) == [401.0] * 3
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_interrupted_sweep_resumes(tmp_path):
     done = []
 

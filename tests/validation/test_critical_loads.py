@@ -254,6 +254,7 @@ def test_shear_column_follows_haringx_and_engesser():
     assert case.reference(10.0, "green")[0].load == pytest.approx(engesser, rel=1e-10)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_tapered_column_matches_bessel_functions():
     # EI = EI_0 (1 - c s): M = -P w leads to Bessel functions of order 1 of 2 k sqrt(1 - c s) / c.
     c = 0.8

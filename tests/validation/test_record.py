@@ -115,6 +115,7 @@ def test_static_paths_pass_published_critical_loads():
     assert 8.8 < arch[-1] / bending_stiffness < 8.97
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_parallelogram_agrees_with_published_elastic_lines():
     # Row Ax = -5, Ay = 7, B = 0 of the boundary-value problems of Su and Servey (2026), which
     # neglect extension and shear: ux/L, uy/L, rotation.
@@ -254,6 +255,7 @@ def test_regression_scores_without_runs_are_kept(clone):
     assert file.read_bytes() == content
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("name", ["double_four_bar", "rod_pendulum"])
 def test_regression_rebuild_without_exudyn_keeps_its_entries(clone, name):
     file = clone / "mechanisms" / name / "confirmation.json"
@@ -274,6 +276,7 @@ def test_regression_rebuild_without_exudyn_keeps_its_entries(clone, name):
     assert rebuilt.loc[("plain_coarse", name), "reason"] == "stub"
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_entries_of_another_problem_are_not_kept(clone):
     file = clone / "mechanisms" / "rod_pendulum" / "problem.json"
     file.write_text(file.read_text() + "\n")
@@ -309,6 +312,7 @@ def test_table_of_results_shows_the_stored_scores(tmp_path):
     assert table == (FOLDER / "results" / "scores.md").read_text()
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_plain_code_reproduces_its_reference():
     import plain_beams
 

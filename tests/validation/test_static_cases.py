@@ -45,6 +45,7 @@ def case_parameter(case, label):
     return pytest.param(case, label, id=f"{case.name}, {label}", marks=marks)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     ("case", "label"), [case_parameter(*pair) for pair in product(STATIC_CASES, FORMULATIONS)]
 )

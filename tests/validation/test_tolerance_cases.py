@@ -17,6 +17,7 @@ import beamdae as bd
 BY_NAME = {case.name: case for case in ALL}
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_references_have_all_rows_and_columns():
     assert WIDE[: len(CASES)] == CASES
     assert len({case.name for case in ALL}) == len(ALL)
@@ -28,6 +29,7 @@ def test_references_have_all_rows_and_columns():
         assert np.all(np.ptp(reference, axis=0) > 0.0)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_two_methods_agree_on_every_reference():
     uncertainties = error_tables.reference_uncertainties(SUMMARY)
     assert set(uncertainties.index.get_level_values("case")) == set(BY_NAME)
@@ -90,6 +92,7 @@ def test_random_mechanisms_are_reproducible():
     assert len(starts[2]) != len(starts[0]) or np.any(starts[2] != starts[0])
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_random_cases_cover_both_bounds():
     cases = list(random_cases())
     assert len(cases) >= 60
@@ -99,6 +102,7 @@ def test_random_cases_cover_both_bounds():
         assert np.all(np.isfinite(case.reference))
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_error_rows_contain_error_over_rtol_and_status():
     case = BY_NAME["arevalo"]
     (row,) = error_tables.error_rows([case], ["Radau"], [1e-4])
