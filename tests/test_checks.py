@@ -384,6 +384,7 @@ def test_contradicting_drivers_are_rejected_with_minimum_norm():
         bd.simulate(mech, t_end=0.1)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_start_by_name_satisfies_removed_constraints():
     mech = linkage(3, redundant="minimum norm")
     solution = bd.simulate(mech, bd.Radau(), 0.01, start={"bar 0.angle": 0.2})

@@ -67,6 +67,7 @@ def test_columns_at_rest_have_no_error(reference):
     assert errors.loc["tip.x [m]", RELATIVE_ERROR] > 0.0
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_another_method_agrees_and_another_model_differs(reference):
     right = bd.verify(replace(reference, made_by=bd.Ida(1e-4)))
     assert right.loc["tip.y [m]", "verdict"] == "agrees"

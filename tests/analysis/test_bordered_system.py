@@ -353,6 +353,7 @@ def test_regression_pivots_of_thin_beams_with_fine_meshes_are_not_renewed(monkey
     assert path.stable
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_load_steps_in_one_call_find_the_same_critical_points(monkeypatch):
     compile_now(monkeypatch)
     mech = bd.Mechanism()

@@ -111,6 +111,7 @@ def mass_on_bushing():
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_loads_scale_by_name_and_in_stages():
     x, y, angle = 0.2, -0.6, 0.2
     all_loads = bd.equilibrium(mass_on_bushing(), to=0.5)
@@ -277,6 +278,7 @@ def test_nonholonomic_constraints_are_rejected():
         bd.equilibrium(mech)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_modes_about_the_end_of_a_path():
     def pulled_mass(load):
         mech = mass_on_bushing()

@@ -87,6 +87,7 @@ def post(stiffness=5.0, length=0.4, tilt=0.0):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_branch_point_of_a_post_has_a_closed_form():
     with pytest.warns(bd.BeamdaeWarning, match="tilt does not preserve the branch point"):
         result = bd.equilibrium_sensitivities(post, ["stiffness", "length", "tilt"], to=15.0)

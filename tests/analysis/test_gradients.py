@@ -236,6 +236,7 @@ def test_start_in_equilibrium_that_is_not_unique():
     assert_agrees_with_forward(arm, ["torque"], 0.01, start="equilibrium")
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_end_value_converges_to_the_closed_form_with_order_two():
     def exact(k):
         rate = 0.5 * 0.8 / MASS
@@ -451,6 +452,7 @@ def test_lists_of_floats_and_floats():
     assert result.derivatives["thickness"].sum() == pytest.approx(together, rel=1e-5)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("stabilized", [False])
 def test_transposed_sum_is_the_transpose_of_the_directional_sum(stabilized):
     e = bd.equations_of_motion(arm())
@@ -469,6 +471,7 @@ def test_transposed_sum_is_the_transpose_of_the_directional_sum(stabilized):
     assert abs(y @ change - terms.sum()) <= 1e-13 * np.abs(terms).sum()
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_interpreted_sweep_agrees_with_machine_code(monkeypatch):
     if not is_native_enabled():
         pytest.skip("machine code is switched off")

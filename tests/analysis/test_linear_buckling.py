@@ -209,6 +209,7 @@ def test_a_mechanism_has_no_buckling_load():
         bd.buckling(mech)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_result_is_a_table_and_a_picture(tmp_path):
     result = bd.buckling(column(), n=2)
     table = result.table()

@@ -75,6 +75,7 @@ def test_shaken_mass_has_the_transfer_function_of_its_equation():
     assert_allclose(model.output_values[force], 2.5 * 9.81, rtol=1e-9)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_eigenvalues_of_the_state_matrix_are_the_modes():
     model, modes = bd.linearize(strip()), bd.modes(strip(), n=3)
     values = np.linalg.eigvals(model.A)
@@ -247,6 +248,7 @@ def test_discrete_model_rejects_invalid_intervals():
         unstable.state_space(10.0)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("about", ["reference", bd.rotation(10.0)], ids=["rest", "rotation"])
 def test_regression_largest_magnitudes_are_no_outputs(about):
     """The transfer function of the largest stress was zero."""
@@ -313,6 +315,7 @@ def clamped_strip(elements):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("share", [0.1, 0.75, 0.9, 1.1, 2.5])
 @pytest.mark.parametrize("elements", [1, 2, 4])
 def test_regression_responses_of_long_elements_are_reported(elements, share):
@@ -419,6 +422,7 @@ def responses_and_warnings(elements, frequencies):
     return bd.linearize(shaken_blade(elements), inputs=["shaker"]).respond(frequencies)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("elements", [1, 2])
 def test_regression_responses_of_few_elements_are_compared_with_halved_ones(elements):
     """At 2.5 times the first frequency, stresses were 85 % and 4.8 % off, without a word."""

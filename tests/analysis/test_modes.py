@@ -433,6 +433,7 @@ def test_dense_and_sparse_solvers_agree(damping, monkeypatch):
     assert_allclose(np.diag(sparse.mac(dense)), 1.0, rtol=1e-9)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_slow_decays_of_material_damping_are_not_searched_for(monkeypatch):
     """12 modes of 64 elements took 2.4 s, more than 40 modes, because a search in vain came first.
 

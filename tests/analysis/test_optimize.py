@@ -380,6 +380,7 @@ def test_regression_violations_of_infeasible_designs_are_those_of_the_maxima():
     assert design.warnings == ()
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(("bound", "hint"), [(2e-3, False), (1e-6, True)])
 def test_limits_that_are_far_from_all_designs_may_have_another_unit(bound, hint):
     size = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")
@@ -989,6 +990,7 @@ def test_regression_only_values_of_runs_with_adaptive_steps_are_noisy():
     assert noises == [[0.01, 0.0, 0.01], [0.0, 0.0, 0.0]]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_steps_are_accurate_enough_for_active_limits_of_zero():
     """Changes were relative to a value near zero: use GeneralizedAlpha(step=3e-09)."""
     size = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")

@@ -192,6 +192,7 @@ def test_straight_path_is_unstable_beyond_the_branch_point():
     assert path.stable
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_unstable_ends_of_load_control_warn():
     with pytest.warns(bd.BeamdaeWarning, match="since the branch point at load factor 1, where"):
         path = bd.equilibrium(rigid_column(), to=1.3)
@@ -409,6 +410,7 @@ def test_path_has_a_repr_and_columns():
         path.plot(3)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_plot_is_dashed_where_the_path_is_unstable(tmp_path):
     path = bd.equilibrium(truss(), to={"crown.y": -0.25})
     plot = path.plot()

@@ -92,6 +92,7 @@ def test_all_integrators_agree(name):
     assert motion.multipliers[0].real == pytest.approx(-0.7095668, abs=1e-5)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_invalid_arguments_are_rejected():
     oscillation = oscillator(bd.sine(1.0, 0.5))
     with pytest.raises(
@@ -148,6 +149,7 @@ def test_regression_small_loads_are_periodic():
     assert bd.periodic(mech, 1.0 / 3.3454, bd.Radau(1e-6)).status.success
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_columns_of_a_periodic_motion_are_selected_as_those_of_a_run():
     motion = bd.periodic(oscillator(bd.sine(1.0, 0.2)), 5.0, bd.Radau(1e-4))
     assert motion["mass.x"].equals(motion.solution["mass.x"])

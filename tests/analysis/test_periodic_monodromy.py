@@ -90,6 +90,7 @@ def test_interpreted_loop_agrees(monkeypatch):
     np.testing.assert_allclose(run.projection @ interpreted, compiled, atol=1e-9)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("count", [1, LANES, LANES + 1])
 def test_disturbances_do_not_depend_on_those_in_other_lanes(count):
     # Steps are so short that none is halved.

@@ -245,6 +245,7 @@ def test_parts_added_after_the_first_assembly_keep_the_mesh():
     assert np.isfinite(first.observe("late", beam.strain(0.6, "top")).columns["late [-]"]).all()
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("nodes", [4, 3, 2])
 @pytest.mark.parametrize(
     ("kind", "elements"), [("force", 4), ("force", 8), ("clamp", 4), ("clamp", 16)]

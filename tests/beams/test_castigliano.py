@@ -220,6 +220,7 @@ def test_quadratic_elements_converge_with_fourth_order():
     assert_allclose(np.log2(error[:-1] / error[1:]), 4.0, atol=0.15)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("slenderness", [20, 500])
 def test_local_continuity_converges_with_second_order(slenderness):
     # Measured with 1, 2, 4, 8, 16 elements: radial 2.2e-3, 5.2e-3, 2.1e-3, 6.2e-4, 1.7e-4;

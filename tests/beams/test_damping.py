@@ -80,6 +80,7 @@ def rotate(angle, x, y):
     return np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @every_variant
 def test_rayleigh_forces_are_mass_times_velocities_and_kelvin_voigt_forces(variant):
     damped, viscous, bare = (free(variant, law) for law in ("Rayleigh", "Kelvin-Voigt", None))

@@ -60,6 +60,7 @@ def reference_errors(solution, mechanism, rtol=1e-8):
     return error / (0.5 * (rows.max() - rows.min()))
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_the_budget_covers_the_error_of_every_required_column(certificate):
     assert certificate.status.success
     assert certificate.good_until == 0.3

@@ -102,6 +102,7 @@ def test_bode_writes_a_picture_and_a_page(bode, tmp_path):
     assert_allclose(table["frequency [Hz]"].iloc[[0, -1]], [1.0, 10.0], rtol=1e-9)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_spaced_frequencies_are_used_as_given(bode, tmp_path):
     result = bode("--frequencies", "1:10:4", "--no-page", "--no-picture")
     assert result.exit_code == 0, result.output

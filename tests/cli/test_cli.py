@@ -402,6 +402,7 @@ def test_regression_runs_with_data_print_their_differences(command):
     assert (x["largest"], x["t"], x["count"]) == (pytest.approx(0.004, rel=1e-3), 0.5, 2)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     ("rows", "options", "message"),
     [

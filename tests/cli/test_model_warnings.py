@@ -112,6 +112,7 @@ def train():
 """
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     ("t_end", "options", "is_kept"),
     [("0.6", (), False), ("2", (), True), ("0.6", ("--no-estimate",), True)],

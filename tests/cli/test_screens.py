@@ -312,6 +312,7 @@ def test_regression_help_texts_keep_brackets(monkeypatch, columns):
     assert "[mm]" in found
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_help_of_flags_does_not_mention_booleans():
     for command in ([], ["run"], ["compare"]):
         result = CliRunner().invoke(app, [*command, "--help"])

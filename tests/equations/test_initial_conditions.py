@@ -204,6 +204,7 @@ def test_regression_gaps_of_drawings_are_reported_with_all_starts(start, law):
     assert run.start.changes[0].displacement == findings.start.changes[0].displacement
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_bodies_that_fall_to_the_equilibrium_are_named(tmp_path):
     """A body without its second joint hung down from its hinge without a word."""
     mech = arm(np.pi / 2)

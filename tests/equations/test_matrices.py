@@ -76,6 +76,7 @@ def test_jacobian_of_first_order_forms(equations, form):
     assert_allclose(parts[0] + c * parts[1], whole, rtol=1e-12, atol=1e-12)  # rounding
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("stabilized", [False, True], ids=["index3", "stabilized-index2"])
 def test_jacobian_of_step_equations(equations, stabilized):
     step = formulate_step(equations, stabilized)

@@ -125,6 +125,7 @@ def test_fall_stops_at_the_impact_with_the_fallback_solver(monkeypatch):
     assert_allclose(solution.t[-1], FALL, atol=1e-6)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @RUNS
 def test_a_pendulum_passes_its_bottom_at_times_of_the_elliptic_integral(integrator):
     every = QUARTER * np.array([1.0, 3.0, 5.0])

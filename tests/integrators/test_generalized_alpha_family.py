@@ -713,6 +713,7 @@ def test_dependent_joints_fail_the_run(monkeypatch):
     assert "rail: this coordinate has no inertia" in solution.status.sentence
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_max_steps_limits_the_run():
     law = bd.piecewise(*((0.1 * k, float(k)) for k in range(1, 10)), 0.0)
     whole = bd.simulate(pushed_particle(law), ADAPTIVE, 1.0)

@@ -190,6 +190,7 @@ def test_newton_failures_halve_the_step_and_are_counted(interpreted, monkeypatch
     assert_allclose(impatient.q, usual.q, rtol=0.0, atol=1e-4)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_permanent_newton_failure_fails_the_run(interpreted, monkeypatch):
     monkeypatch.setattr(stages, "MAX_ITERATIONS", 1)
     monkeypatch.setattr(stages, "FIRST_RATE", 1.0)
@@ -369,6 +370,7 @@ def test_regression_rounding_of_velocities_does_not_collapse_the_step(rtol):
     assert solution.statistics.newton_failures < 10
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_motion_near_rounding_does_not_reduce_the_step():
     """Velocities in the error test are rounding errors of positions divided by the step.
 

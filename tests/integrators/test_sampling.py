@@ -164,6 +164,7 @@ def test_long_runs_with_samples_are_thinned_and_saved(method, monkeypatch, tmp_p
     assert run.quality == whole.quality
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     "method", [bd.GeneralizedAlpha(0.1), bd.Radau(1e-6), bd.Ida(1e-6)], ids=type
 )
@@ -296,6 +297,7 @@ def test_frequent_samples_need_no_pilot_run(start, rtol):
     assert run.integrator["local_tolerance"] < rtol
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_samples_that_do_not_determine_the_steps_need_a_pilot_run(monkeypatch):
     """The pilot run takes all samples, too."""
     calls = []

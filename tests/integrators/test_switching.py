@@ -412,6 +412,7 @@ def test_checkpoint_stores_frozen_gaps(tmp_path):
         bd.simulate(mech, bd.Radau(), 3.0, start=path, accept_changes=True)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_failed_event_is_due_when_the_run_continues(tmp_path):
     """The lock is open in the first run; in the second one it keeps the gap."""
 

@@ -41,6 +41,7 @@ def test_error_keeps_falling_at_tight_tolerances(case, integrator):
     assert np.all(errors <= case.bound * np.array(rtols))
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     ("damping", "rtol", "order"),
     [

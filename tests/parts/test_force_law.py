@@ -37,6 +37,7 @@ def test_the_law_receives_the_observed_motion():
     assert_allclose(numeric.force(q, v), [-expected[0], -expected[1], -moment], rtol=1e-13)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_a_law_between_two_points_equals_a_spring():
     """Equal to the built-in spring up to rounding, with the same kernels."""
 

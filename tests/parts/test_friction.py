@@ -143,6 +143,7 @@ def test_a_bearing_dissipates_the_energy_the_pendulum_loses(integrator):
     assert_allclose(reference.columns["friction.M [N m]"], moment, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_results_do_not_depend_on_place_direction_and_order_of_points():
     integrator = bd.Radau(rtol=1e-10)
     plain = run(pendulum(), integrator, 2.0, 0.5)
@@ -283,6 +284,7 @@ def test_its_joint_must_be_part_of_the_mechanism():
         mech.add(bd.Friction("f", line, 0.1, 1e-3))
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_ida_converges_for_friction_in_guides_of_fully_driven_bodies():
     """Only Newton's iteration determines these reactions, and the friction depends on them.
 
@@ -309,6 +311,7 @@ def test_ida_converges_for_friction_in_guides_of_fully_driven_bodies():
     assert_allclose(ida.observed["guide.F [N]"], exact, rtol=0, atol=1e-2 * np.ptp(exact))
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(("frequency", "friction_speed"), [(1.0, 1e-3), (1.0, 1e-4), (4.0, 1e-3)])
 def test_regression_friction_does_not_overshoot_in_the_torque_of_a_driver(
     frequency, friction_speed

@@ -21,6 +21,7 @@ def mechanism(gravity):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     "law", [lambda t: -3.0 * np.cos(t), bd.piecewise((0.5, -3.0 * np.cos(0.3)), 7.0)]
 )

@@ -257,6 +257,7 @@ def test_regression_an_observed_force_law_is_called_once():
     assert len(calls) == 1
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_observed_loads_follow_variables_of_laws_in_a_second_run():
     """Observed columns were those of the laws at the call of `observe`, forces those of the run."""
     size = [1.0]

@@ -67,6 +67,7 @@ def hub_of_three_beams(variant):
     return NumericEquations(on_a_hub(variant, bodies=3))
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @given(
     turn=st.floats(-7.0, 7.0),
     shift=st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0)),
@@ -109,6 +110,7 @@ def test_relative_displacement_of_disks_by_hand():
     assert_allclose(numeric.observed("on ground", q=q), (0.0, 2.0, np.pi), atol=1e-14)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("bodies", [2, pytest.param(4, marks=pytest.mark.slow)])
 def test_a_beam_cut_into_bodies_converges_to_one_beam_at_small_deformation(bodies):
     """The strains hold for moderate displacements, so each choice of frames is another model.
@@ -209,6 +211,7 @@ def test_deflection_is_relative_to_the_section_at_the_reference(variant, referen
         assert (np.linalg.norm(deflection) > 0.05) == (s != reference)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_regression_the_tip_of_a_rotating_blade_deflects(formulation):
     """`deformation` at the tip of a chord frame read 1e-3 of the deflection, without a message.
@@ -360,6 +363,7 @@ def test_accelerations_satisfy_the_equations_of_motion(method):
     assert_allclose(later["again"], run["inertial"])
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     "method",
     [
@@ -392,6 +396,7 @@ def test_accelerations_are_outputs_of_linear_models():
         bd.linearize(swing(gravity=0.0), about=bd.rotation(4.0), outputs=["sensor"])
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.filterwarnings("ignore:.*not an equilibrium:beamdae.errors.BeamdaeWarning")
 def test_regression_accelerations_of_moving_states_are_refused():
     """The changes of constraints along the motion were missing: -3 instead of -6."""

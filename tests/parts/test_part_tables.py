@@ -31,6 +31,7 @@ def compile_formula(table, count=1):
     return ca.Function("table", [x], [table(*ca.vertsplit(x))])
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @every_kind
 @given(x=st.lists(st.floats(-2.0, 5.0), min_size=1, max_size=20))
 def test_numbers_symbols_and_scipy_agree(kind, x):
@@ -171,6 +172,7 @@ def test_fixed_steps_keep_their_order_across_kinks():
     assert_allclose(orders, 2.0, atol=0.15)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("method", [bd.Radau, bd.Ida])
 def test_adaptive_steps_keep_their_accuracy_across_kinks(method):
     errors = [bilinear_error(method(rtol)) for rtol in (1e-4, 1e-6, 1e-8)]
@@ -619,6 +621,7 @@ def test_regression_linear_models_continue_tables_that_end_in_zero_or_a_constant
     assert any("pad" in x for x in below) is (values[0] != 0.0)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("method", [bd.Radau(1e-6), bd.Ida(1e-6)], ids=lambda x: x.method)
 def test_regression_steps_do_not_pass_over_peaks_of_grids(method):
     """A ridge of 2 mm, whose height depends on the second argument, in the way of a free mass."""
@@ -737,6 +740,7 @@ def test_repeated_tables_are_those_with_the_rows_of_all_periods(kind):
         assert_allclose(*values, atol=1e-10)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @every_kind
 @pytest.mark.filterwarnings("ignore:.*the spline reaches")
 def test_repeated_tables_give_the_runs_of_long_tables(kind):
@@ -748,6 +752,7 @@ def test_repeated_tables_give_the_runs_of_long_tables(kind):
     assert_allclose(repeated.table(), long.table(), atol=1e-7)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("kind", ["pchip", "spline"])
 @pytest.mark.filterwarnings("ignore:.*the spline reaches")
 def test_repeated_tables_of_time_are_smooth_laws(kind):

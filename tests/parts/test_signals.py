@@ -195,6 +195,7 @@ def test_regression_tables_of_sensors_have_machine_code():
                 assert write_lane_module(batch.kernel.function)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_sensors_outside_a_table_are_reported():
     """Runs held the last value of the table without a warning."""
     message = r"motor: x = .* leaves the range -0.2 to 0.2 of table"

@@ -198,6 +198,7 @@ def test_loads_are_scaled_but_not_the_forces_of_controllers():
     np.testing.assert_allclose(values, -6.0 * path.factors.ravel() / KI, atol=1e-12)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_runs_are_saved_and_resumed(tmp_path):
     whole = bd.simulate(pid_stage, bd.Radau(1e-8))
     first = bd.simulate(pid_stage, bd.Radau(1e-8), t_end=1.0)

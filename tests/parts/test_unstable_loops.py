@@ -285,6 +285,7 @@ def test_regression_limit_cycles_whose_first_swings_are_the_largest_have_a_warni
     assert sentence.startswith("servo: the command does not settle, and a mode of the loop")
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("growth", [6.0, 25.0])
 def test_regression_loops_that_grow_slowly_have_a_warning(growth):
     """A loop that grew by less than a factor of 30 in the run was silent."""
@@ -294,6 +295,7 @@ def test_regression_loops_that_grow_slowly_have_a_warning(growth):
     assert sentence.startswith("servo: the command does not settle, and a mode of the loop")
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_resonances_that_grow_slowly_have_no_warning_of_unstable_loops():
     mech = build_stage(0.9, damping=0.02)
     poles = bd.linearize(mech).poles
@@ -392,6 +394,7 @@ def build_shaker(kd, frequency, limit=np.inf, by_index=False, noise=0.0):
     return mech
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(
     "settings",
     [
@@ -457,6 +460,7 @@ def test_regression_growth_beyond_the_largest_number_does_not_overflow():
     assert growth[0] > 1e300
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize(("steps", "is_named"), [(8, True), (1000, False)])
 def test_regression_limit_cycles_of_quantization_have_a_warning(steps, is_named):

@@ -203,6 +203,7 @@ def test_regression_a_plot_over_the_only_characteristic_column_is_not_empty():
         time_plots.select_plot(headers[:2], headers[:2], (), "gap.value")
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_observables_take_precedence_over_bodies_of_the_same_name():
     """The columns of the body were returned: its center of mass and all coordinates."""
     mech, beam = create_pendulum()

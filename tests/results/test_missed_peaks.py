@@ -267,6 +267,7 @@ def test_regression_stresses_under_constant_loads_between_rows_are_reported():
         bd.simulate(loaded_leaf, output_step=0.001)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_missed_extremes_come_before_notes_on_the_model():
     """The head of a page showed notes, and extremes that the rows miss were below them."""
     mech = loaded_leaf()
@@ -299,6 +300,7 @@ def test_regression_errors_of_constant_columns_are_no_peaks_and_no_vibrations():
         assert run.warnings == ()
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_sweeps_contain_contact_forces_between_rows(tmp_path):
     """The largest force of a sweep was that of the rows, 0 N."""
     stiffnesses = [1e9, 1e10]

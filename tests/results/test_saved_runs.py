@@ -57,6 +57,7 @@ def assert_same_solution(loaded, run):
     assert loaded.versions == run.versions
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_a_saved_run_has_the_tables_of_the_run(run, tmp_path):
     path = run.save(tmp_path / "new" / "ball.run")
     loaded = bd.load(path)

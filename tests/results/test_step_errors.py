@@ -234,6 +234,7 @@ def test_runs_that_belong_to_an_estimate_are_not_repeated(monkeypatch):
     assert steps == [1e-3, 2e-3, 2e-3]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_samples_of_controllers_are_repeated_from_the_start():
     taken = []
 

@@ -21,6 +21,7 @@ def oscillator(request):
     return request.param, run
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_characteristics_are_those_of_python_control(oscillator):
     damping, run = oscillator
     times = np.linspace(0.0, 40.0, ROWS)

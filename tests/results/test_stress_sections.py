@@ -199,6 +199,7 @@ def safety_of(result: bd.Equilibrium | bd.Solution) -> tuple[float, float]:
     return safety.factor, safety.lower_bound
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("at", [0.6, 0.4])
 @pytest.mark.parametrize("load", ["moment", "lever", "branches"])
 @pytest.mark.parametrize("options", KINEMATICS.values(), ids=KINEMATICS)
@@ -434,6 +435,7 @@ def test_regression_largest_stress_of_sections_that_vary_within_elements(
     assert path.section_forces("leaf").safety(500e6).stress == pytest.approx(exact, rel=0.01)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("place", [0.31, 0.3333, 0.42])
 def test_regression_largest_stress_includes_short_grooves(place: float) -> None:
     """A smooth groove of 1/300 of the length had 50 % more stress in silence."""

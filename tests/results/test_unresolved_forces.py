@@ -44,6 +44,7 @@ def test_regression_pulses_that_fixed_steps_miss_have_a_warning(shape, step):
     assert error <= 0.01 or warning.startswith(f"push: with steps of {step:.2g} s")
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_resolved_forces_have_no_warning():
     for shape, step in (("gauss", 0.0087), ("box", 1e-4), ("tent", 1e-3)):
         error, warning = simulate(build_ball(shape)[0], step)

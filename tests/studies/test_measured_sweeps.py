@@ -87,6 +87,7 @@ def test_warnings_of_analyses_are_in_the_table():
     assert "accelerates" in table["warnings"][0]
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_buckling_factors_are_those_of_buckling():
     arch = bd.load_model("example:shallow_arch")
     table = bd.sweep(arch, {"elements": [2]}, measure=buckling_factors(2)).table

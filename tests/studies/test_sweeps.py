@@ -262,6 +262,7 @@ def test_interrupted_sweep_resumes(tmp_path):
     assert all((tmp_path / name).is_file() for name in table["trajectory"])
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("stores", [False, True])
 def test_exceptions_of_progress_have_the_results_so_far(tmp_path, stores):
     """The table used to be neither returned nor written."""
@@ -333,6 +334,7 @@ def test_script_without_main_guard_runs_in_worker_processes(tmp_path):
     assert "Traceback" not in ran.stderr
 
 
+@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_parameters_without_effect_have_a_warning():
     """A sweep over a parameter that the model never read ended in silence."""
 
