@@ -476,7 +476,6 @@ def pull_bar(force, height=0.1, **settings):
     return mech
 
 
-@pytest.mark.slow(reason="a fifth of a second")
 def test_regression_modes_of_stretched_beams_warn_of_strains():
     # The axial frequency is 6.9 % above that of exact strains, whose axial stiffness is constant.
     with warnings.catch_warnings():
