@@ -424,7 +424,12 @@ class Beam(Part):
         return other
 
     def with_exact_strains(self) -> Beam:
-        """Return a copy with strain="exact" and the same coordinates; needs a floating frame."""
+        """Return a copy with strain="exact" and the same coordinates.
+
+        Beams without a floating frame, or with custom kinematics, are returned unchanged.
+        """
+        if self.formulation != _DEFAULT_FORMULATION:
+            return self
         other, kinematics = copy(self), self.kinematics
         assert isinstance(kinematics, FormulationKinematics)
         vars(other).pop("kinematics", None)

@@ -164,8 +164,13 @@ class _AccurateModel(FlatModel):
     def __call__(self, **values: float) -> Any:
         equations = assemble_design(super().__call__(**values))
         inexact = [x.statement.part for x in equations.ranges if x.statement.defect is not None]
+        assert equations.mechanism is not None
         refined = refine_beams(
-            equations, exact=inexact if self.exact else (), halved=None if self.halved else ()
+            equations,
+            exact=inexact if self.exact else (),
+            halved=None if self.halved else (),
+            # Beams whose coordinates the start names keep their elements.
+            start=equations.mechanism.start,
         )
         if refined is None:
             raise BeamdaeError(f"{_NAME}: no beam of {self.name} can be more accurate.")

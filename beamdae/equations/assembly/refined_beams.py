@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -27,7 +27,7 @@ class RefinedBeams(NamedTuple):
     mechanism, equations
         The mechanism and its equations of motion.
     exact, halved
-        Names of the beams with exact strains and with halved elements.
+        Names of the beams with exact strains instead of others, and with halved elements.
     prolongation, start
         Coordinates `start` + `prolongation` @ q of the positions q of the original mechanism,
         (n', n) and (n',).
@@ -46,33 +46,38 @@ def refine_beams(
     *,
     exact: Collection[str] = (),
     halved: Collection[str] | None = None,
-    start: str = AS_DRAWN,
+    start: Any = AS_DRAWN,
 ) -> RefinedBeams | None:
     """Return the mechanism with exact strains and halved elements of the named beams.
 
-    Beams keep their elements and strains if the start names their coordinates or their kinematics
-    are custom ones. Returns None if no beam differs, a part cannot be copied, or the start fails.
+    Beams keep their elements and strains if the start names their coordinates, an observable or
+    event refers to them, or their kinematics are custom ones. Geometrically exact beams keep their
+    strains. Returns None if no beam differs, a part cannot be copied, or the start fails.
 
     Parameters
     ----------
     equations
         Equations of motion of the mechanism.
-    exact, halved
+    exact
+        Names of beams.
+    halved
         Names of beams; None means all.
     start
-        Start of the equations, AS_DRAWN or EQUILIBRIUM.
+        Start of the equations, see `Mechanism`.
     """
     mechanism = equations.mechanism
     if mechanism is None:
         return None
-    beams, sections = {}, attached_sections(mechanism)
+    beams, sections, strained = {}, attached_sections(mechanism), []
     try:
-        for name, base in choose_base_meshes(mechanism, 1).items():
+        for name, base in choose_base_meshes(mechanism, 1, start).items():
             if base.fixed_by or base.has_custom_kinematics:
                 continue
             other = base.beam
             if name in exact:
                 other = other.with_exact_strains()
+                if other is not base.beam:
+                    strained.append(name)
             if halved is None or name in halved:
                 stress_mesh = base.beam.divide_mesh(sections[id(base.beam)])
                 other = other.with_mesh(halve_elements(other.mesh), None, stress_mesh)
@@ -91,7 +96,7 @@ def refine_beams(
     return RefinedBeams(
         refined,
         finer,
-        tuple(name for name in beams if name in exact),
+        tuple(strained),
         tuple(name for name in beams if halved is None or name in halved),
         *prolong_coordinates(equations.q_names, finer.q_names, pairs),
     )

@@ -294,7 +294,7 @@ def _refine(
     n = equations.n
     models = [(np.zeros(n), sp.csc_array(sp.eye_array(n)), equations)]
     try:
-        bases = choose_base_meshes(mechanism, 1)
+        bases = choose_base_meshes(mechanism, 1, AS_DRAWN)
         for _ in range(_HALVINGS):
             pairs = {}
             start, prolongation, coarse = models[-1]
