@@ -11,6 +11,7 @@ from scipy.signal import StateSpace, lsim
 from voice_coil_stage import voice_coil_stage
 
 import beamdae as bd
+from beamdae.symbolic.statements import Quantity, Variable
 
 ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
 STRIP = bd.Section.rectangle(ALLOY, width=0.03, height=0.0025, damping=1e-3)
@@ -443,3 +444,52 @@ def test_responses_of_few_elements_that_suffice_have_no_warning():
     _, warnings = responses_and_warnings(3, np.linspace(1.0, 100.0, 300).tolist())
     assert not [x for x in warnings if "too few" in x]
     assert not responses_and_warnings(2, [18.38, 18.3887, 18.4])[1]
+
+
+def ball_above_floor():
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 2.0), ball.point, 100.0))
+    mech.add(bd.Force("push", ball.point, (0.0, 0.0)))
+    floor = mech.add(bd.Contact("floor", ball.point, bd.LineSurface(mech.ground.at(0, 0)), 1e4))
+    mech.observe("floor", floor.force)
+    mech.observe("ball", ball.point)
+    return mech, ball
+
+
+def test_regression_forces_of_open_contacts_are_outputs():
+    """Their derivatives by the exponent of the stiffness, a constant, are not finite.
+
+    The response at the first frequency was said to be infinite because of an undamped mode.
+    """
+    linear = bd.linearize(ball_above_floor()[0])
+    rows = [k for k, x in enumerate(linear.outputs) if x.name.startswith("floor.")]
+    assert len(rows) == 2
+    assert_allclose(np.hstack([linear.C, linear.D])[rows], 0.0)
+    assert np.all(np.isfinite(linear.frequency_response([0.5, 3.0])))
+
+
+def test_regression_inputs_and_outputs_without_finite_derivatives_are_omitted():
+    mech, ball = ball_above_floor()
+    column = Variable("root", "-")
+    root = Quantity((column,), (ball.point.piece,), lambda local: local.q[0] ** 0.5)
+    mech.observe("path", root)
+    u = mech.input("u")
+    mech.add(bd.Force("jet", ball.point, (u**0.5, 0.0)))
+    with pytest.warns(bd.BeamdaeWarning) as caught:
+        linear = bd.linearize(mech)
+    assert [str(x.message).partition(",")[0] for x in caught] == [
+        "u: omitted from the inputs of the linear model",
+        "path.root [-]: omitted from the outputs of the linear model",
+    ]
+    assert linear.warnings == tuple(str(x.message) for x in caught)
+    assert "u" not in [x.name for x in linear.inputs]
+    names = [x.name for x in linear.outputs]
+    assert "path.root" not in names
+    assert "floor.N" in names
+    assert all(np.all(np.isfinite(x)) for x in linear)
+    assert bd.bode(linear).warnings == linear.warnings
+    with pytest.raises(bd.BeamdaeError, match=r"root \[-\] cannot be one of the outputs"):
+        bd.linearize(mech, inputs=["push"], outputs=["path", "ball"])
+    with pytest.raises(bd.BeamdaeError, match="u cannot be one of the inputs"):
+        bd.linearize(mech, inputs=["u"])

@@ -15,7 +15,6 @@ from beamdae.analysis.linear_dynamics.linearization import (
     Linearization,
     linearize_about,
     solve_for_accelerations,
-    warn_of_state,
 )
 from beamdae.analysis.linear_dynamics.mesh_errors import (
     find_resolved_frequency,
@@ -35,12 +34,14 @@ from beamdae.errors import (
     BeamdaeError,
     format_count,
     format_percent,
+    list_first,
     name_with_others,
     require_finite,
     require_positive,
     require_sequence,
     short_repr,
     suggest,
+    warn_of_result,
     warn_user,
 )
 from beamdae.interrupts import interruptible
@@ -85,6 +86,8 @@ _MIN_SHARE_OF_MEDIAN, _MIN_SHARE_OF_UNIT, _MIN_SHARE_OF_BOUND = 0.3, 1e-2, 1e-9
 # and numbers of frequencies that are compared; with fewer, the model is too large for it.
 _COMPARISON_WORK = 5e9
 _MIN_COMPARED_FREQUENCIES, _MAX_COMPARED_FREQUENCIES = 8, 100
+_MAX_NAMES = 4  # of inputs or outputs without a finite derivative
+_FINITE_REMEDY = "or add a small positive number under a square root of zero"
 # Distance from undamped resonances at which responses are compared, relative to the frequency.
 _UNDAMPED_DISTANCE = 1e-6
 
@@ -116,7 +119,8 @@ class LinearModel(HasPage):
         Description of the state.
     warnings
         Warnings if the state is at rest but not an equilibrium, if it is the end of an equilibrium
-        path or a run that ended early, or if the command of a controller has reached its limit.
+        path or a run that ended early, if the command of a controller has reached its limit, or if
+        inputs or outputs are omitted because their derivatives are not finite.
     """
 
     A: Array
@@ -288,7 +292,10 @@ class LinearModel(HasPage):
         if fine_lin is None:
             return None
         try:
-            finer = _build_linear_model(halved.mechanism, fine_lin, request)
+            columns = [x.header for x in self.outputs]
+            finer = _build_linear_model(
+                halved.mechanism, fine_lin, request._replace(outputs=columns)
+            )
         except BeamdaeError:
             return None
         counts = {x.name: x.mesh.elements for x in beams_of(halved.mechanism)}
@@ -506,7 +513,7 @@ def linearize(
     outputs
         Names of observables, which select all their columns, or of columns such as "tip.y", with
         or without the unit. Defaults to all of them except largest magnitudes, such as
-        `Beam.largest_stress`, whose derivatives jump.
+        `Beam.largest_stress`, whose derivatives jump, and those whose derivatives are not finite.
 
     Returns
     -------
@@ -517,7 +524,7 @@ def linearize(
     ------
     BeamdaeError
         If an argument is invalid, the state, an input or an output does not exist, an output is a
-        largest magnitude, a driver among the inputs is inactive or redundant, an output is a
+        largest magnitude, the derivative of a named input or output is not finite, a driver among the inputs is inactive or redundant, an output is a
         reaction while redundant constraints are removed, a coordinate has no inertia, or the model
         has more than 2000 coordinates.
     Interrupted
@@ -550,7 +557,7 @@ def linearize(
     linear = _build_linear_model(model, lin, request)
     if isinstance(model, Mechanism):
         linear = replace(linear, _request=request)
-    warn_of_state(lin)
+    warn_of_result(linear.warnings, lin.equations.build_warnings)
     return linear
 
 
@@ -565,13 +572,48 @@ class _Request(NamedTuple):
 
 def _build_linear_model(model: Any, lin: Linearization, request: _Request) -> LinearModel:
     model_inputs = _resolve_inputs(model, lin, request.inputs)
+    undefined = [x.quantity.name for x in model_inputs if not np.all(np.isfinite(x.force))]
+    warnings = _report_undefined(undefined, "inputs", request.inputs)
+    model_inputs = [x for x in model_inputs if x.quantity.name not in undefined]
     observables, columns = _resolve_outputs(lin, request.outputs)
     if lin.equations.n > _MAX_COORDINATES:
         raise BeamdaeError(
             f"linearize: the model has {lin.equations.n} coordinates, more than the "
             f"maximum of {_MAX_COORDINATES}; use fewer elements."
         )
-    return _select_outputs(StateReduction(lin, model_inputs).linear_model(observables), columns)
+    linear = StateReduction(lin, model_inputs).linear_model(observables)
+    is_finite = np.isfinite(np.hstack([linear.C, linear.D])).all(axis=1)
+    undefined = [
+        x.header for x, finite in zip(linear.outputs, is_finite, strict=True) if not finite
+    ]
+    undefined = [x for x in columns if x in undefined]
+    warnings += _report_undefined(undefined, "outputs", request.outputs)
+    linear = replace(linear, warnings=(*linear.warnings, *warnings))
+    return _select_outputs(linear, [x for x in columns if x not in undefined])
+
+
+def _report_undefined(
+    names: Sequence[str], kind: str, requested: Sequence[str] | None
+) -> list[str]:
+    """Return a warning that inputs or outputs without a finite derivative are omitted, or none.
+
+    Raises
+    ------
+    BeamdaeError
+        If the user requested them.
+    """
+    if not names:
+        return []
+    which, reason = list_first(names, _MAX_NAMES), "the derivative is not finite at this state"
+    if requested is not None:
+        raise BeamdaeError(
+            f"linearize: {which} cannot be one of the {kind}, because {reason}; choose others, "
+            f"{_FINITE_REMEDY}."
+        )
+    return [
+        f"{which}: omitted from the {kind} of the linear model, because {reason}; linearize about "
+        f"another state, {_FINITE_REMEDY}."
+    ]
 
 
 class ModelInput(NamedTuple):
@@ -876,18 +918,24 @@ class StateReduction:
             arguments = [lin.time, q, v, data, lam[o.rows]]
             arguments += [o.operator @ lin.state.a] * o.has_accelerations
             _, by_q, by_v, by_data, by_lam, *by_a = o.function.jacobians(*arguments)
-            derivatives.append(
-                by_q @ (o.operator @ dq)
-                + by_v @ (o.operator @ dv)
-                + by_data @ dp[o.data]
-                + by_lam @ full_dlam[o.rows]
-                + sum(by @ (o.operator @ da) for by in by_a)
-            )
+            parts = [(by_q, o.operator @ dq), (by_v, o.operator @ dv), (by_data, dp[o.data])]
+            parts += [(by_lam, full_dlam[o.rows])] + [(by, o.operator @ da) for by in by_a]
+            derivatives.append(sum(_apply_derivative(*part) for part in parts))
             values.append(o.function(*(x[None] for x in arguments))[0])
             for column in o.columns:
                 name = ".".join(filter(None, (o.name, column.name)))
                 names.append(Variable(name, column.unit))
         return np.vstack(derivatives), np.concatenate(values), tuple(names)
+
+
+def _apply_derivative(derivative: Array, changes: Array) -> Array:
+    """Return the product, in which derivatives with respect to constants may be infinite.
+
+    An example is the force of an open contact as a function of its exponent.
+    """
+    is_variable = np.any(changes, axis=1)
+    with np.errstate(invalid="ignore"):  # Outputs that are not finite are omitted later.
+        return np.asarray(derivative[:, is_variable] @ changes[is_variable])
 
 
 def _independent_coordinates(rows: Array, scales: Array) -> tuple[Array, Array]:
