@@ -524,9 +524,9 @@ def linearize(
     ------
     BeamdaeError
         If an argument is invalid, the state, an input or an output does not exist, an output is a
-        largest magnitude, the derivative of a named input or output is not finite, a driver among the inputs is inactive or redundant, an output is a
-        reaction while redundant constraints are removed, a coordinate has no inertia, or the model
-        has more than 2000 coordinates.
+        largest magnitude, the derivative of a named input or output is not finite, a driver among
+        the inputs is inactive or redundant, an output is a reaction while redundant constraints are
+        removed, a coordinate has no inertia, or the model has more than 2000 coordinates.
     Interrupted
         If Ctrl-C ends the call.
 
