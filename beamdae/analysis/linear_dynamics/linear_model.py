@@ -920,7 +920,7 @@ class StateReduction:
             _, by_q, by_v, by_data, by_lam, *by_a = o.function.jacobians(*arguments)
             parts = [(by_q, o.operator @ dq), (by_v, o.operator @ dv), (by_data, dp[o.data])]
             parts += [(by_lam, full_dlam[o.rows])] + [(by, o.operator @ da) for by in by_a]
-            derivatives.append(sum(_apply_derivative(*part) for part in parts))
+            derivatives.append(np.sum([_apply_derivative(*part) for part in parts], axis=0))
             values.append(o.function(*(x[None] for x in arguments))[0])
             for column in o.columns:
                 name = ".".join(filter(None, (o.name, column.name)))
