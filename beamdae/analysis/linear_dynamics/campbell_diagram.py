@@ -19,6 +19,7 @@ from beamdae.errors import (
     require_count,
     require_finite,
     require_sequence,
+    stated_error,
     warn_of_result,
 )
 from beamdae.interrupts import interruptible
@@ -171,7 +172,8 @@ class Campbell(HasTable, HasPage):
     def _describe_states(self) -> list[tuple[str, str]]:
         """Return each warning of the modes, without and with the speeds at which it holds.
 
-        Of warnings that differ only in numbers, the one at the fastest rotation is returned.
+        Of warnings that differ only in numbers, the one with the largest percentages is returned,
+        or else the one at the fastest rotation.
         """
         # Warnings of the model do not depend on the speed.
         sets = [set(at_speed.warnings) for at_speed in self.modes]
@@ -184,11 +186,12 @@ class Campbell(HasTable, HasPage):
         described = [(sentence, sentence) for sentence in first]
         for sentences in kinds.values():
             speeds = sorted(sentences)
-            where = f"{speeds[0]:g}"
+            worst = max(speeds, key=lambda x: (stated_error(sentences[x]), abs(x)))
+            sentence, where = sentences[worst], f"{worst:g} rad/s"
             if len(speeds) > 1:
-                where = f"{len(speeds)} speeds from {speeds[0]:g} to {speeds[-1]:g}"
-            sentence = sentences[max(speeds, key=abs)]
-            described.append((sentence, f"at {where} rad/s, {sentence}"))
+                ends = f"{speeds[0]:g} to {speeds[-1]:g}"
+                where = f"{len(speeds)} speeds from {ends} rad/s (here {where})"
+            described.append((sentence, f"at {where}, {sentence}"))
         return described
 
     def _describe_lost_modes(self) -> tuple[str, ...]:
