@@ -9,6 +9,8 @@ from numpy.testing import assert_allclose
 import beamdae as bd
 from beamdae.analysis.eigenproblems import quadratic_eigenproblem, symmetric_eigenproblem
 from beamdae.analysis.eigenproblems.block_krylov import BlockKrylov, converge
+from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
+from beamdae.analysis.linear_dynamics.linearization import linearize_about
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.simulation import skip_result_checks
 
@@ -266,17 +268,18 @@ def test_regression_overdamped_modes_are_as_many_as_requested(formulation):
     assert_allclose(modes.eigenvalues, np.full(20, -1.0 / 0.03), rtol=1e-5)
 
 
-def spinning_blades(damping):
-    """Return two blades on a hub that a motor turns at 20 rad/s."""
+def spinning_blades(damping, elements=20, has_motor=True):
+    """Return two blades on a hub that turns freely, or that a motor turns at 20 rad/s."""
     mech = bd.Mechanism()
     section = bd.Section.rectangle(STEEL, width=0.03, height=0.01, damping=damping)
     hub = mech.add(bd.RigidBody("hub", 1.0, inertia=0.1, center=(0.0, 0.0)))
     center = mech.ground.at(0.0, 0.0)
     mech.add(bd.Revolute("axis", center, hub.at(0.0, 0.0)))
-    mech.add(bd.Driver("motor", center, hub.at(0.0, 0.0), lambda t: 20.0 * t))
+    if has_motor:
+        mech.add(bd.Driver("motor", center, hub.at(0.0, 0.0), lambda t: 20.0 * t))
     for k, tip in enumerate([(1.0, 0.0), (-0.8, 0.3)]):
         line = bd.Line((0.0, 0.0), tip)
-        blade = mech.add(bd.Beam(f"blade {k}", line, section, 20, formulation="exact"))
+        blade = mech.add(bd.Beam(f"blade {k}", line, section, elements, formulation="exact"))
         mech.add(bd.Weld(f"root {k}", hub.at(0.0, 0.0), blade.start))
     return mech
 
@@ -293,6 +296,23 @@ def test_regression_gyroscopic_modes_need_few_solutions(damping, monkeypatch):
     modes = bd.modes(spinning_blades(damping), about=bd.rotation(20.0), n=20)
     assert len(solutions) < 500
     assert_allclose(modes.eigenvalues, expected[:20], rtol=2e-9)
+
+
+@pytest.mark.slow(reason="half a second")
+@pytest.mark.parametrize("damping", [0.0, 1e-5])
+def test_regression_free_rotation_counts_as_one_mode(damping):
+    """Both eigenvalues of its double zero counted, so that one mode was missing.
+
+    The last mode is a conjugate pair, which counts as one.
+    """
+    mech = spinning_blades(damping, elements=15, has_motor=False)
+    lin = linearize_about("modes", mech, bd.rotation(20.0), 0.0).linearized_equations
+    more = solve_eigenproblem(lin, 20).values
+    for count in (2, 5, 10):
+        values = solve_eigenproblem(lin, count).values
+        assert values[0] == 0.0
+        assert np.all(values[1:].imag > 0.0)
+        assert_allclose(values, more[:count], rtol=2e-9)
 
 
 @pytest.mark.slow(reason="a fifth of a second")

@@ -201,20 +201,34 @@ class QuadraticProblem:
         # differs from ordering by l.
         number = available if count is None else min(available, 2 * count + 6)
         if count is not None and n > MAX_DENSE_COORDINATES and number < n:
-            number = count - self._free.shape[1]
-            solution = (
-                self._solve_sparse(number, max_damping_ratio)
-                if self._has_rates
-                else self._solve_sparse_squares(number)
-            )
+            # The two eigenvalues of a double zero are often one free motion.
+            doubled = self._undamped_free.shape[1] - self._free.shape[1]
+            number = count - self._free.shape[1] + doubled
+            solution = self._solve_few(number, max_damping_ratio)
+            if solution is not None and max_damping_ratio == 1.0:
+                missing = count - len(solution[0])
+                if missing > 0:  # Other eigenvalues are the same free motion, too.
+                    solution = self._solve_few(number + missing, max_damping_ratio)
             if solution is not None:
-                return self._select(*solution)
+                return solution
             if n > MAX_FALLBACK_COORDINATES:
                 raise convergence_error(count)
         has_nonholonomic = len(e.nonholonomic_rows) > 0
         return self._select(
             *(self._solve_linearized(number) if has_nonholonomic else self._solve_projected())
         )
+
+    def _solve_few(self, count: int, max_damping_ratio: float) -> tuple[Array, Array, Array] | None:
+        """Return the result of `solve` from sparse matrices, or None if it does not converge.
+
+        `count` includes eigenvalues that are lost in rounding.
+        """
+        solution = (
+            self._solve_sparse(count, max_damping_ratio)
+            if self._has_rates
+            else self._solve_sparse_squares(count)
+        )
+        return None if solution is None else self._select(*solution)
 
     def _solve_linearized(self, count: int) -> tuple[Array, Array]:
         """Return `count` eigenvalues and shapes from the dense inverse of the linearization."""
