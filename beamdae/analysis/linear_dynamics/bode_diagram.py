@@ -217,6 +217,7 @@ class Bode(HasTable, HasPage):
         return f"{self.model.outputs[x.output].name} / {self.model.inputs[x.input].name}"
 
 
+@single_threaded
 @interruptible
 def bode(
     model: LinearModel,

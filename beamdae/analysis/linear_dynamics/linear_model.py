@@ -416,11 +416,13 @@ class LinearModel(HasPage):
     def _evaluate_response(self, values: Sequence[float]) -> Array:
         """Return the transfer matrix at frequencies [Hz], (k, outputs, inputs)."""
         response = np.zeros((len(values), len(self.outputs), len(self.inputs)), complex)
+        right, diagonal = self.B.astype(complex), np.arange(len(self.A))
         for row, f in zip(response, values, strict=True):
             try:
                 with np.errstate(all="ignore"):
-                    shifted = 2j * np.pi * f * np.eye(len(self.A)) - self.A
-                    row[:] = self.C @ np.linalg.solve(shifted, self.B.astype(complex)) + self.D
+                    shifted = -self.A.astype(complex)
+                    shifted[diagonal, diagonal] += 2j * np.pi * f
+                    row[:] = self.C @ np.linalg.solve(shifted, right) + self.D
             except np.linalg.LinAlgError:
                 row[:] = np.nan
             if not np.all(np.isfinite(row)):
