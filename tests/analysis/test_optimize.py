@@ -17,7 +17,7 @@ from beamdae.analysis.optimization.analyses import DesignModel, RunSettings, cre
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.result import Constraint, list_warnings
 from beamdae.analysis.optimization.search import Search, Trial, count_idle_trials
-from beamdae.analysis.statics.mesh_dependence import compare_end
+from beamdae.analysis.statics.mesh_dependence import compare_path
 
 STEEL = bd.Material(E=210e9, nu=0.3, rho=7850.0)
 LENGTH, WIDTH, LOAD, SAG = 1.0, 0.02, 50.0, 0.01
@@ -1586,9 +1586,9 @@ def test_only_the_best_design_is_compared_with_more_accurate_beams(monkeypatch, 
 
     def compare(loading, *arguments):
         compared.append(loading)
-        return compare_end(loading, *arguments)
+        return compare_path(loading, *arguments)
 
-    monkeypatch.setattr("beamdae.analysis.statics.static_equilibrium.compare_end", compare)
+    monkeypatch.setattr("beamdae.analysis.statics.static_equilibrium.compare_path", compare)
     with pytest.warns(bd.BeamdaeWarning, match="with exact strains"):
         design = bd.optimize(bent_strip, bd.Mass(), "height", limit, {"height": (1e-3, 4e-3)})
     assert design.evaluations > 3

@@ -11,9 +11,10 @@ which beams are bent so far that the strains of their floating frame may be wron
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -28,9 +29,10 @@ from beamdae.analysis.statics.path_controls import (
     PathDirection,
     StepNorm,
 )
-from beamdae.analysis.statics.path_tracing import EquilibriumPath, PathSettings
+from beamdae.analysis.statics.path_tracing import EquilibriumPath, PathSettings, trace_path
 from beamdae.equations.assembly.refined_beams import RefinedBeams, refine_beams
 from beamdae.equations.measures import ObservedRows
+from beamdae.errors import BeamdaeError, hold_messages
 from beamdae.results.columns import Header
 from beamdae.results.diagnostics.meshes.beam_ranges import (
     BeamDoubt,
@@ -39,6 +41,7 @@ from beamdae.results.diagnostics.meshes.beam_ranges import (
     measure_beam_ranges,
 )
 from beamdae.results.diagnostics.meshes.coarse_elements import (
+    MIN_SHARE_AT_REST,
     UNITS_OF_POSITIONS,
     describe_changes,
     find_coarse_beam,
@@ -58,6 +61,8 @@ _MIN_STRAIN_ERROR = 5e-4
 # Rotation at the end of a path, relative to the largest one, at which the end is compared.
 _SAME_ROTATION = 0.99
 _LOAD_FACTOR = "load factor [-]"
+# Points times coordinates of paths that are traced again, which takes up to two seconds.
+_MAX_TRACED_WORK = 1e5
 
 
 class StabilityRecheck(NamedTuple):
@@ -159,9 +164,23 @@ class RefinedPath:
         except CorrectorError:
             return None
 
+    def trace(self, q: Array, settings: PathSettings) -> EquilibriumPath | None:
+        """Return the path that begins near the positions `q` (n,) of the coarse mechanism.
 
-class EndComparison(NamedTuple):
-    """Comparison of the end of a path with more accurate beams.
+        None if it does not reach its end.
+        """
+        with hold_messages():
+            try:
+                path = trace_path(
+                    self.fine, self.refined.start + self.refined.prolongation @ q, settings
+                )
+            except BeamdaeError:
+                return None
+        return path if path.status.success else None
+
+
+class PathComparison(NamedTuple):
+    """Comparison of a path with more accurate beams.
 
     Attributes
     ----------
@@ -169,19 +188,35 @@ class EndComparison(NamedTuple):
         Remarks on values that change by over 1 %.
     has_exact_strains
         True if the beams whose strains may be wrong were compared with exact strains.
+    has_critical_points
+        True if critical points were compared with those of halved elements.
     """
 
     notes: tuple[str, ...]
     has_exact_strains: bool
+    has_critical_points: bool
 
 
-def compare_end(
-    loading: Loading, path: EquilibriumPath, settings: PathSettings, ranges: Sequence[BeamRange]
-) -> EndComparison:
+class _Comparison(NamedTuple):
+    """Remarks on values that change with more accurate beams, and if a path was traced for them."""
+
+    notes: tuple[str, ...]
+    is_traced: bool
+
+
+def compare_path(
+    loading: Loading,
+    path: EquilibriumPath,
+    settings: PathSettings,
+    ranges: Sequence[BeamRange],
+    q: Array,
+) -> PathComparison:
     """Compare the end of a path with exact strains and with halved elements, if these are coarse.
 
     If the path ends at a given position, the load factor is compared, too. The end is compared with
-    exact strains if no beam is more deformed before it.
+    exact strains if no beam is more deformed before it. With halved elements, the whole path is
+    traced again if it has critical points, or if its end is not found near that of the path or has
+    another number of unstable directions; its critical points are compared.
 
     Parameters
     ----------
@@ -191,19 +226,22 @@ def compare_end(
         Settings of the path.
     ranges
         Largest deformations of beams along the path.
+    q
+        Positions (n,) near which the path begins.
     """
     e, last = loading.full_equations, path.points[-1].x[None, : loading.full_equations.n]
-    if path.status.kind == "interrupted" or not e.observed_headers:
-        return EndComparison((), False)
+    if path.status.kind == "interrupted" or not (e.observed_headers or path.critical):
+        return PathComparison((), False, False)
     coarse = find_coarse_beam(e, last)
-    by_mesh = None if coarse is None else _compare(loading, path, settings, coarse)
+    by_mesh = None if coarse is None else _compare(loading, path, settings, coarse, q)
     strained, by_strains = find_strain_doubt(ranges, _MIN_STRAIN_ERROR), None
     if strained is not None:
         doubt, names = strained
         at_end = {x.name: x.rotation for x in measure_beam_ranges(e, last)}
         if all(at_end[x.name] > _SAME_ROTATION * x.rotation for x in ranges if x.name in names):
-            by_strains = _compare(loading, path, settings, doubt, names)
-    return EndComparison((*(by_mesh or ()), *(by_strains or ())), by_strains is not None)
+            by_strains = _compare(loading, path, settings, doubt, q, names)
+    notes = tuple(x for one in (by_mesh, by_strains) if one is not None for x in one.notes)
+    return PathComparison(notes, by_strains is not None, by_mesh is not None and by_mesh.is_traced)
 
 
 def _compare(
@@ -211,32 +249,76 @@ def _compare(
     path: EquilibriumPath,
     settings: PathSettings,
     doubt: BeamDoubt,
+    q: Array,
     exact: Collection[str] | None = None,
-) -> tuple[str, ...] | None:
+) -> _Comparison | None:
     """Return remarks on values that change with more accurate beams, or None if unknown."""
     e, last = loading.full_equations, path.points[-1]
     refined = RefinedPath.of(loading, exact)
-    fine = None if refined is None else refined.correct(last, settings)
-    if refined is None or fine is None:
+    if refined is None:
         return None
+    fine, traced = refined.correct(last, settings), None
+    is_other = fine is None or fine.negative_count != last.negative_count
+    is_short = path.status.success and len(path.points) * e.n <= _MAX_TRACED_WORK
+    if exact is None and is_short and (path.critical or is_other):
+        traced = refined.trace(q, settings)
+    if fine is None and traced is not None:
+        fine = traced.points[-1]
+    if fine is None:
+        return None
+    values, scales = _compare_ends(loading, path, refined.fine, fine)
+    if settings.column:
+        values[_LOAD_FACTOR], scales[_LOAD_FACTOR] = (last.mu, fine.mu), abs(last.mu)
+    notes: list[str] = []
+    if traced is not None:
+        factors = _pair_critical_points(path.critical, traced.critical)
+        values |= factors
+        scales |= {name: abs(pair[0]) for name, pair in factors.items()}
+        further = traced.critical[len(path.critical) :]
+        if further and len(factors) == len(path.critical):
+            notes.append(
+                f"{doubt.cause}: {doubt.comparison}, the path has a {further[0].kind} at the load "
+                f"factor {further[0].factor:.6g}; {doubt.remedy(0.0)}."
+            )
+    notes += describe_changes(e, doubt, values, scales, min_share=MIN_SHARE_AT_REST)
+    return _Comparison(tuple(notes), traced is not None)
+
+
+def _compare_ends(
+    loading: Loading, path: EquilibriumPath, fine_loading: Loading, fine: EquilibriumPoint
+) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
+    """Return the observed columns at the ends of both paths, and their sizes, by header."""
+    e = loading.full_equations
     positions = np.array([point.x[: e.n] for point in path.points])
     multipliers = np.array([point.x[e.n :] for point in path.points])
     rows = _observe(
         loading, np.vstack([e.q0, positions]), np.vstack([multipliers[:1], multipliers])
     )
-    n = refined.fine.full_equations.n
-    (of_fine,) = _observe(refined.fine, fine.x[None, :n], fine.x[None, n:])
+    n = fine_loading.full_equations.n
+    (of_fine,) = _observe(fine_loading, fine.x[None, :n], fine.x[None, n:])
     headers = e.observed_headers
     sizes = np.where(
         [Header.of(header).unit in UNITS_OF_POSITIONS for header in headers],
         np.ptp(rows, axis=0),
         np.max(np.abs(rows[1:]), axis=0, initial=0.0),
     )
-    values = dict(zip(headers, zip(rows[-1].tolist(), of_fine.tolist(), strict=True), strict=True))
-    scales = dict(zip(headers, sizes.tolist(), strict=True))
-    if settings.column:
-        values[_LOAD_FACTOR], scales[_LOAD_FACTOR] = (last.mu, fine.mu), abs(last.mu)
-    return tuple(describe_changes(e, doubt, values, scales))
+    pairs = zip(rows[-1].tolist(), of_fine.tolist(), strict=True)
+    return dict(zip(headers, pairs, strict=True)), dict(zip(headers, sizes.tolist(), strict=True))
+
+
+def _pair_critical_points(
+    coarse: Sequence[CriticalPoint], fine: Sequence[CriticalPoint]
+) -> dict[str, tuple[float, float]]:
+    """Return the load factors of critical points on two paths, up to the first different kind."""
+    pairs = takewhile(lambda pair: pair[0].kind == pair[1].kind, zip(coarse, fine, strict=False))
+    values: dict[str, tuple[float, float]] = {}
+    counts = Counter[str]()
+    for one, other in pairs:
+        counts[one.kind] += 1
+        number = counts[one.kind]
+        name = f"the {one.kind}" if number == 1 else f"{one.kind} {number}"
+        values[f"load factor of {name} [-]"] = one.factor, other.factor
+    return values
 
 
 def _observe(loading: Loading, q: Array, lam: Array) -> Array:

@@ -210,6 +210,8 @@ class EquilibriumPath(NamedTuple):
         Number of Newton iterations, including those of failed steps but not of relaxation.
     notes
         Remarks on stages in which rounding errors of critical loads are not negligible.
+    mesh_notes
+        Remarks on critical points for which the elements of beams are too long, by estimates.
     """
 
     points: list[EquilibriumPoint]
@@ -218,6 +220,7 @@ class EquilibriumPath(NamedTuple):
     status: Status
     iterations: int
     notes: tuple[str, ...]
+    mesh_notes: tuple[str, ...]
 
 
 def trace_path(loading: Loading, q: Array, settings: PathSettings) -> EquilibriumPath:
@@ -242,6 +245,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
     factors: list[Array] = []
     critical: list[CriticalPoint] = []
     notes: list[str] = []
+    mesh_notes: list[str] = []
     last_control: Control = LoadControl()
     if settings.column:
         time = loading.systems[0].loaded.time
@@ -286,7 +290,8 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         if system.has_scaled_loads:
             notes += _zero_load_notes(path) + _unknown_notes(path) + _rounding_notes(path)
             notes += _damping_notes(path)
-            notes += _range_notes(path) + jump_notes + _mesh_notes(path)
+            notes += _range_notes(path) + jump_notes
+            mesh_notes += _mesh_notes(path)
         iterations += corrector.iterations
         status = _end_status(path, system, control)
         if not status.success and path.is_stuck and isinstance(last_control, DisplacementControl):
@@ -295,7 +300,8 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         if not status.success:
             break
     all_factors = np.array(factors).reshape(len(points), len(loading.stages))
-    return EquilibriumPath(points, all_factors, tuple(critical), status, iterations, tuple(notes))
+    remarks = tuple(notes), tuple(mesh_notes)
+    return EquilibriumPath(points, all_factors, tuple(critical), status, iterations, *remarks)
 
 
 def _list_drivers(equations: EquationsOfMotion) -> list[str]:

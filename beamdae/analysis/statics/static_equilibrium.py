@@ -10,7 +10,7 @@ import numpy as np
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
-from beamdae.analysis.statics.mesh_dependence import EndComparison, compare_end, recheck_stability
+from beamdae.analysis.statics.mesh_dependence import PathComparison, compare_path, recheck_stability
 from beamdae.analysis.statics.path_tracing import (
     EquilibriumPath,
     PathSettings,
@@ -176,9 +176,9 @@ def equilibrium(
             )
             start_warnings = drawing_warnings(first.equations, first.loaded.time, reached)
         ranges = measure_beam_ranges(equations, positions)
-        comparison = EndComparison((), False)
+        comparison = PathComparison((), False, False)
         if not skips_result_checks():
-            comparison = compare_end(loading, path, settings, ranges)
+            comparison = compare_path(loading, path, settings, ranges, q)
         has_friction = any(term.rows is not None for term in equations.forces)
         result = Equilibrium(
             equations,
@@ -201,6 +201,7 @@ def equilibrium(
                 *recheck.notes,
                 *comparison.notes,
                 *path.notes,
+                *(() if comparison.has_critical_points else path.mesh_notes),
             ),
             _free_coordinates(equations, path),
             comparison.has_exact_strains,

@@ -59,8 +59,9 @@ _FEW_ELEMENTS, _FEW_ELEMENTS_OF_RUN, _LARGE_TURN = 3, 2, 0.1
 # Recommended length of elements, relative to sqrt(EI / N).
 _SHORT_ELEMENT = 5.0
 _MAX_ERROR = 0.01
-# Columns that are smaller, relative to the largest one of their kind, are left out.
-_MIN_SHARE = 1e-2
+# Columns that are smaller, relative to the largest one of their kind, are left out: of runs, whose
+# state is compared approximately, and of equilibria, whose parasitic motions matter to flexures.
+_MIN_SHARE, MIN_SHARE_AT_REST = 1e-2, 1e-5
 # So are positions that change by less [length of the mechanism, rad].
 _ROUNDING = 1e-8
 _ROWS = 24  # states of a run that are examined
@@ -214,6 +215,7 @@ def describe_changes(
     values: Mapping[str, tuple[float, float]],
     scales: Mapping[str, float],
     when: str = "",
+    min_share: float = _MIN_SHARE,
 ) -> Iterator[str]:
     """Yield a warning if a value changes by more than 1 % of its scale with more accurate beams.
 
@@ -230,10 +232,12 @@ def describe_changes(
         Size of the values, by header. Other values are ignored.
     when
         Phrase that follows the first value.
+    min_share
+        Size relative to the largest value of its kind from which on a value is compared.
     """
     compared = headers_of_sections(equations)
     pairs = {header: pair for header, pair in values.items() if header not in compared}
-    errors = find_changes(equations, pairs, scales)
+    errors = find_changes(equations, pairs, scales, min_share)
     if not errors:
         return
     worst, *others = errors
@@ -265,6 +269,7 @@ def find_changes(
     equations: EquationsOfMotion,
     values: Mapping[str, tuple[float, float]],
     scales: Mapping[str, float],
+    min_share: float = _MIN_SHARE,
 ) -> dict[str, float]:
     """Return changes of over 1 % relative to the scale, by header, the largest one first.
 
@@ -279,6 +284,8 @@ def find_changes(
         Values of the model and with more accurate beams, by header.
     scales
         Size of the values, by header. Other values are ignored.
+    min_share
+        Size relative to the largest value of its kind from which on a value is compared.
     """
     of_deformations = _headers_of(equations, Beam.is_deformation)
     compared = [x for x in values if x in scales]
@@ -292,7 +299,7 @@ def find_changes(
         # Moments are not compared with forces: those at clamps are small, but bend the beam.
         is_angle = [Header.of(x).unit == "rad" for x in headers]
         largest = (largest_of_kind(headers, sizes, x) for x in (equations.length, 0.0))
-        is_noise |= (sizes <= _MIN_SHARE * np.where(is_angle, *largest)) | (sizes <= rounding)
+        is_noise |= (sizes <= min_share * np.where(is_angle, *largest)) | (sizes <= rounding)
         changes = (values[header][1] - values[header][0] for header in headers)
         errors |= {
             header: abs(change) / size
