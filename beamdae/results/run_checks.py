@@ -7,7 +7,7 @@ steps, and by a function of the run in this module if it reads more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import partial
@@ -49,7 +49,7 @@ from beamdae.results.diagnostics.meshes.impact_meshes import impact_mesh_warning
 from beamdae.results.diagnostics.meshes.long_elements import long_element_warnings
 from beamdae.results.diagnostics.meshes.mesh_errors import LoadedState, mesh_error_warnings
 from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
-from beamdae.results.diagnostics.meshes.refined_runs import RunAgain
+from beamdae.results.diagnostics.meshes.refined_runs import RunAgain, refine_run
 from beamdae.results.diagnostics.meshes.strain_errors import strain_error_warnings
 from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
 from beamdae.results.diagnostics.rare_samples import rare_sample_warnings
@@ -57,6 +57,7 @@ from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnin
 from beamdae.results.diagnostics.resolution.driven_reactions import driven_reaction_warnings
 from beamdae.results.diagnostics.resolution.missed_parts import missed_part_warnings
 from beamdae.results.diagnostics.resolution.missed_peaks import (
+    StepExtremes,
     damping_peak_warnings,
     missed_peak_warnings,
     remove_minor_peaks,
@@ -315,7 +316,14 @@ def _mesh_errors(run: RunData) -> Iterable[str]:
 def _coarse_elements(run: RunData) -> Iterable[str]:
     if run._is_at_rest:
         return ()
-    return coarse_element_warnings(run.equations, run.trajectory, run._extremes_above_rounding)
+    run_again = _repeat_with_beams(run)
+
+    def repeat(names: Collection[str]) -> Mapping[str, StepExtremes] | None:
+        finer = None if run_again is None else refine_run(run, run_again, halved=names)
+        return None if finer is None else finer.run._extremes_above_rounding
+
+    extremes = run._extremes_above_rounding
+    return coarse_element_warnings(run.equations, run.trajectory, extremes, repeat)
 
 
 def _long_elements(run: RunData) -> Iterator[str]:

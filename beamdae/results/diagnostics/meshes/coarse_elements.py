@@ -13,7 +13,7 @@ changes the motion by a multiple of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -160,12 +160,17 @@ def sample_instants(trajectory: Trajectory) -> list[Instant]:
 
 
 def coarse_element_warnings(
-    equations: EquationsOfMotion, trajectory: Trajectory, extremes: Mapping[str, StepExtremes]
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    extremes: Mapping[str, StepExtremes],
+    repeat: Callable[[Collection[str]], Mapping[str, StepExtremes] | None] = lambda _: None,
 ) -> Iterator[str]:
     """Yield a warning if columns of a run change by over 1 % with halved elements.
 
     The state with the elements that are longest for their tension is examined or, if a beam has
     few elements that are curved or contain observed motions, that with its largest bending moment.
+    If there is no such state with halved elements, as while a beam snaps, ranges and peaks of the
+    whole run are compared.
 
     Parameters
     ----------
@@ -175,6 +180,9 @@ def coarse_element_warnings(
         The steps of the run.
     extremes
         Extremes of the observed columns that are not rounding errors, by header.
+    repeat
+        Function that repeats the run with halved elements of the named beams and returns such
+        extremes, or None if the run cannot be repeated.
     """
     duration = trajectory.end - trajectory.start
     if not duration > 0.0:
@@ -196,9 +204,13 @@ def coarse_element_warnings(
         return
     coarse = instants[doubt.row]
     fine = find_refined_instant(equations, halved, coarse, duration)
-    if fine is None:
-        return
     scales = scales_of_columns(extremes)
+    if fine is None:
+        others = repeat([x.name for x in taut or few])
+        finer = {} if others is None else scales_of_columns(others)
+        ranges = {x: (scales[x], finer[x]) for x in scales if x in finer}
+        yield from describe_changes(equations, doubt, ranges, scales, " (range or peak)")
+        return
     pairs = (equations, coarse), (halved.equations, fine)
     values = _pair(equations.observed_headers, *(_observe(*pair) for pair in pairs))
     if taut or doubt.name in curved:
