@@ -158,6 +158,27 @@ def test_run_from_the_limit_point_snaps_through():
     assert truss_load(below.q[-1][1]) == pytest.approx(1.001 * LIMIT, rel=1e-9)
 
 
+@pytest.mark.slow(reason="a path of 360 points")
+@pytest.mark.parametrize("elements", [3, 6])
+def test_regression_rounding_after_a_branch_point_is_no_extremum_of_the_load(elements):
+    """The path ended with the status "failed": "an extremum without a critical mode"."""
+    length, height = 0.3, 1e-3
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material(E=200e9, nu=0.3, rho=7800.0), 0.02, height)
+    line = bd.Line((0.0, 0.0), (length, 0.0))
+    strip = mech.add(bd.Beam("strip", line, section, elements, formulation="exact"))
+    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), strip.start))
+    right = mech.ground.at(length, 0.0)
+    mech.add(bd.PointOnLine("right", right, strip.end, direction=(1.0, 0.0)))
+    mech.add(bd.Force("press", strip.end, (-(np.pi**2) * section.EI / length**2, 0.0)))
+    mech.observe("end", strip.end)
+    path = bd.equilibrium(mech, to={"end.x": 0.9995 * length}, control="arc length", switch=1)
+    assert path.status.success
+    # Euler's load, and its growth by half the shortening of an inextensible elastica.
+    shortening = 5e-4 - (np.pi * height / length) ** 2 / 12.0
+    assert_allclose(path.factor, 1.0 + 0.5 * shortening, atol=1e-4)
+
+
 def rigid_column(stiffness=10.0, length=2.0):
     """Return a rigid column on a torsion spring; it buckles at P = k / L."""
     mech = bd.Mechanism()

@@ -187,7 +187,8 @@ def follow_path(
             if len(path.points) >= settings.max_points:
                 path.status = Status(
                     "limited",
-                    f"stopped at the maximum of {len(path.points)} points; increase max_points",
+                    f"stopped at the maximum of {len(path.points)} points; increase max_points, or "
+                    f"step (now {settings.max_step:.2g})",
                 )
                 return
             before = len(path.branch_points)

@@ -41,6 +41,9 @@ _JUMP_RATIO = 10.0
 _RETRY_RATIO = 0.25
 # Eigenvalues of the points are at least about this multiple of those that are zero up to rounding.
 _UNDECIDED_MULTIPLE = 4.0
+# Up to this multiple, the rate of the load factor may have the wrong sign: 2 to 10 were measured
+# just after branch points of columns.
+_DECIDED_MULTIPLE = 30.0
 # The point is interpolated from points at this multiple of the distance at which rounding decides,
 # up to the second number: next to that distance, rounding moves points along the critical mode.
 _UNDECIDED_SPACING = 10.0
@@ -218,8 +221,9 @@ class PathSegment:
             return _cancel_opposite_changes(sorted(growth, key=lambda one: one.position))
         points = [self._locate_zero(k) for k in range(low, high)]
         # Rounding decides in which of two steps an eigenvalue changes sign if it is zero between
-        # them; the load factor may have its extremum in the other step.
-        is_decided = all(not point.free_count for point in (self.begin, self.end))
+        # them; the load factor may have its extremum in the other step. Beside a branch point, it
+        # decides the sign of the rate of the load.
+        is_decided = all(map(_is_decided, (self.begin, self.end)))
         if low == high and is_decided and self._load_turns():
             touch = self._locate_touch()
             if touch.kind == BRANCH:
@@ -607,6 +611,13 @@ def _growth_counts(stability: Stability) -> tuple[int, int]:
     """Return the numbers of growing modes without oscillation and of growing oscillations."""
     oscillations = stability.oscillation_count
     return stability.negative_count - 2 * oscillations, oscillations
+
+
+def _is_decided(point: EquilibriumPoint) -> bool:
+    """Return False if an eigenvalue is zero up to rounding errors."""
+    stability = point.stability
+    limit = _DECIDED_MULTIPLE * stability.zero_tolerance
+    return not point.free_count and bool(np.all(np.abs(stability.eigenvalues) > limit))
 
 
 def _find_sign_change(
