@@ -974,7 +974,8 @@ def _check_intervals(problem: FitProblem, information: Information) -> tuple[str
     return (
         f"The intervals of {', '.join(names)} may not hold: their linear approximation fails "
         "because the data hardly distinguish effects of estimates; use "
-        f"fit.profile({names[0]!r}), which does without it, or fix a parameter.",
+        f"fit.profile({names[0]!r}), which does without it, search for other minima (starts=5), or "
+        "fix a parameter.",
     )
 
 
