@@ -55,6 +55,7 @@ from beamdae.results.diagnostics.quality_warnings import balance_warnings, colum
 from beamdae.results.diagnostics.rare_samples import rare_sample_warnings
 from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.resolution.driven_reactions import driven_reaction_warnings
+from beamdae.results.diagnostics.resolution.forces_between_steps import between_step_warnings
 from beamdae.results.diagnostics.resolution.missed_parts import missed_part_warnings
 from beamdae.results.diagnostics.resolution.missed_peaks import (
     StepExtremes,
@@ -296,6 +297,10 @@ def _driven_reactions(run: RunData) -> Iterable[str]:
     )
 
 
+def _forces_between_steps(run: RunData) -> Iterable[str]:
+    return () if run._is_at_rest else between_step_warnings(run)
+
+
 def _untouched_contacts(run: RunData) -> Iterable[str]:
     if not _is_complete(run):
         return ()
@@ -432,6 +437,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _velocity_jumps,
     _unresolved_forces,
     _driven_reactions,
+    _forces_between_steps,
     _of_motion(slow_sliding_warnings),
     _of_motion(impact_speed_warnings),
     _of_motion(elastic_bounce_warnings),

@@ -1,0 +1,109 @@
+"""Warnings about stresses and section forces that are wrong between the steps of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import ceil, log10
+
+import numpy as np
+
+from beamdae.errors import format_percent, name_with_others
+from beamdae.results.columns import Header, remove_unit
+from beamdae.results.diagnostics.meshes.coarse_elements import headers_of_sections
+from beamdae.results.run_data import RunData
+
+Array = np.ndarray
+
+# Deviation between steps, relative to the range, from which on a column is reported, and which the
+# named tolerance leaves.
+_MAX_DEVIATION, _RECOMMENDED_DEVIATION = 0.02, 0.005
+# Ratio of the deviation and of the curve of the column over the steps next to it, from which on the
+# deviation is no vibration: those of 3 or more steps per period have at most 0.9.
+_MIN_RATIO = 3.0
+# Places in each step, near the extremes of the errors of collocation polynomials.
+_PLACES = (0.3, 0.85)
+_MIN_STEPS = 8
+_MIN_SHARE = 0.05  # of steps with such deviations; single ones belong to events and impacts
+_MAX_NAMES = 3
+
+
+def between_step_warnings(run: RunData) -> Iterator[str]:
+    """Yield a warning if stresses and section forces vary between steps, but not over the steps.
+
+    At the ends of steps, beams are in equilibrium with their loads. Between them, errors of the
+    interpolated shape, which are within the tolerance of positions, strain stiff beams along their
+    axis.
+    """
+    e, rtol = run.equations, run.integrator.get("rtol")
+    of_sections = headers_of_sections(e)
+    headers = [x for x in run.columns if x in of_sections]
+    if not headers or not rtol:
+        return
+    columns = [e.observed_headers.index(x) for x in headers]
+    deviations, curves, values = [], [], []
+    for interval in run.trajectory.intervals:
+        if interval.record is not None or len(interval.t) < _MIN_STEPS:
+            continue
+        t = interval.t
+        steps = np.diff(t)
+        times = np.stack([t[:-1], *(t[:-1] + x * steps for x in _PLACES)], axis=1).ravel()
+        observed = run._observe_at(np.append(times, t[-1]))[:, columns]
+        at_steps = observed[:: 1 + len(_PLACES)]
+        for k, place in enumerate(_PLACES, 1):
+            deviation, curve = _compare(t, at_steps, observed[k :: 1 + len(_PLACES)], place)
+            deviations.append(deviation)
+            curves.append(curve)
+        values.append(at_steps)
+    if not deviations:
+        return
+    deviation, curve, at_steps = map(np.concatenate, (deviations, curves, values))
+    size = np.max(np.abs(at_steps), axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = np.nan_to_num(deviation / size)
+    is_wrong = (ratios > _MAX_DEVIATION) & (deviation > _MIN_RATIO * curve)
+    # Forces that are small beside moments, such as those in pure bending, do not matter.
+    units = [Header.of(x).unit for x in headers]
+    moments = [x for x, unit in zip(size.tolist(), units, strict=True) if unit == "N m"]
+    smallest = {"N": max(moments, default=0.0) / e.length}
+    largest = {
+        header: float(np.max(ratios[is_wrong[:, k], k]))
+        for k, header in enumerate(headers)
+        if np.mean(is_wrong[:, k]) > _MIN_SHARE and size[k] > smallest.get(units[k], 0.0)
+    }
+    if not largest:
+        return
+    worst, *others = sorted(largest, key=lambda x: -largest[x])
+    also = [f"{remove_unit(x)} {format_percent(largest[x])}" for x in others]
+    power = ceil(log10(largest[worst] / _RECOMMENDED_DEVIATION))
+    yield (
+        f"{remove_unit(worst)}: between the steps, it is wrong by up to "
+        f"{name_with_others(format_percent(largest[worst]), also, _MAX_NAMES)} of its largest "
+        "value, because errors of positions within the tolerance strain a beam that is stiff "
+        "along its axis; use "
+        f"rtol={rtol * 10.0**-power:.0e}."
+    )
+
+
+def _compare(t: Array, at_steps: Array, between: Array, place: float) -> tuple[Array, Array]:
+    """Return deviations within steps from cubic polynomials, and of these from straight lines.
+
+    Parameters
+    ----------
+    t
+        Ends of the steps, (k,).
+    at_steps, between
+        Columns at the ends, (k, c), and within the steps, (k - 1, c).
+    place
+        Place within the steps, from 0 to 1.
+    """
+    nodes = np.stack([t[j : len(t) - 3 + j] for j in range(4)])
+    times = nodes[1] + place * (nodes[2] - nodes[1])
+    cubic = np.zeros((len(times), at_steps.shape[1]))
+    for j in range(4):
+        weight = np.ones(len(times))
+        for i in range(4):
+            if i != j:
+                weight *= (times - nodes[i]) / (nodes[j] - nodes[i])
+        cubic += weight[:, None] * at_steps[j : len(t) - 3 + j]
+    straight = (1.0 - place) * at_steps[1:-2] + place * at_steps[2:-1]
+    return np.abs(between[1:-1] - cubic), np.abs(cubic - straight)
