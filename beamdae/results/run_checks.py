@@ -55,7 +55,10 @@ from beamdae.results.diagnostics.quality_warnings import balance_warnings, colum
 from beamdae.results.diagnostics.rare_samples import rare_sample_warnings
 from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.resolution.driven_reactions import driven_reaction_warnings
-from beamdae.results.diagnostics.resolution.forces_between_steps import between_step_warnings
+from beamdae.results.diagnostics.resolution.forces_between_steps import (
+    between_step_warnings,
+    find_step_deviations,
+)
 from beamdae.results.diagnostics.resolution.missed_parts import missed_part_warnings
 from beamdae.results.diagnostics.resolution.missed_peaks import (
     StepExtremes,
@@ -315,7 +318,8 @@ def _mesh_errors(run: RunData) -> Iterable[str]:
         ((_, factors),) = group_rows(run.trajectory, times[:, 0])
         return LoadedState(times, state, factors)
 
-    return mesh_error_warnings(run.equations, run.columns.__getitem__, select_state, True)
+    excluded = find_step_deviations(run)
+    return mesh_error_warnings(run.equations, run.columns.__getitem__, select_state, True, excluded)
 
 
 def _coarse_elements(run: RunData) -> Iterable[str]:

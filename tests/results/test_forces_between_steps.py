@@ -9,7 +9,7 @@ import beamdae as bd
 pytestmark = pytest.mark.filterwarnings("always:(?!):beamdae.errors.BeamdaeWarning")
 
 
-def pressed_blade(elements):
+def pressed_blade(elements, duration=0.1):
     """A blade of steel that leans on a plate, while its holder is lowered slowly."""
     mech = bd.Mechanism()
     section = bd.Section.rectangle(bd.Material.of("steel"), 0.15, 4e-4, damping=1e-4)
@@ -19,10 +19,10 @@ def pressed_blade(elements):
     mech.add(bd.Prismatic("guide", *ends, direction=up))
 
     def travel(t):
-        x = 10.0 * t
+        x = t / duration
         return -8e-3 * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
 
-    law = bd.piecewise((0.1, travel), -8e-3)
+    law = bd.piecewise((duration, travel), -8e-3)
     mech.add(bd.TranslationalDriver("press", *ends, law, direction=up))
     line = bd.Line(top, (0.0, 0.0))
     blade = mech.add(bd.Beam("blade", line, section, elements, formulation="exact"))
@@ -63,6 +63,14 @@ def test_regression_axial_forces_between_steps_have_their_error():
     recommended = float(warning.split("use rtol=")[1].rstrip("."))
     assert not warnings_of(bd.simulate(pressed_blade(16), bd.Radau(recommended), 0.2))
     assert not warnings_of(fine)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_regression_errors_between_steps_are_no_mesh_errors():
+    """Shorter elements were recommended, which make them larger."""
+    run = bd.simulate(pressed_blade(16, duration=1.0), bd.Radau(1e-5), 2.0)
+    assert warnings_of(run)
+    assert not [x for x in run.warnings if "mesh error" in x]
 
 
 @pytest.mark.slow(reason="a fifth of a second")

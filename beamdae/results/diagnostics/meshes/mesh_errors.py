@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cache, partial
 from typing import Any, NamedTuple
 
@@ -100,6 +100,7 @@ def mesh_error_warnings(
     column_of: Callable[[str], Array],
     state_at: Callable[[int], LoadedState],
     has_vibrations: bool = False,
+    excluded: Collection[str] = (),
 ) -> Iterator[str]:
     """Yield a warning per beam whose stresses, strains or section forces are wrong by over 2 %.
 
@@ -122,6 +123,8 @@ def mesh_error_warnings(
         Function that returns the state of a row of the columns.
     has_vibrations
         True if rows are those of a run, in which ranges of vibrations are compared.
+    excluded
+        Headers of columns that are wrong for another reason.
     """
     mechanism = equations.mechanism
     errors: dict[Beam, list[_ColumnError]] = {}
@@ -134,6 +137,8 @@ def mesh_error_warnings(
             continue
         all_names = [x.name for x in quantity.columns]
         for header, column in zip(format_headers(name, observed.columns), names, strict=True):
+            if header in excluded:
+                continue
             index, values = all_names.index(column), column_of(header)
             error = evaluator.measure(header, values, quantity, index, *sections)
             limit = MAX_UNREPORTED_ERROR

@@ -24,24 +24,41 @@ _MIN_RATIO = 3.0
 _PLACES = (0.3, 0.85)
 _MIN_STEPS = 8
 _MIN_SHARE = 0.05  # of steps with such deviations; single ones belong to events and impacts
+_MIN_FORCE_RATIO = 0.05  # of forces and moments over the length of the mechanism
 _MAX_NAMES = 3
 
 
 def between_step_warnings(run: RunData) -> Iterator[str]:
-    """Yield a warning if stresses and section forces vary between steps, but not over the steps.
+    """Yield a warning if stresses and section forces vary between steps, but not over the steps."""
+    largest = find_step_deviations(run)
+    if not largest:
+        return
+    worst, *others = sorted(largest, key=lambda x: -largest[x])
+    also = [f"{remove_unit(x)} {format_percent(largest[x])}" for x in others]
+    power = ceil(log10(largest[worst] / _RECOMMENDED_DEVIATION))
+    yield (
+        f"{remove_unit(worst)}: between the steps, it is wrong by up to "
+        f"{name_with_others(format_percent(largest[worst]), also, _MAX_NAMES)} of its largest "
+        "value, because errors of positions within the tolerance strain a beam that is stiff "
+        f"along its axis; use rtol={run.integrator['rtol'] * 10.0**-power:.0e}."
+    )
+
+
+def find_step_deviations(run: RunData) -> dict[str, float]:
+    """Return errors of over 2 % of the largest value between steps, by header.
 
     At the ends of steps, beams are in equilibrium with their loads. Between them, errors of the
     interpolated shape, which are within the tolerance of positions, strain stiff beams along their
     axis.
     """
-    e, rtol = run.equations, run.integrator.get("rtol")
+    e = run.equations
     of_sections = headers_of_sections(e)
-    if not of_sections or not rtol:
-        return
+    if not of_sections or not run.integrator.get("rtol"):
+        return {}
     # Rounding errors vary between steps, too.
     headers = [x for x in run._extremes_above_rounding if x in of_sections]
     if not headers:
-        return
+        return {}
     columns = [e.observed_headers.index(x) for x in headers]
     deviations, curves, values = [], [], []
     for interval in run.trajectory.intervals:
@@ -58,7 +75,7 @@ def between_step_warnings(run: RunData) -> Iterator[str]:
             curves.append(curve)
         values.append(at_steps)
     if not deviations:
-        return
+        return {}
     deviation, curve, at_steps = map(np.concatenate, (deviations, curves, values))
     size = np.max(np.abs(at_steps), axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -67,24 +84,12 @@ def between_step_warnings(run: RunData) -> Iterator[str]:
     # Forces that are small beside moments, such as those in pure bending, do not matter.
     units = [Header.of(x).unit for x in headers]
     moments = [x for x, unit in zip(size.tolist(), units, strict=True) if unit == "N m"]
-    smallest = {"N": max(moments, default=0.0) / e.length}
-    largest = {
+    smallest = {"N": _MIN_FORCE_RATIO * max(moments, default=0.0) / e.length}
+    return {
         header: float(np.max(ratios[is_wrong[:, k], k]))
         for k, header in enumerate(headers)
         if np.mean(is_wrong[:, k]) > _MIN_SHARE and size[k] > smallest.get(units[k], 0.0)
     }
-    if not largest:
-        return
-    worst, *others = sorted(largest, key=lambda x: -largest[x])
-    also = [f"{remove_unit(x)} {format_percent(largest[x])}" for x in others]
-    power = ceil(log10(largest[worst] / _RECOMMENDED_DEVIATION))
-    yield (
-        f"{remove_unit(worst)}: between the steps, it is wrong by up to "
-        f"{name_with_others(format_percent(largest[worst]), also, _MAX_NAMES)} of its largest "
-        "value, because errors of positions within the tolerance strain a beam that is stiff "
-        "along its axis; use "
-        f"rtol={rtol * 10.0**-power:.0e}."
-    )
 
 
 def _compare(t: Array, at_steps: Array, between: Array, place: float) -> tuple[Array, Array]:
