@@ -7,9 +7,11 @@ from math import ceil, log10
 
 import numpy as np
 
+from beamdae.beams.beam import Beam
 from beamdae.errors import format_percent, name_with_others
 from beamdae.results.columns import Header, remove_unit
 from beamdae.results.diagnostics.meshes.coarse_elements import headers_of_sections
+from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
 from beamdae.results.run_data import RunData
 
 Array = np.ndarray
@@ -40,8 +42,19 @@ def between_step_warnings(run: RunData) -> Iterator[str]:
         f"{remove_unit(worst)}: between the steps, it is wrong by up to "
         f"{name_with_others(format_percent(largest[worst]), also, _MAX_NAMES)} of its largest "
         "value, because errors of positions within the tolerance strain a beam that is stiff "
-        f"along its axis; use rtol={run.integrator['rtol'] * 10.0**-power:.0e}."
+        f"along its axis; use rtol={run.integrator['rtol'] * 10.0**-power:.0e}, or "
+        f"solution.section_forces({_find_beam(run, worst)!r})."
     )
+
+
+def _find_beam(run: RunData, header: str) -> str:
+    """Return the name of the beam whose stresses or section forces are observed."""
+    e = run.equations
+    assert e.mechanism is not None
+    name = next(x.name for x in e.observables if header in x.headers)
+    sections = Beam.sections_of_strains(measured_quantity(e.mechanism.observables[name])[0])
+    assert sections is not None
+    return sections[0].name
 
 
 def find_step_deviations(run: RunData) -> dict[str, float]:
