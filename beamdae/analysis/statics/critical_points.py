@@ -223,8 +223,7 @@ class PathSegment:
         # Rounding decides in which of two steps an eigenvalue changes sign if it is zero between
         # them; the load factor may have its extremum in the other step. Beside a branch point, it
         # decides the sign of the rate of the load.
-        is_decided = all(map(_is_decided, (self.begin, self.end)))
-        if low == high and is_decided and self._load_turns():
+        if low == high and self._load_turns() and all(map(_is_decided, (self.begin, self.end))):
             touch = self._locate_touch()
             if touch.kind == BRANCH:
                 return [touch]
