@@ -70,7 +70,7 @@ def _whip(**settings):
 
 
 @pytest.mark.slow(reason="two runs of a whip")
-def test_a_whip_warns_of_a_theory_error_of_one_percent():
+def test_the_theory_error_of_a_whip_is_estimated():
     """The rotation in the frame predicted 0.2 %."""
     written, exact = _whip(swing=0.045)
     (lash,) = written.validity
@@ -81,7 +81,8 @@ def test_a_whip_warns_of_a_theory_error_of_one_percent():
     assert error == pytest.approx(1e-2, rel=0.3)
     # The smaller whip of the stored table is overestimated by the same factor.
     assert error < lash.error < 8.0 * error
-    assert lash.warning in written.warnings
+    # Runs compare columns with exact strains relative to the whole range, here 0.5 %.
+    assert not written.warnings
     assert exact.validity[0].error is None
 
 
