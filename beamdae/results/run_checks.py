@@ -55,10 +55,7 @@ from beamdae.results.diagnostics.quality_warnings import balance_warnings, colum
 from beamdae.results.diagnostics.rare_samples import rare_sample_warnings
 from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.resolution.driven_reactions import driven_reaction_warnings
-from beamdae.results.diagnostics.resolution.forces_between_steps import (
-    between_step_warnings,
-    find_step_deviations,
-)
+from beamdae.results.diagnostics.resolution.forces_between_steps import between_step_warnings
 from beamdae.results.diagnostics.resolution.missed_parts import missed_part_warnings
 from beamdae.results.diagnostics.resolution.missed_peaks import (
     StepExtremes,
@@ -301,7 +298,8 @@ def _driven_reactions(run: RunData) -> Iterable[str]:
 
 
 def _forces_between_steps(run: RunData) -> Iterable[str]:
-    return () if run._is_at_rest else between_step_warnings(run)
+    rtol = run.integrator.get("rtol") or 0.0
+    return between_step_warnings(run.equations, run._step_deviations, rtol)
 
 
 def _untouched_contacts(run: RunData) -> Iterable[str]:
@@ -318,8 +316,9 @@ def _mesh_errors(run: RunData) -> Iterable[str]:
         ((_, factors),) = group_rows(run.trajectory, times[:, 0])
         return LoadedState(times, state, factors)
 
-    excluded = find_step_deviations(run)
-    return mesh_error_warnings(run.equations, run.columns.__getitem__, select_state, True, excluded)
+    return mesh_error_warnings(
+        run.equations, run.columns.__getitem__, select_state, True, run._step_deviations
+    )
 
 
 def _coarse_elements(run: RunData) -> Iterable[str]:

@@ -31,6 +31,7 @@ from beamdae.results.diagnostics.meshes.beam_ranges import (
     BeamRange,
     measure_beam_ranges_of_run,
 )
+from beamdae.results.diagnostics.resolution.forces_between_steps import find_step_deviations
 from beamdae.results.diagnostics.resolution.missed_peaks import (
     UNITS_OF_MOTIONS,
     StepExtremes,
@@ -205,6 +206,14 @@ class RunData:
             lambda: find_drift(self),
             magnitudes,
         )
+
+    @cached_property
+    def _step_deviations(self) -> dict[str, float]:
+        """Errors of stresses and section forces between adaptive steps, see the function."""
+        if self._is_at_rest or not self.integrator.get("rtol"):
+            return {}
+        compared: Mapping[str, StepExtremes] = self._extremes_above_rounding
+        return find_step_deviations(self.equations, self.trajectory, compared, self._observe_at)
 
     @cached_property
     def _hard_impacts(self) -> tuple[HardImpact, ...]:

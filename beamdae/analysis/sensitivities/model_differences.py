@@ -369,15 +369,9 @@ def _try_step(
     moves_operators: bool,
 ) -> _Trial:
     """Return the difference with a step `delta` of the parameter, and its accuracy."""
-    value = float(parameters[name])
-    sections = {x.name: x.section for x in beams_of(base.mechanism)}
     for stencil in _STENCILS:
         try:
-            with keep_numbers_of_sections(sections):
-                neighbors = tuple(
-                    assemble(_build_neighbor(model, {**parameters, name: value + step * delta}))
-                    for step in stencil.steps
-                )
+            neighbors = _build_neighbors(model, name, parameters, base, assemble, stencil, delta)
         except BeamdaeError as problem:
             rejection = problem
             continue
@@ -402,6 +396,25 @@ def _try_step(
     raise _RejectedError(str(rejection))
 
 
+def _build_neighbors(
+    model: Model,
+    name: str,
+    parameters: Mapping[str, Any],
+    base: EquationsOfMotion,
+    assemble: Callable[[Any], EquationsOfMotion],
+    stencil: _Stencil,
+    delta: float,
+) -> tuple[EquationsOfMotion, ...]:
+    """Return the equations at the points of a stencil, with steps `delta` of the parameter."""
+    value = float(parameters[name])
+    sections = {x.name: x.section for x in beams_of(base.mechanism)}
+    with keep_numbers_of_sections(sections):
+        return tuple(
+            assemble(_build_neighbor(model, {**parameters, name: value + step * delta}))
+            for step in stencil.steps
+        )
+
+
 def _try_two_neighbors(
     model: Model,
     name: str,
@@ -414,17 +427,11 @@ def _try_two_neighbors(
 
     Parts that events activate have structures of their own, which need more neighbors.
     """
-    value = float(parameters[name])
-    sections = {x.name: x.section for x in beams_of(base.mechanism)}
     stencil = _TWO_NEIGHBORS
     if base.configurations is not None:
         return None
     try:
-        with keep_numbers_of_sections(sections):
-            neighbors = tuple(
-                assemble(_build_neighbor(model, {**parameters, name: value + step * delta}))
-                for step in stencil.steps
-            )
+        neighbors = _build_neighbors(model, name, parameters, base, assemble, stencil, delta)
         for equations in neighbors:
             _require_same_structure(model.name, name, base, neighbors[0], equations, False)
     except BeamdaeError:

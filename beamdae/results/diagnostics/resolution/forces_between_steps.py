@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from math import ceil, log10
 
 import numpy as np
 
 from beamdae.beams.beam import Beam
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import format_percent, name_with_others
 from beamdae.results.columns import Header, remove_unit
 from beamdae.results.diagnostics.meshes.coarse_elements import headers_of_sections
 from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
-from beamdae.results.run_data import RunData
+from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
-# Deviation between steps, relative to the range, from which on a column is reported, and which the
-# named tolerance leaves.
+# Deviation between steps, relative to the largest value, from which on a column is reported, and
+# which the named tolerance leaves.
 _MAX_DEVIATION, _RECOMMENDED_DEVIATION = 0.02, 0.005
 # Ratio of the deviation and of the curve of the column over the steps next to it, from which on the
 # deviation is no vibration: those of 3 or more steps per period have at most 0.9.
@@ -30,57 +31,78 @@ _MIN_FORCE_RATIO = 0.05  # of forces and moments over the length of the mechanis
 _MAX_NAMES = 3
 
 
-def between_step_warnings(run: RunData) -> Iterator[str]:
-    """Yield a warning if stresses and section forces vary between steps, but not over the steps."""
-    largest = find_step_deviations(run)
-    if not largest:
+def between_step_warnings(
+    equations: EquationsOfMotion, deviations: Mapping[str, float], rtol: float
+) -> Iterator[str]:
+    """Yield a warning if stresses and section forces vary between steps, but not over the steps.
+
+    `deviations` is the result of `find_step_deviations` for a run with the tolerance `rtol`.
+    """
+    if not deviations:
         return
-    worst, *others = sorted(largest, key=lambda x: -largest[x])
-    also = [f"{remove_unit(x)} {format_percent(largest[x])}" for x in others]
-    power = ceil(log10(largest[worst] / _RECOMMENDED_DEVIATION))
+    worst, *others = sorted(deviations, key=lambda x: -deviations[x])
+    also = [f"{remove_unit(x)} {format_percent(deviations[x])}" for x in others]
+    power = ceil(log10(deviations[worst] / _RECOMMENDED_DEVIATION))
     yield (
         f"{remove_unit(worst)}: between the steps, it is wrong by up to "
-        f"{name_with_others(format_percent(largest[worst]), also, _MAX_NAMES)} of its largest "
+        f"{name_with_others(format_percent(deviations[worst]), also, _MAX_NAMES)} of its largest "
         "value, because errors of positions within the tolerance strain a beam that is stiff "
-        f"along its axis; use rtol={run.integrator['rtol'] * 10.0**-power:.0e}, or "
-        f"solution.section_forces({_find_beam(run, worst)!r})."
+        f"along its axis; use rtol={rtol * 10.0**-power:.0e}, or "
+        f"solution.section_forces({_find_beam(equations, worst)!r})."
     )
 
 
-def _find_beam(run: RunData, header: str) -> str:
+def _find_beam(equations: EquationsOfMotion, header: str) -> str:
     """Return the name of the beam whose stresses or section forces are observed."""
-    e = run.equations
-    assert e.mechanism is not None
-    name = next(x.name for x in e.observables if header in x.headers)
-    sections = Beam.sections_of_strains(measured_quantity(e.mechanism.observables[name])[0])
+    assert equations.mechanism is not None
+    name = next(x.name for x in equations.observables if header in x.headers)
+    observed = equations.mechanism.observables[name]
+    sections = Beam.sections_of_strains(measured_quantity(observed)[0])
     assert sections is not None
     return sections[0].name
 
 
-def find_step_deviations(run: RunData) -> dict[str, float]:
-    """Return errors of over 2 % of the largest value between steps, by header.
+def find_step_deviations(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    compared: Collection[str],
+    observe_at: Callable[[Array], Array],
+) -> dict[str, float]:
+    """Return errors of stresses and section forces between steps, relative to the largest value.
 
     At the ends of steps, beams are in equilibrium with their loads. Between them, errors of the
     interpolated shape, which are within the tolerance of positions, strain stiff beams along their
     axis.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    trajectory
+        The steps of the run.
+    compared
+        Headers of the columns that are not rounding errors, which vary between steps, too.
+    observe_at
+        Function that returns rows of the observed columns at ascending times [s].
+
+    Returns
+    -------
+    dict
+        Errors of over 2 %, by header.
     """
-    e = run.equations
-    of_sections = headers_of_sections(e)
-    if not of_sections or not run.integrator.get("rtol"):
-        return {}
-    # Rounding errors vary between steps, too.
-    headers = [x for x in run._extremes_above_rounding if x in of_sections]
+    e, of_sections = equations, headers_of_sections(equations)
+    headers = [x for x in compared if x in of_sections]
     if not headers:
         return {}
     columns = [e.observed_headers.index(x) for x in headers]
     deviations, curves, values = [], [], []
-    for interval in run.trajectory.intervals:
+    for interval in trajectory.intervals:
         if interval.record is not None or len(interval.t) < _MIN_STEPS:
             continue
         t = interval.t
         steps = np.diff(t)
         times = np.stack([t[:-1], *(t[:-1] + x * steps for x in _PLACES)], axis=1).ravel()
-        observed = run._observe_at(np.append(times, t[-1]))[:, columns]
+        observed = observe_at(np.append(times, t[-1]))[:, columns]
         at_steps = observed[:: 1 + len(_PLACES)]
         for k, place in enumerate(_PLACES, 1):
             deviation, curve = _compare(t, at_steps, observed[k :: 1 + len(_PLACES)], place)
