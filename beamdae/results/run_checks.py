@@ -146,7 +146,9 @@ def _strains(run: RunData) -> Iterable[str]:
 
 def find_suspected_errors(run: RunData) -> Iterator[SuspectedError]:
     """Yield the warnings of a run that an estimate of the errors of columns may exclude."""
-    yield from small_motion_warnings(run.equations, run.trajectory, run.integrator)
+    yield from small_motion_warnings(
+        run.equations, run.trajectory, run.step_extremes, run.integrator
+    )
     if not is_motionless(run.equations, run.trajectory):
         yield from sudden_vibration_warnings(
             run.equations,

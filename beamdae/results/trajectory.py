@@ -227,6 +227,9 @@ class Interval:
             Lagrange weights (j, k) of the nodes at the times.
         """
         through = weights.indices.reshape(weights.shape[0], -1).T
+        # Times of the same step have the same polynomials.
+        is_first = np.append(True, np.any(np.diff(through, axis=1), axis=0))
+        polynomial, through = np.cumsum(is_first) - 1, through[:, is_first]
         x = self.nodes[through]
         degree = len(x) - 1
         distances = x[:, None] - x + np.eye(len(x))[..., None]
@@ -238,14 +241,17 @@ class Interval:
         by_node = (by_node / divisors)[..., None]
 
         def limit(polynomials: Array, values: Array) -> None:
-            leading = by_node[0] * values[through[0]]
-            low = high = values[through[0]]
+            at_node = values[through[0]]
+            leading, low, high = by_node[0] * at_node, at_node, at_node
             for node, factor in zip(through[1:], by_node[1:], strict=True):
-                leading += factor * values[node]
-                low, high = np.minimum(low, values[node]), np.maximum(high, values[node])
+                at_node = values[node]
+                leading += factor * at_node
+                low, high = np.minimum(low, at_node), np.maximum(high, at_node)
             jumps = np.abs(leading) > high - low
             if jumps.any():
-                polynomials[jumps] = np.clip(polynomials, low, high)[jumps]
+                rows, columns = np.nonzero(jumps[polynomial])
+                ends = (x[polynomial[rows], columns] for x in (low, high))
+                polynomials[rows, columns] = np.clip(polynomials[rows, columns], *ends)
 
         return limit
 

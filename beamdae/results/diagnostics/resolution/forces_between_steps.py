@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from math import ceil, log10
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,9 @@ _MIN_RATIO = 3.0
 # Places in each step, near the extremes of the errors of collocation polynomials.
 _PLACES = (0.3, 0.85)
 _MIN_STEPS = 8
+# Steps that are examined first, in groups of consecutive ones: evaluating all takes as long as a
+# fifth of a run.
+_GROUPS, _STEPS_OF_GROUP = 6, 16
 _MIN_SHARE = 0.05  # of steps with such deviations; single ones belong to events and impacts
 _MIN_FORCE_RATIO = 0.05  # of forces and moments over the length of the mechanism
 _MAX_NAMES = 3
@@ -92,39 +96,81 @@ def find_step_deviations(
     """
     e, of_sections = equations, headers_of_sections(equations)
     headers = [x for x in compared if x in of_sections]
-    if not headers:
+    # Long runs store only some of their steps.
+    stretches = [x.t for x in trajectory.intervals if x.record is None and len(x.t) >= _MIN_STEPS]
+    if not headers or not stretches:
         return {}
     columns = [e.observed_headers.index(x) for x in headers]
+
+    def observe(times: Array) -> Array:
+        return observe_at(times)[:, columns]
+
+    if not _measure_stretches(_select_steps(stretches), observe).is_wrong.any():
+        return {}
+    deviations = _measure_stretches(stretches, observe)
+    # Forces that are small beside moments, such as those in pure bending, do not matter.
+    sizes = dict(zip(headers, deviations.size.tolist(), strict=True))
+    units = {x: Header.of(x).unit for x in headers}
+    moment = max((x for header, x in sizes.items() if units[header] == "N m"), default=0.0)
+    smallest = {"N": _MIN_FORCE_RATIO * moment / e.length}
+    return {
+        header: float(np.max(ratios[is_wrong]))
+        for header, ratios, is_wrong in zip(
+            headers, deviations.ratios.T, deviations.is_wrong.T, strict=True
+        )
+        if np.mean(is_wrong) > _MIN_SHARE and sizes[header] > smallest.get(units[header], 0.0)
+    }
+
+
+class _Deviations(NamedTuple):
+    """Deviations within steps.
+
+    Attributes
+    ----------
+    ratios
+        Deviations relative to the largest value of each of n columns, (k, n).
+    is_wrong
+        True where deviations are large and no vibration, (k, n).
+    size
+        Largest magnitude of each column at the steps, (n,).
+    """
+
+    ratios: Array
+    is_wrong: Array
+    size: Array
+
+
+def _select_steps(stretches: list[Array]) -> list[Array]:
+    """Return a few groups of consecutive steps of these times (k,)."""
+    selected = []
+    for t in stretches:
+        count = min(len(t), _STEPS_OF_GROUP)
+        first = np.linspace(0, len(t) - count, _GROUPS).astype(int).tolist()
+        selected += [t[k : k + count] for k in dict.fromkeys(first)]
+    return selected
+
+
+def _measure_stretches(stretches: list[Array], observe: Callable[[Array], Array]) -> _Deviations:
+    """Return deviations within consecutive steps, whose ends are times (k,) [s]."""
+    count = 1 + len(_PLACES)
+    times = [
+        np.append(t[:-1, None] + np.diff(t)[:, None] * np.append(0.0, _PLACES), t[-1])
+        for t in stretches
+    ]
+    ends = np.cumsum([len(x) for x in times])[:-1]
     deviations, curves, values = [], [], []
-    for interval in trajectory.intervals:
-        if interval.record is not None or len(interval.t) < _MIN_STEPS:
-            continue
-        t = interval.t
-        steps = np.diff(t)
-        times = np.stack([t[:-1], *(t[:-1] + x * steps for x in _PLACES)], axis=1).ravel()
-        observed = observe_at(np.append(times, t[-1]))[:, columns]
-        at_steps = observed[:: 1 + len(_PLACES)]
+    for t, observed in zip(stretches, np.split(observe(np.concatenate(times)), ends), strict=True):
+        at_steps = observed[::count]
         for k, place in enumerate(_PLACES, 1):
-            deviation, curve = _compare(t, at_steps, observed[k :: 1 + len(_PLACES)], place)
+            deviation, curve = _compare(t, at_steps, observed[k::count], place)
             deviations.append(deviation)
             curves.append(curve)
         values.append(at_steps)
-    if not deviations:
-        return {}
     deviation, curve, at_steps = map(np.concatenate, (deviations, curves, values))
     size = np.max(np.abs(at_steps), axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = np.nan_to_num(deviation / size)
-    is_wrong = (ratios > _MAX_DEVIATION) & (deviation > _MIN_RATIO * curve)
-    # Forces that are small beside moments, such as those in pure bending, do not matter.
-    units = [Header.of(x).unit for x in headers]
-    moments = [x for x, unit in zip(size.tolist(), units, strict=True) if unit == "N m"]
-    smallest = {"N": _MIN_FORCE_RATIO * max(moments, default=0.0) / e.length}
-    return {
-        header: float(np.max(ratios[is_wrong[:, k], k]))
-        for k, header in enumerate(headers)
-        if np.mean(is_wrong[:, k]) > _MIN_SHARE and size[k] > smallest.get(units[k], 0.0)
-    }
+    return _Deviations(ratios, (ratios > _MAX_DEVIATION) & (deviation > _MIN_RATIO * curve), size)
 
 
 def _compare(t: Array, at_steps: Array, between: Array, place: float) -> tuple[Array, Array]:

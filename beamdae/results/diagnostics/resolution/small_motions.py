@@ -13,6 +13,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable,
 from beamdae.equations.starts.rank import build_constraint_jacobian
 from beamdae.errors import name_with_others
 from beamdae.results.columns import mark_constant_columns, remove_unit
+from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
 from beamdae.results.diagnostics.suspected_errors import SuspectedError
 from beamdae.results.trajectory import Trajectory
 
@@ -42,7 +43,6 @@ _MAX_ESTIMATE = 1e-3
 _ORDER_RATIO = 1.5
 _MAX_SUM_WITH_STAGES = 0.3
 _MIN_STEPS = 20  # with fewer steps, deviations are no estimate
-_SAMPLES = 400  # times at which columns are evaluated
 _GRADIENT_SAMPLES = 3
 _DIFFERENCE_STEP = 1e-6  # of gradients, relative to the scale of a coordinate
 # Errors of changes that the constraints allow, relative to all changes.
@@ -51,7 +51,10 @@ _MAX_SIZE = 2000  # coordinates; the projection of a gradient needs a dense matr
 
 
 def small_motion_warnings(
-    equations: EquationsOfMotion, trajectory: Trajectory, integrator: Mapping[str, Any]
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    extremes: Mapping[str, StepExtremes],
+    integrator: Mapping[str, Any],
 ) -> Iterator[SuspectedError]:
     """Yield a warning if the tolerance is coarse for the half range of observed columns.
 
@@ -65,6 +68,8 @@ def small_motion_warnings(
         The equations of motion.
     trajectory
         The steps of the run.
+    extremes
+        Extremes of the observed columns, by header.
     integrator
         Settings of the run, with `rtol` and the `amplitudes` of pilot runs.
     """
@@ -77,7 +82,8 @@ def small_motion_warnings(
 
     @cache
     def sample() -> tuple[Array, State]:
-        return trajectory.at(np.linspace(trajectory.start, trajectory.end, _SAMPLES))
+        inside = np.linspace(trajectory.start, trajectory.end, _GRADIENT_SAMPLES + 2)[1:-1]
+        return trajectory.at(inside)
 
     # Decompositions of large matrices, which serve all observables.
     @cache
@@ -87,9 +93,14 @@ def small_motion_warnings(
 
     small: list[_SmallColumn] = []
     for observable in equations.observables:
+        half_ranges = {
+            k: extremes[header].half_range
+            for k, header in enumerate(observable.headers)
+            if header in extremes and observable.columns[k].unit in ("m", "rad")
+        }
         if not observable.has_accelerations:
             small += _find_small_columns(
-                equations, sample, find_constrained, observable, scales, is_rigid
+                equations, sample, find_constrained, observable, half_ranges, scales, is_rigid
             )
     coarse = [
         x
@@ -214,31 +225,29 @@ def _find_small_columns(
     sample: Callable[[], tuple[Array, State]],
     find_constrained: Callable[[int], tuple[Array, Array]],
     observable: Observable,
+    half_ranges: Mapping[int, float],
     scales: Array,
     is_rigid: Array,
 ) -> list[_SmallColumn]:
     """Return the columns of an observable that are small beside the amplitude of its parts.
 
-    `sample` returns rows (t, branch) and the states at `_SAMPLES` times, and `find_constrained`
-    returns `_constrained_directions` at one of them.
+    `sample` returns rows (t, branch) and the states at `_GRADIENT_SAMPLES` times, and
+    `find_constrained` returns `_constrained_directions` at one of them. `half_ranges` are those of
+    the positions and angles, by number of the column.
     """
-    columns = [k for k, column in enumerate(observable.columns) if column.unit in ("m", "rad")]
     rows = np.unique(observable.operator.indices)
     rows = rows[scales[rows] > 0.0]
     rigid_rows = rows[is_rigid[rows]]
-    if not columns or not rigid_rows.size:
+    if not rigid_rows.size:
         return []
-    times, states = sample()
-    values = observable.evaluate(equations.p, times, states.q, states.v, states.lam)
-    half_ranges = 0.5 * np.ptp(values, axis=0)
     largest_scale = float(np.max(scales[rigid_rows]))
-    columns = [k for k in columns if _MIN_RATIO * half_ranges[k] < largest_scale]
+    columns = [k for k, x in half_ranges.items() if _MIN_RATIO * x < largest_scale]
     if not columns:
         return []
-    instants = np.linspace(0, _SAMPLES - 1, _GRADIENT_SAMPLES + 2).astype(int)[1:-1].tolist()
+    times, states = sample()
     changes = [
         _changes(equations, observable, times[k], State(*(x[k] for x in states)), scales, rows)
-        for k in instants
+        for k in range(_GRADIENT_SAMPLES)
     ]
     # Free changes are zero, or not smaller than this share of all changes.
     smallest = _ROUNDING * np.min([np.max(np.abs(x), axis=1) for x in changes], axis=0)
@@ -248,12 +257,12 @@ def _find_small_columns(
     amplitudes = np.max(
         [
             _largest_free_change(change, is_rigid, *find_constrained(k))
-            for k, change in zip(instants, changes, strict=True)
+            for k, change in enumerate(changes)
         ],
         axis=0,
     )
     return [
-        _SmallColumn(observable, k, float(amplitudes[k] / half_ranges[k]), float(half_ranges[k]))
+        _SmallColumn(observable, k, float(amplitudes[k] / half_ranges[k]), half_ranges[k])
         for k in columns
         if half_ranges[k] > _RESTING_SHARE * amplitudes[k] > 0.0
     ]
