@@ -14,6 +14,7 @@ from beamdae.errors import BeamdaeError, format_percent, name_with_others, short
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.integrators.limits import Progress
+from beamdae.integrators.pilot_run import reuse_motion
 from beamdae.interrupts import Interrupted, interruptible
 from beamdae.results.columns import (
     Header,
@@ -26,6 +27,7 @@ from beamdae.results.columns import (
 from beamdae.results.diagnostics.rounding_limits import rounding_limits
 from beamdae.results.run_data import find_drift
 from beamdae.results.solution import Solution
+from beamdae.results.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -536,10 +538,12 @@ def run_again(
     integrator: Integrator,
     progress: Progress | None,
     equations: EquationsOfMotion | None = None,
+    motion: Trajectory | None = None,
 ) -> Solution | None:
     """Repeat the run; return None if it has a single row or the repeated run is not completed.
 
-    `equations` default to those of the run.
+    `equations` default to those of the run. With a similar `motion`, see `reuse_motion`, there are
+    no pilot runs.
     """
     if len(solution.t) < 2:
         return None
@@ -547,7 +551,8 @@ def run_again(
     begin = solution.trajectory.start
     is_later = solution.t[0] > begin
     times = np.append(begin, solution.t) if is_later else solution.t
-    other = integrator.integrate(equations or solution.equations, times, progress)
+    with reuse_motion(motion):
+        other = integrator.integrate(equations or solution.equations, times, progress)
     if is_later:
         other = replace(other, t=other.t[1:])
     if other.status.kind == "interrupted":

@@ -47,6 +47,7 @@ from beamdae.integrators.method import (
 )
 from beamdae.integrators.pilot_run import (
     PILOT_LABEL,
+    adopt_amplitudes,
     measure_amplitudes,
     plan_attempt,
     run_pilot,
@@ -195,6 +196,8 @@ def _drive(
     try:
         is_result = False
         if pilot_on is not None and equations.scales is None:
+            plan = adopt_amplitudes(plan)
+        if pilot_on is not None and equations.scales is None and plan.amplitudes is None:
             attempt_plan = None if equations.events else plan_attempt(plan, limits)
             if rtol is not None and attempt_plan is not None:
                 tight_plan, attempt_limits, steps = attempt_plan

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
@@ -37,6 +39,29 @@ _TIGHT_FACTOR = 3e-3
 # It ends if there are more steps per sample than this, and further ones, such as the first steps.
 _MAX_STEPS_PER_SAMPLE = 1.5
 _MAX_FURTHER_STEPS = 32
+
+_similar_motion: ContextVar[Trajectory | None] = ContextVar("similar_motion", default=None)
+
+
+@contextmanager
+def reuse_motion(motion: Trajectory | None) -> Iterator[None]:
+    """Within the context, runs have the amplitudes of a similar motion instead of pilot runs.
+
+    The positions and velocities of `motion` are those of the equations of these runs.
+    """
+    token = _similar_motion.set(motion)
+    try:
+        yield
+    finally:
+        _similar_motion.reset(token)
+
+
+def adopt_amplitudes(plan: RunPlan) -> RunPlan:
+    """Return the plan with the amplitudes of `reuse_motion`, or unchanged outside its context."""
+    motion = _similar_motion.get()
+    if motion is None:
+        return plan
+    return replace(plan, amplitudes=Amplitudes.from_trajectory(plan.equations, motion))
 
 
 class PilotRun(Protocol):

@@ -199,11 +199,11 @@ def _repeat_with_beams(run: RunData) -> RunAgain | None:
     if not (BEAMS in _estimated_errors.get() and can_repeat and run.columns):
         return None
 
-    def run_again(equations: EquationsOfMotion) -> RunData | None:
+    def run_again(equations: EquationsOfMotion, motion: Trajectory) -> RunData | None:
         other: RunData | None = None
         verification = deferred.module("verification")
         with suppress(BeamdaeError):  # The second run cannot begin.
-            other = verification.run_again(run, run.made_by, None, equations)
+            other = verification.run_again(run, run.made_by, None, equations, motion)
         return other
 
     return run_again

@@ -163,7 +163,8 @@ def test_regression_constraints_are_decomposed_once_for_all_columns(monkeypatch)
         solution = bd.simulate(mech, bd.Radau(1e-5), t_end=2.0, output_step=0.05)
     calls, svd = [], np.linalg.svd
     monkeypatch.setattr(np.linalg, "svd", lambda *args, **kw: calls.append(1) or svd(*args, **kw))
-    settings = (solution.equations, solution.trajectory, solution.integrator)
+    extremes = solution.step_extremes
+    settings = (solution.equations, solution.trajectory, extremes, solution.integrator)
     assert len(list(diagnose(*settings))) == 1
     assert len(calls) == 3  # one per instant
 

@@ -7,7 +7,11 @@ import pytest
 
 import beamdae as bd
 from beamdae import verification
+from beamdae.integrators import drive
+from beamdae.integrators.amplitudes import Amplitudes
+from beamdae.results import run_checks
 from beamdae.results.diagnostics.meshes import refined_runs
+from beamdae.results.diagnostics.meshes.refined_runs import refine_run
 from beamdae.results.run_checks import BEAMS, STEPS, skip_error_estimates
 
 # A filter that matches no message, so that runs are checked although all warnings are ignored.
@@ -91,6 +95,27 @@ def test_regression_beams_that_heavy_bodies_bend_have_no_false_alarm():
     assert solution.validity[0].error > 0.01
     assert not find_sentences(solution)
     assert max(largest_difference(solution, exact, x) for x in solution.columns) < 1e-3
+
+
+@pytest.mark.parametrize("halved", [False, True])
+def test_repeated_runs_take_their_amplitudes_from_the_first_one(monkeypatch, halved):
+    """Pilot runs were a third of the time of repeated runs."""
+    pilot_runs, runs = [], []
+    run_pilot, run_again = drive.run_pilot, verification.run_again
+    monkeypatch.setattr(drive, "run_pilot", lambda *x: pilot_runs.append(1) or run_pilot(*x))
+    monkeypatch.setattr(
+        verification, "run_again", lambda *x: runs.append(run_again(*x)) or runs[-1]
+    )
+    solution = run(cantilever())
+    assert len(pilot_runs) == 1
+    if halved:
+        refine_run(solution, run_checks._repeat_with_beams(solution), halved=["strip"])
+    assert len(runs) == 1 + halved
+    assert len(pilot_runs) == 1
+    for again in runs:
+        measured = Amplitudes.from_trajectory(again.equations, again.trajectory)
+        for name, amplitude in again.integrator["amplitudes"].items():
+            assert amplitude == pytest.approx(measured.by_part[name], rel=0.1)
 
 
 @pytest.mark.slow(reason="half a second")

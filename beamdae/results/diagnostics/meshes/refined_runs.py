@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.results.run_data import RunData
+from beamdae.results.trajectory import Trajectory
 
-RunAgain = Callable[[EquationsOfMotion], RunData | None]
+if TYPE_CHECKING:
+    from beamdae.equations.assembly.refined_beams import RefinedBeams
+
+# Repeats a run with other equations, given a similar motion with their coordinates.
+RunAgain = Callable[[EquationsOfMotion, Trajectory], RunData | None]
 
 # Steps times coordinates of runs that are repeated, which takes up to about two seconds.
 _MAX_WORK = 2e5
@@ -55,7 +60,8 @@ def refine_run(
     run
         The run.
     run_again
-        Function that repeats the run with other equations, or returns None if it fails.
+        Function that repeats the run with other equations, given a similar motion with their
+        coordinates, or returns None if it fails.
     exact, halved
         Names of beams.
     """
@@ -73,5 +79,15 @@ def refine_run(
         first = run.trajectory.intervals[0].rows
         q, v = (refined.prolongation @ x[0] for x in (first.q, first.v))
         equations = replace(equations, q0=refined.start + q, v0=v)
-    other = run_again(equations)
+    other = run_again(equations, _prolong(run.trajectory, refined))
     return None if other is None else RefinedRun(other, refined.exact, refined.halved)
+
+
+def _prolong(trajectory: Trajectory, refined: RefinedBeams) -> Trajectory:
+    """Return the positions and velocities of a motion in the coordinates of refined beams."""
+    matrix, intervals = refined.prolongation, []
+    for interval in trajectory.intervals:
+        q, v, *others = interval.rows
+        rows = State(refined.start + (matrix @ q.T).T, (matrix @ v.T).T, *others)
+        intervals.append(replace(interval, rows=rows))
+    return Trajectory(tuple(intervals))

@@ -93,7 +93,7 @@ def _describe_chaos(run: RunData, run_again: RunAgain, header: str, scale: float
     e, first = run.equations, run.trajectory.intervals[0].rows
     # Changed positions would excite axial vibrations, which take many steps.
     change = _START_CHANGE * np.max(np.abs(run.v), axis=0)
-    other = run_again(replace(e, q0=first.q[0], v0=first.v[0] + change))
+    other = run_again(replace(e, q0=first.q[0], v0=first.v[0] + change), run.trajectory)
     if other is None:
         return ""
     difference = np.max(_subtract_rows(run, other, header))
