@@ -235,7 +235,9 @@ def _compare_second_run(
     rough: ErrorColumns | None = None
     if len(solution.t) > 1:
         for second in _second_runs(solution, integrator, max_steps):
-            other = run_again(solution, second.integrator, progress)
+            # With the same amplitudes, only the tolerance differs.
+            motion = solution.trajectory
+            other = run_again(solution, second.integrator, progress, motion=motion)
             if other is None:
                 continue
             steps = solution.trajectory.steps, other.trajectory.steps

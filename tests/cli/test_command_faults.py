@@ -107,7 +107,7 @@ RadauStepper.advance = interrupt
 WHILE_WRITING = """
 from beamdae.results.storage import files
 write = files._write_columns
-def interrupt(*arguments):
+def interrupt(*arguments, **options):
     send_signal()
     return write(*arguments)
 files._write_columns = interrupt
@@ -234,9 +234,9 @@ def test_interrupt_in_the_second_run_keeps_the_first(here):
     lines = """
 import beamdae.verification as verification
 again = verification.run_again
-def interrupt(*arguments):
+def interrupt(*arguments, **options):
     send_signal()
-    return again(*arguments)
+    return again(*arguments, **options)
 verification.run_again = interrupt
 """
     Path("model.py").write_text(MODEL.replace("# importing", lines), encoding="utf-8")

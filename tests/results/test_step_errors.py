@@ -267,7 +267,7 @@ def test_laws_with_memory_are_not_repeated(monkeypatch):
 
 
 def test_interrupts_of_the_second_run_keep_the_first_one(monkeypatch):
-    def interrupt(*_):
+    def interrupt(*_, **options):
         raise Interrupted("interrupted at t = 0.1 s")
 
     monkeypatch.setattr(verification, "run_again", interrupt)
