@@ -55,7 +55,6 @@ from beamdae.results.diagnostics.quality_warnings import balance_warnings, colum
 from beamdae.results.diagnostics.rare_samples import rare_sample_warnings
 from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.resolution.driven_reactions import driven_reaction_warnings
-from beamdae.results.diagnostics.resolution.forces_between_steps import between_step_warnings
 from beamdae.results.diagnostics.resolution.missed_parts import missed_part_warnings
 from beamdae.results.diagnostics.resolution.missed_peaks import (
     StepExtremes,
@@ -299,11 +298,6 @@ def _driven_reactions(run: RunData) -> Iterable[str]:
     )
 
 
-def _forces_between_steps(run: RunData) -> Iterable[str]:
-    rtol = run.integrator.get("rtol") or 0.0
-    return between_step_warnings(run.equations, run._step_deviations, rtol)
-
-
 def _untouched_contacts(run: RunData) -> Iterable[str]:
     if not _is_complete(run):
         return ()
@@ -313,14 +307,18 @@ def _untouched_contacts(run: RunData) -> Iterable[str]:
 
 def _mesh_errors(run: RunData) -> Iterable[str]:
     def select_state(row: int) -> LoadedState:
-        """Return the state at an output time; load factors of inactive parts are zero."""
-        times, state = run._states_of_rows(slice(row, row + 1))
-        ((_, factors),) = group_rows(run.trajectory, times[:, 0])
-        return LoadedState(times, state, factors)
+        """Return the state at the node next to an output time, see `results.elastic_columns`.
 
-    return mesh_error_warnings(
-        run.equations, run.columns.__getitem__, select_state, True, run._step_deviations
-    )
+        Load factors of inactive parts are zero.
+        """
+        t = run.t[row : row + 1]
+        interval = run.trajectory.intervals[int(run.trajectory.interval_index(t)[0])]
+        node = int(np.argmin(np.abs(interval.nodes - t)))
+        here = slice(node, node + 1)
+        ((_, factors),) = group_rows(run.trajectory, t)
+        return LoadedState(interval.times[here], State(*(x[here] for x in interval.rows)), factors)
+
+    return mesh_error_warnings(run.equations, run.columns.__getitem__, select_state, True)
 
 
 def _coarse_elements(run: RunData) -> Iterable[str]:
@@ -442,7 +440,6 @@ RUN_CHECKS: tuple[Check, ...] = (
     _velocity_jumps,
     _unresolved_forces,
     _driven_reactions,
-    _forces_between_steps,
     _of_motion(slow_sliding_warnings),
     _of_motion(impact_speed_warnings),
     _of_motion(elastic_bounce_warnings),

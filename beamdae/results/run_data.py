@@ -5,7 +5,7 @@ This module does not import pandas, because importing pandas takes as long as a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property, partial
 from typing import Any
@@ -31,7 +31,6 @@ from beamdae.results.diagnostics.meshes.beam_ranges import (
     BeamRange,
     measure_beam_ranges_of_run,
 )
-from beamdae.results.diagnostics.resolution.forces_between_steps import find_step_deviations
 from beamdae.results.diagnostics.resolution.missed_peaks import (
     UNITS_OF_MOTIONS,
     StepExtremes,
@@ -46,6 +45,11 @@ from beamdae.results.diagnostics.singular_positions import (
     find_singular_positions,
 )
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
+from beamdae.results.elastic_columns import (
+    find_elastic_columns,
+    interpolate_elastic_columns,
+    observe_elastic_columns,
+)
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.storage.files import versions as installed_versions
@@ -120,7 +124,9 @@ class RunData:
         headers = e.observed_headers
         if not headers:
             return {}
-        return dict(zip(headers, self._evaluate_rows(self._observe).T, strict=True))
+        rows = self._evaluate_rows(self._observe)
+        self._interpolate_elastic(self.t, rows)
+        return dict(zip(headers, rows.T, strict=True))
 
     def _observe(self, times: Array, *state: Array) -> Array:
         """Return rows of the observed columns at rows of (t, branch) and of states."""
@@ -208,14 +214,6 @@ class RunData:
         )
 
     @cached_property
-    def _step_deviations(self) -> dict[str, float]:
-        """Errors of stresses and section forces between adaptive steps, see the function."""
-        if self._is_at_rest or not self.integrator.get("rtol"):
-            return {}
-        compared: Mapping[str, StepExtremes] = self._extremes_above_rounding
-        return find_step_deviations(self.equations, self.trajectory, compared, self._observe_at)
-
-    @cached_property
     def _hard_impacts(self) -> tuple[HardImpact, ...]:
         """Contacts whose force rises faster than the elements of a beam resolve."""
         has_failed = self.status.kind == "failed"
@@ -284,7 +282,25 @@ class RunData:
     def _observe_at(self, times: Array) -> Array:
         """Return rows of the observed columns at ascending times [s]."""
         rows, state = self.trajectory.at(times, limited=True)
-        return self._observe(rows, *state)
+        columns = self._observe(rows, *state)
+        self._interpolate_elastic(times, columns)
+        return columns
+
+    def _interpolate_elastic(self, times: Array, columns: Array) -> None:
+        """Replace elastic forces between steps, see `results.elastic_columns`."""
+        indices, values = self._elastic_at_nodes
+        if len(indices):
+            forces = columns[:, indices]
+            interpolate_elastic_columns(self.trajectory, values, times, forces)
+            columns[:, indices] = forces
+
+    @cached_property
+    def _elastic_at_nodes(self) -> tuple[Array, Sequence[Array]]:
+        """Indices of such columns, and their values (k, c) at the nodes of each interval."""
+        indices = find_elastic_columns(self.equations)
+        if not len(indices):
+            return indices, []
+        return indices, observe_elastic_columns(self.equations, self.trajectory, self._rows_at_once)
 
     def summary(self) -> dict[str, Any]:
         """Return status, last time [s], statistics and quality as a flat dictionary."""
@@ -306,8 +322,7 @@ class RunData:
         return EnergyLedger.of(self.equations, self.trajectory)
 
     def _evaluate_rows(self, rows: Callable[..., Array]) -> Array:
-        count = max(int(_MAX_BLOCK_BYTES / self._row_bytes), 1)
-        blocks = []
+        count, blocks = self._rows_at_once, []
         for k in range(0, max(len(self.t), 1), count):
             times, state = self._states_of_rows(slice(k, k + count))
             blocks.append(rows(times, *state))
@@ -321,6 +336,10 @@ class RunData:
             return self.trajectory.at(self.t[rows], limited=True)
         times, state = self._output
         return times[rows], State(*(x[rows] for x in state))
+
+    @property
+    def _rows_at_once(self) -> int:
+        return max(int(_MAX_BLOCK_BYTES / self._row_bytes), 1)
 
     @property
     def _row_bytes(self) -> int:

@@ -100,7 +100,8 @@ class Interval:
 
     Hermite interpolation is not used: with the step size h, the terms h v and h^2 a contain modes
     that the step does not resolve, and stiff sections would amplify these modes to spurious forces
-    far larger than the forces at the steps.
+    far larger than the forces at the steps. For the same reason, observed forces of beams and
+    springs are interpolated themselves (`results.elastic_columns`).
 
     The first state of an interval is consistent with the laws, but fast modes have not yet
     responded to the laws of this interval. The polynomials therefore exclude the first state,
@@ -208,12 +209,42 @@ class Interval:
         q, v, a, lam = self.rows
         motion, reaction = self._state_weights(t)
         positions = _combine(motion, q) if self.nodes_per_step == 1 else self.positions_at(t)
-        reactions = _combine(reaction, a), _combine(reaction, lam)
-        if limited and self._degree(_DEGREE_OF_REACTIONS) >= _DEGREE_OF_REACTIONS and len(t):
-            limit = self._overshoot_limit(reaction)
-            limit(reactions[0], a)
-            limit(reactions[1], lam)
+        reactions = [_combine(reaction, a), _combine(reaction, lam)]
+        if limited:
+            self._limit_overshoot(reaction, reactions, [a, lam])
         return State(positions, _combine(motion, v), *reactions)
+
+    def interpolate_forces(self, values: Array, t: Array) -> Array:
+        """Interpolate quantities at times inside the interval like `limited` a and lam of `at`.
+
+        Parameters
+        ----------
+        values
+            Values of c quantities at the nodes, (k, c).
+        t
+            Times inside the interval (j,) [s].
+
+        Returns
+        -------
+        ndarray
+            Values at the times, (j, c).
+        """
+        step = self.find_steps(t)
+        if step is not None:
+            return values[step * self.nodes_per_step]
+        weights = self._weights_of_degree(t, _DEGREE_OF_REACTIONS)
+        result = _combine(weights, values)
+        self._limit_overshoot(weights, [result], [values])
+        return result
+
+    def _limit_overshoot(
+        self, weights: sp.csr_array, interpolated: Sequence[Array], values: Sequence[Array]
+    ) -> None:
+        """Remove the overshoot of polynomials of a and lam, with these weights, beside jumps."""
+        if self._degree(_DEGREE_OF_REACTIONS) >= _DEGREE_OF_REACTIONS and weights.shape[0]:
+            limit = self._overshoot_limit(weights)
+            for polynomials, at_nodes in zip(interpolated, values, strict=True):
+                limit(polynomials, at_nodes)
 
     def _overshoot_limit(self, weights: sp.csr_array) -> Callable[[Array, Array], None]:
         """Return a function that removes the overshoot of polynomials beside jumps.

@@ -61,7 +61,9 @@ def test_values_inside_agree_with_the_strains(swinging):
     forces = swinging.section_forces("beam", s=0.5)
     for k, name in enumerate(("N [N]", "Q [N]", "M [N m]")):
         observed = swinging.columns[f"inside.{name}"]
-        np.testing.assert_allclose(forces.strained[k, :, 0], observed, rtol=1e-9, atol=1e-9)
+        # Between steps, columns are interpolated.
+        largest = np.max(np.abs(observed))
+        np.testing.assert_allclose(forces.strained[k, :, 0], observed, atol=1e-5 * largest)
         balanced = (forces.N, forces.Q, forces.M)[k][:, 0]
         size = np.max(np.abs(balanced))
         # The mesh is coarse: three elements, and a spring inside one of them.
