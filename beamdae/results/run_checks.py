@@ -50,6 +50,7 @@ from beamdae.results.diagnostics.meshes.long_elements import long_element_warnin
 from beamdae.results.diagnostics.meshes.mesh_errors import LoadedState, mesh_error_warnings
 from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
 from beamdae.results.diagnostics.meshes.refined_runs import RunAgain, refine_run
+from beamdae.results.diagnostics.meshes.snaps import snap_warnings
 from beamdae.results.diagnostics.meshes.strain_errors import strain_error_warnings
 from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
 from beamdae.results.diagnostics.rare_samples import rare_sample_warnings
@@ -331,7 +332,9 @@ def _coarse_elements(run: RunData) -> Iterable[str]:
         return None if finer is None else finer.run._extremes_above_rounding
 
     extremes = run._extremes_above_rounding
-    return coarse_element_warnings(run.equations, run.trajectory, extremes, repeat)
+    # The repeated run shows errors of a motion that no single state does.
+    of_snaps = tuple(snap_warnings(run, run_again))
+    return of_snaps or coarse_element_warnings(run.equations, run.trajectory, extremes, repeat)
 
 
 def _long_elements(run: RunData) -> Iterator[str]:

@@ -98,7 +98,7 @@ def unstable_symmetry_warnings(
         begin, end = (trajectory.start + duration * x for x in interval)
         times = begin + (end - begin) * _FRACTIONS
         rate = max(_GROWTH / duration, 1.0 / (end - begin))
-        motions = (_find_least_stable(equations, trajectory, t, rate) for t in times)
+        motions = (find_least_stable(equations, trajectory, t, rate) for t in times)
         last = next(motions)
         if last is None or last.eigenvalue >= 0.0 or _is_excited(q[sampled <= end], last):
             continue
@@ -110,7 +110,7 @@ def unstable_symmetry_warnings(
             return
 
 
-class _Motion(NamedTuple):
+class LeastStableMotion(NamedTuple):
     """Motion that the joints allow with the smallest eigenvalue of K + s C + s^2 M.
 
     Attributes
@@ -128,13 +128,17 @@ class _Motion(NamedTuple):
     mass: Array
 
 
-def _find_least_stable(
-    equations: EquationsOfMotion, trajectory: Trajectory, t: float, rate: float
-) -> _Motion | None:
+def find_least_stable(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    t: float,
+    rate: float,
+    only_unstable: bool = False,
+) -> LeastStableMotion | None:
     """Return the least stable motion about the positions at time `t` [s] for s = `rate` [1/s].
 
-    None if the joints allow no motion, the forces have no potential, or first-order states act on
-    the motion.
+    None if the joints allow no motion, the forces have no potential, first-order states act on the
+    motion, or, if `only_unstable`, all eigenvalues are positive, which takes less time.
     """
     times = np.array([t])
     (time,), states = trajectory.at(times)
@@ -159,14 +163,26 @@ def _find_least_stable(
     basis = scaled_null_space(constraints[:, moving], scales)
     if not basis.shape[1]:
         return None
-    (eigenvalue,), vectors = la.eigh(basis.T @ total @ basis, subset_by_index=[0, 0])
+    projected = basis.T @ total @ basis
+    if only_unstable and _is_positive(projected):
+        return None
+    (eigenvalue,), vectors = la.eigh(projected, subset_by_index=[0, 0])
     is_rounding = abs(eigenvalue) <= _ROUNDING * size
     shape, mass_of_all = np.zeros(active.n), np.zeros((active.n, active.n))
     shape[moving], mass_of_all[np.ix_(moving, moving)] = basis @ vectors[:, 0], mass
-    return _Motion(0.0 if is_rounding else eigenvalue, shape, mass_of_all)
+    return LeastStableMotion(0.0 if is_rounding else eigenvalue, shape, mass_of_all)
 
 
-def _is_unstable_mostly(motions: Iterable[_Motion | None]) -> bool:
+def _is_positive(matrix: Array) -> bool:
+    """Return True if all eigenvalues of a symmetric matrix are positive."""
+    try:
+        la.cholesky(matrix, check_finite=False)
+    except la.LinAlgError:
+        return False
+    return True
+
+
+def _is_unstable_mostly(motions: Iterable[LeastStableMotion | None]) -> bool:
     """Return True if the eigenvalues are negative on average and most of the time."""
     total, stable = 0.0, 0
     for motion in motions:
@@ -178,7 +194,7 @@ def _is_unstable_mostly(motions: Iterable[_Motion | None]) -> bool:
     return total < 0.0
 
 
-def _is_excited(q: Array, motion: _Motion) -> bool:
+def _is_excited(q: Array, motion: LeastStableMotion) -> bool:
     """Return True if the displacements of coordinates (k, n) have a share in a motion."""
     displacements, shape = q - q[0], motion.shape
     momentum = displacements @ motion.mass

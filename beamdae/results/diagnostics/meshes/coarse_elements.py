@@ -79,7 +79,7 @@ def find_taut_beams(equations: EquationsOfMotion, q: Array) -> list[BeamDoubt]:
     That with the longest elements is the first.
     """
     found = []
-    for beam, forces in _evaluate_forces(equations, q):
+    for beam, forces in evaluate_forces(equations, q):
         tension, lengths = np.max(forces[..., 0], axis=2), beam.mesh.element_lengths
         ratios = tension * lengths**2 / section_values(beam, "EI")[0]
         row, k = map(int, np.unravel_index(np.argmax(ratios), ratios.shape))
@@ -122,7 +122,7 @@ def _find_few_elements(
     equations: EquationsOfMotion, q: Array, names: Container[str]
 ) -> BeamDoubt | None:
     """Return one of the beams `names`, whose elements are few; None if there is none."""
-    for beam, forces in _evaluate_forces(equations, q):
+    for beam, forces in evaluate_forces(equations, q):
         if beam.name in names:
             row = int(np.argmax(np.max(np.abs(forces[..., 2]), axis=(1, 2))))
             elements = beam.mesh.elements
@@ -133,7 +133,7 @@ def _find_few_elements(
     return None
 
 
-def _evaluate_forces(equations: EquationsOfMotion, q: Array) -> Iterator[tuple[Beam, Array]]:
+def evaluate_forces(equations: EquationsOfMotion, q: Array) -> Iterator[tuple[Beam, Array]]:
     """Yield beams, and (N, Q, M) at their stiffness points in states (k, elements, points, 3)."""
     mechanism = equations.mechanism
     if mechanism is None:

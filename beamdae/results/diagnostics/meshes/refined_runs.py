@@ -1,24 +1,42 @@
-"""Repetition of runs with more accurate beams."""
+"""Repetition of runs with more accurate beams, and the changes of their columns."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.errors import format_percent, name_with_others
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
+from beamdae.results.columns import Header, remove_unit
+from beamdae.results.diagnostics.meshes.beam_ranges import MAX_UNREPORTED_ERROR, BeamDoubt
+from beamdae.results.diagnostics.meshes.coarse_elements import (
+    UNITS_OF_POSITIONS,
+    find_changes,
+    scales_of_columns,
+)
 from beamdae.results.run_data import RunData
 from beamdae.results.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from beamdae.equations.assembly.refined_beams import RefinedBeams
 
+Array = np.ndarray
+
 # Repeats a run with other equations, given a similar motion with their coordinates.
 RunAgain = Callable[[EquationsOfMotion, Trajectory], RunData | None]
 
 # Steps times coordinates of runs that are repeated, which takes up to about two seconds.
 _MAX_WORK = 2e5
+# Larger differences of positions may be those of a chaotic motion: it amplifies changes of the
+# velocities at the start, here by this share of their largest values. Of 20 runs with such
+# differences, two double pendulums amplify them by 2e3 and 7e4, and the others by up to 100.
+_LARGE_DIFFERENCE, _START_CHANGE, _MIN_AMPLIFICATION = 0.05, 1e-6, 1e3
+_ROUNDED_CHANGE = 1e-3  # of a range; smaller ones are not stated
 
 
 class RefinedRun(NamedTuple):
@@ -91,3 +109,143 @@ def _prolong(trajectory: Trajectory, refined: RefinedBeams) -> Trajectory:
         rows = State(refined.start + (matrix @ q.T).T, (matrix @ v.T).T, *others)
         intervals.append(replace(interval, rows=rows))
     return Trajectory(tuple(intervals))
+
+
+@dataclass(frozen=True)
+class RunChanges:
+    """Changes of the columns of a run with more accurate beams.
+
+    Attributes
+    ----------
+    run
+        The run.
+    ranges, finer_ranges
+        Ranges of positions and angles and peaks of other columns of the run and of the repeated
+        one, by header. If the run starts in equilibrium or rotation, ranges include the drawing:
+        vibrations about an equilibrium may be smaller than small errors of its deflection.
+    differences
+        Absolute differences of positions and angles at rows, and those of peaks (1,), by header.
+    includes_drawing
+        True if ranges include the drawing.
+    """
+
+    run: RunData
+    ranges: dict[str, float]
+    finer_ranges: dict[str, float]
+    differences: dict[str, Array]
+    includes_drawing: bool
+
+    @classmethod
+    def measure(cls, run: RunData, other: RunData, excluded: Collection[str] = ()) -> RunChanges:
+        """Return the changes in another run, except those of the headers `excluded`."""
+        drawing = _observe_drawing(run)
+        ranges, finer = (_measure_ranges(x, drawing) for x in (run, other))
+        differences = {
+            header: _subtract_rows(run, other, header)
+            if _is_position(header)
+            else np.array([abs(ranges[header] - finer[header])])
+            for header in ranges
+            if header in finer and header not in excluded
+        }
+        return cls(run, ranges, finer, differences, bool(drawing))
+
+    @cached_property
+    def scales(self) -> dict[str, float]:
+        """The larger one of the two ranges or peaks of each compared column, by header."""
+        return {x: max(self.ranges[x], self.finer_ranges[x]) for x in self.differences}
+
+    @cached_property
+    def errors(self) -> dict[str, float]:
+        """Changes of over 1 % relative to `scales`, by header, the largest one first."""
+        values = {header: (0.0, float(np.max(x))) for header, x in self.differences.items()}
+        return find_changes(self.run.equations, values, self.scales)
+
+    def describe(self, doubt: BeamDoubt, run_again: RunAgain) -> Iterator[str]:
+        """Yield a warning if there are `errors`.
+
+        Parameters
+        ----------
+        doubt
+            Why the run was repeated.
+        run_again
+            Function that repeats the run.
+        """
+        errors = self.errors
+        if not errors:
+            return
+        worst, *others = errors
+        also = [f"{remove_unit(x)} {format_percent(errors[x])}" for x in others]
+        name, size, advice = remove_unit(worst), format_percent(errors[worst]), ""
+        scale = self.scales[worst]
+        if _is_position(worst):
+            is_large = self.differences[worst] > MAX_UNREPORTED_ERROR * scale
+            since = self.run.t[int(np.argmax(is_large))]
+            ratio = abs(self.finer_ranges[worst] - self.ranges[worst]) / scale
+            change = format_percent(ratio) if ratio > _ROUNDED_CHANGE else "less than 0.1 %"
+            what = "range from the drawing on" if self.includes_drawing else "range"
+            size = (
+                f"up to {size} of its {what}, by over 1 % from t = {since:.4g} s on, and its range "
+                f"by {change}"
+            )
+            if errors[worst] > _LARGE_DIFFERENCE:
+                advice = _describe_chaos(self.run, run_again, worst, scale)
+        else:
+            name = f"the peak of {name}"
+        yield (
+            f"{doubt.cause}: {doubt.comparison}, {name} differs by {name_with_others(size, also)}; "
+            f"{doubt.remedy(errors[worst])}.{advice}"
+        )
+
+
+def _describe_chaos(run: RunData, run_again: RunAgain, header: str, scale: float) -> str:
+    """Return a sentence if the motion amplifies a small change of the start, otherwise ""."""
+    e, first = run.equations, run.trajectory.intervals[0].rows
+    # Changed positions would excite axial vibrations, which take many steps.
+    change = _START_CHANGE * np.max(np.abs(run.v), axis=0)
+    other = run_again(replace(e, q0=first.q[0], v0=first.v[0] + change), run.trajectory)
+    if other is None:
+        return ""
+    difference = np.max(_subtract_rows(run, other, header))
+    amplification = difference / (scale * _START_CHANGE)
+    if not amplification > _MIN_AMPLIFICATION:
+        return ""
+    return (
+        f" The motion is chaotic (changes of the start grow {amplification:.0e} times): compare "
+        "ranges instead of values at one time."
+    )
+
+
+def _observe_drawing(run: RunData) -> dict[str, float]:
+    """Return the columns of the drawing if the run starts in equilibrium or rotation."""
+    e, first = run.equations, run.trajectory.intervals[0]
+    if e.start is None or e.start.closed_q is None:
+        return {}
+    rest = np.zeros((1, e.n))
+    state = e.start.closed_q[None], rest, rest, first.rows.lam[:1]
+    (values,) = run._observe(first.times[:1], *state)
+    return dict(zip(e.observed_headers, values.tolist(), strict=True))
+
+
+def _measure_ranges(run: RunData, drawing: dict[str, float]) -> dict[str, float]:
+    """Return ranges of positions and angles, from the drawing on, and peaks of other columns.
+
+    Vibrations about an equilibrium may be smaller than small errors of its deflection.
+    """
+    extremes = run._extremes_above_rounding
+    scales = scales_of_columns(extremes)
+    for header in scales:
+        if header in drawing and _is_position(header):
+            x, drawn = extremes[header], drawing[header]
+            scales[header] = max(x.max, drawn) - min(x.min, drawn)
+    return scales
+
+
+def _is_position(header: str) -> bool:
+    return Header.of(header).unit in UNITS_OF_POSITIONS
+
+
+def _subtract_rows(run: RunData, other: RunData, header: str) -> Array:
+    """Return the absolute differences of a column at the rows of both runs."""
+    # An event may end one of the runs slightly earlier.
+    rows = slice(min(len(run.t), len(other.t)))
+    return np.abs(run.columns[header][rows] - other.columns[header][rows])
