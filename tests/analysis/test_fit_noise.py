@@ -517,6 +517,22 @@ def test_regression_mirrored_data_far_from_the_first_values_are_named():
     assert result.evaluations <= 30
 
 
+def test_regression_wrong_zeros_of_sensors_are_named():
+    """After 42 evaluations, bounds and other first values were recommended."""
+    times = np.linspace(0.0, 8.0, 201)
+    run = bd.simulate(oscillator(stiffness=40.0, damping=0.2), METHOD, t_end=8.0).at_times(times)
+    noise = 1e-3 * np.random.default_rng(5).standard_normal(len(times))
+    data = {"t [s]": times, "mass.x": run["mass.x"].to_numpy() + 0.75 + noise}
+    options = {"parameters": {"stiffness": 36.0, "damping": 0.5}, "log": list(TRUE)}
+    message = r"look shifted \(offset 0.75 m\); correct .* offset=\['mass.x'\]"
+    with pytest.warns(bd.BeamdaeWarning, match=message):
+        result = bd.fit(oscillator, data, list(TRUE), METHOD, sigma=1e-3, **options)
+    assert result.status.kind == "limited"
+    assert result.evaluations <= 30
+    named = bd.fit(oscillator, data, list(TRUE), METHOD, sigma=1e-3, offset="mass.x", **options)
+    assert named.parameters == pytest.approx({"stiffness": 40.0, "damping": 0.2}, rel=0.01)
+
+
 def test_regression_ends_that_explain_nothing_have_not_converged():
     """They had the status "ok" and intervals after 41 evaluations."""
     data = {"t [s]": TIMES, "mass.x": np.exp(-3.0 * TIMES) + white()}

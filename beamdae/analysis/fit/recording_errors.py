@@ -189,7 +189,17 @@ class RecordingErrors:
             if mirrored is not None and is_explained(opposite, mirrored):
                 first = self._scaling.start(mirrored.values)
             shifted = self._search(problem, self._scaling, self._scaling.first)
+            if shifted is not None and (clause := self._find_offsets(problem, shifted)):
+                return clause
             return self._find(headers, best if shifted is None else shifted, first)
+
+    def _find_offsets(self, problem: FitProblem, end: Evaluation) -> str:
+        """Return a clause on the offsets of a search that leaves noise, or ""."""
+        if self._problem.sensors.offsets or not is_noise(end.residuals):
+            return ""
+        clause = _describe_offsets(problem, end)
+        self._is_searched = bool(clause)
+        return clause
 
     def _find(self, headers: Sequence[str], best: Evaluation, first: Array) -> str:
         """Return a clause on the error that explains the data far better than an evaluation.
@@ -584,6 +594,21 @@ def _describe_scales(problem: FitProblem, end: Evaluation, scales: Mapping[str, 
         f"{named} scaled (scale {scale:.3g}{_guess_units(worst, scale)}); check the calibration "
         f"and the unit in the header {series.name_in_data or series.column!r}, or estimate the "
         f"factor with {remedy}"
+    )
+
+
+def _describe_offsets(problem: FitProblem, end: Evaluation) -> str:
+    """Return a clause on large constant errors of columns, or ""."""
+    names = dict.fromkeys(header for _, header, _ in _unscaled_series(problem))
+    headers = [x for x in names if _has_offset(problem, end, x)]
+    if not headers:
+        return ""
+    columns = [remove_unit(x) for x in headers]
+    offset = dict(zip(problem.coefficients, end.coefficients.tolist(), strict=True))[headers[0]]
+    size = format_with_unit(float(f"{offset:.3g}"), split_unit(headers[0])[1])
+    return (
+        f"the data of {list_first(columns, _MAX_NAMES)} look shifted (offset {size}); correct the "
+        f"zero of the sensor, or estimate it with offset=[{', '.join(map(repr, columns))}]"
     )
 
 
