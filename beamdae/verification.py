@@ -319,6 +319,30 @@ def _with_accuracy(integrator: Integrator, value: float, max_steps: int | None =
     return replace(integrator, **changes)  # type: ignore[type-var]
 
 
+def find_excessive_errors(
+    solution: Solution, errors: Mapping[str, Any], requested: Collection[str] = ()
+) -> dict[str, float]:
+    """Return the errors above the bound of `accuracy_warning` by header; see this function."""
+    name, value = solution.made_by.accuracy
+    if not solution.status.success:
+        return {}
+    has_fixed_steps = name == "step"
+    bound = _MAX_ERROR_OF_FIXED_STEPS if has_fixed_steps else _guaranteed_ratio(solution) * value
+    rows = zip(
+        np.asarray(errors[RELATIVE_ERROR]).tolist(),
+        solution.columns,
+        mark_negligible_columns(solution, errors).tolist(),
+        strict=True,
+    )
+    return {
+        column: error
+        for error, column, is_small in rows
+        if (has_fixed_steps or _is_controlled(column))
+        and error > bound
+        and (column in requested or not is_small)
+    }
+
+
 def accuracy_warning(
     solution: Solution, errors: Mapping[str, Any], requested: Collection[str] = ()
 ) -> str:
@@ -345,25 +369,7 @@ def accuracy_warning(
         If `solution` is not a solution or does not contain its integrator.
     """
     integrator = _require_own_integrator("accuracy_warning", solution)
-    name, value = integrator.accuracy
-    if not solution.status.success:
-        return ""
-    has_fixed_steps = name == "step"
-    ratio = _guaranteed_ratio(solution)
-    bound = _MAX_ERROR_OF_FIXED_STEPS if has_fixed_steps else ratio * value
-    rows = zip(
-        np.asarray(errors[RELATIVE_ERROR]).tolist(),
-        solution.columns,
-        mark_negligible_columns(solution, errors).tolist(),
-        strict=True,
-    )
-    excessive = {
-        column: error
-        for error, column, is_small in rows
-        if (has_fixed_steps or _is_controlled(column))
-        and error > bound
-        and (column in requested or not is_small)
-    }
+    excessive = find_excessive_errors(solution, errors, requested)
     if not excessive:
         return ""
     largest, column = max((error, column) for column, error in excessive.items())
@@ -373,11 +379,11 @@ def accuracy_warning(
             "methods, stopped early, took the same steps, or are not finite in this column; check "
             "the model and use another method."
         )
-    if has_fixed_steps:
+    if integrator.accuracy.name == "step":
         return describe_step_errors(excessive, integrator)
     return (
         f"{column}: the estimated error is {largest:.2g} of half the range, more than "
-        f"{ratio:g} times rtol; reduce rtol by a factor of ten, or use "
+        f"{_guaranteed_ratio(solution):g} times rtol; reduce rtol by a factor of ten, or use "
         "another method."
     )
 

@@ -962,6 +962,8 @@ class Beam(Part):
         """
         assert quantity.recipe is not None
         beam, _, *settings = quantity.recipe.arguments
+        if section_forces in settings:
+            return forces
         N, _, M = forces
         sections = [beam.section.at(x) for x in s]
         stiffness = np.array([(x.EA, x.EI, x.material.E) for x in sections])
@@ -971,8 +973,6 @@ class Beam(Part):
             largest = np.max([np.abs(N / EA + x * M / EI) for x in np.array(levers)], axis=0)
             return np.stack([modulus * largest] * len(quantity.columns))
         _, kind, *numbers = settings
-        if kind is section_forces:
-            return forces
         strain = N / EA + numbers[0] * M / EI
         return (modulus * strain if kind is fiber_stress else strain)[None]
 

@@ -505,7 +505,9 @@ class FormulationKinematics(Kinematics):
 
     def axis_point(self, s: float) -> MaterialPoint:
         """Return the section at arc length s [m], on the interpolated axis."""
-        return self._create_section(s, on_axis=True)
+        return self._geometry.derive(
+            ("axis point", s), lambda: self._create_section(s, on_axis=True)
+        )
 
     @abstractmethod
     def _create_section(self, s: float, on_axis: bool) -> MaterialPoint:

@@ -24,7 +24,7 @@ from beamdae.results.diagnostics.meshes.beam_ranges import (
     range_warnings,
     strain_warnings,
 )
-from beamdae.results.diagnostics.meshes.mesh_errors import LoadedState, mesh_error_warnings
+from beamdae.results.diagnostics.meshes.mesh_errors import LoadedStates, mesh_error_warnings
 from beamdae.results.displays import HasPage, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.section_forces.recovery import recover_section_forces_at_state
@@ -394,17 +394,20 @@ class Equilibrium(HasPage):
         Interrupted
             If Ctrl-C ends the call.
         """
-        _, state, factors = self._select_loaded_state(-1)
+        _, state, ((_, factors),) = self._select_loaded_states(np.array([-1]))
         return recover_section_forces_at_state(self.equations, beam, self.t, state, factors, s)
 
-    def _select_loaded_state(self, row: int) -> LoadedState:
-        """Return the state and the load factors of a row; those of inactive parts are zero."""
-        q, lam = self.q[[row]], self.lam[[row]]
-        at_rest = np.zeros_like(q)
-        factors = dict.fromkeys(self._inactive, 0.0)
-        for names, factor in zip(self.loads, self.factors[row].tolist(), strict=True):
-            factors |= dict.fromkeys(names, factor)
-        return LoadedState(np.full((1, 2), self.t), State(q, at_rest, at_rest, lam), factors)
+    def _select_loaded_states(self, rows: Array) -> LoadedStates:
+        """Return the states and the load factors of rows; those of inactive parts are zero."""
+        q, lam = self.q[rows], self.lam[rows]
+        at_rest, groups = np.zeros_like(q), []
+        for k, row in enumerate(self.factors[rows].tolist()):
+            factors = dict.fromkeys(self._inactive, 0.0)
+            for names, factor in zip(self.loads, row, strict=True):
+                factors |= dict.fromkeys(names, factor)
+            groups.append((np.array([k]), factors))
+        times = np.full((len(q), 2), self.t)
+        return LoadedStates(times, State(q, at_rest, at_rest, lam), groups)
 
     def diagram(self, beam: Any, what: str = "M") -> Plot:
         """Plot a section force of a beam at the end of the path over its arc length.
@@ -449,7 +452,7 @@ class Equilibrium(HasPage):
         outside = list_arguments_outside(self.equations, np.full(2, self.t), self.q)
         # Other columns are evaluated on first access, which takes as long as a load step.
         meshes = mesh_error_warnings(
-            self.equations, lambda header: self.columns[header], self._select_loaded_state
+            self.equations, lambda header: self.columns[header], self._select_loaded_states
         )
         limits: Iterable[str] = ()
         if self.status.success:

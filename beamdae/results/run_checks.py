@@ -47,7 +47,7 @@ from beamdae.results.diagnostics.meshes.fast_loads import fast_load_warnings
 from beamdae.results.diagnostics.meshes.forced_vibrations import examine_vibrations
 from beamdae.results.diagnostics.meshes.impact_meshes import impact_mesh_warnings
 from beamdae.results.diagnostics.meshes.long_elements import long_element_warnings
-from beamdae.results.diagnostics.meshes.mesh_errors import LoadedState, mesh_error_warnings
+from beamdae.results.diagnostics.meshes.mesh_errors import LoadedStates, mesh_error_warnings
 from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
 from beamdae.results.diagnostics.meshes.refined_runs import RunAgain, refine_run
 from beamdae.results.diagnostics.meshes.snaps import snap_warnings
@@ -179,17 +179,23 @@ def skip_error_estimates(*causes: str) -> Iterator[None]:
 
 
 def _step_errors(run: RunData) -> Iterator[str]:
+    errors = _estimate_step_errors(run)
+    warning = errors and deferred.module("verification").accuracy_warning(run, errors)
+    if warning:
+        yield warning
+
+
+def _estimate_step_errors(run: RunData) -> Mapping[str, np.ndarray] | None:
+    """Return the errors of the columns due to fixed steps, or None if there is no estimate."""
     # Runs that were loaded from a file do not contain their integrator.
     can_repeat = run.made_by is not None and run._has_fixed_steps and run.status.success
     is_estimated = STEPS in _estimated_errors.get()
     if not (is_estimated and can_repeat and run.columns) or run._is_at_rest:
-        return
+        return None
     verification = deferred.module("verification")
-    warning = ""
     with suppress(BeamdaeError):  # The second run cannot begin.
-        warning = verification.accuracy_warning(run, verification.estimate_errors(run))
-    if warning:
-        yield warning
+        return verification.estimate_errors(run)
+    return None
 
 
 def _repeat_with_beams(run: RunData) -> RunAgain | None:
@@ -307,19 +313,21 @@ def _untouched_contacts(run: RunData) -> Iterable[str]:
 
 
 def _mesh_errors(run: RunData) -> Iterable[str]:
-    def select_state(row: int) -> LoadedState:
-        """Return the state at the node next to an output time, see `results.elastic_columns`.
+    def select_states(rows: np.ndarray) -> LoadedStates:
+        """Return the states at the nodes next to output times, see `results.elastic_columns`.
 
         Load factors of inactive parts are zero.
         """
-        t = run.t[row : row + 1]
-        interval = run.trajectory.intervals[int(run.trajectory.interval_index(t)[0])]
-        node = int(np.argmin(np.abs(interval.nodes - t)))
-        here = slice(node, node + 1)
-        ((_, factors),) = group_rows(run.trajectory, t)
-        return LoadedState(interval.times[here], State(*(x[here] for x in interval.rows)), factors)
+        times, state = run.trajectory.at_nearest_nodes(run.t[rows])
+        return LoadedStates(times, state, group_rows(run.trajectory, run.t[rows]))
 
-    return mesh_error_warnings(run.equations, run.columns.__getitem__, select_state, True)
+    # Section forces in equilibrium with accelerations that vibrate from step to step are wrong.
+    errors = _estimate_step_errors(run)
+    verification = deferred.module("verification")
+    wrong = {} if errors is None else verification.find_excessive_errors(run, errors)
+    return mesh_error_warnings(
+        run.equations, run.columns.__getitem__, select_states, True, set(wrong)
+    )
 
 
 def _coarse_elements(run: RunData) -> Iterable[str]:
