@@ -672,7 +672,8 @@ class Trajectory:
         for k, interval in enumerate(self.intervals):
             here = times[index == k]
             if len(here):
-                node = np.argmin(np.abs(interval.nodes[:, None] - here), axis=0)
+                middles = 0.5 * (interval.nodes[1:] + interval.nodes[:-1])
+                node = np.searchsorted(middles, here)
                 rows.append(interval.times[node])
                 states.append([x[node] for x in interval.rows])
         return np.concatenate(rows), State(*map(np.concatenate, zip(*states, strict=True)))
