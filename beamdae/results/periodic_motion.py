@@ -248,6 +248,8 @@ def run_warnings(
         sentences = solution.warnings
     has_exact_strains = error is not None and error.has_exact_strains
     replaced = set(range_warnings(solution.validity)) if has_exact_strains else set()
+    if error is not None and error.has_fine_mesh and error.columns:
+        replaced |= set(solution.element_warnings)
     if solution.fast_load_warnings:
         motion = solution.equations, solution.trajectory, solution.step_extremes
         replaced |= {*solution.fast_load_warnings} - {*fast_load_warnings(*motion, True)}

@@ -7,10 +7,11 @@ steps, and by a function of the run in this module if it reads more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from beamdae.equations.part_warnings import (
 from beamdae.errors import BeamdaeError, merge_parts
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import EQUILIBRIUM
+from beamdae.results.columns import ColumnDict
 from beamdae.results.diagnostics.contacts.deep_contacts import (
     deep_contact_warnings,
     soft_contact_warnings,
@@ -42,14 +44,17 @@ from beamdae.results.diagnostics.contacts.untouched_contacts import (
 )
 from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
 from beamdae.results.diagnostics.meshes.beam_ranges import sample_positions, strain_warnings
-from beamdae.results.diagnostics.meshes.coarse_elements import coarse_element_warnings
+from beamdae.results.diagnostics.meshes.element_errors import (
+    ElementErrors,
+    compare_few_elements,
+    instant_warnings,
+)
 from beamdae.results.diagnostics.meshes.fast_loads import fast_load_warnings
 from beamdae.results.diagnostics.meshes.forced_vibrations import examine_vibrations
-from beamdae.results.diagnostics.meshes.impact_meshes import impact_mesh_warnings
 from beamdae.results.diagnostics.meshes.long_elements import long_element_warnings
 from beamdae.results.diagnostics.meshes.mesh_errors import LoadedStates, mesh_error_warnings
 from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
-from beamdae.results.diagnostics.meshes.refined_runs import RunAgain, refine_run
+from beamdae.results.diagnostics.meshes.refined_runs import RunAgain
 from beamdae.results.diagnostics.meshes.snaps import snap_warnings
 from beamdae.results.diagnostics.meshes.strain_errors import strain_error_warnings
 from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
@@ -89,6 +94,7 @@ from beamdae.results.section_forces.balance import group_rows
 from beamdae.results.trajectory import Trajectory
 
 Check = Callable[[RunData], Iterable[str]]
+T = TypeVar("T")
 
 # Causes of errors for which checks repeat runs, see `skip_error_estimates`.
 STEPS, BEAMS = "steps", "beams"
@@ -96,6 +102,19 @@ _estimated_errors: ContextVar[frozenset[str]] = ContextVar(
     "estimated_errors", default=frozenset((STEPS, BEAMS))
 )
 _POWER_SAMPLES = 201  # times at which the power of user-written damping is evaluated
+
+
+def _once_a_run(evaluate: Callable[[RunData], T]) -> Callable[[RunData], T]:
+    """Return the function with a cache in the attributes of the run, for results of two checks."""
+
+    def evaluate_once(run: RunData) -> T:
+        cache, name = vars(run), f"_result_of{evaluate.__name__}"
+        if name not in cache:
+            cache[name] = evaluate(run)
+        result: T = cache[name]
+        return result
+
+    return evaluate_once
 
 
 def _of_motion(check: Callable[[EquationsOfMotion, Trajectory], Iterable[str]]) -> Check:
@@ -219,12 +238,26 @@ def _strain_errors(run: RunData) -> Iterable[str]:
     return strain_error_warnings(run, _repeat_with_beams(run))
 
 
-def _impact_meshes(run: RunData) -> Iterable[str]:
-    run_again = _repeat_with_beams(run)
+@_once_a_run
+def _find_element_errors(run: RunData) -> ElementErrors:
+    """Return the comparison of a run with halved elements."""
+    run_again = None if run._is_at_rest else _repeat_with_beams(run)
+    if run_again is None:
+        return ElementErrors()
+    of_snaps = tuple(snap_warnings(run, run_again))
+    if of_snaps:
+        beams = beams_of(run.equations.mechanism)
+        return ElementErrors(tuple(x.name for x in beams), warnings=of_snaps)
     # Of fast rises, the error by the elements is known.
-    if run_again is None or not _is_complete(run) or run._hard_impacts:
-        return ()
-    return impact_mesh_warnings(run, run_again)
+    if run._hard_impacts:
+        return ElementErrors()
+    return compare_few_elements(run, run_again, _is_complete(run), lambda: bool(_mesh_errors(run)))
+
+
+def _uncompared_extremes(run: RunData, extremes: ColumnDict) -> dict[str, StepExtremes]:
+    """Return the extremes of columns whose errors by elements are to be estimated, by header."""
+    known = _find_element_errors(run).columns
+    return {header: x for header, x in extremes.items() if header not in known}
 
 
 def _hard_impacts(run: RunData) -> Iterable[str]:
@@ -312,7 +345,8 @@ def _untouched_contacts(run: RunData) -> Iterable[str]:
     return untouched_contact_warnings(run.equations, run.trajectory, force)
 
 
-def _mesh_errors(run: RunData) -> Iterable[str]:
+@_once_a_run
+def _mesh_errors(run: RunData) -> tuple[str, ...]:
     def select_states(rows: np.ndarray) -> LoadedStates:
         """Return the states at the nodes next to output times, see `results.elastic_columns`.
 
@@ -325,30 +359,24 @@ def _mesh_errors(run: RunData) -> Iterable[str]:
     errors = _estimate_step_errors(run)
     verification = deferred.module("verification")
     wrong = {} if errors is None else verification.find_excessive_errors(run, errors)
-    return mesh_error_warnings(
-        run.equations, run.columns.__getitem__, select_states, True, set(wrong)
-    )
+    column_of = run.columns.__getitem__
+    return tuple(mesh_error_warnings(run.equations, column_of, select_states, True, set(wrong)))
+
+
+def _few_elements(run: RunData) -> Iterable[str]:
+    return _find_element_errors(run).warnings
 
 
 def _coarse_elements(run: RunData) -> Iterable[str]:
     if run._is_at_rest:
         return ()
-    run_again = _repeat_with_beams(run)
-
-    def repeat(names: Collection[str]) -> Mapping[str, StepExtremes] | None:
-        finer = None if run_again is None else refine_run(run, run_again, halved=names)
-        return None if finer is None else finer.run._extremes_above_rounding
-
-    extremes = run._extremes_above_rounding
-    # The repeated run shows errors of a motion that no single state does.
-    of_snaps = tuple(snap_warnings(run, run_again))
-    return of_snaps or coarse_element_warnings(run.equations, run.trajectory, extremes, repeat)
+    return instant_warnings(run, _repeat_with_beams(run), _find_element_errors(run).beams)
 
 
 def _long_elements(run: RunData) -> Iterator[str]:
     if run._is_at_rest:
         return
-    motion = run.equations, run.trajectory, run.step_extremes
+    motion = run.equations, run.trajectory, _uncompared_extremes(run, run.step_extremes)
     examined = dict(examine_vibrations(*motion, run._observe))
     yield from merge_parts((name, *x) for name, x in examined.items() if x[1])
     yield from long_element_warnings(
@@ -359,7 +387,8 @@ def _long_elements(run: RunData) -> Iterator[str]:
 def _fast_loads(run: RunData) -> Iterable[str]:
     if run._is_at_rest:
         return ()
-    return fast_load_warnings(run.equations, run.trajectory, run._extremes_above_rounding)
+    extremes = _uncompared_extremes(run, run._extremes_above_rounding)
+    return fast_load_warnings(run.equations, run.trajectory, extremes)
 
 
 def _start_transients(run: RunData) -> Iterable[str]:
@@ -430,6 +459,9 @@ ROW_CHECKS: tuple[Check, ...] = (_missed_peaks, _of_motion(unknown_peak_warnings
 # Warnings about waves after fast changes of laws.
 FAST_LOADS: Check = _fast_loads
 
+# Warnings about motions and reactions that are wrong by the elements of beams.
+ELEMENT_CHECKS: tuple[Check, ...] = (_few_elements, _coarse_elements, _long_elements)
+
 RUN_CHECKS: tuple[Check, ...] = (
     # Unstable loops cause failures, large strains and errors.
     _growing_loops,
@@ -457,10 +489,8 @@ RUN_CHECKS: tuple[Check, ...] = (
     _of_motion(deep_contact_warnings),
     _of_motion(soft_contact_warnings),
     _untouched_contacts,
-    _impact_meshes,
     _mesh_errors,
-    _coarse_elements,
-    _long_elements,
+    *ELEMENT_CHECKS,
     FAST_LOADS,
     _of_motion(moving_load_warnings),
     _of_motion(table_range_warnings),

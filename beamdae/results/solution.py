@@ -32,7 +32,7 @@ from beamdae.read_only import read_only_data
 from beamdae.results.displays import Animation, Plot, load_views
 from beamdae.results.event_records import tabulate_events
 from beamdae.results.provenance import describe_provenance, state_hash
-from beamdae.results.run_checks import FAST_LOADS, ROW_CHECKS, RUN_CHECKS, Check
+from beamdae.results.run_checks import ELEMENT_CHECKS, FAST_LOADS, ROW_CHECKS, RUN_CHECKS, Check
 from beamdae.results.run_data import RunData, coordinate_headers
 from beamdae.results.storage.files import require_file_path, write_result
 from beamdae.results.time_series import TimeSeries
@@ -168,6 +168,11 @@ class Solution(RunData, TimeSeries):
     def row_warnings(self) -> tuple[str, ...]:
         """Those of the `warnings` about peaks and vibrations that the output rows do not show."""
         return tuple(chain.from_iterable(self._sentences[check] for check in ROW_CHECKS))
+
+    @property
+    def element_warnings(self) -> tuple[str, ...]:
+        """Those of the `warnings` about elements of beams that are too few or too long."""
+        return tuple(chain.from_iterable(self._sentences[check] for check in ELEMENT_CHECKS))
 
     @property
     def fast_load_warnings(self) -> tuple[str, ...]:

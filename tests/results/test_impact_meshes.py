@@ -82,6 +82,6 @@ def test_runs_without_an_impact_are_not_repeated(monkeypatch):
         raise AssertionError("the run is repeated")
 
     monkeypatch.setattr(verification, "run_again", fail)
-    bd.simulate(dropped_board(1, height=0.1), t_end=0.002)
+    bd.simulate(dropped_board(3, height=0.1), t_end=0.002)
     with pytest.raises(AssertionError):
-        bd.simulate(dropped_board(1), t_end=0.002)
+        bd.simulate(dropped_board(3), t_end=0.002)

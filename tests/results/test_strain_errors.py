@@ -26,7 +26,7 @@ def cantilever(observed=("tip", "root"), height=0.05, force=0.0, **settings):
     """Return a soft cantilever of 1 m that gravity bends, and a force of 10 Hz at its end."""
     strip = bd.Section.rectangle(SOFT, width=1.0, height=height, damping=1e-3)
     mech = bd.Mechanism(gravity=(0.0, -9.81))
-    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, 2, **settings))
+    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, 3, **settings))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.Force("push", beam.end, (0.0, bd.sine(force, 10.0))))
     quantities = {"tip": beam.end, "root": beam.strain(0.0, "top")}

@@ -3,13 +3,13 @@
 Near a resonance, a small error of the stiffness changes the motion by a multiple of it: an error of
 0.1 % of the frequency changes the amplitude by up to 10 % at a damping ratio of 0.5 %. Estimates
 for single beams do not include this. Therefore, Newton's method finds the same motion of the model
-with exact strains and, if waves are short for the elements or these are long for the tension, with
-halved elements. It begins with the monodromy matrix of the first motion.
+with exact strains and, if waves are short for the elements or these are few, or long for the
+tension, with halved elements. It begins with the monodromy matrix of the first motion.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,6 +44,9 @@ _TOLERANCE = Tolerance(1e-3, 1e-2)
 _MAX_DIFFERENCE = 1.0
 # Elements are halved if their estimated effect on the motion exceeds this value.
 _MIN_MESH_ERROR = 3e-3
+# Elements of beams with this number or less are halved in forced motions: near a buckling load,
+# they are too stiff for motions whose waves are long.
+_FEW_ELEMENTS = 2
 # Relative tolerance of the compared runs, relative to the distance of the multipliers from 1, which
 # amplifies their errors. Errors of a run are up to 60 times its tolerance: 0.2 % of the motion.
 _RTOL_RATIO = 3e-5
@@ -107,7 +110,7 @@ class BeamErrorEstimator:
             None if no beam can be replaced, or there are no columns.
         """
         distance = _distance_from_resonance(monodromy, free_period)
-        reference = _build_reference(run, _estimate_mesh_errors(run, distance))
+        reference = _build_reference(run, _find_coarse_beams(run, distance, free_period))
         if reference is None or not run.solution.columns:
             return None
         names = tuple(dict.fromkeys((*reference.exact, *reference.halved)))
@@ -209,15 +212,25 @@ def _estimate_mesh_errors(run: PeriodRun, distance: float) -> dict[str, float]:
     rate = float(np.max(rates / amplitudes))
     factor = rate * run.period_map.period / distance
     equations = run.period_map.equations
-    beams = () if equations.mechanism is None else beams_of(equations.mechanism)
+    beams = beams_of(equations.mechanism)
     return {x.name: factor * float(bending_wave_errors(x, np.array([rate]))[0]) for x in beams}
 
 
-def _build_reference(run: PeriodRun, mesh_errors: Mapping[str, float]) -> RefinedBeams | None:
+def _find_coarse_beams(run: PeriodRun, distance: float, free_period: bool) -> set[str]:
+    """Return the names of beams whose elements are to be halved."""
+    equations = run.period_map.equations
+    errors = _estimate_mesh_errors(run, distance)
+    positions = [x.state.q for x in sample_instants(run.solution.trajectory)]
+    coarse = {name for name, error in errors.items() if error > _MIN_MESH_ERROR}
+    coarse |= {x.name for x in find_taut_beams(equations, np.array(positions))}
+    if not free_period:
+        few = (x for x in beams_of(equations.mechanism) if x.mesh.elements <= _FEW_ELEMENTS)
+        coarse |= {x.name for x in few}
+    return coarse
+
+
+def _build_reference(run: PeriodRun, coarse: Collection[str]) -> RefinedBeams | None:
     """Return the model with more accurate beams; None if there are none or parts are not copied."""
     equations = run.period_map.equations
     limited = {x.statement.part for x in equations.ranges if x.statement.defect is not None}
-    coarse = {name for name, error in mesh_errors.items() if error > _MIN_MESH_ERROR}
-    positions = [x.state.q for x in sample_instants(run.solution.trajectory)]
-    coarse |= {x.name for x in find_taut_beams(equations, np.array(positions))}
     return refine_beams(equations, exact=limited, halved=coarse)

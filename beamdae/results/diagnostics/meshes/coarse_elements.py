@@ -1,31 +1,27 @@
-"""Warnings about elements of beams that are too few, or too long for their axial tension.
+"""Elements of beams that are too few, or too long for their axial tension.
 
 The deflection of a beam under the tension N has boundary layers of the length sqrt(EI / N) at
 clamps and at loads. Elements that are several times as long are too stiff or too flexible, so that
-travels, reactions and frequencies are wrong. One or two curved elements do not contain the bent
-shape of an arc, nor straight ones that under distributed loads. In such cases, the state is
-computed again with halved elements: an equilibrium under the same loads or, of a run, a quasi-
-static motion with the same accelerations, in which changes of the positions have the rates 1 / T
-and 1 / T^2, with the duration T of the run. The lowest natural frequency at this instant of a run
-is compared, too, unless the elements are few and straight: near a resonance, its small error
-changes the motion by a multiple of it.
+travels, reactions and frequencies are wrong. A few elements do not contain the bent shape of an
+arc, nor straight ones that under distributed loads. In such cases, the state is computed again with
+halved elements: an equilibrium under the same loads or, of a run, a quasi-static motion with the
+same accelerations, in which changes of the positions have the rates 1 / T and 1 / T^2, with the
+duration T of the run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from beamdae import deferred
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.dispersion import section_values
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
-from beamdae.equations.measures import ObservedRows
-from beamdae.errors import BeamdaeError, format_count, format_percent, name_with_others
+from beamdae.errors import format_count, format_percent, name_with_others
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.results.columns import (
     Header,
@@ -59,6 +55,8 @@ _FEW_ELEMENTS, _FEW_ELEMENTS_OF_RUN, _LARGE_TURN = 3, 2, 0.1
 # Recommended length of elements, relative to sqrt(EI / N).
 _SHORT_ELEMENT = 5.0
 _MAX_ERROR = 0.01
+# Elements of half the length reduce smaller errors to 1 %.
+LARGE_CHANGE = 2.0**4 * _MAX_ERROR
 # Columns that are smaller, relative to the largest one of their kind, are left out: of runs, whose
 # state is compared approximately, and of equilibria, whose parasitic motions matter to flexures.
 _MIN_SHARE, MIN_SHARE_AT_REST = 1e-2, 1e-5
@@ -115,22 +113,33 @@ def find_coarse_beam(equations: EquationsOfMotion, q: Array) -> BeamDoubt | None
     """
     taut = find_taut_beams(equations, q)
     few = (x.name for x in beams_of(equations.mechanism) if x.mesh.elements <= _FEW_ELEMENTS)
-    return taut[0] if taut else _find_few_elements(equations, q, set(few))
+    return taut[0] if taut else find_few_elements(equations, q, set(few))
 
 
-def _find_few_elements(
+def find_few_elements(
     equations: EquationsOfMotion, q: Array, names: Container[str]
 ) -> BeamDoubt | None:
     """Return one of the beams `names`, whose elements are few; None if there is none."""
     for beam, forces in evaluate_forces(equations, q):
         if beam.name in names:
             row = int(np.argmax(np.max(np.abs(forces[..., 2]), axis=(1, 2))))
-            elements = beam.mesh.elements
-            verb = "is" if elements == 1 else "are"
-            cause = f"{beam.name}: {format_count(elements, 'element')} {verb} too few"
-            remedy = _always(f"use elements={2 * elements}")
-            return BeamDoubt(beam.name, cause, _HALVED, remedy, row)
+            return doubt_few_elements([beam])._replace(row=row)
     return None
+
+
+def doubt_few_elements(beams: Sequence[Beam]) -> BeamDoubt:
+    """Return the doubt about beams whose elements are few; the first one has the fewest."""
+    few = beams[0].mesh.elements
+    names = name_with_others(beams[0].name, [x.name for x in beams[1:]])
+    cause = f"{names}: {format_count(few, 'element')} {'is' if few == 1 else 'are'} too few"
+
+    def recommend(change: float) -> str:
+        factor = 2 if change < LARGE_CHANGE else 4
+        if len(beams) == 1:
+            return f"use elements={factor * few}"
+        return f"use {'twice' if factor == 2 else 'four times'} the elements"
+
+    return BeamDoubt(beams[0].name, cause, _HALVED, recommend)
 
 
 def evaluate_forces(equations: EquationsOfMotion, q: Array) -> Iterator[tuple[Beam, Array]]:
@@ -157,68 +166,6 @@ def sample_instants(trajectory: Trajectory) -> list[Instant]:
         state = State(*(x[row] for x in interval.rows))
         instants.append(Instant(time, state, interval.configuration))
     return instants
-
-
-def coarse_element_warnings(
-    equations: EquationsOfMotion,
-    trajectory: Trajectory,
-    extremes: Mapping[str, StepExtremes],
-    repeat: Callable[[Collection[str]], Mapping[str, StepExtremes] | None] = lambda _: None,
-) -> Iterator[str]:
-    """Yield a warning if columns of a run change by over 1 % with halved elements.
-
-    The state with the elements that are longest for their tension is examined or, if a beam has
-    few elements that are curved or contain observed motions, that with its largest bending moment.
-    If there is no such state with halved elements, as while a beam snaps, ranges and peaks of the
-    whole run are compared.
-
-    Parameters
-    ----------
-    equations
-        The equations of motion.
-    trajectory
-        The steps of the run.
-    extremes
-        Extremes of the observed columns that are not rounding errors, by header.
-    repeat
-        Function that repeats the run with halved elements of the named beams and returns such
-        extremes, or None if the run cannot be repeated.
-    """
-    duration = trajectory.end - trajectory.start
-    if not duration > 0.0:
-        return
-    instants = sample_instants(trajectory)
-    positions = np.array([x.state.q for x in instants])
-    few = [x for x in beams_of(equations.mechanism) if x.mesh.elements <= _FEW_ELEMENTS_OF_RUN]
-    curved = {x.name for x in few if x.mesh.largest_turn >= _LARGE_TURN}
-    observed = {x.name for x in few if _observes_within_elements(equations, x)}
-    taut = find_taut_beams(equations, positions)
-    doubt = taut[0] if taut else _find_few_elements(equations, positions, curved | observed)
-    if doubt is None:
-        return
-    # Imported here because few runs need it, and the import slows the start of the others.
-    from beamdae.equations.assembly.refined_beams import refine_beams
-
-    halved = refine_beams(equations)
-    if halved is None:
-        return
-    coarse = instants[doubt.row]
-    fine = find_refined_instant(equations, halved, coarse, duration)
-    scales = scales_of_columns(extremes)
-    if fine is None:
-        others = repeat([x.name for x in taut or few])
-        finer = {} if others is None else scales_of_columns(others)
-        ranges = {x: (scales[x], finer[x]) for x in scales if x in finer}
-        yield from describe_changes(equations, doubt, ranges, scales, " (range or peak)")
-        return
-    pairs = (equations, coarse), (halved.equations, fine)
-    values = _pair(equations.observed_headers, *(_observe(*pair) for pair in pairs))
-    if taut or doubt.name in curved:
-        before, after = (_find_eigenvalues(*pair) for pair in pairs)
-        frequencies = pair_frequencies(before, after, least=1.0 / duration)
-        scales |= {name: x[0] for name, x in frequencies.items()}
-        values |= frequencies
-    yield from describe_changes(equations, doubt, values, scales, f" at t = {coarse.t:.4g} s")
 
 
 def describe_changes(
@@ -282,6 +229,7 @@ def find_changes(
     values: Mapping[str, tuple[float, float]],
     scales: Mapping[str, float],
     min_share: float = _MIN_SHARE,
+    min_change: float = 0.0,
 ) -> dict[str, float]:
     """Return changes of over 1 % relative to the scale, by header, the largest one first.
 
@@ -298,6 +246,8 @@ def find_changes(
         Size of the values, by header. Other values are ignored.
     min_share
         Size relative to the largest value of its kind from which on a value is compared.
+    min_change
+        Smallest change relative to the largest value of its kind, of values that are small.
     """
     of_deformations = _headers_of(equations, Beam.is_deformation)
     compared = [x for x in values if x in scales]
@@ -310,13 +260,15 @@ def find_changes(
         is_noise = mark_vanishing_columns(headers, sizes, equations.length)
         # Moments are not compared with forces: those at clamps are small, but bend the beam.
         is_angle = [Header.of(x).unit == "rad" for x in headers]
-        largest = (largest_of_kind(headers, sizes, x) for x in (equations.length, 0.0))
-        is_noise |= (sizes <= min_share * np.where(is_angle, *largest)) | (sizes <= rounding)
-        changes = (values[header][1] - values[header][0] for header in headers)
+        of_kinds = (largest_of_kind(headers, sizes, x) for x in (equations.length, 0.0))
+        largest = np.where(is_angle, *of_kinds)
+        changes = np.array([abs(values[x][1] - values[x][0]) for x in headers])
+        is_noise |= (sizes <= min_share * largest) | (sizes <= rounding)
+        is_noise |= changes <= min_change * largest
         errors |= {
-            header: abs(change) / size
+            header: float(change / size)
             for header, change, size, noise in zip(headers, changes, sizes, is_noise, strict=True)
-            if not noise and _MAX_ERROR < abs(change) / size < np.inf
+            if not noise and _MAX_ERROR < change / size < np.inf
         }
     return dict(sorted(errors.items(), key=lambda x: -x[1]))
 
@@ -357,37 +309,6 @@ def _headers_of(equations: EquationsOfMotion, is_selected: Callable[[Quantity], 
         if one is not None and is_selected(measured_quantity(one)[0]):
             headers.update(observable.headers)
     return headers
-
-
-def _observes_within_elements(equations: EquationsOfMotion, beam: Beam) -> bool:
-    """Return True if a motion between the ends of an element is observed."""
-    mechanism = equations.mechanism
-    observed = () if mechanism is None else mechanism.observables.values()
-    sections = (s for x in observed for s in beam.sections_of_motion(measured_quantity(x)[0]))
-    return not all(map(beam.mesh.has_end_at, sections))
-
-
-def _pair(
-    names: Sequence[str], coarse: Iterable[float], fine: Iterable[float]
-) -> dict[str, tuple[float, float]]:
-    """Return the values with both meshes, by name."""
-    return dict(zip(names, zip(coarse, fine, strict=True), strict=True))
-
-
-def _observe(equations: EquationsOfMotion, instant: Instant) -> list[float]:
-    """Return the observed columns."""
-    observe = ObservedRows(equations.with_loads_of(instant.configuration))
-    row = observe(instant.time[None], *(x[None] for x in instant.state))[0]
-    return list(map(float, row))
-
-
-def _find_eigenvalues(equations: EquationsOfMotion, instant: Instant) -> Array:
-    """Return the smallest eigenvalues of the frozen motion [1/s], or none if there are none."""
-    natural_modes = deferred.module("analysis.linear_dynamics.natural_modes")
-    try:
-        return np.asarray(natural_modes.compute_modes(equations, instant, _MODES).eigenvalues)
-    except BeamdaeError:
-        return np.zeros(0)
 
 
 def find_refined_instant(

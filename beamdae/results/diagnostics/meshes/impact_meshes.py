@@ -6,19 +6,19 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from beamdae.beams.beam import Beam, beams_of
+from beamdae.beams.beam import Beam
 from beamdae.equations.surface_gaps import compile_surface_gaps
-from beamdae.errors import format_count, format_percent, name_with_others
+from beamdae.errors import format_percent, name_with_others
 from beamdae.parts.events import select_impacts
 from beamdae.results.columns import Header, format_apart, remove_unit
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of, gaps_of_run
 from beamdae.results.diagnostics.meshes.coarse_elements import (
     UNITS_OF_POSITIONS,
+    doubt_few_elements,
     find_changes,
     headers_of_sections,
     scales_of_columns,
 )
-from beamdae.results.diagnostics.meshes.refined_runs import RunAgain, is_short, refine_run
 from beamdae.results.run_data import RunData
 
 Array = np.ndarray
@@ -27,7 +27,7 @@ Array = np.ndarray
 # of arms that strike stops (1 to 4 elements), changes by halved elements of over 1 % are 0.7 to 1.6
 # times the error beside 12 elements for single elements, and 0.8 to 1.1 times for 2 and 3. Later
 # peaks are off by up to 75 %. Errors of the largest values are below 2 % with 4 elements.
-_FEW_ELEMENTS = 3
+MAX_ELEMENTS_OF_IMPACTS = 3
 _ROUNDING = 1e-9  # of gaps, relative to the length of the mechanism
 # Peaks of tenths of the run, at this number of times, with at least this share of the largest
 # magnitude, have a warning from this change on.
@@ -37,31 +37,7 @@ _MIN_SHARE_OF_PEAK, _MAX_CHANGE_OF_PEAK = 0.25, 0.05
 _MAX_RATIO = 1.5  # of the largest change of such a peak and of the largest value of a column
 
 
-def impact_mesh_warnings(run: RunData, run_again: RunAgain) -> Iterator[str]:
-    """Yield a warning if peaks of a run with impacts change with halved elements.
-
-    Impacts excite vibrations of which a single element, or a few, do not follow the first ones
-    well: the largest values of columns change by over 1 %, and later peaks of stresses, strains and
-    section forces by tens of percent. The run is repeated with halved elements, unless it is long
-    or has sampled controllers, whose laws may have a memory.
-
-    Parameters
-    ----------
-    run
-        The run, from t = 0 to its planned end.
-    run_again
-        Function that repeats the run with other equations, or returns None if it fails.
-    """
-    beams = [x for x in beams_of(run.equations.mechanism) if x.mesh.elements <= _FEW_ELEMENTS]
-    if not beams or not is_short(run) or not _has_impacts(run):
-        return
-    finer = refine_run(run, run_again, halved=[x.name for x in beams])
-    if finer is not None:
-        beams = [x for x in beams if x.name in finer.halved]
-        yield from _describe(run, finer.run, sorted(beams, key=lambda x: x.mesh.elements))
-
-
-def _has_impacts(run: RunData) -> bool:
+def has_impacts(run: RunData) -> bool:
     """Return True if an event is an impact, or the gap of a contact closes during the run."""
     e = run.equations
     impacts = {x.name for x in e.events if select_impacts(x.do)}
@@ -76,7 +52,22 @@ def _has_impacts(run: RunData) -> bool:
     return False
 
 
-def _describe(run: RunData, other: RunData, beams: Sequence[Beam]) -> Iterator[str]:
+def describe_impacts(run: RunData, other: RunData, beams: Sequence[Beam]) -> Iterator[str]:
+    """Yield a warning if peaks of a run with impacts change with halved elements.
+
+    Impacts excite vibrations of which a single element, or a few, do not follow the first ones
+    well: the largest values of columns change by over 1 %, and later peaks of stresses, strains and
+    section forces by tens of percent.
+
+    Parameters
+    ----------
+    run
+        The run.
+    other
+        The run with halved elements.
+    beams
+        The beams whose elements are halved; the first one has the fewest.
+    """
     e = run.equations
     scales = scales_of_columns(run._extremes_above_rounding)
     finer = scales_of_columns(other._extremes_above_rounding)
@@ -103,13 +94,10 @@ def _describe(run: RunData, other: RunData, beams: Sequence[Beam]) -> Iterator[s
             )
     if not clauses:
         return
-    few = beams[0].mesh.elements
-    names = name_with_others(beams[0].name, [x.name for x in beams[1:]])
-    count = format_count(few, "element")
-    remedy = f"elements={2 * few}" if len(beams) == 1 else "twice the elements"
+    doubt, largest = doubt_few_elements(beams), max(errors.values(), default=0.0)
     yield (
-        f"{names}: {count} {'is' if few == 1 else 'are'} too few for this impact: with halved "
-        f"elements, {', and '.join(clauses)}; use {remedy}."
+        f"{doubt.cause} for this impact: {doubt.comparison}, {', and '.join(clauses)}; "
+        f"{doubt.remedy(largest)}."
     )
 
 

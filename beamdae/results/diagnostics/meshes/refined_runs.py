@@ -15,6 +15,7 @@ from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.results.columns import Header, remove_unit
 from beamdae.results.diagnostics.meshes.beam_ranges import MAX_UNREPORTED_ERROR, BeamDoubt
 from beamdae.results.diagnostics.meshes.coarse_elements import (
+    MIN_SHARE_AT_REST,
     UNITS_OF_POSITIONS,
     find_changes,
     scales_of_columns,
@@ -37,6 +38,9 @@ _MAX_WORK = 2e5
 # differences, two double pendulums amplify them by 2e3 and 7e4, and the others by up to 100.
 _LARGE_DIFFERENCE, _START_CHANGE, _MIN_AMPLIFICATION = 0.05, 1e-6, 1e3
 _ROUNDED_CHANGE = 1e-3  # of a range; smaller ones are not stated
+# Smallest change relative to the largest column of its kind, above errors of the time integration:
+# 1 % of a column of 1 % of the largest one, but 10 % of parasitic motions of 0.1 %.
+_MIN_CHANGE = 1e-4
 
 
 class RefinedRun(NamedTuple):
@@ -56,9 +60,8 @@ class RefinedRun(NamedTuple):
 
 
 def is_short(run: RunData) -> bool:
-    """Return True if a run is short enough to repeat, and has no laws with a memory."""
-    e = run.equations
-    return not e.controllers and run.trajectory.steps * e.n <= _MAX_WORK
+    """Return True if a run is short enough to repeat."""
+    return run.trajectory.steps * run.equations.n <= _MAX_WORK
 
 
 def refine_run(
@@ -70,8 +73,8 @@ def refine_run(
 ) -> RefinedRun | None:
     """Repeat a short run from t = 0 with exact strains and halved elements of the named beams.
 
-    Returns None if the run is long or has sampled controllers, whose laws may have a memory, if no
-    beam can be refined, or if the run fails.
+    Returns None if the run is long, no beam can be refined, or the repeated run fails. Laws of
+    sampled controllers have no memory outside the coordinates; see `Controller`.
 
     Parameters
     ----------
@@ -136,8 +139,8 @@ class RunChanges:
     includes_drawing: bool
 
     @classmethod
-    def measure(cls, run: RunData, other: RunData, excluded: Collection[str] = ()) -> RunChanges:
-        """Return the changes in another run, except those of the headers `excluded`."""
+    def measure(cls, run: RunData, other: RunData) -> RunChanges:
+        """Return the changes in another run."""
         drawing = _observe_drawing(run)
         ranges, finer = (_measure_ranges(x, drawing) for x in (run, other))
         differences = {
@@ -145,7 +148,7 @@ class RunChanges:
             if _is_position(header)
             else np.array([abs(ranges[header] - finer[header])])
             for header in ranges
-            if header in finer and header not in excluded
+            if header in finer
         }
         return cls(run, ranges, finer, differences, bool(drawing))
 
@@ -158,9 +161,11 @@ class RunChanges:
     def errors(self) -> dict[str, float]:
         """Changes of over 1 % relative to `scales`, by header, the largest one first."""
         values = {header: (0.0, float(np.max(x))) for header, x in self.differences.items()}
-        return find_changes(self.run.equations, values, self.scales)
+        return find_changes(self.run.equations, values, self.scales, MIN_SHARE_AT_REST, _MIN_CHANGE)
 
-    def describe(self, doubt: BeamDoubt, run_again: RunAgain) -> Iterator[str]:
+    def describe(
+        self, doubt: BeamDoubt, run_again: RunAgain, unnamed: Collection[str] = ()
+    ) -> Iterator[str]:
         """Yield a warning if there are `errors`.
 
         Parameters
@@ -169,8 +174,10 @@ class RunChanges:
             Why the run was repeated.
         run_again
             Function that repeats the run.
+        unnamed
+            Headers of columns that have other warnings.
         """
-        errors = self.errors
+        errors = {header: error for header, error in self.errors.items() if header not in unnamed}
         if not errors:
             return
         worst, *others = errors

@@ -1,0 +1,185 @@
+"""Warnings about columns of runs with few elements, which are repeated with halved ones."""
+
+import re
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae import verification
+from beamdae.results.diagnostics.meshes import refined_runs
+from beamdae.results.run_checks import BEAMS, STEPS, skip_error_estimates
+
+# A filter that matches no message, so that runs are checked although all warnings are ignored.
+pytestmark = pytest.mark.filterwarnings("always:(?!):beamdae.errors.BeamdaeWarning")
+
+STEEL = bd.Material.of("steel")
+
+
+def strip_of(height, damping=1e-3):
+    return bd.Section.rectangle(STEEL, width=0.02, height=height, damping=damping)
+
+
+def find_sentences(run):
+    return [x for x in run.warnings if "with halved elements" in x]
+
+
+def stated_difference(sentence, name):
+    """Return the stated error of a column [-]."""
+    match = re.search(rf"\b{re.escape(name)} (?:differs by )?(?:up to )?(\S+) %", sentence)
+    assert match is not None
+    return float(match[1]) / 100.0
+
+
+def largest_difference(one, other, name):
+    return np.max(np.abs(one[name] - other[name])) / np.ptp(other[name])
+
+
+def rotor(elements, observed="deflection", speed=120.0):
+    """Return a blade of 0.5 m whose speed rises within a second."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    hub = mech.add(bd.RigidBody("hub", mass=2.0, inertia=0.01, center=(0.0, 0.0)))
+    bearing = mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)
+    mech.add(bd.Revolute("bearing", *bearing))
+    line = bd.Line((0.1, 0.0), (0.6, 0.0))
+    blade = mech.add(bd.Beam("blade", line, strip_of(3e-3), elements))
+    mech.add(bd.Weld("root", hub.at(0.1, 0.0), blade.start))
+    mech.add(bd.Driver("motor", *bearing, law=bd.run_up(speed, 1.0)))
+    mech.observe("tip", blade.deflection(0.5) if observed == "deflection" else blade.end)
+    return mech
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_regression_deflections_of_blades_are_compared():
+    """The deflection of the tip was off by 1.6 % without a warning."""
+    coarse, fine = (bd.simulate(rotor(n), t_end=1.2) for n in (1, 8))
+    (sentence,) = find_sentences(coarse)
+    error = largest_difference(coarse, fine, "tip.transverse")
+    assert error > 0.015
+    assert stated_difference(sentence, "tip.transverse") == pytest.approx(error, rel=0.1)
+    # An instant is not compared: the lowest natural frequency changes by more.
+    assert "frequency" not in sentence
+    assert not find_sentences(bd.simulate(rotor(1, "end"), t_end=1.2))
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_regression_parasitic_motions_of_flexures_are_compared():
+    """The pitch of a platform, a thousandth of its travel, was off by 60 % without a warning."""
+
+    def stage(elements):
+        mech = bd.Mechanism()
+        platform = mech.add(bd.RigidBody("platform", mass=0.5, inertia=1e-3, center=(0.03, 0.1)))
+        for name, x, height in (("left", 0.0, 0.4e-3), ("right", 0.06, 0.45e-3)):
+            line = bd.Line((x, 0.0), (x, 0.1))
+            leaf = bd.Beam(name, line, strip_of(height), elements, formulation="exact")
+            mech.add(leaf)
+            mech.add(bd.Weld(f"{name} foot", mech.ground.at(x, 0.0), leaf.start))
+            mech.add(bd.Weld(f"{name} head", platform.at(x, 0.1), leaf.end))
+        push = bd.table([0.0, 0.5, 1.0], [0.0, 5.0, 5.0], "pchip")
+        mech.add(bd.Force("push", platform.at(0.03, 0.1), (push, 0.0)))
+        mech.observe("platform", platform.at(0.03, 0.1))
+        return mech
+
+    coarse, fine = (bd.simulate(stage(n), t_end=1.0) for n in (1, 8))
+    (sentence,) = find_sentences(coarse)
+    assert sentence.startswith("left (also right): 1 element is too few: with halved elements, ")
+    assert sentence.endswith("use four times the elements.")
+    ranges = [np.ptp(x["platform.angle"]) for x in (coarse, fine)]
+    assert max(ranges) < 0.02 * np.ptp(coarse["platform.x"]) / 0.1
+    difference = np.max(np.abs(coarse["platform.angle"] - fine["platform.angle"]))
+    stated = stated_difference(sentence, "platform.angle")
+    assert stated == pytest.approx(difference / max(ranges), rel=0.1)
+    assert stated > 0.5
+    assert not find_sentences(fine)
+
+
+def plucked_strip(elements, periods=12):
+    """Return a cantilever that is released and vibrates, and the time of these periods [s]."""
+    section, length = strip_of(2e-3, damping=1e-6), 0.4
+    period = 2.0 * np.pi * length**2 / 1.875**2 * (section.rhoA / section.EI) ** 0.5
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (length, 0.0))
+    strip = mech.add(bd.Beam("strip", line, section, elements))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
+    pull = bd.table(period * np.array([0.0, 2.0, 2.05]), [0.0, 0.3, 0.0], "pchip")
+    mech.add(bd.Force("pull", strip.end, (0.0, pull)))
+    mech.observe("tip", strip.end)
+    return mech, (2.0 + periods) * period
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_regression_phase_errors_are_not_exaggerated():
+    """Of the angle, whose difference is a few percent, 20 % of half the range were stated."""
+    coarse, fine = (bd.simulate(mech, t_end=end) for mech, end in map(plucked_strip, (1, 8)))
+    (sentence,) = find_sentences(coarse)
+    error = largest_difference(coarse, fine, "tip.angle")
+    assert 0.02 < error < 0.1
+    assert stated_difference(sentence, "tip.angle") == pytest.approx(error, rel=0.2)
+    assert re.search(r"by over 1 % from t = \S+ s on, and its range by ", sentence)
+    assert not [x for x in coarse.warnings if "too long for its vibration" in x]
+
+
+@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.parametrize("reason", ["long", "failed", "estimate"])
+def test_runs_that_are_not_repeated_have_estimates(monkeypatch, reason):
+    if reason == "long":
+        monkeypatch.setattr(refined_runs, "_MAX_WORK", 100)
+    if reason == "failed":
+        monkeypatch.setattr(verification, "run_again", lambda *_: None)
+    mech, end = plucked_strip(1)
+    with skip_error_estimates(BEAMS if reason == "estimate" else STEPS):
+        run = bd.simulate(mech, t_end=end)
+    assert not find_sentences(run)
+    assert [x for x in run.warnings if "too long for its vibration" in x]
+
+
+@pytest.mark.slow(reason="a quarter of a second")
+def test_runs_with_sampled_controllers_are_repeated():
+    """Laws of controllers have no memory outside their state."""
+
+    def stage(elements):
+        mech = bd.Mechanism()
+        line = bd.Line((0.0, 0.0), (0.3, 0.0))
+        section = bd.taper(
+            bd.Section.rectangle, STEEL, width=0.02, height=(3e-3, 1e-3), damping=1e-3
+        )
+        arm = mech.add(bd.Beam("arm", line, section, elements))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), arm.start))
+        push = mech.input("push", unit="N")
+        mech.add(bd.Force("coil", arm.end, (0.0, push)))
+        height = mech.sensor("height", arm.end, "y")
+        mech.add(bd.Controller("servo", 5e-3, [height], [push], lambda x: 2.0 - 20.0 * x.reads[0]))
+        mech.observe("tip", arm.end)
+        return mech
+
+    coarse, fine = (bd.simulate(stage(n), t_end=0.5) for n in (1, 8))
+    (sentence,) = find_sentences(coarse)
+    error = largest_difference(coarse, fine, "tip.x")
+    assert error > 0.015
+    assert stated_difference(sentence, "tip.x") == pytest.approx(error, rel=0.2)
+
+
+@pytest.mark.slow(reason="half a second")
+def test_runs_of_enough_elements_are_not_repeated(monkeypatch):
+    runs = []
+    run_again = verification.run_again
+    monkeypatch.setattr(verification, "run_again", lambda *x: runs.append(x) or run_again(*x))
+    for elements, count in ((3, 0), (2, 1)):
+        mech, end = plucked_strip(elements, periods=1)
+        bd.simulate(mech, t_end=end)
+        assert len(runs) == count
+
+
+@pytest.mark.slow(reason="a third of a second")
+def test_regression_rounding_errors_beside_compared_columns_have_no_estimates():
+    """The height of the guided end, 1e-24 m, was wrong by 100 %."""
+    mech = bd.Mechanism()
+    section = strip_of(2e-3, damping=1e-4)
+    rod = mech.add(bd.Beam("rod", bd.Line((0.0, 0.0), (0.5, 0.0)), section, 2))
+    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), rod.start))
+    mech.add(bd.PointOnLine("right", mech.ground.at(0.0, 0.0), rod.end))
+    mech.add(bd.DistributedForce("load", rod, (0.0, bd.sine(0.5, 25.0))))
+    mech.observe("middle", rod.at(0.25))
+    mech.observe("end", rod.end)
+    run = bd.simulate(mech, t_end=0.4)
+    assert not [x for x in run.warnings if "too long for its vibration" in x]
