@@ -424,7 +424,7 @@ def test_regression_runs_with_data_print_their_differences(command):
             "to 1 s and are not compared",
         ),
         ("t [s],ball.y [mm]\n1.5,0\n", [], "1 of 1 value of ball.y [m]"),
-        ("t [s],room [K]\n0.1,295\n", [], "data must contain values of a column of the run"),
+        ("t [s],room [K]\n0.1,295\n", [], "fall.csv must contain values of a column of the run"),
         ("t [s],ball.y [mm]\n0.1,0\n", ["--plot", "ball.x"], "one of the plotted columns (ball.x"),
     ],
 )
