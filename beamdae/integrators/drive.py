@@ -197,8 +197,8 @@ def _drive(
         is_result = False
         if pilot_on is not None and equations.scales is None:
             plan = adopt_amplitudes(plan)
-        if pilot_on is not None and equations.scales is None and plan.amplitudes is None:
-            attempt_plan = None if equations.events else plan_attempt(plan, limits)
+            is_known = plan.amplitudes is not None
+            attempt_plan = None if equations.events or is_known else plan_attempt(plan, limits)
             if rtol is not None and attempt_plan is not None:
                 tight_plan, attempt_limits, steps = attempt_plan
                 attempt = prepare_run(tight_plan, attempt_limits, method_on)
