@@ -52,7 +52,7 @@ from beamdae.results.diagnostics.meshes.element_errors import (
 from beamdae.results.diagnostics.meshes.fast_loads import fast_load_warnings
 from beamdae.results.diagnostics.meshes.forced_vibrations import examine_vibrations
 from beamdae.results.diagnostics.meshes.long_elements import long_element_warnings
-from beamdae.results.diagnostics.meshes.mesh_errors import LoadedStates, mesh_error_warnings
+from beamdae.results.diagnostics.meshes.mesh_errors import mesh_error_warnings, states_at_nodes
 from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
 from beamdae.results.diagnostics.meshes.refined_runs import RunAgain
 from beamdae.results.diagnostics.meshes.snaps import snap_warnings
@@ -90,7 +90,6 @@ from beamdae.results.diagnostics.unconnected_bodies import (
 from beamdae.results.diagnostics.unstable_symmetry import unstable_symmetry_warnings
 from beamdae.results.diagnostics.velocity_jumps import velocity_jump_warnings
 from beamdae.results.run_data import RunData, find_drift
-from beamdae.results.section_forces.balance import group_rows
 from beamdae.results.trajectory import Trajectory
 
 Check = Callable[[RunData], Iterable[str]]
@@ -347,20 +346,12 @@ def _untouched_contacts(run: RunData) -> Iterable[str]:
 
 @_once_a_run
 def _mesh_errors(run: RunData) -> tuple[str, ...]:
-    def select_states(rows: np.ndarray) -> LoadedStates:
-        """Return the states at the nodes next to output times, see `results.elastic_columns`.
-
-        Load factors of inactive parts are zero.
-        """
-        times, state = run.trajectory.at_nearest_nodes(run.t[rows])
-        return LoadedStates(times, state, group_rows(run.trajectory, run.t[rows]))
-
     # Section forces in equilibrium with accelerations that vibrate from step to step are wrong.
     errors = _estimate_step_errors(run)
     verification = deferred.module("verification")
     wrong = {} if errors is None else verification.find_excessive_errors(run, errors)
-    column_of = run.columns.__getitem__
-    return tuple(mesh_error_warnings(run.equations, column_of, select_states, True, set(wrong)))
+    states_at, column_of = partial(states_at_nodes, run), run.columns.__getitem__
+    return tuple(mesh_error_warnings(run.equations, column_of, states_at, True, set(wrong)))
 
 
 def _few_elements(run: RunData) -> Iterable[str]:

@@ -16,10 +16,12 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State, form
 from beamdae.errors import format_percent, merge_parts, name_with_others
 from beamdae.results.columns import remove_unit, split_unit
 from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
+from beamdae.results.run_data import RunData
 from beamdae.results.section_forces.balance import (
     SAME_SECTION_TOLERANCE,
     RowGroup,
     balanced_and_elastic_forces,
+    group_rows,
 )
 from beamdae.results.section_forces.default_sections import default_sections
 from beamdae.symbolic.statements import Quantity
@@ -196,6 +198,30 @@ def mesh_error_warnings(
             (beam.name, max(x.relative for x in of_beam), _describe(beam, of_beam, what))
             for beam, of_beam in by_beam.items()
         )
+
+
+def find_negligible_columns(
+    equations: EquationsOfMotion,
+    column_of: Callable[[str], Array],
+    states_at: Callable[[Array], LoadedStates],
+) -> set[str]:
+    """Return the headers of stresses, strains and section forces that are small along the beam.
+
+    See `mesh_error_warnings` for the arguments. Their relative errors, such as those of moments in
+    hinges, do not matter.
+    """
+    columns = list(_list_columns(equations, column_of, ()))
+    evaluator = _Evaluator(equations, states_at, columns)
+    return {column.header for column in columns if evaluator.is_negligible(column)}
+
+
+def states_at_nodes(run: RunData, rows: Array) -> LoadedStates:
+    """Return the states at the nodes next to ascending rows of a run.
+
+    Load factors of inactive parts are zero. See `results.elastic_columns` for states between nodes.
+    """
+    times, state = run.trajectory.at_nearest_nodes(run.t[rows])
+    return LoadedStates(times, state, group_rows(run.trajectory, run.t[rows]))
 
 
 def _list_columns(

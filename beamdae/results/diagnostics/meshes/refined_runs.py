@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -19,6 +19,10 @@ from beamdae.results.diagnostics.meshes.coarse_elements import (
     UNITS_OF_POSITIONS,
     find_changes,
     scales_of_columns,
+)
+from beamdae.results.diagnostics.meshes.mesh_errors import (
+    find_negligible_columns,
+    states_at_nodes,
 )
 from beamdae.results.run_data import RunData
 from beamdae.results.trajectory import Trajectory
@@ -128,6 +132,7 @@ class RunChanges:
         vibrations about an equilibrium may be smaller than small errors of its deflection.
     differences
         Absolute differences of positions and angles at rows, and those of peaks (1,), by header.
+        Section forces that are small along the beam in both runs are omitted.
     includes_drawing
         True if ranges include the drawing.
     """
@@ -143,12 +148,13 @@ class RunChanges:
         """Return the changes in another run."""
         drawing = _observe_drawing(run)
         ranges, finer = (_measure_ranges(x, drawing) for x in (run, other))
+        negligible = set.intersection(*(_find_negligible(x) for x in (run, other)))
         differences = {
             header: _subtract_rows(run, other, header)
             if _is_position(header)
             else np.array([abs(ranges[header] - finer[header])])
             for header in ranges
-            if header in finer
+            if header in finer and header not in negligible
         }
         return cls(run, ranges, finer, differences, bool(drawing))
 
@@ -245,6 +251,11 @@ def _measure_ranges(run: RunData, drawing: dict[str, float]) -> dict[str, float]
             x, drawn = extremes[header], drawing[header]
             scales[header] = max(x.max, drawn) - min(x.min, drawn)
     return scales
+
+
+def _find_negligible(run: RunData) -> set[str]:
+    states_at = partial(states_at_nodes, run)
+    return find_negligible_columns(run.equations, run.columns.__getitem__, states_at)
 
 
 def _is_position(header: str) -> bool:
