@@ -33,6 +33,19 @@ def test_vibrations_need_six_rows_per_period(rows_per_period, is_coarse, offset)
         assert period == pytest.approx(1.0 / frequency, rel=0.4)  # one digit
 
 
+@pytest.mark.parametrize(
+    ("frequency", "end", "remedy"),
+    [
+        (2.03e6, 1e-3, "use output_step="),
+        (2.03e6, 1.0, "read its extremes and root mean square from step_extremes, or shorten"),
+    ],
+)
+def test_regression_vibrations_of_millions_of_rows_have_another_remedy(frequency, end, remedy):
+    """Axial vibrations of short elements in a run of seconds had steps of nanoseconds."""
+    (sentence,) = sentences(lambda t: np.sin(2.0 * np.pi * frequency * t + 0.4), end=end)
+    assert f" s; {remedy}" in sentence
+
+
 @pytest.mark.parametrize(("amplitude", "count"), [(1e-4, 0), (0.2, 1)])
 def test_regression_small_rates_beside_those_of_the_point_have_no_warning(amplitude, count):
     """A frame that falls flat warned of its angular acceleration."""

@@ -1,5 +1,6 @@
 """Warnings about extremes of parts of a run that the output rows miss."""
 
+import re
 import warnings
 
 import numpy as np
@@ -113,3 +114,39 @@ def test_regression_values_and_rows_of_parts_are_told_apart():
     (warning,) = missed_part_warnings(missed, half_ranges, times, times, observe_at)
     for pair in values.values():
         assert all(f"{x:.8g} m" in warning for x in pair)
+
+
+@pytest.mark.parametrize(
+    ("duration", "remedy"),
+    [
+        (1e-3, "use output_step=[1-9]e-04."),
+        (1e-7, "use this value, because the peak is too short for output rows."),
+        (0.0, "use this value, because the peak is too short for output rows."),
+    ],
+)
+def test_regression_steps_of_millions_of_rows_are_not_proposed(duration, remedy):
+    """A friction force that reversed within a step had the remedy output_step=1e-08."""
+    part = MissedPart(0.5, 0.6, 1, 3.0, 1.0)
+    nodes = np.sort([*T, 0.55123])
+
+    def observe_at(t):
+        return {"lip.T [N]": 1.0 + 2.0 * (np.abs(t - 0.55123) <= 0.5 * duration)}
+
+    (warning,) = missed_part_warnings({"lip.T [N]": part}, {"lip.T [N]": 3.0}, T, nodes, observe_at)
+    assert re.search(rf"3 N at t = 0.55123 s, and reach only 1 N; {remedy}$", warning)
+
+
+def test_the_step_serves_the_columns_that_rows_can_show():
+    """The remedy is that of the worst column, and one short peak of another does not change it."""
+    missed = {"a [N]": MissedPart(0.5, 0.6, 1, 3.0, 1.0), "b [N]": MissedPart(0.5, 0.6, 1, 2.5, 1.0)}
+
+    def observe_at(t):
+        return {
+            "a [N]": 1.0 + 2.0 * (np.abs(t - 0.551) < 5e-4),
+            "b [N]": 1.0 + 1.5 * (t == 0.55123),
+        }
+
+    half_ranges = dict.fromkeys(missed, 3.0)
+    nodes = np.sort([*T, 0.551, 0.55123])
+    (warning,) = missed_part_warnings(missed, half_ranges, T, nodes, observe_at)
+    assert re.search(r"extremes of b .* in parts of the run; use output_step=[1-9]e-04\.$", warning)

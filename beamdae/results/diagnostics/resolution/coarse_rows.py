@@ -34,6 +34,7 @@ _MIN_HALF_RANGE = 1e-6
 _ERROR_PER_RTOL = 0.03  # ... smaller ones, relative to rtol as well, are errors of constraints; ...
 _ROUNDING = 1e-12  # ... and so are those relative to the length of the mechanism and the duration.
 _ROWS_PER_PERIOD = 20
+_MAX_PRACTICAL_ROWS = 1e5  # of a run; tables with more rows are slow, or exceed the memory
 _MAX_ROWS_OF_COARSE_PERIOD = 6.0  # see above; limits estimates for fast parts of slow motions
 _MIN_SHARE_OF_CHANGES = 0.5  # of these gaps; values that change in fewer ones are held
 _STEP_OF_RATE = 1e-3  # relative to a gap
@@ -109,11 +110,20 @@ def coarse_row_warnings(
     coarse = coarse[np.argsort(periods, kind="stable")]
     first, *others = (remove_unit(headers[k]) for k in coarse)
     period = min(float(np.min(periods)), longest)
+    step = period / _ROWS_PER_PERIOD
+    remedy = f"use output_step={step:.0e}"
+    if not is_practical_step(step, duration):
+        remedy = "read its extremes and root mean square from step_extremes, or shorten the run"
     yield (
         f"{name_with_others(first, others)}: "
         "the output rows are too far apart for its vibration, with a period of "
-        f"at most about {period:.1g} s; use output_step={period / _ROWS_PER_PERIOD:.0e}."
+        f"at most about {period:.1g} s; {remedy}."
     )
+
+
+def is_practical_step(step: float, duration: float) -> bool:
+    """Return True if an output step [s] is long enough for the table of a run."""
+    return duration <= _MAX_PRACTICAL_ROWS * step
 
 
 def _find_moving(

@@ -14,6 +14,7 @@ import numpy as np
 
 from beamdae.errors import list_first
 from beamdae.results.columns import format_apart, remove_unit
+from beamdae.results.diagnostics.resolution.coarse_rows import is_practical_step
 
 Array = np.ndarray
 
@@ -131,7 +132,7 @@ def missed_part_warnings(
     if not missed:
         return
     nodes = np.unique(np.concatenate([row_times, step_times]))
-    peak_times, steps = {}, []
+    peak_times, widths = {}, {}
     for header, part in missed.items():
         begin = max(part.begin, float(row_times[1]))  # see `PartExtremes`
         times = nodes[(nodes >= begin) & (nodes <= part.end)]
@@ -140,7 +141,8 @@ def missed_part_warnings(
         following = int(np.clip(np.searchsorted(row_times, time), 1, len(row_times) - 1))
         distance = float(row_times[following] - row_times[following - 1])
         limit = part.sign * part.value - _MAX_REMAINING_MISS * half_ranges[header]
-        steps.append(_measure_width(header, part.sign, time, limit, distance, nodes, observe_at))
+        width = _measure_width(header, part.sign, time, limit, distance, nodes, observe_at)
+        widths[header] = width
     first, *others = sorted(missed, key=lambda x: -missed[x].miss / half_ranges[x])
     part = missed[first]
     value, row_value = format_apart(first, part.value, part.row_value)
@@ -152,10 +154,16 @@ def missed_part_warnings(
         for x in others
     ]
     also = f", and extremes of {list_first(names, _MAX_NAMES)} in parts of the run" if names else ""
+    duration = float(row_times[-1] - row_times[0])
+    practical = [x for x in widths.values() if is_practical_step(x, duration)]
+    if not is_practical_step(widths[first], duration):
+        remedy = "use this value, because the peak is too short for output rows"
+    else:
+        remedy = f"use output_step={_round_down(min(practical)):.0e}"
     yield (
         f"{remove_unit(first)}: between t = {part.begin:.4g} and {part.end:.4g} s, the output rows "
         f"miss its {side} value, {value} at t = {peak_times[first]:.6g} s, and reach only "
-        f"{row_value}{also}; use output_step={_round_down(min(steps)):.0e}."
+        f"{row_value}{also}; {remedy}."
     )
 
 
