@@ -17,6 +17,7 @@ import numpy as np
 from beamdae.csv_reader import parse_numbers, read_csv_table
 from beamdae.errors import (
     BeamdaeError,
+    InputWarning,
     as_text,
     format_distinct,
     is_valid_path,
@@ -567,7 +568,7 @@ def _warn_about_overshoot(result: Table) -> None:
                 f"{upper[k[1:]]:.6g} of the rows beside it; use {kinds}, or add rows."
             )
     if sentence:
-        warn_user(sentence)
+        warn_user(sentence, InputWarning)
 
 
 def _find_extrema(knots: Array, values: Array, is_repeated: bool) -> tuple[Array, Array]:

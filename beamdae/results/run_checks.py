@@ -158,8 +158,10 @@ def _singular_positions(run: RunData) -> Iterable[str]:
     return singularity_warnings(run.singular_positions)
 
 
-def _strains(run: RunData) -> Iterable[str]:
-    return strain_warnings(run.equations, run.validity, lambda: sample_positions(run.trajectory))
+@_once_a_run
+def _strains(run: RunData) -> tuple[str, ...]:
+    positions = partial(sample_positions, run.trajectory)
+    return tuple(strain_warnings(run.equations, run.validity, positions))
 
 
 def find_suspected_errors(run: RunData) -> Iterator[SuspectedError]:
@@ -268,6 +270,8 @@ def _has_wrong_forces(run: RunData) -> bool:
 
 
 def _missed_peaks(run: RunData) -> Iterable[str]:
+    if _strains(run):
+        return  # peaks of a meaningless deformation
     peaks, jumps = run.missed_peaks, [x.t for x in run.event_records if x.energy_lost > 0.0]
     damping = max((x.section.at(0.0).damping for x in beams_of(run.equations.mechanism)), default=0)
     observe_at = partial(_observe_columns, run)
@@ -290,7 +294,7 @@ def _observe_columns(run: RunData, times: np.ndarray) -> dict[str, np.ndarray]:
 def _coarse_rows(run: RunData) -> Iterable[str]:
     # Long runs store only the rows, and few steps between them.
     has_all_steps = all(x.record is None for x in run.trajectory.intervals)
-    if run._is_at_rest or not has_all_steps:
+    if run._is_at_rest or not has_all_steps or _strains(run):
         return ()
     coarse = coarse_row_warnings(
         run.t,
@@ -454,7 +458,18 @@ FAST_LOADS: Check = _fast_loads
 ELEMENT_CHECKS: tuple[Check, ...] = (_few_elements, _coarse_elements, _long_elements)
 
 RUN_CHECKS: tuple[Check, ...] = (
-    # Unstable loops cause failures, large strains and errors.
+    # Causes of errors come first: of the model and the start, ...
+    _built_model,
+    _of_motion(table_range_warnings),
+    _of_complete_run(unentered_table_warnings),
+    _resumed_run,
+    _start_changes,
+    _parts_inside_surfaces,
+    _of_complete_run(unconnected_body_warnings),
+    _of_complete_run(undriven_body_warnings),
+    _unguided_drivers,
+    _supplied_energy,
+    # ... and of unstable loops.
     _growing_loops,
     _of_motion(saturated_command_warnings),
     _of_complete_run(rare_sample_warnings),
@@ -484,18 +499,8 @@ RUN_CHECKS: tuple[Check, ...] = (
     *ELEMENT_CHECKS,
     FAST_LOADS,
     _of_motion(moving_load_warnings),
-    _of_motion(table_range_warnings),
-    _of_complete_run(unentered_table_warnings),
-    # The start and the model.
+    # Remarks on the start and on parts without effect.
     _start_transients,
-    _resumed_run,
-    _start_changes,
     _unstable_path,
     _idle_parts,
-    _unguided_drivers,
-    _of_complete_run(unconnected_body_warnings),
-    _of_complete_run(undriven_body_warnings),
-    _parts_inside_surfaces,
-    _supplied_energy,
-    _built_model,
 )

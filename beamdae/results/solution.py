@@ -159,8 +159,9 @@ class Solution(RunData, TimeSeries):
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the reliability of the run and the model; `simulate` issues them.
 
-        The first ones are about the motion and the deformation, followed by missed extremes, by
-        errors of single forces and columns, and by notes on the start and the model.
+        Causes in the model and the start come first, followed by the motion and the deformation, by
+        missed extremes, by errors of single forces and columns, and by remarks. If strains are
+        meaningless, missed extremes are omitted.
         """
         return tuple(chain.from_iterable(self._sentences.values()))
 

@@ -77,13 +77,29 @@ def test_regression_commands_print_the_warnings_of_model_functions(folder, name)
     """They were ignored with the warnings of the analysis, which are printed with its result."""
     result = run(name)
     assert result.exit_code in (0, 1), result.output
-    # Studies describe each combination of warnings of a case.
-    counts = (1, 2) if name == "compare" else (1,)
+    # It is printed before the run, and again where a result is a table with all its warnings.
+    counts = (1, 2) if name in ("check", "compare", "response") else (1,)
     assert result.output.count(SENTENCE) in counts, result.output
     document = json.loads(run(name, "--json").stdout)
     assert sum(SENTENCE in x for x in document["warnings"]) in counts
     for page in folder.glob("results/**/*.html"):
         assert SENTENCE in page.read_text(encoding="utf-8"), page
+
+
+def test_regression_overshoots_of_tables_are_printed_before_the_run(folder):
+    """A run of 17 s gave up before the table that caused it was named."""
+    result = run("run")
+    assert result.output.index(SENTENCE) < result.output.index("tip.y"), result.output
+    started = []
+
+    def interrupt(*_, **__):
+        started.append(True)
+        raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("beamdae.integrators.auto.Auto.integrate", interrupt)
+        assert SENTENCE in run("run").stderr
+    assert started
 
 
 def test_regression_warnings_of_all_parts_are_printed():

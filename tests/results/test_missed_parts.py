@@ -138,7 +138,8 @@ def test_regression_steps_of_millions_of_rows_are_not_proposed(duration, remedy)
 
 def test_the_step_serves_the_columns_that_rows_can_show():
     """The remedy is that of the worst column, and one short peak of another does not change it."""
-    missed = {"a [N]": MissedPart(0.5, 0.6, 1, 3.0, 1.0), "b [N]": MissedPart(0.5, 0.6, 1, 2.5, 1.0)}
+    values = {"a [N]": 3.0, "b [N]": 2.5}
+    missed = {x: MissedPart(0.5, 0.6, 1, value, 1.0) for x, value in values.items()}
 
     def observe_at(t):
         return {

@@ -396,3 +396,26 @@ def test_regression_formulas_whose_terms_cancel_leave_a_run_at_rest(integrator):
     mech.add(bd.ForceLaw("springs", ball.point, springs))
     mech.observe("ball", ball.point)
     assert not bd.simulate(mech, integrator, t_end=1.0).warnings
+
+
+@pytest.mark.slow(reason="a fifth of a second")
+def test_regression_causes_in_the_model_precede_their_consequences():
+    """The overshoot of a table was the last warning, after peaks of a meaningless deformation."""
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004, damping=1e-3)
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (0.3, 0.0))
+    beam = mech.add(bd.Beam("arm", line, section, elements=2, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    with pytest.warns(bd.BeamdaeWarning, match="press: the spline reaches") as issued:
+        law = bd.table([0.0, 0.0199, 0.0201, 0.1], [0.0, 0.0, 60.0, 60.0], name="press")
+    mech.add(bd.Force("push", beam.end, (0.0, law)))
+    mech.build_warnings = tuple(str(x.message) for x in issued)
+    mech.observe("clamp", beam.section_forces(0.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        run = bd.simulate(mech, t_end=0.1, output_step=5e-3)
+    assert len(run.missed_peaks) > 0
+    first, second, *others = run.warnings
+    assert first.startswith("press: the spline reaches")
+    assert "the deformation is meaningless" in second
+    assert not any("output rows" in x for x in others), others

@@ -12,9 +12,10 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.part_warnings import starts_in_equilibrium
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.least_strain import solve_least_change
+from beamdae.equations.starts.mobility import find_loose_groups
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.errors import list_first, name_with_others
-from beamdae.parts.bodies.rigid_body import RigidBody
+from beamdae.parts.bodies.rigid_body import Ground, RigidBody
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.trajectory import Trajectory
 
@@ -51,7 +52,9 @@ def deep_contact_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
 
     The limit is the smallest known one: heights of beams, shapes of rigid bodies along the contact
     normal (without a shape, the largest distance of its known points), and half the radius of a
-    circle that is touched from outside.
+    circle that is touched from outside. Beams that no joint connects to the ground may fall on a
+    layer of foam, into which they sink deeper than they are thick: of these, the limit is the
+    length, unless the surface belongs to a body through which they may pass.
 
     Parameters
     ----------
@@ -197,10 +200,13 @@ def _smallest_size(
     from beamdae.parts.forces.surfaces import CircleSurface
 
     known = []
+    loose = {name for group in find_loose_groups(equations) for name in group}
     for x in contact.attachments:
         if isinstance(x, BeamAttachment) and x.s is not None:
             height = x.body.section.at(x.s).height
-            if height is not None:
+            if x.body.name in loose and isinstance(contact.surface.on.body, Ground):
+                known.append((x.body.curve.length, f"{x.body.name} is long"))
+            elif height is not None:
                 known.append((height, f"{x.body.name} is thick"))
         elif isinstance(x.body, RigidBody):
             known.append(_size_of_body(equations, x.body, deepest))
