@@ -31,13 +31,14 @@ def find_elastic_columns(equations: EquationsOfMotion) -> Array:
     They are stresses, strains and section forces of beams, and the forces and moments of springs,
     dampers and bushings without formulas of the user.
     """
-    selected = [_is_elastic(equations, x) for x in equations.observables]
+    selected = [is_elastic(equations, x) for x in equations.observables]
     counts = [len(x.columns) for x in equations.observables]
     (columns,) = np.nonzero(np.repeat(selected, counts))
     return columns
 
 
-def _is_elastic(equations: EquationsOfMotion, observable: Observable) -> bool:
+def is_elastic(equations: EquationsOfMotion, observable: Observable) -> bool:
+    """Return True for an observable whose columns are those of `find_elastic_columns`."""
     mechanism = equations.mechanism
     observed = None if mechanism is None else mechanism.observables.get(observable.name)
     if mechanism is None or observed is None:
@@ -57,7 +58,7 @@ def observe_elastic_columns(
 
     At most `max_rows` states are evaluated together.
     """
-    observables = tuple(x for x in equations.observables if _is_elastic(equations, x))
+    observables = tuple(x for x in equations.observables if is_elastic(equations, x))
     values: dict[int, Array] = {}
     # Together, because runs with many events have many intervals of a few nodes.
     for inactive in dict.fromkeys(x.inactive for x in trajectory.intervals):

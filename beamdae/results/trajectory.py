@@ -237,6 +237,21 @@ class Interval:
         self._limit_overshoot(weights, [result], [values])
         return result
 
+    def force_weights_at(self, t: Array) -> tuple[Array, sp.csr_array]:
+        """Return the nodes that `interpolate_forces` uses at times (j,) [s], and their weights.
+
+        The weights (j, nodes) are those without limits of the overshoot beside jumps.
+        """
+        step = self.find_steps(t)
+        if step is None:
+            weights = self._weights_of_degree(t, _DEGREE_OF_REACTIONS)
+        else:
+            shape = (len(t), len(self.nodes))
+            indices = step * self.nodes_per_step
+            weights = assemble_csr(np.ones(len(t)), indices, np.arange(len(t) + 1), shape)
+        nodes = np.flatnonzero(np.bincount(weights.indices, minlength=len(self.nodes)))
+        return nodes, weights[:, nodes]
+
     def _limit_overshoot(
         self, weights: sp.csr_array, interpolated: Sequence[Array], values: Sequence[Array]
     ) -> None:

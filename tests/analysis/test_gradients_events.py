@@ -260,3 +260,22 @@ def test_regression_peaks_narrower_than_the_steps_are_reported(exponent, step):
     with pytest.warns(bd.BeamdaeWarning, match="depend on the steps, with errors") as record:
         bd.gradient(bounce, objective, ["height", "gravity", "restitution"], method, 0.9)
     assert not [x for x in record if "due to the step" in str(x.message)]
+
+
+@pytest.mark.slow(reason="differentiates a beam")
+def test_regression_derivatives_of_axial_forces_between_steps():
+    """Those of interpolated positions were wrong by 20 times the largest derivative."""
+    method, step = bd.GeneralizedAlpha(step=2e-3), 1e-3
+    thin = {"height": 5e-4, "E": 2.1e11, "load": 0.2, "damping": 1e-4}
+    result = bd.sensitivities(loaded_strip, ["load"], method, parameters=thin, estimate_error=False)
+    nodes = result.solution.trajectory.intervals[0].t
+    times = 0.5 * (nodes[1:] + nodes[:-1])
+    derivative = result.at_times(times).sensitivity("root.N", "load")
+    low, high = (
+        bd.simulate(loaded_strip(**thin | {"load": 0.2 + change}), method, keep_steps=True)
+        for change in (-step, step)
+    )
+    columns = [x.at_times(times)["root.N"].to_numpy() for x in (low, high)]
+    expected = (columns[1] - columns[0]) / (2.0 * step)
+    # The overshoot of forces is limited, that of their derivatives is not.
+    np.testing.assert_allclose(derivative, expected, atol=0.02 * np.abs(expected).max())

@@ -22,6 +22,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable,
 from beamdae.equations.structure import cache_on_owner
 from beamdae.errors import BeamdaeError
 from beamdae.results.columns import remove_unit
+from beamdae.results.elastic_columns import is_elastic
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
@@ -118,7 +119,10 @@ def differentiate_objective(
             by_state = states[0][samples[0].nodes]
         numbers = solution.trajectory.observed_numbers(equations, times)
         for factor, term in terms:
-            add_term(result, by_state, equations, factor, term, rows, at, grid.weights, numbers)
+            if not is_direct and _is_elastic(equations, term.column):
+                _add_elastic_term(result, equations, factor, term, samples, grid.weights)
+            else:
+                add_term(result, by_state, equations, factor, term, rows, at, grid.weights, numbers)
         first = 0
         for k, sample in enumerate(() if is_direct else samples):
             last = first + len(sample.times)
@@ -143,6 +147,18 @@ class _IntervalSample(NamedTuple):
         if self.nodes is None:
             return self.interval.at(self.times, limited=True)
         return State(*(x[self.nodes] for x in self.interval.rows))
+
+    def force_weights(self) -> tuple[Array, sp.csr_array]:
+        """Return nodes, and their weights (times, nodes) in elastic forces at the times."""
+        if self.nodes is None:
+            return self.interval.force_weights_at(self.times)
+        return np.arange(self.nodes.start, self.nodes.stop), sp.eye_array(len(self.times)).tocsr()
+
+    def interpolate_forces(self, values: Array) -> Array:
+        """Return elastic forces at the times, given those at the nodes of the interval."""
+        if self.nodes is None:
+            return self.interval.interpolate_forces(values, self.times)
+        return values[self.nodes]
 
     def transpose(self, by_state: Array, n: int, by_nodes: Array) -> None:
         """Add derivatives with respect to (q, v, lam) at the times to those at the nodes."""
@@ -206,6 +222,51 @@ def add_term(
     _add_gradient(
         seeds, by_state, equations, lambda e: e.observables[number], arguments, at, gradient
     )
+
+
+def _is_elastic(equations: EquationsOfMotion, column: str) -> bool:
+    number, _ = _locate_column(equations, column)
+    return number is not None and is_elastic(equations, equations.observables[number])
+
+
+def _add_elastic_term(
+    seeds: ColumnSeeds,
+    equations: EquationsOfMotion,
+    factor: float,
+    term: ColumnObjective,
+    samples: Sequence[_IntervalSample],
+    weights: Array,
+) -> None:
+    """Add a term of a column that is interpolated between the nodes of each of the intervals."""
+    number, column = _locate_column(equations, term.column)
+    assert number is not None
+
+    def select(e: EquationsOfMotion) -> Observable:
+        return e.observables[number]
+
+    o = select(equations)
+    function, parts, values = o.function.output(column), [], []
+    for sample in samples:
+        interval = sample.interval
+        nodes, by_node = sample.force_weights()
+        numbers = equations.with_loads_of(interval.configuration).p[o.data]
+        at = State(*(x[nodes] for x in interval.rows))
+        arguments = _column_arguments(o, numbers, interval.times[nodes], at)
+        at_nodes = np.zeros((len(interval.nodes), 1))
+        at_nodes[nodes] = function(*arguments)
+        values.append(sample.interpolate_forces(at_nodes)[:, 0])
+        parts.append((at, arguments, nodes, by_node))
+    value, derivatives = term.evaluate(np.concatenate(values), weights)
+    seeds.value += factor * value
+    ends = np.cumsum([len(x.times) for x in samples])[:-1]
+    by_samples = np.split(factor * derivatives[:, None], ends)
+    for (at, arguments, nodes, by_node), by_sample, states in zip(
+        parts, by_samples, seeds.states, strict=True
+    ):
+        gradient = function.weighted_gradient()(*arguments, by_node.T @ by_sample)
+        by_state = states[nodes]
+        _add_gradient(seeds, by_state, equations, select, arguments, at, gradient)
+        states[nodes] = by_state
 
 
 @cache_on_owner

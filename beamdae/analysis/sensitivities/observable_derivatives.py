@@ -14,6 +14,8 @@ from beamdae.equations.equations_of_motion import (
     State,
 )
 from beamdae.errors import BeamdaeError
+from beamdae.results.elastic_columns import is_elastic
+from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
@@ -57,6 +59,85 @@ def differentiate_columns(
         group = {name: along[name] for name in names}
         result |= _differentiate_columns(select, here, times, at, group, differences)
     return result
+
+
+def differentiate_observable(
+    equations: EquationsOfMotion,
+    number: int,
+    times: Array,
+    at: State,
+    along: Mapping[str, State],
+    differences: Mapping[str, Difference],
+    configuration: Configuration | None = None,
+) -> dict[str, Array]:
+    """Return the derivatives of an observed quantity, (rows, columns), by parameter."""
+    return differentiate_columns(
+        lambda e: e.observables[number], equations, times, at, along, differences, configuration
+    )
+
+
+def differentiate_run_columns(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    times: Array,
+    trajectories: Mapping[str, Trajectory],
+    differences: Mapping[str, Difference],
+) -> dict[str, Array]:
+    """Return the derivatives of all observed columns of a run, (rows, columns), by parameter.
+
+    Elastic forces between steps are interpolated, see `results.elastic_columns`.
+
+    Parameters
+    ----------
+    equations, trajectory
+        Equations of the run, and its states.
+    times
+        Ascending times of the rows [s].
+    trajectories
+        Derivatives of the states by parameter.
+    differences
+        Models at neighboring values, by parameter.
+    """
+    ends = np.cumsum([0, *(len(x.columns) for x in equations.observables)])
+    result = {name: np.zeros((len(times), ends[-1])) for name in trajectories}
+    rows, at = trajectory.at(times)
+    along = {name: x.at(times)[1] for name, x in trajectories.items()}
+    index = trajectory.interval_index(times)
+    for number, observable in enumerate(equations.observables):
+        columns = slice(ends[number], ends[number + 1])
+        if is_elastic(equations, observable):
+            for k, interval in enumerate(trajectory.intervals):
+                here = index == k
+                nodes, weights = interval.force_weights_at(times[here])
+                changes = differentiate_observable(
+                    equations,
+                    number,
+                    interval.times[nodes],
+                    _select_rows(interval.rows, nodes),
+                    {x: _select_rows(y.intervals[k].rows, nodes) for x, y in trajectories.items()},
+                    differences,
+                    interval.configuration,
+                )
+                for name, change in changes.items():
+                    result[name][here, columns] = weights @ change
+            continue
+        for configuration, here in trajectory.by_configuration(times):
+            changes = differentiate_observable(
+                equations,
+                number,
+                rows[here],
+                _select_rows(at, here),
+                {name: _select_rows(x, here) for name, x in along.items()},
+                differences,
+                configuration,
+            )
+            for name, change in changes.items():
+                result[name][here, columns] = change
+    return result
+
+
+def _select_rows(state: State, rows: Array) -> State:
+    return State(*(x[rows] for x in state))
 
 
 def _differentiate_columns(

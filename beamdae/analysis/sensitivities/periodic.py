@@ -13,9 +13,11 @@ from beamdae.analysis.periodic.monodromy import EXACT_RANK
 from beamdae.analysis.periodic.periodic_solution import periodic
 from beamdae.analysis.periodic.shooting import DEFAULT_RTOL, PeriodMap, PeriodRun
 from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
-from beamdae.analysis.sensitivities.observable_derivatives import time_derivative
+from beamdae.analysis.sensitivities.observable_derivatives import (
+    differentiate_run_columns,
+    time_derivative,
+)
 from beamdae.analysis.sensitivities.run_derivatives import RunDerivatives
-from beamdae.analysis.sensitivities.sensitivities import differentiate_observable
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     complete_parameters,
@@ -130,29 +132,20 @@ class PeriodicSensitivities(SensitivityResult):
         """Derivatives of the observed columns at fixed phases by parameter and header."""
         run = self.motion.solution
         e, (times, at) = run.equations, run.trajectory.at(run.t)
-        lam_rates = run.trajectory.derivative_at(run.t).lam
-        phases = (run.t - run.t[0]) / self.motion.period
-        along = {name: x.at(run.t)[1] for name, x in self.trajectories.items()}
-        result: dict[str, dict[str, Array]] = {name: {} for name in self.parameters}
-        period_changes = any(self.periods.values())
-        for number, observable in enumerate(e.observables):
-            changes = differentiate_observable(e, number, times, at, along, self._differences)
-            if period_changes:
-                rates = np.array(
-                    [
-                        time_derivative(
-                            observable, e, time, State(*(x[k] for x in at)), lam_rates[k]
-                        )
-                        for k, time in enumerate(times)
-                    ]
-                )
-                shifts = phases[:, None] * rates
-                changes = {
-                    name: rows + self.periods[name] * shifts for name, rows in changes.items()
-                }
-            for name, rows in changes.items():
-                result[name] |= dict(zip(observable.headers, rows.T, strict=True))
-        return result
+        changes = differentiate_run_columns(
+            e, run.trajectory, run.t, self.trajectories, self._differences
+        )
+        if e.observables and any(self.periods.values()):
+            lam_rates = run.trajectory.derivative_at(run.t).lam
+            rates = [
+                np.concatenate([time_derivative(o, e, t, State(*x), lam) for o in e.observables])
+                for t, lam, *x in zip(times, lam_rates, *at, strict=True)
+            ]
+            shifts = (run.t - run.t[0])[:, None] / self.motion.period * rates
+            changes = {name: rows + self.periods[name] * shifts for name, rows in changes.items()}
+        return {
+            name: dict(zip(e.observed_headers, x.T, strict=True)) for name, x in changes.items()
+        }
 
 
 @single_threaded

@@ -22,7 +22,7 @@ from beamdae.analysis.sensitivities.model_differences import (
     derivative_call,
     difference_model,
 )
-from beamdae.analysis.sensitivities.observable_derivatives import differentiate_columns
+from beamdae.analysis.sensitivities.observable_derivatives import differentiate_run_columns
 from beamdae.analysis.sensitivities.operator_changes import directional_plan_along, moves_operators
 from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints
 from beamdae.analysis.sensitivities.run_derivatives import (
@@ -36,7 +36,7 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
     require_parameters,
 )
 from beamdae.equations import measures
-from beamdae.equations.equations_of_motion import Configuration, EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.sums import N_BALANCE_SCALARS
 from beamdae.equations.measures import ENERGIES, plan_balance
 from beamdae.equations.model_hash import hash_model
@@ -216,51 +216,18 @@ class Sensitivities(SensitivityResult):
     def columns(self) -> ColumnDerivatives:
         """Derivatives of all columns at the output times."""
         run = self.solution
-        times, at = run.trajectory.at(run.t)
         along = {name: x.at(run.t)[1] for name, x in self.trajectories.items()}
-        observed: dict[str, dict[str, Array]] = {name: {} for name in self.parameters}
-        parts = list(run.trajectory.by_configuration(run.t))
-        for number, observable in enumerate(run.equations.observables):
-            headers = observable.headers
-            derivatives = {name: np.zeros((len(times), len(headers))) for name in along}
-            for configuration, here in parts:
-                for name, rows in differentiate_observable(
-                    run.equations,
-                    number,
-                    times[here],
-                    _select_rows(at, here),
-                    {name: _select_rows(x, here) for name, x in along.items()},
-                    self._differences,
-                    configuration,
-                ).items():
-                    derivatives[name][here] = rows
-            for name, rows in derivatives.items():
-                observed[name] |= dict(zip(headers, rows.T, strict=True))
+        rows = differentiate_run_columns(
+            run.equations, run.trajectory, run.t, self.trajectories, self._differences
+        )
+        headers = run.equations.observed_headers
+        observed = {name: dict(zip(headers, x.T, strict=True)) for name, x in rows.items()}
         headers = coordinate_headers(run.equations)[1:]
         coordinates = {
             name: dict(zip(headers, np.hstack([x.q, x.v, x.lam]).T, strict=True))
             for name, x in along.items()
         }
         return ColumnDerivatives(run.t, self.parameters, observed, coordinates)
-
-
-def _select_rows(state: State, rows: Array) -> State:
-    return State(*(x[rows] for x in state))
-
-
-def differentiate_observable(
-    equations: EquationsOfMotion,
-    number: int,
-    times: Array,
-    at: State,
-    along: Mapping[str, State],
-    differences: Mapping[str, Difference],
-    configuration: Configuration | None = None,
-) -> dict[str, Array]:
-    """Return the derivatives of an observable, (rows, columns), by parameter."""
-    return differentiate_columns(
-        lambda e: e.observables[number], equations, times, at, along, differences, configuration
-    )
 
 
 @interruptible

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
+from beamdae.analysis.sensitivities.observable_derivatives import differentiate_observable
 from beamdae.analysis.sensitivities.path_derivatives import (
     FlutterPoint,
     PrescribedPoint,
     SingularPoint,
 )
-from beamdae.analysis.sensitivities.sensitivities import differentiate_observable
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     complete_parameters,
