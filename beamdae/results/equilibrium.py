@@ -24,7 +24,7 @@ from beamdae.results.diagnostics.meshes.beam_ranges import (
     range_warnings,
     strain_warnings,
 )
-from beamdae.results.diagnostics.meshes.mesh_errors import LoadedStates, mesh_error_warnings
+from beamdae.results.diagnostics.meshes.mesh_errors import LoadedStates, find_mesh_errors
 from beamdae.results.displays import HasPage, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.section_forces.recovery import recover_section_forces_at_state
@@ -451,9 +451,9 @@ class Equilibrium(HasPage):
         strains = strain_warnings(self.equations, self.validity, lambda: self.q)
         outside = list_arguments_outside(self.equations, np.full(2, self.t), self.q)
         # Other columns are evaluated on first access, which takes as long as a load step.
-        meshes = mesh_error_warnings(
+        meshes = find_mesh_errors(
             self.equations, lambda header: self.columns[header], self._select_loaded_states
-        )
+        ).warnings
         limits: Iterable[str] = ()
         if self.status.success:
             limits = limit_warnings(

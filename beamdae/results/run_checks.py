@@ -52,7 +52,11 @@ from beamdae.results.diagnostics.meshes.element_errors import (
 from beamdae.results.diagnostics.meshes.fast_loads import fast_load_warnings
 from beamdae.results.diagnostics.meshes.forced_vibrations import examine_vibrations
 from beamdae.results.diagnostics.meshes.long_elements import long_element_warnings
-from beamdae.results.diagnostics.meshes.mesh_errors import mesh_error_warnings, states_at_nodes
+from beamdae.results.diagnostics.meshes.mesh_errors import (
+    MeshErrors,
+    find_mesh_errors,
+    states_at_nodes,
+)
 from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
 from beamdae.results.diagnostics.meshes.refined_runs import RunAgain
 from beamdae.results.diagnostics.meshes.snaps import snap_warnings
@@ -249,10 +253,9 @@ def _find_element_errors(run: RunData) -> ElementErrors:
     if of_snaps:
         beams = beams_of(run.equations.mechanism)
         return ElementErrors(tuple(x.name for x in beams), warnings=of_snaps)
-    # Of fast rises, the error by the elements is known.
-    if run._hard_impacts:
-        return ElementErrors()
-    return compare_few_elements(run, run_again, _is_complete(run), lambda: bool(_mesh_errors(run)))
+    return compare_few_elements(
+        run, run_again, _is_complete(run), lambda: _find_mesh_errors(run).columns
+    )
 
 
 def _uncompared_extremes(run: RunData, extremes: ColumnDict) -> dict[str, StepExtremes]:
@@ -262,7 +265,8 @@ def _uncompared_extremes(run: RunData, extremes: ColumnDict) -> dict[str, StepEx
 
 
 def _hard_impacts(run: RunData) -> Iterable[str]:
-    return hard_impact_warnings(run._hard_impacts)
+    are_compared = run._hard_impacts and _find_element_errors(run).has_hard_impacts
+    return () if are_compared else hard_impact_warnings(run._hard_impacts)
 
 
 def _has_wrong_forces(run: RunData) -> bool:
@@ -349,13 +353,18 @@ def _untouched_contacts(run: RunData) -> Iterable[str]:
 
 
 @_once_a_run
-def _mesh_errors(run: RunData) -> tuple[str, ...]:
+def _find_mesh_errors(run: RunData) -> MeshErrors:
+    """Return the stresses, strains and section forces that differ from those by the loads."""
     # Section forces in equilibrium with accelerations that vibrate from step to step are wrong.
     errors = _estimate_step_errors(run)
     verification = deferred.module("verification")
     wrong = {} if errors is None else verification.find_excessive_errors(run, errors)
     states_at, column_of = partial(states_at_nodes, run), run.columns.__getitem__
-    return tuple(mesh_error_warnings(run.equations, column_of, states_at, True, set(wrong)))
+    return find_mesh_errors(run.equations, column_of, states_at, True, set(wrong))
+
+
+def _mesh_errors(run: RunData) -> Iterable[str]:
+    return _find_mesh_errors(run).warnings
 
 
 def _few_elements(run: RunData) -> Iterable[str]:

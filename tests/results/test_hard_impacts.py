@@ -157,9 +157,8 @@ def test_regression_stiffer_stops_of_damped_beams_have_a_warning_too():
 @pytest.mark.slow(reason="a fifth of a second")
 def test_regression_errors_of_heavy_masses_are_not_those_of_elements():
     """A force on a mass of 2 kg that was right within 0.5 % "may be wrong by roughly 50 %"."""
-    (text,) = run(dropped_beam(2, 1e12, 2.0), t_end=2e-4)[1]
-    assert int(text.split("roughly ")[1].split(" %")[0]) <= 20
-    assert not run(dropped_beam(4, 1e10, 2.0), t_end=2e-4)[1]
+    for elements, stiffness in ((2, 1e12), (4, 1e10)):
+        assert not run(dropped_beam(elements, stiffness, 2.0), t_end=2e-4)[1]
 
 
 @pytest.mark.slow(reason="a quarter of a second")
@@ -211,12 +210,18 @@ def dropped_box(elements, stiffness, mass=0.02, damping=1e-4, height=0.3, bracke
 def test_regression_impacts_of_bodies_that_carry_damped_beams_have_a_warning(stiffness, bracket):
     """Stresses of 2 elements were too small by 9 and 24 % without a warning."""
     models = (dropped_box(n, stiffness, bracket=bracket) for n in (2, 8))
-    (coarse, (text,)), (fine, texts) = (run(x, 2e-3) for x in models)
-    assert not texts
+    (coarse, texts), (fine, texts_of_fine) = (run(x, 2e-3) for x in models)
+    assert not texts_of_fine
     error = 1.0 - np.divide(*(x.step_extremes["stress.largest"].max for x in (coarse, fine)))
-    assert "faster than waves pass the elements of board, so the peak of stress." in text
-    stated = 0.01 * int(text.split("roughly ")[1].split(" %")[0])
-    np.testing.assert_allclose(stated, error, atol=0.1)
+    if bracket:  # Halved elements resolve the rise, and state the error.
+        assert not texts
+        (text,) = (x for x in coarse.warnings if "too few for this impact" in x)
+        stated, tolerance = float(text.split("a change of ")[1].split(" %")[0]), 0.005
+    else:
+        (text,) = texts
+        assert "faster than waves pass the elements of board, so the peak of stress." in text
+        stated, tolerance = float(text.split("roughly ")[1].split(" %")[0]), 0.1
+    np.testing.assert_allclose(0.01 * stated, error, atol=tolerance)
 
 
 @pytest.mark.slow(reason="a fifth of a second")
@@ -239,7 +244,7 @@ def test_stated_error_and_elements_of_a_rod():
     solution, (text,) = run(rod(20, 5e10, damping=1e-6))
     assert "may be wrong by roughly 20 %; use about" in text
     elements = int(text.split("use about ")[1].split()[0])
-    assert 40 < elements < 100
+    assert 40 < elements < 120
     refined, texts = run(rod(elements, 5e10, damping=1e-6), t_end=2e-5)
     assert not texts
     peaks = [x.step_extremes["tip.N"].max for x in (solution, refined)]
@@ -260,7 +265,7 @@ def test_regression_estimates_of_diverging_forces_have_no_absurd_numbers():
     """A contact "may be wrong by roughly 10000000 %" and needed "about 2261947845084 elements"."""
     for ratio, words in (
         (1e8, "may be wrong by 100 % or more; use a lower stiffness that represents"),
-        (5.0, "may be wrong by roughly 30 %; use about 40 elements, or a lower stiffness that"),
+        (5.0, "may be wrong by roughly 30 %; use about 48 elements, or a lower stiffness that"),
     ):
         impact = HardImpact("stop", "beam", 1e-15, ratio, 0.051 * ratio, elements=8.0)
         (text,) = hard_impact_warnings((impact,))

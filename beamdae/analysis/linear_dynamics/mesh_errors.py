@@ -392,7 +392,7 @@ def _layer_warnings(
     """Return a warning if columns of modes differ from equilibrium with the loads by over 2 %.
 
     The strains of an element do not follow the boundary layer at a clamp under tension; see
-    `mesh_error_warnings`. The loads are those of the motion released from the shape of a mode.
+    `find_mesh_errors`. The loads are those of the motion released from the shape of a mode.
     """
     errors: list[tuple[float, float, _Column]] = []
     s = np.array([*(x.s for x in columns), *beam.mesh.element_bounds])

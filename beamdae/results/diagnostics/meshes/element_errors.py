@@ -19,7 +19,6 @@ from beamdae.beams.beam import Beam, beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import BeamdaeError
-from beamdae.results.columns import Header
 from beamdae.results.diagnostics.meshes.coarse_elements import (
     LARGE_CHANGE,
     describe_changes,
@@ -68,24 +67,27 @@ class ElementErrors(NamedTuple):
         Headers of the columns whose errors by the elements of all beams are known, and are small.
     warnings
         Sentences about columns that change.
+    has_hard_impacts
+        True if forces rise faster than the elements resolve, but not faster than halved ones do.
     """
 
     beams: tuple[str, ...] = ()
     columns: frozenset[str] = frozenset()
     warnings: tuple[str, ...] = ()
+    has_hard_impacts: bool = False
 
 
 def compare_few_elements(
     run: RunData,
     run_again: RunAgain,
     is_complete: bool,
-    has_section_warnings: Callable[[], bool],
+    find_wrong_sections: Callable[[], Collection[str]],
 ) -> ElementErrors:
     """Repeat a short run with halved elements of beams with few.
 
     Of runs with impacts, these are beams of up to three elements, and ranges and peaks are
     compared. Otherwise, these are beams of up to two elements, and positions and angles are
-    compared at all rows, and peaks of other columns.
+    compared at all rows, and peaks of other columns, also of rates and accelerations.
 
     Parameters
     ----------
@@ -95,9 +97,9 @@ def compare_few_elements(
         Function that repeats the run with other equations, or returns None if it fails.
     is_complete
         True if the run reaches its planned end. Otherwise, impacts are not compared.
-    has_section_warnings
-        Function that returns True if warnings name stresses, strains or section forces that differ
-        from those in equilibrium with the loads. Their changes are not named a second time.
+    find_wrong_sections
+        Function that returns the headers of stresses, strains and section forces that differ from
+        those in equilibrium with the loads. Their changes are not named a second time.
     """
     e = run.equations
     beams = sorted(beams_of(e.mechanism), key=lambda x: x.mesh.elements)
@@ -111,17 +113,20 @@ def compare_few_elements(
     finer = refine_run(run, run_again, halved=[x.name for x in few])
     if finer is None:
         return ElementErrors()
-    few = [x for x in few if x.name in finer.halved]
+    if finer.run._hard_impacts:
+        # Halved elements do not resolve the rise, either; see `hard_impacts` for the estimate.
+        return ElementErrors()
+    few, is_hard = [x for x in few if x.name in finer.halved], bool(run._hard_impacts)
     if strikes:
-        return ElementErrors(finer.halved, warnings=tuple(describe_impacts(run, finer.run, few)))
+        warnings = tuple(describe_impacts(run, finer.run, few))
+        return ElementErrors(finer.halved, warnings=warnings, has_hard_impacts=is_hard)
     positions = np.array([x.state.q for x in sample_instants(run.trajectory)])
     taut = [x for x in find_taut_beams(e, positions) if x.name in finer.halved]
     changes = RunChanges.measure(run, finer.run)
     doubt = taut[0] if taut else doubt_few_elements(few)
-    unnamed = headers_of_sections(e) if has_section_warnings() else ()
-    warnings = tuple(changes.describe(doubt, run_again, unnamed))
+    warnings = tuple(changes.describe(doubt, run_again, find_wrong_sections()))
     known = _known_columns(run, changes) if len(few) == len(beams) else frozenset()
-    return ElementErrors(finer.halved, known, warnings)
+    return ElementErrors(finer.halved, known, warnings, is_hard)
 
 
 def _known_columns(run: RunData, changes: RunChanges) -> frozenset[str]:
@@ -129,10 +134,9 @@ def _known_columns(run: RunData, changes: RunChanges) -> frozenset[str]:
 
     Large changes may differ from the error: halved elements are not accurate, either.
     """
-    large = {header for header, error in changes.errors.items() if error >= LARGE_CHANGE}
-    # Rates without an observed position and accelerations are not compared.
-    compared = {x for x in run.columns if "/s" not in Header.of(x).unit} - large
-    return frozenset(x for x in run.columns if _position_of(x) in compared)
+    errors = changes.errors | changes.rate_errors
+    large = {header for header, error in errors.items() if error >= LARGE_CHANGE}
+    return frozenset(x for x in run.columns if x not in large and _position_of(x) not in large)
 
 
 def _position_of(header: str) -> str:

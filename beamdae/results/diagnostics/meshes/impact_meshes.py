@@ -14,9 +14,12 @@ from beamdae.results.columns import Header, format_apart, remove_unit
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of, gaps_of_run
 from beamdae.results.diagnostics.meshes.coarse_elements import (
     UNITS_OF_POSITIONS,
+    describe_changes_of_rates,
     doubt_few_elements,
     find_changes,
+    find_changes_of_rates,
     headers_of_sections,
+    peaks_of_rates,
     scales_of_columns,
 )
 from beamdae.results.run_data import RunData
@@ -84,6 +87,10 @@ def describe_impacts(run: RunData, other: RunData, beams: Sequence[Beam]) -> Ite
             f"the {what} of {remove_unit(worst)} is {one} instead of {another}, a change of "
             f"{change}"
         )
+    peaks = (peaks_of_rates(x._extremes_above_rounding) for x in (run, other))
+    rate_errors = find_changes_of_rates(e, *peaks)
+    if rate_errors:
+        clauses.append(describe_changes_of_rates(rate_errors))
     later = _find_later_change(run, other, scales)
     if later is not None:
         header, start, end, largest = later
@@ -94,7 +101,8 @@ def describe_impacts(run: RunData, other: RunData, beams: Sequence[Beam]) -> Ite
             )
     if not clauses:
         return
-    doubt, largest = doubt_few_elements(beams), max(errors.values(), default=0.0)
+    doubt = doubt_few_elements(beams)
+    largest = max([*errors.values(), *rate_errors.values(), 0.0])
     yield (
         f"{doubt.cause} for this impact: {doubt.comparison}, {', and '.join(clauses)}; "
         f"{doubt.remedy(largest)}."

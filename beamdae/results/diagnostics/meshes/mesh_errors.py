@@ -148,14 +148,29 @@ _LARGEST = "largest value"
 _RANGE, _LATE_RANGE = "of its range", "of its range in the last third of the run"
 
 
-def mesh_error_warnings(
+class MeshErrors(NamedTuple):
+    """Stresses, strains and section forces that are wrong by over 2 %.
+
+    Attributes
+    ----------
+    columns
+        Their headers.
+    warnings
+        A warning per beam.
+    """
+
+    columns: frozenset[str] = frozenset()
+    warnings: tuple[str, ...] = ()
+
+
+def find_mesh_errors(
     equations: EquationsOfMotion,
     column_of: Callable[[str], Array],
     states_at: Callable[[Array], LoadedStates],
     is_run: bool = False,
     excluded: Collection[str] = (),
-) -> Iterator[str]:
-    """Yield a warning per beam whose stresses, strains or section forces are wrong by over 2 %.
+) -> MeshErrors:
+    """Return the stresses, strains and section forces of beams that are wrong by over 2 %.
 
     The columns follow from the strains of one element, whose polynomials do not follow boundary
     layers, such as those near the clamps of beams under tension, of the length sqrt(EI / N), loads
@@ -193,11 +208,14 @@ def mesh_error_warnings(
                 worst, limit = what, _LARGER_ERROR * error.relative
         if worst and not evaluator.is_negligible(column):
             errors.setdefault(worst, {}).setdefault(column.beam, []).append(measures[worst])
+    warnings: list[str] = []
     for what, by_beam in errors.items():
-        yield from merge_parts(
+        warnings += merge_parts(
             (beam.name, max(x.relative for x in of_beam), _describe(beam, of_beam, what))
             for beam, of_beam in by_beam.items()
         )
+    every = (x for by_beam in errors.values() for of_beam in by_beam.values() for x in of_beam)
+    return MeshErrors(frozenset(x.header for x in every), tuple(warnings))
 
 
 def find_negligible_columns(
@@ -207,7 +225,7 @@ def find_negligible_columns(
 ) -> set[str]:
     """Return the headers of stresses, strains and section forces that are small along the beam.
 
-    See `mesh_error_warnings` for the arguments. Their relative errors, such as those of moments in
+    See `find_mesh_errors` for the arguments. Their relative errors, such as those of moments in
     hinges, do not matter.
     """
     columns = list(_list_columns(equations, column_of, ()))

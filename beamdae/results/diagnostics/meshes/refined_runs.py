@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,7 +17,10 @@ from beamdae.results.diagnostics.meshes.beam_ranges import MAX_UNREPORTED_ERROR,
 from beamdae.results.diagnostics.meshes.coarse_elements import (
     MIN_SHARE_AT_REST,
     UNITS_OF_POSITIONS,
+    describe_changes_of_rates,
     find_changes,
+    find_changes_of_rates,
+    peaks_of_rates,
     scales_of_columns,
 )
 from beamdae.results.diagnostics.meshes.mesh_errors import (
@@ -133,6 +136,8 @@ class RunChanges:
     differences
         Absolute differences of positions and angles at rows, and those of peaks (1,), by header.
         Section forces that are small along the beam in both runs are omitted.
+    rate_errors
+        Changes of `peaks_of_rates` of over 2 %, by header, the largest one first.
     includes_drawing
         True if ranges include the drawing.
     """
@@ -141,6 +146,7 @@ class RunChanges:
     ranges: dict[str, float]
     finer_ranges: dict[str, float]
     differences: dict[str, Array]
+    rate_errors: dict[str, float]
     includes_drawing: bool
 
     @classmethod
@@ -156,7 +162,9 @@ class RunChanges:
             for header in ranges
             if header in finer and header not in negligible
         }
-        return cls(run, ranges, finer, differences, bool(drawing))
+        peaks = (peaks_of_rates(x._extremes_above_rounding) for x in (run, other))
+        rate_errors = find_changes_of_rates(run.equations, *peaks)
+        return cls(run, ranges, finer, differences, rate_errors, bool(drawing))
 
     @cached_property
     def scales(self) -> dict[str, float]:
@@ -172,7 +180,7 @@ class RunChanges:
     def describe(
         self, doubt: BeamDoubt, run_again: RunAgain, unnamed: Collection[str] = ()
     ) -> Iterator[str]:
-        """Yield a warning if there are `errors`.
+        """Yield a warning if there are `errors` or `rate_errors`.
 
         Parameters
         ----------
@@ -184,8 +192,20 @@ class RunChanges:
             Headers of columns that have other warnings.
         """
         errors = {header: error for header, error in self.errors.items() if header not in unnamed}
-        if not errors:
-            return
+        clauses, advice = [], ""
+        if errors:
+            clause, advice = self._describe_largest(errors, run_again)
+            clauses.append(clause)
+        if self.rate_errors:
+            clauses.append(describe_changes_of_rates(self.rate_errors))
+        if clauses:
+            remedy = doubt.remedy(max([*errors.values(), *self.rate_errors.values()]))
+            yield f"{doubt.cause}: {doubt.comparison}, {', and '.join(clauses)}; {remedy}.{advice}"
+
+    def _describe_largest(
+        self, errors: Mapping[str, float], run_again: RunAgain
+    ) -> tuple[str, str]:
+        """Return a clause about errors, the largest one first, and advice about chaotic motions."""
         worst, *others = errors
         also = [f"{remove_unit(x)} {format_percent(errors[x])}" for x in others]
         name, size, advice = remove_unit(worst), format_percent(errors[worst]), ""
@@ -204,10 +224,7 @@ class RunChanges:
                 advice = _describe_chaos(self.run, run_again, worst, scale)
         else:
             name = f"the peak of {name}"
-        yield (
-            f"{doubt.cause}: {doubt.comparison}, {name} differs by {name_with_others(size, also)}; "
-            f"{doubt.remedy(errors[worst])}.{advice}"
-        )
+        return f"{name} differs by {name_with_others(size, also)}", advice
 
 
 def _describe_chaos(run: RunData, run_again: RunAgain, header: str, scale: float) -> str:
