@@ -97,7 +97,7 @@ def test_invalid_arguments_are_rejected():
     oscillation = oscillator(bd.sine(1.0, 0.5))
     with pytest.raises(
         bd.BeamdaeError,
-        match=r"^mass\.x: loads or drivers .* do not repeat after the period of 3 s",
+        match=r"^load: loads or drivers .* do not repeat after the period of 3 s",
     ):
         bd.periodic(oscillation, 3.0)
     # Within these periods, a cosine changes by less than rounding errors.
@@ -297,17 +297,69 @@ def test_regression_the_mismatch_of_a_period_and_the_period_of_the_loads_are_nam
     assert bd.periodic(mech, 1.33333333).status.success
     # A load, in newtons; and no period close to that of the load.
     system = oscillator(bd.sine(1.0, 0.5))
-    with pytest.raises(bd.BeamdaeError, match=r"of the largest force .* drivers, 2 s\.$"):
+    with pytest.raises(bd.BeamdaeError, match=r"of the largest value .* drivers, 2 s\.$"):
         bd.periodic(system, 2.02)
-    with pytest.raises(bd.BeamdaeError, match=r"of the largest force .* drivers\.$"):
+    with pytest.raises(bd.BeamdaeError, match=r"of the largest value .* drivers\.$"):
         bd.periodic(system, 3.0)
+
+
+def driven(law, period, monkeypatch):
+    """Return the message about the period of a driver, without any run, or ""."""
+    mech = bd.Mechanism()
+    crank = mech.add(bd.RigidBody("crank", 1.0, inertia=0.1))
+    mech.add(bd.Revolute("shaft", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0), law))
+    mech.observe("crank", crank.at(0.1, 0.0))
+
+    def run(*_, **__):
+        raise AssertionError("a run has begun")
+
+    monkeypatch.setattr("beamdae.analysis.periodic.shooting.PeriodMap.run", run)
+    try:
+        bd.periodic(mech, period)
+    except bd.BeamdaeError as problem:
+        return str(problem)
+    except AssertionError:
+        return ""
+
+
+@pytest.mark.parametrize(
+    ("law", "period", "is_wrong"),
+    [
+        (lambda t: 4.0 * np.pi * t, 0.5, False),
+        (lambda t: -4.0 * np.pi * t, 1.5, False),
+        (lambda t: 4.0 * np.pi * t, 0.6, True),
+        (lambda t: 0.1 * np.sin(4.0 * np.pi * t), 0.5, False),
+        (lambda t: 0.1 * np.sin(4.0 * np.pi * t), 77.3, True),
+        (lambda t: 4.0 * np.pi * t + 0.1 * np.sin(8.0 * np.pi * t), 0.5, False),
+        (lambda t: 4.0 * np.pi * t + 0.1 * np.sin(9.0 * np.pi * t), 0.5, True),
+        (bd.run_up(4.0 * np.pi, 0.2), 0.5, True),
+    ],
+)
+def test_regression_wrong_periods_of_drivers_are_rejected_before_a_run(
+    law, period, is_wrong, monkeypatch
+):
+    """A period in other units took minutes of steps before the message."""
+    message = driven(law, period, monkeypatch)
+    assert message.startswith("motor: loads or drivers at") == is_wrong
+    assert bool(message) == is_wrong
+
+
+def test_regression_wrong_periods_of_loads_are_rejected_before_a_run(monkeypatch):
+    monkeypatch.setattr("beamdae.analysis.periodic.shooting.PeriodMap.run", None)
+    with pytest.raises(bd.BeamdaeError, match=r"^load: .* after the period of 120 s; set period"):
+        bd.periodic(oscillator(bd.sine(1.0, 60.0 + 1.0 / 300.0)), 120.0)
+    # A transient that has decayed, and a load that holds its last value.
+    for law in (lambda t: np.exp(-50.0 * t), bd.piecewise((0.1, 1.0), 0.0)):
+        with pytest.raises(TypeError, match="not callable"):
+            bd.periodic(oscillator(law), 1.0, t_start=2.0)
 
 
 @pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize(
     ("period", "message"),
     [
-        (2.0, r"^motor\.angle: loads or drivers .* do not repeat after the period of 2 s"),
+        (2.0, r"^motor: loads or drivers .* do not repeat after the period of 2 s"),
         (None, "^periodic: loads or drivers depend on time; pass their period"),
     ],
 )

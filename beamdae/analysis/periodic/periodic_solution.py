@@ -10,6 +10,7 @@ import numpy as np
 
 from beamdae.analysis.periodic.beam_errors import BeamErrorEstimator
 from beamdae.analysis.periodic.monodromy import LinearizationError, dominant_range
+from beamdae.analysis.periodic.law_periods import require_repeating_laws
 from beamdae.analysis.periodic.shooting import (
     DEFAULT_RTOL,
     MAX_SETTLING_PERIODS,
@@ -164,6 +165,8 @@ def periodic(
     is_free = period is None
     guess, settle = _first_period(model, period, period_guess, settle)
     equations = build_periodic_equations(_NAME, model, start)
+    if not is_free:
+        require_repeating_laws(equations.mechanism, t_start, guess)
     period_map = PeriodMap.from_equations(equations, method, t_start, guess)
     try:
         if is_free:

@@ -60,13 +60,13 @@ _EXHAUSTED_CONTRACTION = 0.5
 
 # Number of output times in a period, including both ends.
 _OUTPUT_TIMES = 201
-_FULL_TURN = 2.0 * np.pi
+FULL_TURN = 2.0 * np.pi
 # Loads are periodic if, after a period, forces change by less than this fraction of the largest
 # force, and constraints by less than this fraction of the size of the mechanism or of 1 rad. Both
 # are compared at these fractions of a period. Multiples of the golden ratio keep harmonics from
 # having the same phase at all of them, as the 12th has after each twelfth of a period.
 _REPETITION_TOLERANCE = 1e-6
-_COMPARED_FRACTIONS = np.sort(np.arange(1.0, 12.0) * (np.sqrt(1.25) - 0.5) % 1.0)
+COMPARED_FRACTIONS = np.sort(np.arange(1.0, 12.0) * (np.sqrt(1.25) - 0.5) % 1.0)
 # Loads are constant if they are periodic with these fractions of a period.
 _TEST_PERIODS = (0.29, 0.618)
 # Loads that do not change within a period must not change later by more than this multiple of their
@@ -228,7 +228,7 @@ class _Mismatch(NamedTuple):
     mean_rate: float
 
 
-def _find_nearby_root(function: Callable[[float], float], start: float) -> list[float]:
+def find_nearby_root(function: Callable[[float], float], start: float) -> list[float]:
     """Return the root within 5 % of `start`, by the secant method, as list with up to one entry."""
     a, b = start, start * (1.0 + _PERIOD_STEP)
     f_a, f_b = function(a), function(b)
@@ -414,7 +414,7 @@ class PeriodMap:
         interval = solution.trajectory.intervals[0]
         # A run may end before the period does, because loads do not repeat.
         end = max(interval.t[-1], self.begin + self.period)
-        times = interval.t[0] + (end - interval.t[0]) * _COMPARED_FRACTIONS
+        times = interval.t[0] + (end - interval.t[0]) * COMPARED_FRACTIONS
         state = interval.at(np.minimum(times, interval.t[-1]))
         revolutions = np.zeros(form.size)
         revolutions[: e.n] = self.full_revolutions(solution)
@@ -474,7 +474,7 @@ class PeriodMap:
             f"{size / largest_force:.2g} of the largest force"
             if is_force
             else f"{size:.2g} in SI units",
-            _find_nearby_root(difference_after, self.period),
+            find_nearby_root(difference_after, self.period),
             abs(drifts[0]) / self.period if is_drift and not is_uniform else 0.0,
         )
 
@@ -495,7 +495,7 @@ class PeriodMap:
         return self._full_turns(first, last)
 
     def _full_turns(self, first: Array, last: Array) -> Array:
-        turns = _FULL_TURN * np.round((last - first) / _FULL_TURN)
+        turns = FULL_TURN * np.round((last - first) / FULL_TURN)
         return np.where(self.equations.is_angle, turns, 0.0)
 
     def deviation(self, solution: Solution) -> Array:
@@ -527,7 +527,7 @@ class PeriodMap:
         """
         amplitudes = Amplitudes.from_trajectory(solution.equations, solution.trajectory)
         scales = np.minimum(amplitudes.scales, self.equations.position_scales)
-        return np.concatenate([scales, max(_FULL_TURN / self.period, amplitudes.rate) * scales])
+        return np.concatenate([scales, max(FULL_TURN / self.period, amplitudes.rate) * scales])
 
 
 def equalize_deformations(equations: EquationsOfMotion, scales: Array) -> Array:
@@ -984,7 +984,7 @@ def estimate_period(solution: Solution) -> float | None:
         state = trajectory.at(times)[1]
         last = trajectory.intervals[-1].state
         q = state.q - last.q[-1]
-        q -= np.where(is_angle, _FULL_TURN * np.round(q / _FULL_TURN), 0.0)
+        q -= np.where(is_angle, FULL_TURN * np.round(q / FULL_TURN), 0.0)
         return np.concatenate([q, state.v - last.v[-1]], axis=1)
 
     times = np.linspace(trajectory.end, trajectory.start, _RETURN_SAMPLES)
