@@ -40,6 +40,8 @@ _DENSITY_UNITS = {
 }
 # Largest relative difference of E and rho from a material of the table that is recognized.
 _MAX_DIFFERENCE = 0.1
+# Largest Young's modulus of a material [Pa]: that of diamond is at most 1.22e12.
+_MAX_MODULUS = 1.3e12
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,11 @@ class Material:
         if not -1.0 < self.nu <= 0.5:
             raise BeamdaeError(f"Material: nu must lie in (-1, 0.5], got {self.nu:g}.")
         self._warn_of_units()
+        if self.E > _MAX_MODULUS:
+            warn_user(
+                f"Material: E = {self.E:g} Pa is larger than that of diamond (1.2e+12 Pa); check "
+                "its unit, or use bd.RigidBody for parts that do not deform."
+            )
 
     def _warn_of_units(self) -> None:
         """Warn of numbers that are those of a material of the table in other units."""

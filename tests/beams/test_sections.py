@@ -230,8 +230,22 @@ def test_regression_materials_in_other_units_have_a_warning(E, rho, words):
         bd.Material(E=E, nu=0.3, rho=rho)
 
 
+def test_regression_moduli_above_that_of_diamond_have_a_warning():
+    """E = 5e12 Pa, by mixed labels of inches and psi, was accepted in silence."""
+    with pytest.warns(bd.BeamdaeWarning, match=r"E = 5e\+12 Pa is larger than that of diamond"):
+        bd.Material(E=5e12, nu=0.3, rho=7850.0)
+
+
 @pytest.mark.parametrize(
-    ("E", "rho"), [(0.7e6, 5540.0), (210e9, 7850.0), (1e3, 1.0), (68.95e9, 2760.0), (2e3, 950.0)]
+    ("E", "rho"),
+    [
+        (1.25e12, 3510.0),
+        (0.7e6, 5540.0),
+        (210e9, 7850.0),
+        (1e3, 1.0),
+        (68.95e9, 2760.0),
+        (2e3, 950.0),
+    ],
 )
 def test_soft_materials_have_no_warning(E, rho):
     """The rubber of a benchmark of pendulums, numbers without units, and soft foam."""

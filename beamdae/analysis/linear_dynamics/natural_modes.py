@@ -120,11 +120,12 @@ class Modes(HasModeShapes):
         return len(self.eigenvalues)
 
     def __repr__(self) -> str:
-        frequencies = ", ".join(f"{x:.4g}" for x in self.frequencies[:_REPR_FREQUENCIES])
+        shown = zip(self.kinds, self.frequencies[:_REPR_FREQUENCIES].tolist(), strict=False)
+        frequencies = ", ".join(f"{x:.4g} Hz" if x else kind for kind, x in shown)
         more = ", ..." if len(self) > _REPR_FREQUENCIES else ""
         count = len(self.warnings)
         note = f"; {format_count(count, 'warning')}, see .warnings" if count else ""
-        return f"<Modes about {self.about}: {len(self)}, {frequencies}{more} Hz{note}>"
+        return f"<Modes about {self.about}: {len(self)}, {frequencies}{more}{note}>"
 
     def describe(self, k: int) -> str:
         """Return a label of mode `k`, counted from 0: number k + 1, frequency, damping ratio.
