@@ -467,11 +467,11 @@ class Equilibrium(HasPage):
         of_model = self.equations.build_warnings
         found = (
             *of_model,
+            *strains,
             *self.notes,
             self.instability,
             free,
             *beams,
-            *strains,
             *meshes,
             *outside,
             *limits,

@@ -1,5 +1,7 @@
 """Equilibrium paths against closed-form solutions: limit points, branch points, flutter."""
 
+import warnings
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -499,3 +501,29 @@ def test_regression_arc_length_does_not_depend_on_the_size_of_other_trusses(rati
     }
     assert [point.kind for point in path.critical] == ["limit point"] * len(signs[height])
     assert_allclose([point.factor for point in path.critical], signs[height], rtol=1e-6)
+
+
+@pytest.mark.slow(reason="half a second")
+def test_regression_strains_of_a_bent_beam_are_the_suspected_cause_of_a_limit_point():
+    """The remedy was the arc length, although exact strains reach the whole load."""
+
+    def bend(**settings):
+        steel = bd.Material.of("steel")
+        section = bd.Section.rectangle(steel, width=0.04, height=0.003)
+        line = bd.Line((0.0, 0.0), (0.3, 0.0))
+        mech = bd.Mechanism()
+        leaf = mech.add(bd.Beam("leaf", line, section, elements=4, **settings))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf.start))
+        mech.add(bd.Force("load", leaf.end, (-1000.0, -300.0)))
+        mech.observe("tip", leaf.end)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", bd.BeamdaeWarning)
+            return bd.equilibrium(mech)
+
+    # A second formulation, and a second mesh of floating frames.
+    assert bend(strain="exact").status.success
+    assert bend(formulation="exact").status.success
+    failed = bend()
+    assert "may be an error of the strains of leaf: the beam bends" in failed.status.sentence
+    assert "strain='exact', before you try control='arc length'" in failed.status.sentence
+    assert "suggests a limit point" not in failed.status.sentence

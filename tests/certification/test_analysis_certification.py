@@ -142,7 +142,7 @@ def test_regression_formulations_that_fail_are_not_assessed():
     mech.add(bd.Revolute("right", mech.ground.at(*right), beam.end))
     mech.add(bd.Force("press", beam.at(24.0), (0.0, -1000.0)))
     mech.observe("ld", beam.at(24.0))
-    with pytest.warns(bd.BeamdaeWarning, match="suggests a limit point"):
+    with pytest.warns(bd.BeamdaeWarning, match="may be an error of the strains of column"):
         certificate = bd.certify_equilibrium(mech, to=15.0)
     assert certificate.status.success
     assert np.all(np.isnan(certificate.theory_as_written))

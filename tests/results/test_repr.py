@@ -26,7 +26,10 @@ RESULTS = {
     "check": (lambda: clamped().check(), r"Check of mechanism: .*; ready to run"),
     "equilibrium": (lambda: bd.equilibrium(clamped()), r"Equilibrium: ok.*load factor 1"),
     "modes": (lambda: bd.modes(clamped(), n=2), r"Modes about reference: 2, [\d.]+ Hz, [\d.]+ Hz"),
-    "many modes": (lambda: bd.modes(clamped(), n=6), r"Modes about reference: 6, .* Hz, .*, \.\.\."),
+    "many modes": (
+        lambda: bd.modes(clamped(), n=6),
+        r"Modes about reference: 6, .* Hz, .*, \.\.\.",
+    ),
     "campbell": (
         lambda: bd.campbell(clamped(weight=0.0), [0.0, 5.0], 2),
         r"Campbell: 2 modes at 2 speeds, 0 to 5 rad/s",

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.periodic.beam_errors import BeamErrorEstimator
-from beamdae.analysis.periodic.monodromy import LinearizationError, dominant_range
 from beamdae.analysis.periodic.law_periods import require_repeating_laws
+from beamdae.analysis.periodic.monodromy import LinearizationError, dominant_range
 from beamdae.analysis.periodic.shooting import (
     DEFAULT_RTOL,
     MAX_SETTLING_PERIODS,

@@ -44,6 +44,7 @@ from beamdae.errors import (
 )
 from beamdae.interrupts import acknowledge
 from beamdae.parts.joints.drivers import DrivenJoint
+from beamdae.results.diagnostics.meshes.beam_ranges import measure_beam_ranges, range_warnings
 from beamdae.results.equilibrium import CriticalPoint
 from beamdae.results.outcome import Status
 
@@ -68,6 +69,10 @@ _MAX_INITIAL_MOTION = 0.05
 # The end of a failed path is probably near a limit point if the lowest positive eigenvalue of the
 # stiffness has fallen below this fraction of its initial value.
 _SOFT_RATIO = 0.2
+# Estimated relative error of deflections by the strains of a beam above which a loss of stiffness
+# is probably theirs. It is 0.37 to 0.42 for a cantilever in compression with one floating frame;
+# with exact strains, its load has no maximum.
+_MIN_ERROR_OF_LIMIT_POINT = 0.1
 # Paths with a larger bound on rounding errors have a note. It is up to 1e-4 at L/h = 1e5, and 2e-4
 # to 2e-1 at 1e6, where errors of critical loads are up to 5e-5 and 1e-2 (measured).
 _MAX_ROUNDING_RATIO = 2e-4
@@ -719,6 +724,13 @@ def _remedy(path: StagePath, e: EquationsOfMotion, control: str) -> str:
     )
     if rounding:
         return f"{lost}{rounding}, or control='arc length' if this is a limit point"
+    ranges = measure_beam_ranges(e, path.end.x[None, : e.n])
+    wrong = [x for x in ranges if x.error is not None and x.error > _MIN_ERROR_OF_LIMIT_POINT]
+    if doubt := next(range_warnings(wrong), ""):
+        return (
+            f"{lost}, which may be an error of the strains of {doubt.removesuffix('.')}, before "
+            "you try control='arc length'"
+        )
     return (
         f"{lost}, which suggests a limit point; use control='arc length' to continue past "
         "this point"
