@@ -76,6 +76,7 @@ from beamdae.results.diagnostics.resolution.missed_peaks import (
 )
 from beamdae.results.diagnostics.resolution.small_motions import small_motion_warnings
 from beamdae.results.diagnostics.resolution.sudden_vibrations import sudden_vibration_warnings
+from beamdae.results.diagnostics.resolution.suppressed_growth import suppressed_growth_warnings
 from beamdae.results.diagnostics.resolution.unresolved_forces import unresolved_force_warnings
 from beamdae.results.diagnostics.rest import has_rounding_forces, is_motionless
 from beamdae.results.diagnostics.rounding_limits import rounding_limits
@@ -262,6 +263,12 @@ def _uncompared_extremes(run: RunData, extremes: ColumnDict) -> dict[str, StepEx
     """Return the extremes of columns whose errors by elements are to be estimated, by header."""
     known = _find_element_errors(run).columns
     return {header: x for header, x in extremes.items() if header not in known}
+
+
+def _suppressed_growth(run: RunData) -> Iterable[str]:
+    if run._is_at_rest or not run.status.success:
+        return ()
+    return suppressed_growth_warnings(run.equations, run.trajectory, run.integrator)
 
 
 def _hard_impacts(run: RunData) -> Iterable[str]:
@@ -490,6 +497,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _strain_errors,
     _step_errors,
     _suspected_errors,
+    _suppressed_growth,
     _hard_impacts,
     # Missed extremes.
     *ROW_CHECKS,

@@ -194,7 +194,7 @@ class ForceKernel:
     def has_load_function(self) -> bool:
         """True if time, q, v and data determine the force; then `load_function` is exact."""
         x = self.local
-        return not (self.reused or x.n_multipliers or ca.depends_on(self.force, x.a))
+        return not (self.reused or x.n_multipliers or self.has_accelerations)
 
     @cached_property
     def load_function(self) -> RowFunction:
@@ -203,6 +203,20 @@ class ForceKernel:
         zeros = [SX.zeros(x.a.shape), SX.zeros(x.lam.shape)]
         force = ca.substitute(self.force, ca.vertcat(x.a, x.lam), ca.vertcat(*zeros))
         return RowFunction(ca.Function("load", [x.time, x.q, x.v, x.data], [ca.densify(force)]))
+
+    @cached_property
+    def has_accelerations(self) -> bool:
+        """True if the force depends on accelerations, as inertia does."""
+        return bool(ca.depends_on(self.force, self.local.a))
+
+    @cached_property
+    def motion_derivatives(self) -> RowFunction:
+        """dF/dq and dF/dv in (time, q, v, lam, data), column by column, without accelerations."""
+        x = self.local
+        derivatives = ca.horzcat(ca.jacobian(self.force, x.q), ca.jacobian(self.force, x.v))
+        derivatives = ca.substitute(derivatives, x.a, SX.zeros(x.a.shape))
+        inputs = [x.time, x.q, x.v, x.lam, x.data]
+        return RowFunction(ca.Function("derivatives", inputs, [ca.densify(ca.vec(derivatives))]))
 
     @cached_property
     def _stacked(self) -> SX:

@@ -240,7 +240,7 @@ def test_regression_weak_modes_are_not_followed_through_the_steps(monkeypatch):
         return estimate(jump, *arguments)
 
     monkeypatch.setattr(sudden_vibrations, "_estimate_changes", estimate_and_record)
-    amplify = sudden_vibrations._amplify_by_radau
+    amplify = sudden_vibrations.amplify_by_radau
     jump = _jump(random, 10.0 ** random.uniform(-9.0, -3.0, (40, 3)))
     expected = sudden_vibrations._estimate_errors(jump, amplify)
     assert followed.pop() == 40

@@ -143,7 +143,7 @@ def sudden_vibration_warnings(
     integrator
         Settings of the run. `Radau`, and `Ida` of order 2, are examined.
     """
-    method, amplify, min_phase = integrator.get("method"), _amplify_by_radau, _MIN_PHASE_OF_RADAU
+    method, amplify, min_phase = integrator.get("method"), amplify_by_radau, _MIN_PHASE_OF_RADAU
     if method == "Ida" and integrator["max_order"] <= _BDF_ORDER:
         amplify, min_phase = _amplify_by_bdf, _MIN_PHASE_OF_BDF
     elif method != "Radau":
@@ -513,7 +513,7 @@ def _add_up(amplitudes: Array) -> Array:
     return np.asarray(np.sqrt(total * np.sqrt(squares)))
 
 
-def _amplify_by_radau(z: Array) -> Array:
+def amplify_by_radau(z: Array) -> Array:
     """Return the factor of a step of Radau IIA with three stages, (3, 2)-Pade of exp(z)."""
     return (1.0 + 0.4 * z + z**2 / 20.0) / (1.0 - 0.6 * z + 0.15 * z**2 - z**3 / 60.0)
 
@@ -535,7 +535,7 @@ def _describe(
     step = max_step = float(np.max(jump.steps))
     for _ in range(_MAX_HALVINGS):
         max_step *= 0.5
-        if np.max(_estimate_errors(jump, _amplify_by_radau, max_step) / sizes) < _RECOMMENDED_ERROR:
+        if np.max(_estimate_errors(jump, amplify_by_radau, max_step) / sizes) < _RECOMMENDED_ERROR:
             break
     remedy = f"max_step={max_step:.1g}" if is_radau else f"Radau(max_step={max_step:.1g})"
     return SuspectedError(
