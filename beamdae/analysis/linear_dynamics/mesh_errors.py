@@ -234,9 +234,9 @@ class _WaveErrors:
         beam, rates, share = self.beam, self.rates, self.share
         errors = self.errors.copy()
         is_single_arc = beam.mesh.elements == 1 and beam.mesh.largest_turn > 0.0
-        for j in large.tolist():
-            energy, _ = _strain_energies(beam, equations, state, shapes[j].real)
-            if energy > 0.5 * rates[j] ** 2 * share[j] and not is_single_arc:
+        if not is_single_arc:
+            energies, _ = _strain_energies(beam, equations, state, shapes[large].real)
+            for j in large[energies > 0.5 * rates[large] ** 2 * share[large]].tolist():
                 errors[j] = axial_wave_error(beam, float(rates[j])) * share[j]
         compression = np.minimum(self.forces, 0.0)
         if not np.any(compression):
@@ -246,10 +246,11 @@ class _WaveErrors:
         bending, mass = section_values(beam, "EI", "rhoA")
         energies = np.max(bending * wave_numbers**4 / mass, axis=1) * share
         # The energy of a shape takes more time than its estimate from waves.
-        for j in np.flatnonzero(compressed * energies > _MIN_ESTIMATE * rates**2):
-            if rates[j] > 0.0:
-                _, energy = _strain_energies(beam, equations, state, shapes[j].real)
-                errors[j] = max(errors[j], compressed[j] * energy / rates[j] ** 2)
+        is_large = (compressed * energies > _MIN_ESTIMATE * rates**2) & (rates > 0.0)
+        (large,) = np.nonzero(is_large)
+        _, energies = _strain_energies(beam, equations, state, shapes[large].real)
+        changes = compressed[large] * energies / rates[large] ** 2
+        errors[large] = np.maximum(errors[large], changes)
         return errors
 
 
@@ -460,20 +461,21 @@ def kinetic_energy_shares(lin: Linearization, shapes: Array) -> dict[str, Array]
 
 
 def _strain_energies(
-    beam: Beam, equations: EquationsOfMotion, state: State, shape: Array
-) -> tuple[float, float]:
-    """Return twice the energies of axial strains and of bending of a mode shape (n,) [J]."""
-    scale = _DIFFERENCE / np.max(np.abs(shape) / equations.position_scales)
+    beam: Beam, equations: EquationsOfMotion, state: State, shapes: Array
+) -> tuple[Array, Array]:
+    """Return twice the energies of axial strains and of bending of mode shapes (k, n) [J]."""
+    if not len(shapes):
+        return np.zeros(0), np.zeros(0)
+    sizes = np.max(np.abs(shapes) / equations.position_scales, axis=1)
+    scales = _DIFFERENCE / sizes[:, None]
     points, weights = gauss_points(_ENERGY_POINTS)
     half = 0.5 * beam.mesh.element_lengths[:, None]
     s = (element_middles(beam)[:, None] + half * points).ravel()
-    forward, backward = (
-        elastic_section_forces(
-            beam, equations, State(*(x[None] for x in state._replace(q=state.q + change))), s
-        )
-        for change in (scale * shape, -scale * shape)
-    )
-    forces = ((forward - backward) / (2.0 * scale))[:, 0].reshape(3, len(half), -1)
+    rest = State(*(np.tile(x, (2 * len(shapes), 1)) for x in state))
+    changes = np.concatenate([scales * shapes, -scales * shapes])
+    forces = elastic_section_forces(beam, equations, rest._replace(q=rest.q + changes), s)
+    forward, backward = np.split(forces, 2, axis=1)
+    changes = ((forward - backward) / (2.0 * scales)).reshape(3, len(shapes), len(half), -1)
     axial, bending = section_values(beam, "EA", "EI")
-    squares = np.sum(forces**2 * half * weights, axis=2)
-    return float(np.sum(squares[0] / axial)), float(np.sum(squares[2] / bending))
+    squares = np.sum(changes**2 * half * weights, axis=-1)
+    return np.sum(squares[0] / axial, axis=-1), np.sum(squares[2] / bending, axis=-1)
