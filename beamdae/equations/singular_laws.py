@@ -30,11 +30,11 @@ _REFINEMENT_RATIO = 0.25
 _FAR_DISTANCE = 4.0**-6
 _NEAR_DISTANCE = 4.0**-11
 _POLE_GROWTH = 16.0
-# Operations that are finite at all finite operands.
+# Operations that are finite at all finite operands, but for tanh, whose products are short pulses.
 _FINITE_OPERATIONS = frozenset(
     getattr(ca, f"OP_{name}")
     for name in (
-        *("ASSIGN", "ADD", "SUB", "MUL", "NEG", "TWICE", "SQ", "SIN", "COS", "TANH", "ATAN"),
+        *("ASSIGN", "ADD", "SUB", "MUL", "NEG", "TWICE", "SQ", "SIN", "COS", "ATAN"),
         *("FABS", "FMIN", "FMAX", "LT", "LE", "EQ", "NE", "NOT", "AND", "OR", "IF_ELSE_ZERO"),
         # Lookups in tables.
         "CALL",
@@ -59,11 +59,15 @@ class PartLaw(NamedTuple):
     function: RowFunction
     numbers: Array
 
-    def size(self, times: Array, branches: Array) -> Array:
-        """Return |law| at each of `times` [s], with one branch time per row; nan becomes 0."""
+    def values(self, times: Array, branches: Array) -> Array:
+        """Return the law at each of `times` [s], with one branch time per row."""
         rows = np.empty((*times.shape, 2))
         rows[..., 0], rows[..., 1] = times, branches[:, None]
-        sizes = np.abs(self.function(rows.reshape(-1, 2), self.numbers)).reshape(times.shape)
+        return np.reshape(self.function(rows.reshape(-1, 2), self.numbers), times.shape)
+
+    def size(self, times: Array, branches: Array) -> Array:
+        """Return |law| at each of `times` [s], with one branch time per row; nan becomes 0."""
+        sizes = np.abs(self.values(times, branches))
         return np.where(np.isnan(sizes), 0.0, sizes)
 
 

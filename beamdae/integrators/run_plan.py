@@ -12,8 +12,8 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.natural_frequencies import Mode, estimate_fastest_modes
-from beamdae.equations.singular_laws import require_no_pole
-from beamdae.equations.smooth_intervals import branch_time, interval_ends, time_on_branch
+from beamdae.equations.short_pulses import plan_ends
+from beamdae.equations.smooth_intervals import branch_time, time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.compiled_run import FactorizedMatrix
@@ -35,7 +35,7 @@ class RunPlan:
     starter
         Solver for consistent states of `equations`.
     intervals
-        (start, end) of the smooth intervals between breakpoints [s].
+        (start, end) of the smooth intervals between breakpoints and short pulses [s].
     state
         Consistent state at the start, or after the last event with actions.
     fastest_modes
@@ -127,8 +127,7 @@ def plan_run(equations: EquationsOfMotion, times: Array) -> RunPlan:
         consistent start, or a law becomes infinite.
     """
     start, end = float(times[0]), float(times[-1])
-    intervals = tuple(pairwise((start, *interval_ends(equations.breakpoints, start, end))))
-    require_no_pole(equations.laws, intervals)
+    intervals = tuple(pairwise((start, *plan_ends(equations, start, end))))
     starter = ConsistencySolver(equations)
     starter.require_inertia()
     first = time_on_branch(equations.breakpoints, start, end)

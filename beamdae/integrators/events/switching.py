@@ -8,14 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
-from itertools import pairwise
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import Configuration, EquationsOfMotion, EventTerm, State
 from beamdae.equations.natural_frequencies import estimate_fastest_modes
-from beamdae.equations.singular_laws import require_no_pole
-from beamdae.equations.smooth_intervals import branch_time, interval_ends
+from beamdae.equations.short_pulses import plan_ends
+from beamdae.equations.smooth_intervals import branch_time
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.events.impacts import apply_impact, solve_impulses
@@ -136,8 +135,7 @@ def _update_intervals(
 ) -> tuple[tuple[float, ...], Array]:
     """Return the ends of the remaining intervals and (t, branch) after laws have been replaced."""
     t = float(time[0])
-    later_ends = interval_ends(equations.breakpoints, t, ends[-1]) if t < ends[-1] else ()
-    require_no_pole(equations.laws, tuple(pairwise((t, *later_ends))))
+    later_ends = plan_ends(equations, t, ends[-1]) if t < ends[-1] else ()
     if t == ends[0]:
         return (t, *later_ends), time
     return later_ends, np.array([t, branch_time(t, later_ends[0])])

@@ -1,0 +1,103 @@
+"""Steps do not pass short pulses of loads without a trace."""
+
+import math
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.equations.short_pulses import find_pulses
+
+# Shapes of pulses of unit height and width about zero, with their integrals.
+SHAPES = {
+    "gauss": (lambda x: np.exp(-(x**2)), math.sqrt(math.pi)),
+    "sech^2": (lambda x: 1.0 - np.tanh(x) ** 2, 2.0),
+    "flat top": (lambda x: 0.5 * (np.tanh(5.0 * (x + 1.0)) - np.tanh(5.0 * (x - 1.0))), 2.0),
+    "exponentials": (lambda x: 1.0 / (np.exp(x) + np.exp(-x)), 0.5 * math.pi),
+}
+METHODS = {
+    "radau": bd.Radau(1e-6),
+    "ida": bd.Ida(1e-7),
+    "alpha": bd.GeneralizedAlpha(rtol=1e-6),
+    "auto": bd.Auto(),
+}
+
+
+@bd.model(t_end=1.0)
+def struck_mass(shape="gauss", width=1e-4, at=0.41237, height=1000.0, base=0.0):
+    """A mass of 2 kg that a short pulse accelerates."""
+    pulse, _ = SHAPES[shape]
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 2.0, at=(0.0, 0.0)))
+    force = lambda t: base + height * pulse((t - at) / width)  # noqa: E731
+    mech.add(bd.Force("blow", mass.point, (0.0, force)))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+def final_velocity(**values):
+    """Return the velocity at the end by the impulse [m/s]."""
+    values = {"shape": "gauss", "width": 1e-4, "height": 1000.0, "base": 0.0} | values
+    impulse = values["height"] * values["width"] * SHAPES[values["shape"]][1]
+    return (impulse + values["base"]) / 2.0
+
+
+@pytest.mark.parametrize("width", [1e-2, 1e-3, 1e-4, 2e-5])
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("method", METHODS)
+def test_regression_short_pulses_have_their_impulse(method, shape, width):
+    """Blows of 0.1 ms had no effect at all, without a warning."""
+    run = bd.simulate(struck_mass(shape=shape, width=width), METHODS[method])
+    velocity = run["mass.y_dot"].to_numpy()
+    assert velocity[-1] == pytest.approx(final_velocity(shape=shape, width=width), rel=1e-3)
+
+
+@pytest.mark.parametrize("values", [{"height": -1000.0}, {"base": 50.0}, {"at": 0.5}, {"at": 0.9}])
+def test_signs_offsets_and_times_of_pulses_do_not_matter(values):
+    run = bd.simulate(struck_mass(**values), bd.Radau(1e-6))
+    assert run["mass.y_dot"].iloc[-1] == pytest.approx(final_velocity(**values), rel=1e-3)
+
+
+def test_short_pulses_of_a_train_are_found():
+    times = np.array([0.103, 0.35, 0.353, 0.9])
+    law = lambda t: sum(np.exp(-(((t - x) / 1e-5) ** 2)) for x in times)  # noqa: E731
+    found = find_pulses(laws_of(law), [(0.0, 0.4), (0.4, 1.0)])
+    np.testing.assert_allclose(found, times, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        lambda t: np.exp(-3.0 * t) * np.sin(40.0 * t),
+        lambda t: np.exp(np.cos(80.0 * t)),
+        lambda t: np.exp(-(((t - 0.4) / 0.1) ** 2)),
+        lambda t: 1.0 + np.tanh((t - 0.4) / 1e-4),
+        lambda t: np.exp(-t),
+        lambda t: 1.0 / (1.0 + t) + 1e-6 * np.exp(-(((t - 0.4) / 1e-4) ** 2)),
+        lambda t: np.exp(0.0 * t),
+    ],
+)
+def test_waves_ramps_and_long_or_low_pulses_have_no_restarts(law):
+    assert find_pulses(laws_of(law), [(0.0, 1.0)]) == ()
+
+
+def laws_of(law):
+    """Return the laws of a model with a force by this law."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    mech.add(bd.Force("push", mass.point, (law, 0.0)))
+    return bd.equations_of_motion(mech).laws
+
+
+@pytest.mark.slow(reason="differentiates runs")
+@pytest.mark.parametrize("method", [bd.Radau(1e-8), bd.GeneralizedAlpha(rtol=1e-6)])
+def test_derivatives_by_height_and_width_of_a_pulse(method):
+    by = ["height", "width"]
+    forward = bd.sensitivities(struck_mass, by, method, estimate_error=False)
+    adjoint = bd.gradient(struck_mass, bd.EndValue("mass.y_dot"), by, method, estimate_error=False)
+    velocity = final_velocity()
+    for name, value in (("height", 1000.0), ("width", 1e-4)):
+        expected = velocity / value  # The runs have errors of 1e-3.
+        actual = forward.sensitivity("mass.y_dot", name).iloc[-1]
+        assert actual == pytest.approx(expected, rel=3e-3)
+        assert adjoint.derivatives[name] == pytest.approx(expected, rel=3e-3)
