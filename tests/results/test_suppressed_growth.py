@@ -146,3 +146,15 @@ def test_factors_of_steps_are_those_of_the_methods(z):
     parameters = family_parameters("newmark", 1.0)
     (trapezoidal,) = suppressed_growth._amplify_by_alpha(at, parameters)
     assert np.isclose(trapezoidal, abs((1.0 + 0.5 * z) / (1.0 - 0.5 * z)))
+
+
+def test_regression_rigid_bodies_that_slide_to_rest_have_no_vibrations():
+    """LAPACK rejected the empty basis of their modes."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    block = mech.add(bd.RigidBody("block", 1.0, inertia=0.1, velocity=(2.0, 0.0)))
+    ends = mech.ground.at(0.0, 0.0), block.at(0.0, 0.0)
+    guide = mech.add(bd.Prismatic("guide", *ends))
+    law = {"friction_speed": 1e-3, "static": 0.5, "stribeck": 0.05, "radius": 0.1}
+    mech.add(bd.Friction("friction", guide, coefficient=0.3, **law))
+    run = bd.simulate(mech, t_end=1.0)
+    assert not any("vibration" in x for x in run.warnings)

@@ -11,7 +11,7 @@ duration T of the run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -182,6 +182,7 @@ def describe_changes(
     scales: Mapping[str, float],
     when: str = "",
     min_share: float = _MIN_SHARE,
+    omitted: Collection[str] = (),
 ) -> Iterator[str]:
     """Yield a warning if a value changes by more than 1 % of its scale with more accurate beams.
 
@@ -192,17 +193,17 @@ def describe_changes(
     doubt
         Why the values were computed again.
     values
-        Values of the model and with more accurate beams, by header. Stresses and section forces of
-        beams, which are compared with the loads elsewhere, are ignored.
+        Values of the model and with more accurate beams, by header.
     scales
         Size of the values, by header. Other values are ignored.
     when
         Phrase that follows the first value.
     min_share
         Size relative to the largest value of its kind from which on a value is compared.
+    omitted
+        Headers of values that are compared elsewhere, or negligible.
     """
-    compared = headers_of_sections(equations)
-    pairs = {header: pair for header, pair in values.items() if header not in compared}
+    pairs = {header: pair for header, pair in values.items() if header not in omitted}
     errors = find_changes(equations, pairs, scales, min_share)
     if not errors:
         return

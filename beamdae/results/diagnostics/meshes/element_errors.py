@@ -201,7 +201,8 @@ def instant_warnings(
         frequencies = pair_frequencies(before, after, least=1.0 / duration)
         scales |= {name: x[0] for name, x in frequencies.items()}
         values |= frequencies
-    yield from describe_changes(equations, doubt, values, scales, f" at t = {coarse.t:.4g} s")
+    when, omitted = f" at t = {coarse.t:.4g} s", headers_of_sections(equations)
+    yield from describe_changes(equations, doubt, values, scales, when, omitted=omitted)
 
 
 def _observes_within_elements(equations: EquationsOfMotion, beam: Beam) -> bool:

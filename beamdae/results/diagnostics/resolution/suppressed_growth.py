@@ -447,6 +447,8 @@ def _find_growing(
     time, state = times[0], State(*(x[0] for x in states_at))
     linearized = _linearize(e, time, state)
     shapes, reactions = _find_basis(e, linearized, slowest)
+    if not shapes.size:
+        return ()
     count, states = shapes.shape[1], np.asarray(e.states, int)
     to_states = np.eye(e.n)[:, states]
     by_motion = np.hstack(
@@ -525,7 +527,7 @@ def _find_basis(
     order = order[::-1][:_MAX_MODES]
     shapes = basis @ (vectors[:, order] / np.sqrt(inverses[order]))
     reactions = np.zeros((e.m, len(order)))
-    if any(x.rows is not None for x in e.forces):
+    if len(order) and any(x.rows is not None for x in e.forces):
         loads = linearized.mass @ shapes * squares[order] - linearized.stiffness @ shapes
         reactions = la.lstsq(jacobian.toarray().T, loads)[0]
     return shapes, reactions
