@@ -27,8 +27,12 @@ _MAX_SHARE_OF_RUN, _MAX_SHARE_OF_DISTANCE = 0.05, 0.1
 _MIN_HEIGHT = 1e-3
 
 
-def plan_ends(equations: EquationsOfMotion, start: float, end: float) -> tuple[float, ...]:
-    """Return the ends [s] of the intervals of a run: breakpoints, short pulses and its end.
+def plan_ends(
+    equations: EquationsOfMotion, start: float, end: float, is_adaptive: bool
+) -> tuple[float, ...]:
+    """Return the ends [s] of the intervals of a run: breakpoints, its end and short pulses.
+
+    Fixed steps, which do not become shorter at a pulse, pass it; `unresolved_forces` warns of them.
 
     Raises
     ------
@@ -38,6 +42,8 @@ def plan_ends(equations: EquationsOfMotion, start: float, end: float) -> tuple[f
     ends = interval_ends(equations.breakpoints, start, end)
     intervals = tuple(pairwise((start, *ends)))
     require_no_pole(equations.laws, intervals)
+    if not is_adaptive:
+        return ends
     pulses = find_pulses(equations.laws, intervals)
     return interval_ends(sorted((*equations.breakpoints, *pulses)), start, end)
 

@@ -173,12 +173,12 @@ def _drive(
         term.controller.require_no_memory()
     planning_began = clock.perf_counter()
     first = initial_configuration(equations)
-    plan = plan_run(equations if first is None else first.equations, times)
+    rtol = float(settings["rtol"]) if integrator.accuracy.name == "rtol" else None
+    plan = plan_run(equations if first is None else first.equations, times, rtol is not None)
     planning_time = clock.perf_counter() - planning_began
 
     run_began = clock.perf_counter()
     limits = RunLimits(progress, settings.get("time_limit"), settings.get("max_steps"), run_began)
-    rtol = float(settings["rtol"]) if integrator.accuracy.name == "rtol" else None
     context = _RunContext.of(equations, times, rtol)
     run: _RunInProgress | None = None
     trajectory: Trajectory | None = None

@@ -48,6 +48,8 @@ class RunPlan:
     tolerance_factor
         Factor of local tolerances; below 1 for a run that is to satisfy the tolerances of unknown
         amplitudes, see `pilot_run`.
+    is_adaptive
+        True if an error tolerance determines the steps.
     matrices
         Last matrix by name of the method, so that a run can reuse the pivots of its pilot run.
     """
@@ -59,6 +61,7 @@ class RunPlan:
     amplitudes: Amplitudes | None = None
     partial_rate: float = 0.0
     tolerance_factor: float = 1.0
+    is_adaptive: bool = True
     matrices: dict[str, FactorizedMatrix] = field(default_factory=dict, compare=False)
 
     def matrix(self, method: str, pattern: sp.csc_array) -> FactorizedMatrix:
@@ -117,7 +120,7 @@ class RunPlan:
         return min(longest, resolving)
 
 
-def plan_run(equations: EquationsOfMotion, times: Array) -> RunPlan:
+def plan_run(equations: EquationsOfMotion, times: Array, is_adaptive: bool = True) -> RunPlan:
     """Return the plan of a run from the first to the last of `times` [s].
 
     Raises
@@ -127,11 +130,11 @@ def plan_run(equations: EquationsOfMotion, times: Array) -> RunPlan:
         consistent start, or a law becomes infinite.
     """
     start, end = float(times[0]), float(times[-1])
-    intervals = tuple(pairwise((start, *plan_ends(equations, start, end))))
+    intervals = tuple(pairwise((start, *plan_ends(equations, start, end, is_adaptive))))
     starter = ConsistencySolver(equations)
     starter.require_inertia()
     first = time_on_branch(equations.breakpoints, start, end)
     state = starter.start_state(first, equations.q0, equations.v0)
     # Cached because the pilot run and the main run need the same modes.
     modes = cache(partial(estimate_fastest_modes, starter, first, state))
-    return RunPlan(starter, intervals, state, modes)
+    return RunPlan(starter, intervals, state, modes, is_adaptive=is_adaptive)
