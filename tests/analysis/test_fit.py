@@ -613,3 +613,44 @@ def test_regression_searches_do_not_run_models_with_absurd_values(noisy, monkeyp
     assert result.parameters == pytest.approx(TRUE, rel=0.1)
     assert max(dampings) < 1e12 * first["damping"]
     assert len(dampings) < 45
+
+
+@bd.model(t_end=1.0)
+def released_strip(E=67.0e9, damping=8e-4, strain="green", elements=4):
+    """A strip of aluminum with a heavy end that gravity pulls down from its drawing."""
+    alloy = bd.Material(E=E, nu=0.3, rho=2700.0)
+    section = bd.Section.rectangle(alloy, width=0.025, height=0.002, damping=damping)
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    line = bd.Line((0.0, 0.0), (0.45, 0.0))
+    strip = mech.add(bd.Beam("strip", line, section, elements, strain=strain))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
+    mech.add(bd.PointMass("mass", 0.2, on=strip.end))
+    mech.observe("tip", strip.end)
+    return mech
+
+
+@pytest.mark.slow(reason="fits of a beam")
+def test_regression_strains_that_change_estimates_have_a_warning():
+    """Intervals of 95 % were 6 deviations away from the modulus of exact strains."""
+    run = bd.simulate(released_strip(strain="exact", elements=8), bd.Radau(1e-8), 1.0, 5e-3)
+    noise = np.random.default_rng(1).normal(scale=1e-3, size=len(run.t))
+    data = pd.DataFrame({"t [s]": run.t, "tip.y [m]": run["tip.y"].to_numpy() + noise})
+    fits = {
+        strain: bd.fit(
+            released_strip, data, ["E", "damping"], sigma=1e-3, parameters={"strain": strain}
+        )
+        for strain in ("green", "exact")
+    }
+    warned = {
+        strain: "".join(x for x in fit.warnings if "would" in x) for strain, fit in fits.items()
+    }
+    assert warned["exact"] == ""
+    found = re.search(
+        r"exact strains would change the estimates by up to (\S+) st", warned["green"]
+    )
+    assert found is not None
+    green, exact = (np.array(list(x.parameters.values())) for x in fits.values())
+    change = exact - green
+    expected = np.sqrt(change @ np.linalg.solve(fits["green"].covariance, change))
+    # The first step of a search that begins at the estimates.
+    assert float(found[1]) == pytest.approx(expected, rel=0.1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +26,7 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
     require_parameters,
 )
+from beamdae.equations.assembly.refined_beams import make_accurate
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
@@ -342,15 +343,20 @@ class FitProblem:
         model, derivatives = self._compare(runs, times)
         return self._project(values, runs, model, derivatives)
 
-    def _evaluate_residuals(self, values: Array) -> Array:
-        """Return the residuals (N,) at the given values (K,) without derivatives of the runs."""
+    def _evaluate_residuals(
+        self, values: Array, change: Callable[[Any], Any] = lambda mechanism: mechanism
+    ) -> Array:
+        """Return the residuals (N,) at the given values (K,) without derivatives of the runs.
+
+        `change` returns the mechanism that takes the place of that of the model.
+        """
         times = self._shift_times(values)
         method = require_differentiable_method(self.integrator, Radau())
         solutions = {}
         for experiment in self.data.experiments:
             with warnings.catch_warnings(), skip_result_checks():
                 warnings.simplefilter("ignore", BeamdaeWarning)
-                mechanism = self.model(**self._parameters(experiment, values))
+                mechanism = change(self.model(**self._parameters(experiment, values)))
                 t_end = self._t_end[experiment]
                 run = simulate(mechanism, method, t_end, start=self.start, keep_steps=True)
                 if run.trajectory.end < t_end:
@@ -424,6 +430,25 @@ class FitProblem:
         finer = copy.copy(self)
         finer.integrator = refine(self.integrator)
         return finer._evaluate_residuals(evaluation.values) - evaluation.residuals
+
+    def beam_errors(self, evaluation: Evaluation, exact: bool, halved: bool) -> Array:
+        """Return how exact strains or halved elements, or both, change the weighted residuals (N,).
+
+        Raises
+        ------
+        BeamdaeError
+            If no beam can be more accurate, or a run fails.
+        """
+
+        def make(mechanism: Any) -> Any:
+            start = mechanism.start if self.start is None else self.start
+            equations = as_equations("fit", mechanism, self.start)
+            refined = make_accurate(equations, exact, halved, start)
+            if refined is None:
+                raise BeamdaeError("fit: no beam can be more accurate.")
+            return refined.mechanism
+
+        return self._evaluate_residuals(evaluation.values, make) - evaluation.residuals
 
     def _run(self, experiment: str, values: Array, times: Array) -> Sensitivities:
         t_end = self._t_end[experiment]

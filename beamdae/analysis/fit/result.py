@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -243,14 +244,15 @@ class Fit:
 
         Sentences on values of parameters that the model rejected, on estimates that depend on the
         steps of the runs (a run with half the step or a tenth of `rtol` would change them by more
-        than 0.3 standard deviations), and on models that do not explain the data (`sigma` is known,
-        and larger values of chi-square have a probability below 1e-3, or, without `sigma`, more
-        than half of the variance is left), on a given `sigma` of more than 1.4 times the residuals
-        of its column (if smaller residuals have a probability below 1e-6), on residuals that are no
-        white noise (consecutive ones have a correlation above 0.5, single ones are outliers, or,
-        without `sigma`, columns or experiments scatter differently), on estimates at a bound, on
-        intervals of correlated parameters whose linear approximation may fail (`profile` does
-        without it), or on data that end after the end time of the model.
+        than 0.3 standard deviations; so would exact strains or halved elements), on models that do
+        not explain the data (`sigma` is known, and larger values of chi-square have a probability
+        below 1e-3, or, without `sigma`, more than half of the variance is left), on a given `sigma`
+        of more than 1.4 times the residuals of its column (if smaller residuals have a probability
+        below 1e-6), on residuals that are no white noise (consecutive ones have a correlation above
+        0.5, single ones are outliers, or, without `sigma`, columns or experiments scatter
+        differently), on estimates at a bound, on intervals of correlated parameters whose linear
+        approximation may fail (`profile` does without it), or on data that end after the end time
+        of the model.
         """
         return (*self._own_warnings, *self.run_warnings)
 
@@ -810,7 +812,8 @@ def create_fit(
     scatter = float(np.sqrt(np.mean(residuals**2)))
     if status.kind != "interrupted" and not search.recording_error:
         try:
-            steps = _check_steps(problem, evaluation, estimate, max(1.0, scatter))
+            accuracy = problem, evaluation, estimate, max(1.0, scatter)
+            steps = (*_check_steps(*accuracy), *_check_beams(*accuracy))
         except KeyboardInterrupt:
             acknowledge()
             status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
@@ -1214,26 +1217,61 @@ def _check_steps(
     the estimates in standard deviations. `sigma` is the estimated factor of the standard
     deviations of the data, and `scatter` the ratio of the residuals to these if it exceeds 1.
     """
-    largest = max(float(np.abs(x.values / x.sigma).max()) for x in problem.data.series)
-    if sigma * scatter <= _MIN_RELATIVE_SIGMA * largest and not problem.data.is_sigma_known:
+    if _are_computed(problem, sigma * scatter):
         return ()
     try:
         changes = problem.step_errors(evaluation)
     except BeamdaeError:
         # For example a limit on the number of steps: the estimates are those of the given steps.
         return ()
-    directions, singular, _ = np.linalg.svd(
-        evaluation.projected_jacobian * np.where(evaluation.values, evaluation.values, 1.0),
-        full_matrices=False,
-    )
-    is_determined = singular > _MIN_SINGULAR_RATIO * singular[0]
-    shift = np.linalg.norm(changes @ directions[:, is_determined])
+    shift = _measure_shift(evaluation, changes)
     if shift <= _MAX_STEP_ERROR * sigma * scatter:
         return ()
     return (
         f"More accurate runs would change the estimates by up to {shift / sigma:.2g} standard "
         f"deviations; use {_describe_accuracy(problem)}.",
     )
+
+
+def _check_beams(
+    problem: FitProblem, evaluation: Evaluation, sigma: float, scatter: float
+) -> tuple[str, ...]:
+    """Return a warning if errors of strains or elements of beams change estimates.
+
+    See `_check_steps`.
+    """
+    if _are_computed(problem, sigma * scatter):
+        return ()
+    shifts = {}
+    causes = {"exact strains": (True, False), "halved elements": (False, True)}
+    for cause, settings in causes.items():
+        # For example, all beams have exact strains.
+        with suppress(BeamdaeError):
+            shifts[cause] = _measure_shift(evaluation, problem.beam_errors(evaluation, *settings))
+    largest = max(shifts, key=shifts.__getitem__, default="")
+    if not largest or shifts[largest] <= _MAX_STEP_ERROR * sigma * scatter:
+        return ()
+    remedy = "strain='exact'" if largest == "exact strains" else "twice as many elements"
+    return (
+        f"Beams with {largest} would change the estimates by up to {shifts[largest] / sigma:.2g} "
+        f"standard deviations; use {remedy}.",
+    )
+
+
+def _are_computed(problem: FitProblem, deviation: float) -> bool:
+    """Return True if the data seem to be those of a run, by the deviation of the residuals."""
+    largest = max(float(np.abs(x.values / x.sigma).max()) for x in problem.data.series)
+    return deviation <= _MIN_RELATIVE_SIGMA * largest and not problem.data.is_sigma_known
+
+
+def _measure_shift(evaluation: Evaluation, changes: Array) -> float:
+    """Return the change of the estimates by changes of the residuals (N,), for sigma = 1."""
+    directions, singular, _ = np.linalg.svd(
+        evaluation.projected_jacobian * np.where(evaluation.values, evaluation.values, 1.0),
+        full_matrices=False,
+    )
+    is_determined = singular > _MIN_SINGULAR_RATIO * singular[0]
+    return float(np.linalg.norm(changes @ directions[:, is_determined]))
 
 
 def _describe_accuracy(problem: FitProblem) -> str:

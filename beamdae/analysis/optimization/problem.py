@@ -44,7 +44,7 @@ from beamdae.beams.section_samples import (
     list_known_sections,
     merge_known_sections,
 )
-from beamdae.equations.assembly.refined_beams import refine_beams
+from beamdae.equations.assembly.refined_beams import make_accurate
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
@@ -163,15 +163,8 @@ class _AccurateModel(FlatModel):
 
     def __call__(self, **values: float) -> Any:
         equations = assemble_design(super().__call__(**values))
-        inexact = [x.statement.part for x in equations.ranges if x.statement.defect is not None]
         assert equations.mechanism is not None
-        refined = refine_beams(
-            equations,
-            exact=inexact if self.exact else (),
-            halved=None if self.halved else (),
-            # Beams whose coordinates the start names keep their elements.
-            start=equations.mechanism.start,
-        )
+        refined = make_accurate(equations, self.exact, self.halved, equations.mechanism.start)
         if refined is None:
             raise BeamdaeError(f"{_NAME}: no beam of {self.name} can be more accurate.")
         return refined.mechanism

@@ -41,6 +41,23 @@ class RefinedBeams(NamedTuple):
     start: Array
 
 
+def make_accurate(
+    equations: EquationsOfMotion, exact: bool, halved: bool, start: Any
+) -> RefinedBeams | None:
+    """Return the mechanism whose floating-frame beams have exact strains, halved elements, or both.
+
+    See `refine_beams`.
+    """
+    inexact = [x.statement.part for x in equations.ranges if x.statement.defect is not None]
+    return refine_beams(
+        equations,
+        exact=inexact if exact else (),
+        halved=None if halved else (),
+        # Beams whose coordinates the start names keep their elements.
+        start=start,
+    )
+
+
 def refine_beams(
     equations: EquationsOfMotion,
     *,
