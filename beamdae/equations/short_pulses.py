@@ -14,7 +14,8 @@ from beamdae.equations.smooth_intervals import interval_ends
 Array = np.ndarray
 
 # Samples of all intervals together, and at least of each. Before it is zero in floating point, a
-# pulse exp(-(t/w)^2) is 27 w wide on each side, so that w from 4e-6 of the run are found.
+# pulse exp(-(t/w)^2) is 27 w wide on each side, so that w from 4e-6 of the run are found. Beside a
+# constant, rounding hides it at 6 w, so that w from 2e-5 are found.
 _N_SAMPLES, _MIN_SAMPLES = 5001, 51
 # More extremes in an interval belong to a vibration, not to separate pulses.
 _MAX_EXTREMES = 100

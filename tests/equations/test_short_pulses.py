@@ -58,6 +58,15 @@ def test_signs_offsets_and_times_of_pulses_do_not_matter(values):
     assert run["mass.y_dot"].iloc[-1] == pytest.approx(final_velocity(**values), rel=1e-3)
 
 
+@pytest.mark.parametrize(("base", "width"), [(0.0, 4e-6), (50.0, 2e-5)])
+def test_the_shortest_pulses_are_found_at_any_time(base, width):
+    """Rounding hides the tails of a pulse beside a constant."""
+    for at in np.random.default_rng(0).uniform(0.01, 0.99, 20):
+        law = lambda t, at=at: base + 1e3 * np.exp(-(((t - at) / width) ** 2))  # noqa: E731
+        (found,) = find_pulses(laws_of(law), [(0.0, 1.0)])
+        assert found == pytest.approx(at, abs=width)
+
+
 def test_short_pulses_of_a_train_are_found():
     times = np.array([0.103, 0.35, 0.353, 0.9])
     law = lambda t: sum(np.exp(-(((t - x) / 1e-5) ** 2)) for x in times)  # noqa: E731
