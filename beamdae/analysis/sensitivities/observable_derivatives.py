@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from beamdae.analysis.sensitivities.model_differences import Difference, form_of
 from beamdae.equations.equations_of_motion import (
@@ -100,40 +102,68 @@ def differentiate_run_columns(
     """
     ends = np.cumsum([0, *(len(x.columns) for x in equations.observables)])
     result = {name: np.zeros((len(times), ends[-1])) for name in trajectories}
-    rows, at = trajectory.at(times)
-    along = {name: x.at(times)[1] for name, x in trajectories.items()}
-    index = trajectory.interval_index(times)
-    for number, observable in enumerate(equations.observables):
+    are_elastic = [is_elastic(equations, x) for x in equations.observables]
+    splits = {True: _split_by_interval, False: _split_by_configuration}
+    parts = {x: list(splits[x](trajectory, times, trajectories)) for x in set(are_elastic)}
+    for number, is_interpolated in enumerate(are_elastic):
         columns = slice(ends[number], ends[number + 1])
-        if is_elastic(equations, observable):
-            for k, interval in enumerate(trajectory.intervals):
-                here = index == k
-                nodes, weights = interval.force_weights_at(times[here])
-                changes = differentiate_observable(
-                    equations,
-                    number,
-                    interval.times[nodes],
-                    _select_rows(interval.rows, nodes),
-                    {x: _select_rows(y.intervals[k].rows, nodes) for x, y in trajectories.items()},
-                    differences,
-                    interval.configuration,
-                )
-                for name, change in changes.items():
-                    result[name][here, columns] = weights @ change
-            continue
-        for configuration, here in trajectory.by_configuration(times):
+        for x in parts[is_interpolated]:
             changes = differentiate_observable(
-                equations,
-                number,
-                rows[here],
-                _select_rows(at, here),
-                {name: _select_rows(x, here) for name, x in along.items()},
-                differences,
-                configuration,
+                equations, number, x.rows, x.at, x.along, differences, x.configuration
             )
             for name, change in changes.items():
-                result[name][here, columns] = change
+                rows = change if x.weights is None else x.weights @ change
+                result[name][x.here, columns] = rows
     return result
+
+
+class _Part(NamedTuple):
+    """States at which observables are differentiated.
+
+    Attributes
+    ----------
+    here
+        Mask (k,) of the times at which the results are needed.
+    weights
+        Weights (times, states) of the results at the states; None if the states are at the times.
+    rows, at
+        Rows of (t, branch), and the states.
+    along
+        Derivatives of the states by parameter.
+    configuration
+        Active parts.
+    """
+
+    here: Array
+    weights: sp.csr_array | None
+    rows: Array
+    at: State
+    along: dict[str, State]
+    configuration: Configuration | None
+
+
+def _split_by_configuration(
+    trajectory: Trajectory, times: Array, trajectories: Mapping[str, Trajectory]
+) -> Iterator[_Part]:
+    """Yield the states at ascending times (k,) [s], by active parts."""
+    rows, at = trajectory.at(times)
+    along = {name: x.at(times)[1] for name, x in trajectories.items()}
+    for configuration, here in trajectory.by_configuration(times):
+        part = {name: _select_rows(x, here) for name, x in along.items()}
+        yield _Part(here, None, rows[here], _select_rows(at, here), part, configuration)
+
+
+def _split_by_interval(
+    trajectory: Trajectory, times: Array, trajectories: Mapping[str, Trajectory]
+) -> Iterator[_Part]:
+    """Yield the states at nodes, which elastic forces at ascending times (k,) [s] interpolate."""
+    index = trajectory.interval_index(times)
+    for k, interval in enumerate(trajectory.intervals):
+        here = index == k
+        nodes, weights = interval.force_weights_at(times[here])
+        at = _select_rows(interval.rows, nodes)
+        along = {x: _select_rows(y.intervals[k].rows, nodes) for x, y in trajectories.items()}
+        yield _Part(here, weights, interval.times[nodes], at, along, interval.configuration)
 
 
 def _select_rows(state: State, rows: Array) -> State:
