@@ -6,9 +6,9 @@ elements, the frequencies are compared with those of halved elements.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -26,21 +26,13 @@ from beamdae.beams.dispersion import (
 )
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.equations.assembly.refined_beams import RefinedBeams, refine_beams
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State, format_headers
-from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.steady_rotation import RotatingCoordinates
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import format_percent, name_with_others
-from beamdae.results.columns import remove_unit
 from beamdae.results.diagnostics.meshes.coarse_elements import find_coarse_beam
-from beamdae.results.diagnostics.meshes.mesh_errors import MAX_UNREPORTED_ERROR, MIN_SHARE
-from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
 from beamdae.results.section_forces.balance import (
-    SAME_SECTION_TOLERANCE,
-    balanced_and_elastic_forces,
     elastic_axial_forces,
     elastic_section_forces,
 )
-from beamdae.symbolic.statements import Quantity
 
 Array = np.ndarray
 
@@ -68,10 +60,6 @@ _RECOMMENDED_ERROR = 2e-3
 # Modes up to the largest frequency of a response times this factor are examined.
 _REACH = 1.5
 _BELOW = 1.0 - 1e-6  # of the frequency of the first mode with long elements
-# Elements of this length, relative to sqrt(EI / N), have errors of about 1 % of the bending moment
-# in the boundary layer at a clamp. In 33 responses of tapered blades with 2 to 32 elements beside a
-# mesh of 32 or 64, estimates of errors of 2 % and more are 0.7 to 1.3 times the error at the peak.
-_SHORT_ELEMENT = 1.2
 _FIRST_MODES = 10  # number of modes to begin with when those of a frequency range are computed
 
 
@@ -254,10 +242,8 @@ class _WaveErrors:
         return errors
 
 
-def response_mesh_warnings(
-    lin: Linearization, frequency: float, outputs: Collection[str], about: Any, t: float
-) -> list[str]:
-    """Return a warning for each beam whose elements are too long for responses.
+def response_mesh_warnings(lin: Linearization, frequency: float, about: Any, t: float) -> list[str]:
+    """Return a warning of the beams whose elements are too long for responses, or none.
 
     Modes up to 1.5 times the frequency are examined, without damping if there are no states: the
     response below a resonance contains the error of its frequency, multiplied by
@@ -269,47 +255,28 @@ def response_mesh_warnings(
         A linearized mechanism.
     frequency
         The largest frequency of the response [Hz].
-    outputs
-        Headers of the columns of the response.
     about, t
         State and time [s] of the linearization; see `modes`.
     """
-    mechanism, limit = lin.equations.mechanism, np.array([_REACH * 2.0 * np.pi * frequency])
-    assert mechanism is not None
-    beams = beams_of(mechanism)
-    forces = {
-        x: elastic_axial_forces(x, lin.equations, lin.state, element_middles(x)) for x in beams
-    }
-    layered = {beam: _layer_columns(lin, beam, forces[beam], outputs) for beam in beams}
-    layered = {beam: columns for beam, columns in layered.items() if columns}
+    limit = np.array([_REACH * 2.0 * np.pi * frequency])
     # Compression raises the errors of modes beyond those of waves.
-    has_wave_errors = any(
-        bending_wave_errors(beam, limit)[0] > _MIN_COMPARED_ERROR or np.any(forces[beam] < 0.0)
-        for beam in beams
-    )
-    if not (layered or has_wave_errors):
+    if not any(
+        bending_wave_errors(beam, limit)[0] > _MIN_COMPARED_ERROR
+        or np.any(elastic_axial_forces(beam, lin.equations, lin.state, element_middles(beam)) < 0.0)
+        for beam in beams_of(lin.equations.mechanism)
+    ):
         return []
     # Undamped modes do not exist with first-order states, such as those of controllers.
     damped = len(lin.equations.states) > 0
     solution = _solve_up_to(lin, float(limit[0]), damped)
-    sentences: list[str] = []
-    if has_wave_errors:
-        shapes = solution.shapes.T[solution.values.imag <= limit[0]]
-        values = solution.values[solution.values.imag <= limit[0]]
-        shares = kinetic_energy_shares(lin, shapes)
+    shapes = solution.shapes.T[solution.values.imag <= limit[0]]
+    values = solution.values[solution.values.imag <= limit[0]]
+    shares = kinetic_energy_shares(lin, shapes)
 
-        def solve_refined(refined: RefinedBeams) -> Array | None:
-            return solve_refined_eigenvalues(lin, refined, about, t, values, damped)
+    def solve_refined(refined: RefinedBeams) -> Array | None:
+        return solve_refined_eigenvalues(lin, refined, about, t, values, damped)
 
-        sentences += mesh_warnings(lin, values, shapes, shares, solve_refined, "lower frequencies")
-    # Shapes of responses below the first resonance are similar to that of its mode.
-    vibrations = np.flatnonzero(solution.values.imag > 0.0)
-    is_inside = solution.values[vibrations].imag <= 2.0 * np.pi * frequency
-    is_inside[:1] = True
-    values, shapes = (x[vibrations[is_inside]] for x in (solution.values, solution.shapes.T))
-    for beam, columns in layered.items():
-        sentences += _layer_warnings(lin, beam, columns, values.imag, shapes.real)
-    return sentences
+    return mesh_warnings(lin, values, shapes, shares, solve_refined, "lower frequencies")
 
 
 def _solve_up_to(lin: Linearization, limit: float, damped: bool) -> EigenSolution:
@@ -339,110 +306,6 @@ def find_resolved_frequency(lin: Linearization, highest: float) -> float:
     errors = np.sum(_estimate_errors(lin, beams, rates, shapes, shares), axis=0)
     first = np.min(rates[errors > _MIN_COMPARED_ERROR], initial=np.inf)
     return float(min(highest, _BELOW * first / (2.0 * np.pi * _REACH)))
-
-
-class _Column(NamedTuple):
-    """Output column that is computed from the strains of a beam.
-
-    Attributes
-    ----------
-    header
-        Header of the column.
-    quantity, position
-        The quantity and the position of the column in it.
-    s
-        Arc length [m].
-    length_ratio
-        Length of the element at this section, relative to sqrt(EI / N).
-    """
-
-    header: str
-    quantity: Quantity
-    position: int
-    s: float
-    length_ratio: float
-
-
-def _layer_columns(
-    lin: Linearization, beam: Beam, axial_forces: Array, outputs: Collection[str]
-) -> list[_Column]:
-    """Return the outputs from strains of elements that are longer than boundary layers."""
-    mechanism, columns = lin.equations.mechanism, []
-    assert mechanism is not None
-    (bending,) = section_values(beam, "EI")
-    ratios = beam.mesh.element_lengths * np.sqrt(np.maximum(axial_forces, 0.0) / bending)
-    if np.max(ratios) <= _SHORT_ELEMENT:
-        return []
-    for name, observed in mechanism.observables.items():
-        quantity, names = measured_quantity(observed)
-        sections = Beam.sections_of_strains(quantity)
-        if sections is None or sections[0] is not beam:
-            continue
-        s = sections[1][0]
-        ratio = float(ratios[beam.mesh.locate(s)[0]])
-        all_names = [x.name for x in quantity.columns]
-        for header, column in zip(format_headers(name, observed.columns), names, strict=True):
-            if header in outputs and ratio > _SHORT_ELEMENT:
-                columns.append(_Column(header, quantity, all_names.index(column), s, ratio))
-    return columns
-
-
-def _layer_warnings(
-    lin: Linearization, beam: Beam, columns: list[_Column], rates: Array, shapes: Array
-) -> list[str]:
-    """Return a warning if columns of modes differ from equilibrium with the loads by over 2 %.
-
-    The strains of an element do not follow the boundary layer at a clamp under tension; see
-    `find_mesh_errors`. The loads are those of the motion released from the shape of a mode.
-    """
-    errors: list[tuple[float, float, _Column]] = []
-    s = np.array([*(x.s for x in columns), *beam.mesh.element_bounds])
-    for rate, shape in zip(rates.tolist(), shapes, strict=True):
-        changes = _section_force_changes(lin, beam, shape, s)
-        for k, column in enumerate(columns):
-            balanced, elastic = (
-                Beam.values_of_section_forces(column.quantity, x, s.tolist())[column.position]
-                for x in changes
-            )
-            size = max(abs(balanced[k]), abs(elastic[k]), MIN_SHARE * np.max(np.abs(balanced)))
-            if size > 0.0:
-                errors.append((float(abs(balanced[k] - elastic[k]) / size), rate, column))
-    error, rate, column = max(errors, key=lambda x: x[0], default=(0.0, 0.0, columns[0]))
-    if error <= MAX_UNREPORTED_ERROR:
-        return []
-    count = int(np.ceil(beam.mesh.elements * column.length_ratio / _SHORT_ELEMENT))
-    return [
-        f"{beam.name}: the elements are longer than the boundary layer of bending under tension at "
-        f"s = {column.s:.4g} m, and the mesh error of {remove_unit(column.header)} at the "
-        f"resonance of {rate / (2.0 * np.pi):.4g} Hz is about {format_percent(error)}; use "
-        f"elements={count} or more."
-    ]
-
-
-def _section_force_changes(
-    lin: Linearization, beam: Beam, shape: Array, s: Array
-) -> tuple[Array, Array]:
-    """Return the changes of section forces (3, k) by a shape, from the loads and from the strains.
-
-    `s` are the arc lengths (k,) [m].
-    """
-    e, solver = lin.equations, ConsistencySolver(lin.equations)
-    change = _DIFFERENCE / np.max(np.abs(shape) / e.position_scales) * shape
-    # The shape is at rest in the frame that rotates at the speed of the linear model. The laws of
-    # drivers need not prescribe this speed.
-    rates = np.zeros(e.n)
-    if lin.rotation is not None:
-        rates = lin.rotation.speed * (RotatingCoordinates.from_equations(e).generator @ change)
-    states = []
-    for sign in (1.0, -1.0):
-        q, v = lin.state.q + sign * change, lin.state.v + sign * rates
-        states.append(State(q, v, *solver.acceleration(lin.time, q, v)))
-    rows = State(*(np.stack(x) for x in zip(*states, strict=True)))
-    before = s > (1.0 - SAME_SECTION_TOLERANCE) * beam.length
-    times = np.stack([lin.time, lin.time])
-    forces = balanced_and_elastic_forces(beam, e, times, rows, s, before)
-    balanced, elastic = (x[:, 0] - x[:, 1] for x in forces)
-    return balanced, elastic
 
 
 def kinetic_energy_shares(lin: Linearization, shapes: Array) -> dict[str, Array]:

@@ -44,7 +44,9 @@ Array = np.ndarray
 # Square of the length of elements, relative to sqrt(EI / N), from which on the state is computed
 # again. In 60 runs of clamped and hinged beams with 1 to 8 elements, errors are below 0.1 % at 15,
 # 2 % of the moment at a clamp at 70, and 20 % at 60 with a single element beside the load.
-_LONG = 10.0
+LONG = 10.0
+# The same for strains in the boundary layer at a clamp, whose errors are about 1 % from here on.
+LONG_FOR_STRAINS = 1.2**2
 # In 400 equilibria of straight, curved and tapered beams, travels and reactions have errors of over
 # 1 % without tension only if a beam has up to 3 elements. Runs, in which the comparison takes as
 # long as 500 steps, are only examined for beams with up to 2: curved ones, with this turn of an
@@ -77,17 +79,18 @@ UNITS_OF_POSITIONS = ("m", "rad")
 _HALVED = "with halved elements"
 
 
-def find_taut_beams(equations: EquationsOfMotion, q: Array) -> list[BeamDoubt]:
+def find_taut_beams(equations: EquationsOfMotion, q: Array, long: float = LONG) -> list[BeamDoubt]:
     """Return the beams whose elements are long for their tension in the states q (k, n).
 
-    That with the longest elements is the first.
+    That with the longest elements is the first. Elements are `long` from this square of their
+    length, relative to sqrt(EI / N), on.
     """
     found = []
     for beam, forces in evaluate_forces(equations, q):
         tension, lengths = np.max(forces[..., 0], axis=2), beam.mesh.element_lengths
         ratios = tension * lengths**2 / section_values(beam, "EI")[0]
         row, k = map(int, np.unravel_index(np.argmax(ratios), ratios.shape))
-        if ratios[row, k] > _LONG:
+        if ratios[row, k] > long:
             layer = lengths[k] / np.sqrt(ratios[row, k])
             cause = (
                 f"{beam.name}: the elements of {lengths[k]:.3g} m are too long for its tension of "
@@ -107,7 +110,9 @@ def _always(remedy: str) -> Callable[[float], str]:
     return lambda _: remedy
 
 
-def find_coarse_beam(equations: EquationsOfMotion, q: Array) -> BeamDoubt | None:
+def find_coarse_beam(
+    equations: EquationsOfMotion, q: Array, long: float = LONG
+) -> BeamDoubt | None:
     """Return a beam whose elements are long for its tension, or few; None if there is none.
 
     Parameters
@@ -116,8 +121,10 @@ def find_coarse_beam(equations: EquationsOfMotion, q: Array) -> BeamDoubt | None
         The equations of motion.
     q
         States (k, n). Of few elements, that with the largest bending moment is compared.
+    long
+        See `find_taut_beams`.
     """
-    taut = find_taut_beams(equations, q)
+    taut = find_taut_beams(equations, q, long)
     few = (x.name for x in beams_of(equations.mechanism) if x.mesh.elements <= _FEW_ELEMENTS)
     return taut[0] if taut else find_few_elements(equations, q, set(few))
 
