@@ -604,7 +604,7 @@ def _compare(
             np.abs(difference),
             length,
             rtol,
-            lambda: tuple(np.max([find_drift(run) for run in runs], axis=0)),
+            map(find_drift, runs),
         )
         rounding = rounding_limits(solution.equations, headers, solution.trajectory.mean_step)
         is_at_rest |= np.maximum(half_range, 0.5 * np.abs(difference)) <= rounding

@@ -585,7 +585,7 @@ def mark_unresolved_columns(
     differences: np.ndarray,
     length: float,
     rtol: float,
-    find_drift: Callable[[], tuple[float, float]],
+    drifts: Iterable[tuple[float, float]],
 ) -> np.ndarray:
     """Return the mask of the columns that vary by errors only, at which two runs differ.
 
@@ -603,15 +603,20 @@ def mark_unresolved_columns(
         Length of the mechanism [m].
     rtol
         Tolerance of the run with the larger errors; 0 for fixed steps.
-    find_drift
-        Function that returns the drift of the constraints in positions [m] and velocities [m/s].
+    drifts
+        Drift of the constraints in positions [m] and velocities [m/s] of each run. Later ones are
+        only evaluated if columns may be larger than those before.
     """
     is_noise = differences > _MIN_NOISE_SHARE * half_range
-    if is_noise.any():
-        limits = _UNRESOLVED_TO_RTOL_RATIO * rtol * largest_of_kind(headers, half_range, length)
-        limits = np.maximum(limits, drift_limits(headers, length, *find_drift()))
-        is_noise &= np.maximum(half_range, 0.5 * differences) <= limits
-    return np.asarray(is_noise)
+    if not is_noise.any():
+        return np.asarray(is_noise)
+    sizes = np.maximum(half_range, 0.5 * differences)
+    limits = _UNRESOLVED_TO_RTOL_RATIO * rtol * largest_of_kind(headers, half_range, length)
+    for drift in drifts:
+        limits = np.maximum(limits, drift_limits(headers, length, *drift))
+        if np.all(sizes[is_noise] <= limits[is_noise]):
+            break
+    return np.asarray(is_noise & (sizes <= limits))
 
 
 def drift_limits(
