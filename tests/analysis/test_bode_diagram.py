@@ -166,3 +166,50 @@ def test_regression_default_frequencies_end_where_elements_are_too_long(recwarn)
     assert diagram.frequencies[-1] == pytest.approx(fourth / 1.5, rel=1e-3)
     with pytest.warns(bd.BeamdaeWarning, match="too long for mode 5"):
         bd.bode(model, between=(1.0, 1000.0))
+
+
+def thin_beam(damping, elements, tip=(0.06, 0.0), weight=0.0, mass=0.4):
+    """Return a linear model of a beam with a thickness of 0.4 mm, clamped without weight.
+
+    With a `weight` [m/s^2], the beam is hinged at its start. The `mass` [kg] is at its end.
+    """
+    mech = bd.Mechanism(gravity=(0.0, -weight))
+    steel = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+    section = bd.Section.rectangle(steel, width=0.015, height=4e-4, damping=damping)
+    leaf = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), tip), section, elements=elements))
+    support = bd.Revolute if weight else bd.Weld
+    mech.add(support("support", mech.ground.at(0.0, 0.0), leaf.start))
+    if mass:
+        mech.add(bd.PointMass("mass", mass, on=leaf.end))
+    mech.add(bd.Force("push", leaf.end, (0.0, 0.0)))
+    mech.observe("tip", leaf.end)
+    return bd.linearize(mech, "equilibrium", inputs=["push.Fy"], outputs=["tip.y"])
+
+
+@pytest.mark.parametrize("damping", [1e-5, 1e-4, 1e-3])
+@pytest.mark.parametrize("elements", [2, 8])
+def test_regression_default_frequencies_begin_below_slow_resonances(damping, elements):
+    """Axial vibrations of thin beams are 1e10 times as fast, and 3.84 Hz was taken for zero."""
+    diagram = bd.bode(thin_beam(damping, elements))
+    first = diagram.peak_table().iloc[0]
+    stiffness = 3.0 * 2.1e11 * 0.015 * 4e-4**3 / 12.0 / 0.06**3
+    # The closed form without shear and mass of the beam, and with E instead of the stiffer width.
+    expected = np.sqrt(stiffness / 0.4) / (2.0 * np.pi)
+    assert first["frequency [Hz]"] == pytest.approx(expected, rel=5e-3)
+    assert diagram.frequencies[0] == pytest.approx(0.1 * expected, rel=5e-3)
+
+
+@pytest.mark.parametrize("elements", [2, 8])
+@pytest.mark.parametrize("damping", [0.0, 1e-5, 1e-3])
+def test_regression_slow_instability_beside_fast_vibrations_is_found(elements, damping):
+    """Standing beams on a hinge were stable: their growth was small beside the fastest pole."""
+    standing = thin_beam(damping, elements, (0.0, 0.06), 1e-2, 0.0)
+    with pytest.warns(bd.BeamdaeWarning, match="the linear model is unstable"):
+        bd.bode(standing, frequencies=[1.0])
+
+
+@pytest.mark.parametrize("mass", [0.0, 0.4])
+@pytest.mark.parametrize("damping", [0.0, 1e-5, 1e-3])
+def test_regression_rounding_errors_of_hanging_beams_are_no_growth(damping, mass):
+    diagram = bd.bode(thin_beam(damping, 16, (0.0, -0.06), 9.81, mass), frequencies=[1.0])
+    assert not any("unstable" in x for x in diagram.warnings)
