@@ -88,6 +88,20 @@ def test_functions_are_loaded_after_some_rows_and_compiled_after_many(monkeypatc
         assert builds == [False] * (number > 2) + [True] * (number > 6)
 
 
+def test_regression_large_functions_are_compiled_after_more_rows(monkeypatch, builds):
+    """The stress along 32 elements was compiled for 18 s in a run whose rows take half a second."""
+    evaluate, (x, y) = RowFunction(FUNCTION), (np.ones((100, 3)), np.ones(2))
+    instructions = FUNCTION.n_instructions()
+    monkeypatch.setattr(row_kernels, "_MANY_INSTRUCTIONS", 0.5 * instructions)
+    monkeypatch.setattr(row_kernels, "_TOO_MANY_INSTRUCTIONS", 0.25 * instructions)
+    # A row counts as a tenth of its operations.
+    monkeypatch.setattr(row_kernels, "_OPERATIONS_BEFORE_LOADING", 25.0 * instructions)
+    monkeypatch.setattr(row_kernels, "_OPERATIONS_BEFORE_COMPILING", 65.0 * instructions)
+    for number in range(1, 20):
+        evaluate(x, y)
+        assert builds == [False] * (number > 2) + [True] * (number > 6)
+
+
 def test_few_rows_are_left_to_the_virtual_machine(compiled_at_once, builds):
     evaluate = RowFunction(FUNCTION)
     for _ in range(5):

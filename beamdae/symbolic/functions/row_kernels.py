@@ -29,6 +29,10 @@ _MAX_ROWS = 1024
 # takes 2 to 4 ms, and compiled, which takes 20 ms and 0.05 ms an instruction.
 _OPERATIONS_BEFORE_LOADING = 3e6
 _OPERATIONS_BEFORE_COMPILING = 5e7
+# Numbers of instructions from which on compilers take as long as 10 000 rows in NumPy, and from
+# which on they take longer for each instruction: for 12 000 instructions one second, for 65 000,
+# such as those of the largest stress along a beam of 32 elements, 18 seconds.
+_MANY_INSTRUCTIONS, _TOO_MANY_INSTRUCTIONS = 5000, 20_000
 
 
 class CodeOnDemand(Generic[Code]):
@@ -73,12 +77,14 @@ class RowKernels:
         if rows < _MIN_ROWS:
             return None
         code = self._codes.setdefault(shared, CodeOnDemand())
-        operations = rows * self._instructions
-        return code.find(operations, lambda compiles: self._build(shared, compiles))
+        return code.find(rows * self._worth_of_row, lambda compiles: self._build(shared, compiles))
 
     @cached_property
-    def _instructions(self) -> int:
-        return int(self._function.n_instructions())
+    def _worth_of_row(self) -> float:
+        """Operations of a row, relative to the time that a compiler takes for the function."""
+        instructions = int(self._function.n_instructions())
+        growth = 1.0 + instructions / _TOO_MANY_INSTRUCTIONS
+        return min(float(instructions), _MANY_INSTRUCTIONS / growth)
 
     def _build(self, shared: tuple[int, ...], compiles: bool) -> LaneKernel | None:
         function = self._function
