@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.curves.plane_curves import ARC_LENGTH_GAUSS, ARC_LENGTH_INTERVALS
+from beamdae.curves.plane_curves import ARC_LENGTH_GAUSS, ARC_LENGTH_INTERVALS, HasEnd
 from beamdae.errors import (
     BeamdaeError,
     format_exception,
@@ -26,7 +26,7 @@ _MAX_TURN_PER_INTERVAL = 0.5  # [rad]; the splines cannot resolve sharper bends
 
 
 @dataclass(frozen=True)
-class IntrinsicCurve:
+class IntrinsicCurve(HasEnd):
     """Curve defined by its curvature as a function of arc length (Cesàro's equation).
 
     Parameters

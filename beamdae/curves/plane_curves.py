@@ -59,6 +59,17 @@ class PlaneCurve(Protocol):
         """Return the signed curvature 1/R [1/m] at arc lengths s [m], positive to the left."""
 
 
+class HasEnd:
+    """End of a curve that is defined by its start, or by other numbers."""
+
+    @property
+    def end(self) -> tuple[float, float]:
+        """End point (x, y) [m]."""
+        assert isinstance(self, PlaneCurve)
+        x, y = self.point(self.length).tolist()
+        return x, y
+
+
 def require_curve(part: str, curve: Any) -> PlaneCurve:
     """Return `curve` if it is a plane curve of positive length, or raise BeamdaeError."""
     # Curve classes, unlike instances, are rejected although they have the same methods. The check
@@ -131,7 +142,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Arc:
+class Arc(HasEnd):
     """Circular arc of at most one full circle.
 
     Parameters
@@ -161,8 +172,8 @@ class Arc:
     --------
     >>> import beamdae as bd
     >>> quarter = bd.Arc(radius=2.0, length=3.14159265)
-    >>> quarter.point(quarter.length).round(6)
-    array([2., 2.])
+    >>> [round(x, 6) for x in quarter.end]
+    [2.0, 2.0]
     """
 
     radius: float

@@ -14,6 +14,7 @@ import numpy as np
 from beamdae.curves.plane_curves import (
     ARC_LENGTH_GAUSS,
     ARC_LENGTH_INTERVALS,
+    HasEnd,
     PlaneCurve,
     rotate_points,
 )
@@ -63,7 +64,7 @@ _MIN_INNER_KNOTS = 4  # needed to distinguish a curvature from its jumps
 _DISTANCE_SAMPLES = 2001
 
 
-class _SplineCurve:
+class _SplineCurve(HasEnd):
     """Arc length, tangent angle and curvature of a curve defined by a spline.
 
     `_spline` maps a parameter to (x, y). The arc length is integrated by Gauss quadrature on fine

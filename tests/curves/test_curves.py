@@ -52,6 +52,24 @@ def assert_consistent(curve):
     assert_allclose(turning * length, curvature * length, atol=1e-3 * size * length + 1e-8)
 
 
+def test_ends_are_points_of_the_drawing():
+    ends = {
+        "left arc": (
+            0.1 + 0.85 * (np.sin(-0.6 + 0.8 / 0.85) - np.sin(-0.6)),
+            0.2 - 0.85 * (np.cos(-0.6 + 0.8 / 0.85) - np.cos(-0.6)),
+        ),
+        "flat parabola": (2.0, 0.0),
+        "points": tuple(CIRCLE[-1]),
+        "function": (2.0, 0.3 * np.sin(4.0)),
+    }
+    for name, end in ends.items():
+        assert isinstance(CURVES[name].end, tuple)
+        assert_allclose(CURVES[name].end, end, atol=1e-12)
+    clothoid = CURVES["clothoid"]
+    assert_allclose(clothoid.end, clothoid.point(1.4), atol=0.0)
+    bd.Line(clothoid.end, (3.0, 0.0))
+
+
 @every_curve
 def test_tangent_and_curvature_are_rates_by_arc_length(curve):
     assert_consistent(curve)

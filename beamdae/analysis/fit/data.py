@@ -867,8 +867,8 @@ def _sigma_by_column(sigma: Mapping[str, Any], in_data: Mapping[str, set[str]]) 
     count = sum(len(x) for x in matches.values())
     if not all(matches.values()) or set(deviations) != set(columns) or count > len(columns):
         raise BeamdaeError(
-            f"fit: sigma must name the observed columns of data, {', '.join(columns)}, got "
-            f"{', '.join(sigma) or 'none'}."
+            f"fit: sigma must name the observed columns of data, {', '.join(columns)} (also "
+            f"without units), got {', '.join(sigma) or 'none'}."
         )
     return deviations
 
