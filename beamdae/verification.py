@@ -25,6 +25,7 @@ from beamdae.results.columns import (
     remove_unit,
 )
 from beamdae.results.diagnostics.rounding_limits import rounding_limits
+from beamdae.results.diagnostics.suspected_errors import SuspectedError
 from beamdae.results.run_data import find_drift
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
@@ -57,6 +58,10 @@ _MAX_STEP_COUNT_RATIO = 0.95
 # Of 84 runs with errors of more than 10 %, 83 are above this limit, and 7 of the others.
 _MAX_ERROR_OF_FIXED_STEPS = 0.15
 _MAX_WORK = 2e5  # steps times coordinates of such a run
+# Steps of a run that examines a suspected error, relative to those of the run, and its work.
+_MAX_STEPS_OF_PROOF, _MAX_WORK_OF_PROOF = 2.0, 1e6
+# Differences from such a run, relative to half the range, that are no errors.
+_SMALL_DIFFERENCE = 0.02
 _RECOMMENDED_ERROR = 0.01  # estimated error with the step that a warning names
 # Estimated error from which on no sufficient step follows from it, and the part of the step that is
 # named instead.
@@ -566,6 +571,44 @@ def run_again(
     if other.status.kind == "interrupted":
         raise Interrupted(other.status.sentence)
     return other if other.status.success else None
+
+
+def is_refuted(solution: Solution, suspected: SuspectedError) -> bool:
+    """Return True if a run with sufficient settings has nearly the same columns.
+
+    Differences of the output rows and of the extremes over the steps of less than 2 % of half the
+    range are small. Long runs are not repeated.
+
+    Parameters
+    ----------
+    solution
+        A completed run.
+    suspected
+        A suspected error of the run.
+    """
+    integrator: Any = solution.made_by
+    settings: dict[str, Any] = dict(suspected.settings)
+    if not settings or not all(hasattr(integrator, name) for name in settings):
+        return False
+    motion, n = solution.trajectory, solution.equations.n
+    work = np.clip(_MAX_STEPS_OF_PROOF * motion.steps * n, _MAX_WORK, _MAX_WORK_OF_PROOF)
+    limit = int(work / n)
+    if max(motion.steps, (motion.end - motion.start) / settings.get("max_step", np.inf)) > limit:
+        return False
+    if hasattr(integrator, "max_steps"):
+        settings["max_steps"] = limit
+    other = run_again(solution, replace(integrator, **settings), None, motion=motion)
+    if other is None:
+        return False
+    of_rows = dict(
+        zip(solution.columns, _compare(solution, other, 1.0)[RELATIVE_ERROR], strict=True)
+    )
+    for header in suspected.columns:
+        extremes, accurate = solution.step_extremes[header], other.step_extremes[header]
+        change = max(abs(extremes.min - accurate.min), abs(extremes.max - accurate.max))
+        if not max(of_rows[header], change / extremes.half_range) < _SMALL_DIFFERENCE:
+            return False
+    return True
 
 
 def _compare(

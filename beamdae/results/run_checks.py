@@ -184,8 +184,16 @@ def find_suspected_errors(run: RunData) -> Iterator[SuspectedError]:
         )
 
 
-def _suspected_errors(run: RunData) -> Iterable[str]:
-    return (x.sentence for x in find_suspected_errors(run))
+def _suspected_errors(run: RunData) -> Iterator[str]:
+    can_repeat = run.made_by is not None and run.status.success
+    is_repeated = can_repeat and STEPS in _estimated_errors.get()
+    for suspected in find_suspected_errors(run):
+        is_wrong = False
+        if is_repeated:
+            with suppress(BeamdaeError):  # The second run cannot begin.
+                is_wrong = deferred.module("verification").is_refuted(run, suspected)
+        if not is_wrong:
+            yield suspected.sentence
 
 
 @contextmanager

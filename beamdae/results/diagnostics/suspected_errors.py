@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 _NEGLIGIBLE_ERROR = 0.01  # relative to half the range; the warnings speak of several percent
@@ -17,10 +17,13 @@ class SuspectedError(NamedTuple):
         The warning.
     columns
         Headers of the columns.
+    settings
+        Settings of the integrator that are sufficient; empty if another integrator is recommended.
     """
 
     sentence: str
     columns: tuple[str, ...]
+    settings: Mapping[str, float] = {}
 
 
 def refuted_warnings(

@@ -115,12 +115,14 @@ def small_motion_warnings(
     worst = max(coarse, key=lambda x: x.ratio)
     others = [x.name for x in coarse if x is not worst]
     exponent = math.floor(math.log10(_RECOMMENDED_RELATIVE_TOLERANCE / worst.ratio))
+    sufficient = max(10.0**exponent, _MIN_RTOL)
     yield SuspectedError(
         f"{name_with_others(worst.name, others)}: "
         f"half its range, {worst.half_range:.2g} {worst.unit}, is only "
         f"{1.0 / worst.ratio:.1g} of the amplitude of its parts, to which rtol={rtol:g} refers, so "
-        f"that its error can be several percent; use rtol={max(10.0**exponent, _MIN_RTOL):.0e}.",
+        f"that its error can be several percent; use rtol={sufficient:.0e}.",
         tuple(x.header for x in coarse),
+        {"rtol": sufficient},
     )
 
 

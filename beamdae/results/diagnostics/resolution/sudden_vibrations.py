@@ -543,4 +543,5 @@ def _describe(
         f"vibrations that begin suddenly at t = {jump.time:.4g} s, and the error is {size} of "
         f"half its range; use {remedy}, or set damping= of the sections.",
         tuple(names),
+        {"max_step": max_step} if is_radau else {},
     )
