@@ -196,6 +196,7 @@ class Sensor(Value):
             lambda local: of.expression(local)[k],
             of.data,
             load_of=of.load_of,
+            is_magnitude=of.is_magnitude,
         )
 
     @cached_property

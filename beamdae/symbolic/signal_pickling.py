@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import pickle
+import sys
 from collections.abc import Mapping
 from functools import lru_cache
+from operator import attrgetter
 from types import CellType, CodeType, FunctionType, ModuleType
 from typing import Any
 
@@ -16,6 +18,7 @@ from beamdae.symbolic.force_kernel import ForceKernel
 from beamdae.symbolic.local_symbols import SX
 from beamdae.symbolic.signals import Signal, find_signals
 
+_PACKAGE = __name__.partition(".")[0]
 # Python pickles functions with a cache only by their names.
 _CACHED_FUNCTION = type(lru_cache(len))
 
@@ -102,12 +105,22 @@ def _is_shared(value: Any) -> bool:
     if isinstance(value, SX):
         return not find_signals(value)
     if isinstance(value, FunctionType):
-        return not (value.__closure__ or value.__defaults__ or value.__kwdefaults__) and not (
-            _find_global_signals(value)
-        )
+        has_content = value.__closure__ or value.__defaults__ or value.__kwdefaults__
+        return _is_of_package(value) or not (has_content or _find_global_signals(value))
     if isinstance(value, (ForceKernel, ConstraintKernel)):
         return value.reused  # Shared kernels contain no signals.
     return isinstance(value, (type, ModuleType, ca.Function, _CACHED_FUNCTION))
+
+
+def _is_of_package(function: FunctionType) -> bool:
+    """Return True for functions with a name in this package, by which quantities are recognized."""
+    if function.__module__.partition(".")[0] != _PACKAGE:
+        return False
+    try:
+        named = attrgetter(function.__qualname__)(sys.modules[function.__module__])
+    except AttributeError:  # local functions
+        return False
+    return named is function
 
 
 def _find_global_signals(function: FunctionType) -> dict[str, Any]:
