@@ -632,7 +632,8 @@ def _compare(
     amplitude, _ = measure_amplitudes(solution.equations, rows, rtol)
     error = np.full(len(half_range), fraction)
     signed = np.full(len(half_range), np.nan)
-    is_at_rest = mark_resting_columns(headers, rows, half_range, length)
+    mechanism = solution._sizes_of_mechanism
+    is_at_rest = mark_resting_columns(headers, rows, half_range, length, others=mechanism)
     if other is not None:
         differences = rows - _stack_columns(other)
         worst = np.argmax(np.abs(differences), axis=0)
@@ -648,6 +649,7 @@ def _compare(
             length,
             rtol,
             map(find_drift, runs),
+            mechanism,
         )
         rounding = rounding_limits(solution.equations, headers, solution.trajectory.mean_step)
         is_at_rest |= np.maximum(half_range, 0.5 * np.abs(difference)) <= rounding

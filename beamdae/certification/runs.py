@@ -383,9 +383,11 @@ class _Run:
         """
         headers, length = list(self.solution.columns), self.solution.equations.length
         amplitude, is_constant = self._amplitudes
-        is_noise = mark_resting_columns(headers, self.rows, amplitude, length)
+        mechanism = self.solution._sizes_of_mechanism
+        is_noise = mark_resting_columns(headers, self.rows, amplitude, length, others=mechanism)
         is_motion = np.array([Header.of(x).unit in _UNITS_OF_MOTION for x in headers], bool)
-        is_noise |= mark_vanishing_columns(headers, amplitude, length) & ~is_motion
+        is_vanishing = mark_vanishing_columns(headers, amplitude, length, others=mechanism)
+        is_noise |= is_vanishing & ~is_motion
         return is_noise & ~is_constant
 
     @cached_property

@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -29,8 +30,7 @@ from beamdae.read_only import ReadOnlyDict
 if TYPE_CHECKING:
     from beamdae.equations.equations_of_motion import EquationsOfMotion
 
-# Units of the columns that a certificate covers by default.
-_CONTROLLED_UNITS = ("m", "rad")
+UNITS_OF_POSITIONS = ("m", "rad")  # also of the columns that a certificate covers by default
 
 # Columns whose half range is at or below any of these are at rest.
 _REST_TO_OTHERS_RATIO = 1e-9  # relative to the largest half range of a column with the same unit
@@ -60,7 +60,10 @@ _ERROR_TO_SIZE_RATIO = 3e-3  # relative to rtol and the size of the mechanism, o
 # times the largest half range of their kind, or the drift of the constraints, and the difference is
 # between a share of the half range and the range at this limit. Positions that joints hold fixed
 # move by up to 0.002 rtol, their rates by 0.009 rtol; with fixed steps, both by up to the drift.
+# Between steps, accelerations of fixed points of four-bar linkages reach 1.3 rtol (rtol from 1e-8
+# to 1e-3) of the largest one.
 _UNRESOLVED_TO_RTOL_RATIO = 0.01
+_UNRESOLVED_ACCELERATION_TO_RTOL_RATIO = 3.0
 _DRIFT_FACTOR = 3.0  # levers may enlarge violations of constraints
 _MIN_NOISE_SHARE = 0.5
 
@@ -74,8 +77,11 @@ UNITS_OF_TRANSLATIONS = {
 }
 
 _UNITS_OF_RATES = ("m/s", "m/s^2")
+_UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
 _ANGULAR_ACCELERATION = "angle_ddot"
 _UNITS_OF_FORCES = ("N", "N m")  # of columns whose values do not depend on an origin
+
+NO_OTHERS: Mapping[str, float] = MappingProxyType({})
 
 _BY = ")/d("  # between column and parameter in the header of a derivative
 _MAX_NAMES = 12  # of columns in a message
@@ -358,7 +364,7 @@ def mark_required_columns(
         If a name matches no column.
     """
     if names is None:
-        required = np.array([Header.of(header).unit in _CONTROLLED_UNITS for header in headers])
+        required = np.array([Header.of(header).unit in UNITS_OF_POSITIONS for header in headers])
         return required if required.any() else np.ones(len(headers), bool)
     selected = select_observed_columns(part, names, headers)
     return np.array([header in selected for header in headers])
@@ -387,16 +393,22 @@ def largest_by(keys: Iterable[str], sizes: Iterable[float]) -> dict[str, float]:
 
 
 def largest_of_kind(
-    headers: Iterable[str], half_range: np.ndarray, length: float = 0.0
+    headers: Iterable[str],
+    half_range: np.ndarray,
+    length: float = 0.0,
+    others: Mapping[str, float] = NO_OTHERS,
 ) -> np.ndarray:
     """Return, for each column, the largest half range of columns of the same `Header.kind`.
+
+    `others` are half ranges of motions and forces that are not observed, by unit.
 
     With a positive `length` [m] of the mechanism, rotations and moments are also compared to
     translations and forces, because symmetry may suppress all rotations. The reverse is not done:
     shafts turn far more often than they vibrate.
     """
     kinds = [Header.of(header).kind for header in headers]
-    of_kind = largest_by(kinds, np.nan_to_num(half_range, posinf=np.inf).tolist())
+    sizes = np.nan_to_num(half_range, posinf=np.inf).tolist()
+    of_kind = largest_by([*kinds, *others], [*sizes, *others.values()])
     largest = dict(of_kind)
     for kind in kinds if length > 0.0 else ():
         translation, power = UNITS_OF_TRANSLATIONS.get(kind, (kind, 0))
@@ -409,18 +421,19 @@ def mark_vanishing_columns(
     half_range: np.ndarray,
     length: float,
     values: np.ndarray | None = None,
+    others: Mapping[str, float] = NO_OTHERS,
 ) -> np.ndarray:
     """Return the mask of columns that are noise compared with others, e.g. by symmetry.
 
-    See `largest_of_kind` for the columns with which they are compared. With the `values` of the
-    columns (k, columns), forces and moments are also compared with constant ones, such as the
-    centrifugal force in steady rotation.
+    See `largest_of_kind` for `others` and the columns with which they are compared. With the
+    `values` of the columns (k, columns), forces and moments are also compared with constant ones,
+    such as the centrifugal force in steady rotation.
     """
     sizes = half_range
     if values is not None:
         is_force = [Header.of(header).unit in _UNITS_OF_FORCES for header in headers]
         sizes = np.where(is_force, np.max(np.abs(values), axis=0), half_range)
-    largest = largest_of_kind(headers, sizes, length)
+    largest = largest_of_kind(headers, sizes, length, others)
     return np.asarray(half_range < _VANISHING_TO_OTHERS_RATIO * largest)
 
 
@@ -475,6 +488,7 @@ def mark_resting_columns(
     half_range: np.ndarray,
     length: float,
     rate: float = 0.0,
+    others: Mapping[str, float] = NO_OTHERS,
 ) -> np.ndarray:
     """Return the mask of the columns whose half range is at the level of rounding errors.
 
@@ -491,13 +505,15 @@ def mark_resting_columns(
     rate
         Angular frequency [rad/s] of vibrations, whose velocities and accelerations are at rest if
         the positions are; 0 if unknown.
+    others
+        See `largest_of_kind`.
     """
     rates = {"": 1.0, "/s": rate, "/s^2": rate**2}
     units = (("m", length), ("rad", 1.0))
     sizes = {unit + per: size * x for unit, size in units for per, x in rates.items()}
     size = np.array([sizes.get(Header.of(header).unit, 0.0) for header in headers])
     limits = (
-        _REST_TO_OTHERS_RATIO * largest_of_kind(headers, half_range),
+        _REST_TO_OTHERS_RATIO * largest_of_kind(headers, half_range, others=others),
         _REST_TO_VALUES_RATIO * np.max(np.abs(rows), axis=0),
         _REST_TO_SIZE_RATIO * size,
     )
@@ -586,6 +602,8 @@ def mark_unresolved_columns(
     length: float,
     rtol: float,
     drifts: Iterable[tuple[float, float]],
+    others: Mapping[str, float] = NO_OTHERS,
+    min_noise_share: float = _MIN_NOISE_SHARE,
 ) -> np.ndarray:
     """Return the mask of the columns that vary by errors only, at which two runs differ.
 
@@ -606,17 +624,40 @@ def mark_unresolved_columns(
     drifts
         Drift of the constraints in positions [m] and velocities [m/s] of each run. Later ones are
         only evaluated if columns may be larger than those before.
+    others
+        See `largest_of_kind`.
+    min_noise_share
+        Smallest difference of noise relative to half the range. Values at the same time differ by
+        half the range or more; ranges and peaks of noise may be similar.
     """
-    is_noise = differences > _MIN_NOISE_SHARE * half_range
+    is_noise = differences > min_noise_share * half_range
     if not is_noise.any():
         return np.asarray(is_noise)
     sizes = np.maximum(half_range, 0.5 * differences)
-    limits = _UNRESOLVED_TO_RTOL_RATIO * rtol * largest_of_kind(headers, half_range, length)
+    limits = integration_error_limits(headers, half_range, length, rtol, others)
     for drift in drifts:
         limits = np.maximum(limits, drift_limits(headers, length, *drift))
         if np.all(sizes[is_noise] <= limits[is_noise]):
             break
     return np.asarray(is_noise & (sizes <= limits))
+
+
+def integration_error_limits(
+    headers: Sequence[str],
+    half_range: np.ndarray,
+    length: float,
+    rtol: float,
+    others: Mapping[str, float] = NO_OTHERS,
+) -> np.ndarray:
+    """Return the half ranges of columns up to which they may be errors of the integration.
+
+    They are relative to `largest_of_kind`, and zero with fixed steps, for which `rtol` is 0.
+    """
+    is_acceleration = [Header.of(header).unit in _UNITS_OF_ACCELERATIONS for header in headers]
+    ratios = np.where(
+        is_acceleration, _UNRESOLVED_ACCELERATION_TO_RTOL_RATIO, _UNRESOLVED_TO_RTOL_RATIO
+    )
+    return np.asarray(ratios * rtol * largest_of_kind(headers, half_range, length, others))
 
 
 def drift_limits(

@@ -323,6 +323,7 @@ def _coarse_rows(run: RunData) -> Iterable[str]:
         run.integrator.get("rtol") or 0.0,
         lambda: find_drift(run),
         rounding_limits(run.equations, list(run.columns), run.trajectory.mean_step),
+        run._sizes_of_mechanism,
     )
     return tuple(coarse) or _missed_parts(run)
 
@@ -411,7 +412,8 @@ def _fast_loads(run: RunData) -> Iterable[str]:
 
 
 def _start_transients(run: RunData) -> Iterable[str]:
-    return start_transient_warnings(run.equations, run.trajectory, run.step_extremes, run._observe)
+    extremes = run._extremes_above_rounding
+    return start_transient_warnings(run.equations, run.trajectory, extremes, run._observe)
 
 
 def _resumed_run(run: RunData) -> Iterable[str]:

@@ -39,7 +39,10 @@ from beamdae.results.diagnostics.resolution.missed_peaks import (
     measure_step_extremes,
 )
 from beamdae.results.diagnostics.rest import is_at_rest, is_motionless
-from beamdae.results.diagnostics.rounding_limits import without_rounding_errors
+from beamdae.results.diagnostics.rounding_limits import (
+    measure_mechanism,
+    without_rounding_errors,
+)
 from beamdae.results.diagnostics.singular_positions import (
     SingularPosition,
     find_singular_positions,
@@ -163,8 +166,16 @@ class RunData:
     def _extremes_above_rounding(self) -> ColumnDict:
         """The `step_extremes` of columns that are not rounding errors."""
         return without_rounding_errors(
-            self.equations, self.step_extremes, self.trajectory.mean_step
+            self.equations,
+            self.step_extremes,
+            self.trajectory.mean_step,
+            self._sizes_of_mechanism,
         )
+
+    @cached_property
+    def _sizes_of_mechanism(self) -> dict[str, float]:
+        """Sizes of the rates and the reactions of all parts, see `measure_mechanism`."""
+        return measure_mechanism(self.equations, self.trajectory)
 
     @cached_property
     def _column_ranges(self) -> ColumnDict:

@@ -29,10 +29,16 @@ from beamdae.beams.beam import beams_of
 from beamdae.beams.dispersion import bending_wave_errors
 from beamdae.equations.assembly.refined_beams import RefinedBeams, refine_beams
 from beamdae.integrators import Radau
-from beamdae.results.columns import mark_vanishing_columns
+from beamdae.results.columns import (
+    UNITS_OF_POSITIONS,
+    Header,
+    mark_resting_columns,
+    mark_unresolved_columns,
+    mark_vanishing_columns,
+)
 from beamdae.results.diagnostics.meshes.coarse_elements import find_taut_beams, sample_instants
 from beamdae.results.periodic_motion import BeamError
-from beamdae.results.solution import Solution
+from beamdae.results.run_data import find_drift
 
 Array = np.ndarray
 
@@ -168,10 +174,16 @@ class BeamErrorEstimator:
 
 
 def _compare(run: PeriodRun, other: PeriodRun) -> dict[str, float]:
-    """Return the relative errors of the columns and of a free period, see `BeamError.columns`."""
+    """Return the relative errors of the columns and of a free period, see `BeamError.columns`.
+
+    Columns that vary by rounding errors or errors of the integration are omitted.
+    """
     ranges, others = run.solution._column_ranges, other.solution._column_ranges
     errors = {"period [s]": run.period_map.period / other.period_map.period - 1.0}
-    for header in _moving_columns(run.solution):
+    is_noise = _mark_noise(run, other)
+    for header, noise in zip(ranges, is_noise, strict=True):
+        if noise:
+            continue
         span, exact = ranges[header], others[header]
         ratios = (
             span.half_range / max(exact.half_range, _TINY),
@@ -181,13 +193,33 @@ def _compare(run: PeriodRun, other: PeriodRun) -> dict[str, float]:
     return errors
 
 
-def _moving_columns(solution: Solution) -> list[str]:
-    """Return the headers of the columns that are not at the level of rounding errors."""
-    columns = solution.columns
-    values = np.stack(list(columns.values()), axis=1)
-    sizes = np.array([x.half_range for x in solution._column_ranges.values()])
-    vanishing = mark_vanishing_columns(tuple(columns), sizes, solution.equations.length, values)
-    return [name for name, vanishes in zip(columns, vanishing, strict=True) if not vanishes]
+def _mark_noise(run: PeriodRun, other: PeriodRun) -> Array:
+    """Return the mask of the columns that vary by errors only, such as those of fixed points."""
+    solution, length = run.solution, run.solution.equations.length
+    headers, mechanism = list(solution.columns), solution._sizes_of_mechanism
+    values = np.stack(list(solution.columns.values()), axis=1)
+    sizes, finer = (
+        np.array([x.half_range for x in y.solution._column_ranges.values()]) for y in (run, other)
+    )
+    is_noise = mark_vanishing_columns(headers, sizes, length, values, mechanism)
+    rate = 2.0 * np.pi / run.period_map.period
+    is_noise |= mark_resting_columns(headers, values, sizes, length, rate, mechanism)
+    # Deformations may be far smaller than travels, but not than the drift.
+    is_drift, is_unresolved = (
+        mark_unresolved_columns(
+            headers,
+            sizes,
+            np.abs(sizes - finer),
+            length,
+            rtol,
+            map(find_drift, (solution, other.solution)),
+            mechanism,
+            min_noise_share=0.0,
+        )
+        for rtol in (0.0, solution.integrator.get("rtol") or 0.0)
+    )
+    is_position = np.array([Header.of(x).unit in UNITS_OF_POSITIONS for x in headers], bool)
+    return is_noise | np.where(is_position, is_drift, is_unresolved)
 
 
 def _distance_from_resonance(monodromy: Array, free_period: bool) -> float:

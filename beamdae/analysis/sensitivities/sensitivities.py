@@ -516,7 +516,7 @@ def _select_significant(result: Sensitivities) -> dict[str, Array]:
         max(np.max(np.abs(run.columns[x]), initial=0.0), motions.get(Header.of(x).unit, 0.0))
         for x in headers
     ]
-    scales = largest_of_kind(headers, np.array(sizes))
+    scales = largest_of_kind(headers, np.array(sizes), others=run._sizes_of_mechanism)
     significant: dict[str, Array] = {}
     for name, value in result.parameters.items():
         slopes = np.array([np.max(np.abs(observed[name][x]), initial=0.0) for x in headers])

@@ -34,7 +34,7 @@ from beamdae.equations.assembly.refined_beams import RefinedBeams, refine_beams
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import BeamdaeError, hold_messages
-from beamdae.results.columns import Header
+from beamdae.results.columns import UNITS_OF_POSITIONS, Header, largest_by
 from beamdae.results.diagnostics.meshes.beam_ranges import (
     BeamDoubt,
     BeamRange,
@@ -43,7 +43,6 @@ from beamdae.results.diagnostics.meshes.beam_ranges import (
 )
 from beamdae.results.diagnostics.meshes.coarse_elements import (
     MIN_SHARE_AT_REST,
-    UNITS_OF_POSITIONS,
     describe_changes,
     find_coarse_beam,
     headers_of_sections,
@@ -285,8 +284,15 @@ def _compare(
             )
     # With halved elements, section forces are compared with the loads, see `mesh_errors`.
     omitted = headers_of_sections(e) if exact is None else _find_negligible(e, last, values)
+    reactions = largest_by((x.unit for x in e.multipliers), np.abs(last.x[e.n :]).tolist())
     notes += describe_changes(
-        e, doubt, values, scales, min_share=MIN_SHARE_AT_REST, omitted=omitted
+        e,
+        doubt,
+        values,
+        scales,
+        min_share=MIN_SHARE_AT_REST,
+        omitted=omitted,
+        mechanism=reactions,
     )
     return _Comparison(tuple(notes), traced is not None)
 

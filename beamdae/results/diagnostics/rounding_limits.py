@@ -11,8 +11,15 @@ from beamdae.beams.sections import Section
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.parts.bodies.point_mass import PointMass
 from beamdae.parts.bodies.rigid_body import RigidBody
-from beamdae.results.columns import ColumnDict, Header
+from beamdae.results.columns import (
+    UNITS_OF_POSITIONS,
+    ColumnDict,
+    Header,
+    largest_by,
+    mark_vanishing_columns,
+)
 from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
+from beamdae.results.trajectory import Trajectory
 
 # Strains of geometrically exact beams that fall freely 4 m above the origin, with elements of
 # 15 mm, are up to 1e-12; those of beams in floating frames are smaller.
@@ -67,14 +74,51 @@ def _total_mass(equations: EquationsOfMotion) -> float:
 
 
 def without_rounding_errors(
-    equations: EquationsOfMotion, extremes: Mapping[str, StepExtremes], step: float
+    equations: EquationsOfMotion,
+    extremes: Mapping[str, StepExtremes],
+    step: float,
+    mechanism: Mapping[str, float],
 ) -> ColumnDict:
-    """Return the extremes of the columns whose range exceeds the `rounding_limits`."""
-    limits = rounding_limits(equations, list(extremes), step).tolist()
-    return ColumnDict(
-        {
-            header: x
-            for (header, x), limit in zip(extremes.items(), limits, strict=True)
-            if not x.half_range <= limit
-        }
+    """Return the extremes of the columns whose range exceeds the `rounding_limits`.
+
+    Rates and reactions that vanish beside those of the `mechanism`, see `measure_mechanism`, are
+    omitted, too.
+    """
+    headers, values = list(extremes), list(extremes.values())
+    half_ranges = np.array([x.half_range for x in values])
+    sizes = np.array([max(abs(x.min), abs(x.max)) for x in values])
+    is_compared = np.array([Header.of(x).unit in mechanism for x in headers], bool)
+    is_noise = half_ranges <= rounding_limits(equations, headers, step)
+    vanishes = mark_vanishing_columns(headers, sizes, equations.length, others=mechanism)
+    is_noise |= is_compared & vanishes
+    items = zip(extremes.items(), is_noise.tolist(), strict=True)
+    return ColumnDict({header: x for (header, x), noise in items if not noise})
+
+
+def measure_mechanism(equations: EquationsOfMotion, trajectory: Trajectory) -> dict[str, float]:
+    """Return the sizes of the rates and the reactions of a mechanism in a run, by unit.
+
+    They are the largest half ranges of the velocities and accelerations of the coordinates, and the
+    largest magnitudes of the multipliers. A fixed point moves by errors only, and so do reactions
+    that vanish by symmetry, even if no other motion or force is observed.
+    """
+    rows = [interval.rows for interval in trajectory.intervals]
+    units = [x.unit for x in equations.coordinates]
+    sizes = largest_by(
+        (x.unit for x in equations.multipliers), _largest_magnitudes([x.lam for x in rows])
     )
+    for per, motions in (("/s", [x.v for x in rows]), ("/s^2", [x.a for x in rows])):
+        rates = largest_by(units, _largest_half_ranges(motions))
+        sizes |= {f"{unit}{per}": rates[unit] for unit in UNITS_OF_POSITIONS if unit in rates}
+    return sizes
+
+
+def _largest_magnitudes(blocks: Sequence[np.ndarray]) -> list[float]:
+    largest = np.max([np.max(np.abs(x), axis=0) for x in blocks], axis=0)
+    return list(map(float, largest))
+
+
+def _largest_half_ranges(blocks: Sequence[np.ndarray]) -> list[float]:
+    high = np.max([np.max(x, axis=0) for x in blocks], axis=0)
+    low = np.min([np.min(x, axis=0) for x in blocks], axis=0)
+    return list(map(float, 0.5 * (high - low)))

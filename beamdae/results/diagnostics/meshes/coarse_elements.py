@@ -24,6 +24,8 @@ from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.errors import format_count, format_percent, name_with_others
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.results.columns import (
+    NO_OTHERS,
+    UNITS_OF_POSITIONS,
     Header,
     format_apart,
     largest_of_kind,
@@ -57,12 +59,6 @@ _FEW_ELEMENTS, _FEW_ELEMENTS_OF_RUN, _LARGE_TURN = 3, 2, 0.1
 # Recommended length of elements, relative to sqrt(EI / N).
 _SHORT_ELEMENT = 5.0
 _MAX_ERROR = 0.01
-# In 150 runs of cantilevers, hinged beams, cranks, blades and arcs and 25 drops on foam (1 or 2
-# elements), halved elements change 300 peaks of rates and accelerations by more than this. Of
-# these, 2 are off by less than 1 % beside 8 times as many elements, and 262 by 0.7 times the change
-# or more, the others belong to beams without material damping. Of 62 changes of 1 to 1.5 %, 7 are
-# off by less than 0.5 %.
-_MAX_ERROR_OF_RATES = 0.02
 # Elements of half the length reduce smaller errors to 1 %.
 LARGE_CHANGE = 2.0**4 * _MAX_ERROR
 # Columns that are smaller, relative to the largest one of their kind, are left out: of runs, whose
@@ -75,7 +71,6 @@ _MODES = 10  # of which the slowest vibration is compared
 _MAX_ITERATIONS = 15
 _TOLERANCE = 1e-8  # of Newton's method, in natural sizes
 _MAX_STEP = 1.0  # larger corrections mean that it diverges
-UNITS_OF_POSITIONS = ("m", "rad")
 _HALVED = "with halved elements"
 
 
@@ -190,6 +185,7 @@ def describe_changes(
     when: str = "",
     min_share: float = _MIN_SHARE,
     omitted: Collection[str] = (),
+    mechanism: Mapping[str, float] = NO_OTHERS,
 ) -> Iterator[str]:
     """Yield a warning if a value changes by more than 1 % of its scale with more accurate beams.
 
@@ -209,9 +205,11 @@ def describe_changes(
         Size relative to the largest value of its kind from which on a value is compared.
     omitted
         Headers of values that are compared elsewhere, or negligible.
+    mechanism
+        Sizes of the rates and the reactions of all parts, see `measure_mechanism`.
     """
     pairs = {header: pair for header, pair in values.items() if header not in omitted}
-    errors = find_changes(equations, pairs, scales, min_share)
+    errors = find_changes(equations, pairs, scales, min_share, mechanism=mechanism)
     if not errors:
         return
     worst, *others = errors
@@ -249,18 +247,6 @@ def peaks_of_rates(extremes: Mapping[str, StepExtremes]) -> dict[str, float]:
     }
 
 
-def find_changes_of_rates(
-    equations: EquationsOfMotion, rates: Mapping[str, float], finer: Mapping[str, float]
-) -> dict[str, float]:
-    """Return changes of `peaks_of_rates` of over 2 % in a run with more accurate beams.
-
-    They are relative to the larger peak, by header, the largest one first.
-    """
-    values = {x: (rates[x], finer[x]) for x in rates if x in finer}
-    errors = find_changes(equations, values, {x: max(y) for x, y in values.items()})
-    return {header: error for header, error in errors.items() if error > _MAX_ERROR_OF_RATES}
-
-
 def describe_changes_of_rates(errors: Mapping[str, float]) -> str:
     """Return a clause with the changes of peaks, by header, the largest one first."""
     worst, *others = errors
@@ -275,6 +261,7 @@ def find_changes(
     scales: Mapping[str, float],
     min_share: float = _MIN_SHARE,
     min_change: float = 0.0,
+    mechanism: Mapping[str, float] = NO_OTHERS,
 ) -> dict[str, float]:
     """Return changes of over 1 % relative to the scale, by header, the largest one first.
 
@@ -293,6 +280,8 @@ def find_changes(
         Size relative to the largest value of its kind from which on a value is compared.
     min_change
         Smallest change relative to the largest value of its kind, of values that are small.
+    mechanism
+        Sizes of the rates and the reactions of all parts, see `measure_mechanism`.
     """
     of_deformations = _headers_of(equations, Beam.is_deformation)
     compared = [x for x in values if x in scales]
@@ -302,7 +291,7 @@ def find_changes(
         sizes = np.array([scales[x] for x in headers])
         lengths = {"m": equations.length, "rad": 1.0}
         rounding = [_ROUNDING * lengths.get(Header.of(x).unit, 0.0) for x in headers]
-        is_noise = mark_vanishing_columns(headers, sizes, equations.length)
+        is_noise = mark_vanishing_columns(headers, sizes, equations.length, others=mechanism)
         # Moments are not compared with forces: those at clamps are small, but bend the beam.
         is_angle = [Header.of(x).unit == "rad" for x in headers]
         of_kinds = (largest_of_kind(headers, sizes, x) for x in (equations.length, 0.0))

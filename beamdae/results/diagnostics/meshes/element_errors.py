@@ -202,7 +202,9 @@ def instant_warnings(
         scales |= {name: x[0] for name, x in frequencies.items()}
         values |= frequencies
     when, omitted = f" at t = {coarse.t:.4g} s", headers_of_sections(equations)
-    yield from describe_changes(equations, doubt, values, scales, when, omitted=omitted)
+    yield from describe_changes(
+        equations, doubt, values, scales, when, omitted=omitted, mechanism=run._sizes_of_mechanism
+    )
 
 
 def _observes_within_elements(equations: EquationsOfMotion, beam: Beam) -> bool:

@@ -10,18 +10,16 @@ from beamdae.beams.beam import Beam
 from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.errors import format_percent, name_with_others
 from beamdae.parts.events import select_impacts
-from beamdae.results.columns import Header, format_apart, remove_unit
+from beamdae.results.columns import UNITS_OF_POSITIONS, Header, format_apart, remove_unit
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of, gaps_of_run
 from beamdae.results.diagnostics.meshes.coarse_elements import (
-    UNITS_OF_POSITIONS,
     describe_changes_of_rates,
     doubt_few_elements,
     find_changes,
-    find_changes_of_rates,
     headers_of_sections,
-    peaks_of_rates,
     scales_of_columns,
 )
+from beamdae.results.diagnostics.meshes.refined_runs import find_changes_of_rates, remove_drift
 from beamdae.results.run_data import RunData
 
 Array = np.ndarray
@@ -75,7 +73,8 @@ def describe_impacts(run: RunData, other: RunData, beams: Sequence[Beam]) -> Ite
     scales = scales_of_columns(run._extremes_above_rounding)
     finer = scales_of_columns(other._extremes_above_rounding)
     values = {x: (scales[x], finer[x]) for x in scales if x in finer}
-    errors = find_changes(e, values, scales)
+    errors = find_changes(e, values, scales, mechanism=run._sizes_of_mechanism)
+    errors = remove_drift(run, other, errors, scales)
     clauses = []
     if errors:
         worst, *others = errors
@@ -87,8 +86,7 @@ def describe_impacts(run: RunData, other: RunData, beams: Sequence[Beam]) -> Ite
             f"the {what} of {remove_unit(worst)} is {one} instead of {another}, a change of "
             f"{change}"
         )
-    peaks = (peaks_of_rates(x._extremes_above_rounding) for x in (run, other))
-    rate_errors = find_changes_of_rates(e, *peaks)
+    rate_errors = find_changes_of_rates(run, other)
     if rate_errors:
         clauses.append(describe_changes_of_rates(rate_errors))
     later = _find_later_change(run, other, scales)

@@ -8,9 +8,11 @@ import numpy as np
 
 from beamdae.errors import name_with_others
 from beamdae.results.columns import (
+    NO_OTHERS,
     UNITS_OF_TRANSLATIONS,
     Header,
     drift_limits,
+    integration_error_limits,
     largest_by,
     mark_constant_columns,
     mark_minor_rates,
@@ -48,6 +50,7 @@ def coarse_row_warnings(
     rtol: float = 0.0,
     find_drift: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0),
     rounding: Array | float = 0.0,
+    mechanism: Mapping[str, float] = NO_OTHERS,
 ) -> Iterator[str]:
     """Yield a warning if columns vibrate with fewer than about six output rows per period.
 
@@ -71,6 +74,8 @@ def coarse_row_warnings(
         Function that returns the drift of the constraints in positions [m] and velocities [m/s].
     rounding
         Half ranges of the columns up to which they are rounding errors, see `rounding_limits`.
+    mechanism
+        Sizes of the rates and the reactions of all parts, see `measure_mechanism`.
     """
     if len(t) < _MIN_ROWS or not columns:
         return
@@ -89,6 +94,7 @@ def coarse_row_warnings(
     moves &= ~mark_constant_columns(headers, rows, half_range, length, rtol)
     moves &= ~mark_minor_rates(headers, half_range, length)
     moves &= half_range > rounding
+    moves &= half_range > integration_error_limits(headers, half_range, length, rtol, mechanism)
     left, right = rows[gaps], rows[gaps + 1]
     excess = np.maximum(inside - np.maximum(left, right), np.minimum(left, right) - inside)
     exceeds = excess > _MIN_EXCESS * half_range
