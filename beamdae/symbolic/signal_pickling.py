@@ -114,7 +114,7 @@ def _is_shared(value: Any) -> bool:
 
 def _is_of_package(function: FunctionType) -> bool:
     """Return True for functions with a name in this package, by which quantities are recognized."""
-    if function.__module__.partition(".")[0] != _PACKAGE:
+    if str(function.__module__).partition(".")[0] != _PACKAGE:
         return False
     try:
         named = attrgetter(function.__qualname__)(sys.modules[function.__module__])
