@@ -159,3 +159,17 @@ def test_regression_quantities_of_copies_with_sensors_are_recognized():
         quantity, _ = measured_quantity(copied.observables[name])
         owner, _ = bd.Beam.sections_of_strains(quantity)
         assert owner is other
+
+
+def test_regression_laws_without_a_module_are_copied():
+    """Functions of `eval` with own global names have no module."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=1))
+    gauge = mech.sensor("gauge", beam.end, "y")
+    mech.add(bd.Force("push", beam.end, (0.0, gauge)))
+    law = eval("lambda point, t: (0.0, 2.0 * t)", {"__builtins__": {}})
+    assert law.__module__ is None
+    mech.add(bd.ForceLaw("law", beam.end, law))
+    copied = with_meshes(mech, {"beam": beam.mesh}, {})
+    assert bd.equations_of_motion(copied).n == bd.equations_of_motion(mech).n
