@@ -4,15 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from beamdae.results.diagnostics.meshes.beam_ranges import find_strain_doubt, range_warnings
+import numpy as np
+
+from beamdae.beams.dispersion import section_values
+from beamdae.results.diagnostics.meshes.beam_ranges import (
+    find_strain_doubt,
+    range_warnings,
+    sample_positions,
+)
+from beamdae.results.diagnostics.meshes.coarse_elements import evaluate_forces
 from beamdae.results.diagnostics.meshes.refined_runs import RunAgain, RunChanges, refine_run
 from beamdae.results.run_data import RunData
+
+# Estimated errors from which on runs of strongly compressed beams are compared: near the buckling
+# load, deflections change by a multiple. A rod at 97 % of its Euler load had an estimate of 0.8 %
+# and an error of 3.8 %.
+_MIN_ERROR_NEAR_BUCKLING = 1e-3
+# Compression of such beams, relative to the Euler load of hinged ends; cantilevers buckle at 0.25.
+_LARGE_COMPRESSION = 0.2
+_MAX_ROWS = 400
 
 
 def strain_error_warnings(run: RunData, run_again: RunAgain | None) -> Iterator[str]:
     """Yield warnings about beams whose strains are beyond their range of validity.
 
-    If an estimated error exceeds 1 %, the run is repeated with exact strains. A warning names the
+    If an estimated error exceeds 1 %, or a tenth of this near a buckling load, the run is repeated
+    with exact strains. A warning names the
     columns that differ by over 1 %: positions and angles at any row, relative to their range,
     and the largest magnitudes of other columns. If the run is not repeated or has no such columns,
     the warnings state the estimates.
@@ -26,6 +43,10 @@ def strain_error_warnings(run: RunData, run_again: RunAgain | None) -> Iterator[
         the run cannot be repeated.
     """
     strained = find_strain_doubt(run.validity)
+    if strained is None and run_again is not None:
+        strained = find_strain_doubt(run.validity, _MIN_ERROR_NEAR_BUCKLING)
+        if strained is not None and not _are_compressed(run):
+            return
     if strained is None:
         return
     doubt, names = strained
@@ -35,3 +56,14 @@ def strain_error_warnings(run: RunData, run_again: RunAgain | None) -> Iterator[
         yield from range_warnings(run.validity)
     else:
         yield from changes.describe(doubt, run_again)
+
+
+def _are_compressed(run: RunData) -> bool:
+    """Return True if a beam is compressed by a large part of its Euler load."""
+    q = sample_positions(run.trajectory)
+    for beam, forces in evaluate_forces(run.equations, q[:: len(q) // _MAX_ROWS + 1]):
+        (bending,) = section_values(beam, "EI")
+        euler_load = np.pi**2 * np.min(bending) / beam.length**2
+        if -np.min(forces[..., 0]) > _LARGE_COMPRESSION * euler_load:
+            return True
+    return False
