@@ -642,3 +642,13 @@ def test_regression_searches_do_not_creep_along_values_that_the_model_rejects():
     result = bd.fit(pulled, data, list(first), method, parameters=first, sigma=1e-4)
     assert result.parameters["stiffness"] == pytest.approx(300.0, rel=0.01)
     assert result.evaluations <= 30
+
+
+def test_regression_offsets_are_named_without_sigma():
+    """Causes of correlated residuals were listed, with offset= at the end."""
+    times = np.linspace(0.02, 1.0, 99)
+    run = bd.simulate(oscillator(stiffness=60.0), METHOD).at_times(times)["mass.x"].to_numpy()
+    noise = np.random.default_rng(4).normal(scale=1e-3 * np.ptp(run), size=times.size)
+    data = {"t [s]": times, "mass.x": run + noise + 0.05 * np.ptp(run)}
+    with pytest.warns(bd.BeamdaeWarning, match=r"offset=\['mass.x'\], which would explain most"):
+        bd.fit(oscillator, data, ["stiffness", "damping"], METHOD, parameters={"stiffness": 57.0})

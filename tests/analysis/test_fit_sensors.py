@@ -313,7 +313,7 @@ LONG = {"observable": ["mass.x"] * 3, "t [s]": [0.1, 0.2, 0.3], "value": [1.0, 1
         ({"offset": ["mass.x", ("", "mass.x")]}, "twice"),
         ({"scale": 3}, "scale must be a list of names"),
         ({"shift": {"mass.x": (0.2, 0.1)}}, "must be \\(lower, upper\\) in seconds"),
-        ({"shift": {"mass.x": (0.0, 0.5)}}, "at most the first time of its data, 0.1 s"),
+        ({"shift": {"mass.x": (0.2, 0.5)}}, "at most the first time of its data, 0.1 s"),
         ({"starts": 3}, "several starts need finite bounds of all parameters; pass those of stiff"),
         (
             {"starts": 3, "bounds": {"stiffness": (1.0, np.inf)}},
@@ -331,6 +331,25 @@ def test_refusals(changes, message):
     with pytest.raises(bd.BeamdaeError, match=message) as caught:
         bd.fit(oscillator, **arguments)
     assert len(re.findall(r"[.] [A-Z]", str(caught.value))) == 0
+
+
+def test_regression_bounds_of_shifts_after_the_first_data_are_reduced():
+    """They were rejected, also after the advice to widen bounds that nobody had set."""
+    times = np.linspace(0.05, 1.0, 77)
+    run = bd.simulate(oscillator(stiffness=60.0), METHOD).at_times(times - 0.04)["mass.x"]
+    data = {"t [s]": times, "mass.x": run.to_numpy()}
+    options = {"integrator": METHOD, "sigma": 1e-4, "parameters": {"stiffness": 58.0}}
+    with pytest.warns(bd.BeamdaeWarning, match=r"first time of its data, 0.05 s.*the bound 0.1 s"):
+        result = bd.fit(oscillator, data, ["stiffness"], shift={"mass.x": (-0.1, 0.1)}, **options)
+    assert result.parameters["stiffness"] == pytest.approx(60.0, rel=1e-3)
+    assert result.sensors["shift of mass.x"] == pytest.approx(0.04, abs=1e-4)
+    # The data begin before the delayed start.
+    times = np.linspace(0.01, 1.0, 100)
+    run = bd.simulate(oscillator(stiffness=60.0), METHOD)
+    values = run.at_times(np.maximum(times - 0.03, 0.0)[2:])["mass.x"].to_numpy()
+    data = {"t [s]": times, "mass.x": np.append(np.full(2, run["mass.x"].iloc[0]), values)}
+    with pytest.warns(bd.BeamdaeWarning, match=r"shift of mass.x is at its .* Omit data before"):
+        bd.fit(oscillator, data, ["stiffness"], shift=["mass.x"], **options)
 
 
 def test_tables_that_are_too_large_are_rejected(tmp_path, monkeypatch):

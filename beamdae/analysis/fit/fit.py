@@ -122,8 +122,9 @@ def fit(
     shift
         Columns with an unknown delay of the recorded times: the value recorded at t belongs to
         t - shift. Entries as in `scale`, or a dict of bounds (lower, upper) by entry, in s or as
-        texts such as "5 ms". Bounds default to the first time of the data in both directions; data
-        may not begin before the upper bound, because the run starts at 0 s.
+        texts such as "5 ms". Bounds default to the first time of the data in both directions. It
+        replaces larger upper bounds, with a warning, because the run starts at 0 s: omit earlier
+        data for larger shifts.
     start
         Start of the runs, see `simulate`.
     max_evaluations

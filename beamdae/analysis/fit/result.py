@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -73,9 +73,9 @@ _MAX_SIGMA_RATIO = 1.4
 _MAX_UNEXPLAINED_SHARE = 0.5
 # Share of the variation of the data that the residuals of a known sigma leave at a local minimum.
 _MIN_LOCAL_SHARE = 0.2
-# Share of the squares of the residuals that a delay of the data explains where it is reported. A
+# Share of the squares of the residuals that an error of the data explains where it is reported. A
 # wrong frequency, whose errors grow linearly over time, is a delay for 0.75 of them.
-_MIN_SHIFT_SHARE = 0.85
+_MIN_CAUSE_SHARE = 0.85
 # Residuals below this ratio to the standard deviation of the data may be errors of the runs.
 _MAX_NOISELESS_RATIO = 1e-3
 # Numbers of data from which their noise is judged.
@@ -905,15 +905,20 @@ def _check_bounds(
     """Return a warning for each estimate at a bound."""
     x = scaling.variables(estimates[: len(problem.variables)])
     lower, upper = scaling.limits
+    largest_shifts = [x.name for x in problem.sensors.shifts if x.is_at_first_time]
     sentences = []
     for k in np.flatnonzero(search.at_bounds):
         name, is_upper = problem.variables[k], upper[k] - x[k] < x[k] - lower[k]
         side, beyond = ("upper", "larger") if is_upper else ("lower", "smaller")
         bound = scaling.bound_texts[name][int(is_upper)]
+        remedy = "Widen the bounds"
+        if is_upper and name in largest_shifts:
+            # The run starts at 0 s, and a shift moves times back.
+            remedy = f"Omit data before {2.0 * float(estimates[k]):.3g} s"
         sentences.append(
             f"{name} is at its {side} bound {bound} and has no standard deviation; those of other "
-            f"estimates hold it there. Widen the bounds if {beyond} values are possible, or leave "
-            f"{name} out of the fit."
+            f"estimates hold it there. {remedy} if {beyond} values are possible, or leave {name} "
+            "out of the fit."
         )
     return tuple(sentences)
 
@@ -1080,26 +1085,15 @@ def _suggest_offset(problem: FitProblem, residuals: Array) -> str:
 def _suggest_shift(problem: FitProblem, evaluation: Evaluation) -> str:
     """Return the beginning of a remedy if a delay explains most of the residuals.
 
-    It is that of all data or of one column. To first order, a delay d changes the residuals by d
-    times the rates of the columns, of which other estimates compensate a part.
+    It is that of all data or of one column.
     """
     if problem.sensors.shifts:
         return ""
-    residuals, all_rates = evaluation.residuals, problem.weighted_rates(evaluation)
-    basis = np.linalg.qr(evaluation.jacobian / column_lengths(evaluation.jacobian))[0]
+    rates = problem.weighted_rates(evaluation)
     columns = list(dict.fromkeys(problem.headers))
-    best = (_MIN_SHIFT_SHARE, "", 0.0)
-    for column in ("", *columns) if len(columns) > 1 else ("",):
-        rates = np.zeros_like(all_rates)
-        for _, header, rows in problem.rows_by_series():
-            if column in ("", header):
-                rates[rows] = all_rates[rows]
-        rates -= basis @ (basis.T @ rates)
-        work, square = float(residuals @ rates), float(rates @ rates)
-        share = work**2 / (square * float(residuals @ residuals)) if square else 0.0
-        if share > best[0]:
-            best = share, column, work / square
-    _, column, delay = best
+    column, delay = _find_cause(
+        problem, evaluation, rates, ["", *columns] if len(columns) > 1 else [""]
+    )
     if not delay:
         return ""
     name = remove_unit(column)
@@ -1109,6 +1103,46 @@ def _suggest_shift(problem: FitProblem, evaluation: Evaluation) -> str:
         f"{advise_omission(problem, delay)}estimate an error of the times with {shift}, because "
         f"{data} that are {side} by about {abs(delay):.2g} s would explain most of the residuals, "
     )
+
+
+def _suggest_constant(problem: FitProblem, evaluation: Evaluation) -> str:
+    """Return the beginning of a remedy if a constant error of a column explains most residuals."""
+    if problem.sensors.offsets:
+        return ""
+    units = np.zeros_like(evaluation.residuals)
+    for series, _, rows in problem.rows_by_series():
+        units[rows] = 1.0 / series.sigma
+    column, error = _find_cause(problem, evaluation, units, list(dict.fromkeys(problem.headers)))
+    if not error:
+        return ""
+    return (
+        f"estimate a constant error of the sensor with offset=[{remove_unit(column)!r}], which "
+        "would explain most of the residuals, "
+    )
+
+
+def _find_cause(
+    problem: FitProblem, evaluation: Evaluation, effects: Array, columns: Sequence[str]
+) -> tuple[str, float]:
+    """Return the column whose error explains most of the residuals, and its size; "", 0 for none.
+
+    To first order, an error changes the residuals by its size times `effects`, of which other
+    estimates compensate a part. The column "" stands for all data.
+    """
+    residuals = evaluation.residuals
+    basis = np.linalg.qr(evaluation.jacobian / column_lengths(evaluation.jacobian))[0]
+    best = (_MIN_CAUSE_SHARE, "", 0.0)
+    for column in columns:
+        change = np.zeros_like(effects)
+        for _, header, rows in problem.rows_by_series():
+            if column in ("", header):
+                change[rows] = effects[rows]
+        change -= basis @ (basis.T @ change)
+        work, square = float(residuals @ change), float(change @ change)
+        share = work**2 / (square * float(residuals @ residuals)) if square else 0.0
+        if share > best[0]:
+            best = share, column, work / square
+    return best[1], best[2]
 
 
 def _check_variation(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
@@ -1162,9 +1196,9 @@ def _check_noise(problem: FitProblem, evaluation: Evaluation) -> tuple[str, ...]
         return (
             f"Consecutive residuals have a correlation of {correlation:.2f}, so the standard "
             f"deviations are too small, by a factor of up to {factor:.2g}; "
-            f"{_suggest_shift(problem, evaluation)}use fewer data per "
-            "second if the noise is slow, other first values or starts= if another minimum may be "
-            "lower, or add what the model lacks, such as shift= or offset=.",
+            f"{_suggest_shift(problem, evaluation) or _suggest_constant(problem, evaluation)}use "
+            "fewer data per second if the noise is slow, other first values or starts= if another "
+            "minimum may be lower, or add what the model lacks, such as shift= or offset=.",
         )
     sentences = list(_name_outliers(problem, parts))
     scatter = {

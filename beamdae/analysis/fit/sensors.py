@@ -11,12 +11,14 @@ import numpy as np
 from beamdae.analysis.fit.data import Series, label_series
 from beamdae.errors import (
     BeamdaeError,
+    InputWarning,
     as_real,
     require_entries,
     require_iterable,
     require_pair,
     require_sequence,
     short_repr,
+    warn_user,
 )
 from beamdae.model_parameters import convert_text
 from beamdae.read_only import read_only_data
@@ -47,6 +49,8 @@ class Sensor:
         Unit: that of the column for offsets, "s" for shifts, "" for scales.
     bounds
         Bounds; infinite for scales and offsets.
+    is_at_first_time
+        True for a shift whose upper bound is the first time of the data; a run has no earlier ones.
     """
 
     name: str
@@ -54,6 +58,7 @@ class Sensor:
     size: float
     unit: str
     bounds: tuple[float, float] = (-np.inf, np.inf)
+    is_at_first_time: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +92,11 @@ def read_sensors(
     ------
     BeamdaeError
         If an argument names no series, names one twice, or bounds of a shift are invalid.
+
+    Warns
+    -----
+    InputWarning
+        If an upper bound of a shift is later than the first time of its data.
     """
     selection = _Selection(series, headers)
     scales = [
@@ -105,7 +115,8 @@ def read_sensors(
     ):
         first = selection.first_time(rows)
         low, high = _read_shift_bounds(label, bounds.get(name), first)
-        shifts.append(Sensor(f"shift of {label}", rows, 0.5 * (high - low), "s", (low, high)))
+        size, is_at_first_time = 0.5 * (high - low), high == first
+        shifts.append(Sensor(f"shift of {label}", rows, size, "s", (low, high), is_at_first_time))
     return Sensors(tuple(scales), tuple(offsets), tuple(shifts))
 
 
@@ -127,12 +138,22 @@ def _read_shift_bounds(label: str, bounds: Any, first: float) -> tuple[float, fl
                 f"{short_repr(bounds)}."
             )
     # The run starts at 0 s, and a shift moves times back.
-    if high > first or not low < high:
+    limit = (
+        f"shift of {label} can be at most the first time of its data, {first:g} s, because the run "
+        "starts at 0 s"
+    )
+    if not low < min(high, first):
         raise BeamdaeError(
-            f"fit: shift of {label} can be at most the first time of its data, {first:g} s, "
-            "because the run starts at 0 s; omit earlier data, or set bounds with "
-            "shift={name: (lower, upper)}."
+            f"fit: {limit}; omit earlier data, or set bounds with shift={{name: (lower, upper)}}."
         )
+    if high > first:
+        warn_user(
+            f"fit: {limit}; it replaces the bound {high:g} s. For larger shifts, omit data before "
+            f"{high:g} s.",
+            InputWarning,
+            merges=False,
+        )
+        high = first
     return low, high
 
 
