@@ -950,15 +950,15 @@ class Beam(Part):
         quantity
             A quantity with `sections_of_strains`.
         forces
-            N [N], Q [N] and M [N m], (3, sections).
+            N [N], Q [N] and M [N m], (3, ..., sections).
         s
             Arc lengths of these sections [m]; they need not be those of the quantity.
 
         Returns
         -------
         ndarray
-            Columns of each section (columns, sections). Those of `largest_stress` are the largest
-            magnitude in the section, twice.
+            Columns of each section (columns, ..., sections). Those of `largest_stress` are the
+            largest magnitude in the section, twice.
         """
         assert quantity.recipe is not None
         beam, _, *settings = quantity.recipe.arguments

@@ -526,10 +526,8 @@ def _observe_changes(
             forces = np.moveaxis(elastic_section_forces(beam, e, rows, np.array(s)), 1, 0)
             # At rest, and at the times.
             forces = forces[-1] + np.concatenate([np.zeros_like(forces[:1]), combine(forces)])
-            by_section = Beam.values_of_section_forces(
-                quantity, np.moveaxis(forces, 1, 0).reshape(3, -1), s * len(forces)
-            )
-            peaks = np.max(by_section[0].reshape(len(forces), -1), axis=1)
+            by_section = Beam.values_of_section_forces(quantity, np.moveaxis(forces, 1, 0), s)
+            peaks = np.max(by_section[0], axis=1)
             changes[:, selected] = (peaks[1:] - peaks[0])[:, None]
     return changes
 

@@ -112,13 +112,12 @@ class _Column(NamedTuple):
         return Beam.covers_beam(self.quantity)
 
     def convert(self, forces: Array, s: Sequence[float]) -> Array:
-        """Return the column at arc lengths [m], given the section forces (3, sections)."""
+        """Return the column at arc lengths [m], given the section forces (3, ..., sections)."""
         return Beam.values_of_section_forces(self.quantity, forces, s)[self.entry]
 
     def convert_rows(self, forces: Array) -> Array:
         """Return the column at each section (rows, sections), given the section forces there."""
-        _, rows, sections = forces.shape
-        return self.convert(forces.reshape(3, -1), self.sections * rows).reshape(rows, sections)
+        return self.convert(forces, self.sections)
 
 
 class _ColumnError(NamedTuple):
