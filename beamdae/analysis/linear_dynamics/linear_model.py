@@ -21,18 +21,12 @@ from beamdae.analysis.linear_dynamics.mesh_errors import (
     response_mesh_warnings,
 )
 from beamdae.analysis.linear_dynamics.refined_linearization import linearize_refined
-from beamdae.beams.beam import Beam, beams_of
+from beamdae.beams.beam import beams_of
 from beamdae.equations.assembly.building import build_equations
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.assembly.refined_beams import refine_beams
 from beamdae.equations.assembly.statement_checks import collect_statements
-from beamdae.equations.equations_of_motion import (
-    EquationsOfMotion,
-    InputTerm,
-    Observable,
-    State,
-    format_headers,
-)
+from beamdae.equations.equations_of_motion import EquationsOfMotion, InputTerm, Observable, State
 from beamdae.equations.formulations.tangents import compute_tangent, differentiate_tangent
 from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
@@ -61,8 +55,8 @@ from beamdae.results.diagnostics.meshes.coarse_elements import (
     LONG,
     LONG_FOR_STRAINS,
     find_coarse_beam,
+    headers_of_sections,
 )
-from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
 from beamdae.results.displays import HasPage
 from beamdae.symbolic.statements import Variable
 
@@ -287,19 +281,6 @@ class LinearModel(HasPage):
         lin = self._linearization
         return highest if lin is None else find_resolved_frequency(lin, highest)
 
-    @property
-    def _has_strains(self) -> bool:
-        """True if outputs are computed from the strains of beams."""
-        assert self._linearization is not None
-        mechanism = self._linearization.equations.mechanism
-        assert mechanism is not None
-        outputs = {x.header for x in self.outputs}
-        return any(
-            Beam.sections_of_strains(measured_quantity(observed)[0]) is not None
-            and not outputs.isdisjoint(format_headers(name, observed.columns))
-            for name, observed in mechanism.observables.items()
-        )
-
     @cached_property
     def _refined(self) -> tuple[str, str, LinearModel] | None:
         """Cause and remedy of elements that are few or long, and the model with halved ones."""
@@ -307,7 +288,8 @@ class LinearModel(HasPage):
         if lin is None or request is None:
             return None
         e = lin.full_equations
-        long = LONG_FOR_STRAINS if self._has_strains else LONG
+        has_strains = not headers_of_sections(e).isdisjoint(x.header for x in self.outputs)
+        long = LONG_FOR_STRAINS if has_strains else LONG
         doubt = find_coarse_beam(e, lin.state.q[None], long)
         halved = None if doubt is None else refine_beams(e)
         if doubt is None or halved is None:

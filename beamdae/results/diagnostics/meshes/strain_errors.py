@@ -29,10 +29,9 @@ def strain_error_warnings(run: RunData, run_again: RunAgain | None) -> Iterator[
     """Yield warnings about beams whose strains are beyond their range of validity.
 
     If an estimated error exceeds 1 %, or a tenth of this near a buckling load, the run is repeated
-    with exact strains. A warning names the
-    columns that differ by over 1 %: positions and angles at any row, relative to their range,
-    and the largest magnitudes of other columns. If the run is not repeated or has no such columns,
-    the warnings state the estimates.
+    with exact strains. A warning names the columns that differ by over 1 %: positions and angles at
+    any row, relative to their range, and the largest magnitudes of other columns. If the run is not
+    repeated or has no such columns, the warnings state the estimates.
 
     Parameters
     ----------
@@ -44,9 +43,8 @@ def strain_error_warnings(run: RunData, run_again: RunAgain | None) -> Iterator[
     """
     strained = find_strain_doubt(run.validity)
     if strained is None and run_again is not None:
-        strained = find_strain_doubt(run.validity, _MIN_ERROR_NEAR_BUCKLING)
-        if strained is not None and not _are_compressed(run):
-            return
+        smaller = find_strain_doubt(run.validity, _MIN_ERROR_NEAR_BUCKLING)
+        strained = smaller if smaller and _are_compressed(run) else None
     if strained is None:
         return
     doubt, names = strained
