@@ -93,9 +93,10 @@ def optimize(
         with the ratio of both until they agree within 0.1 %.
     bounds
         (lower, upper) by name, for some of the parameters; numbers, None for no bound, or texts
-        with units such as "6 mm" for parameters with a unit. For a list of floats, each of the two
-        is such a number or text for all entries, or a list with one number per entry. All evaluated
-        designs satisfy the bounds; a `ParameterFunction` may be evaluated 0.2 % beyond them.
+        with units such as "6 mm" if the model states the unit of the parameter, as `height` [m] in
+        its docstring. For a list of floats, each of the two is such a number or text for all
+        entries, or a list with one number per entry. All evaluated designs satisfy the bounds; a
+        `ParameterFunction` may be evaluated 0.2 % beyond them.
     integrator, t_end, start
         Runs, see `gradient`. `start` is also that of equilibrium paths. One more run with half the
         step or a tenth of `rtol` checks the accuracy of the best design.

@@ -30,12 +30,8 @@ Array = np.ndarray
 _UNITS = ("N", "N m", "Pa")
 # Shares of the run: extremes in the first one are compared with those after the second one.
 _EARLY_SHARE, _LATE_SHARE = 0.05, 0.1
-# Extremes that exceed the later ones by less, relative to their value and to the range of the
-# column, have no warning.
-_MIN_EXCESS, _MIN_EXCESS_OF_RANGE = 0.05, 1e-3
-# Extremes of less than this fraction of the range of the column, as on the unloaded side of a
-# column that is loaded in one direction, do not matter.
-_MIN_SIZE_OF_RANGE = 0.02
+# Largest magnitudes that exceed the later one by less, relative to their value, have no warning.
+_MIN_EXCESS = 0.05
 # Largest displacement from the drawing to the equilibrium, relative to the amplitude of the run. If
 # it is larger, the vibration is the motion of interest, as after a load that jumps at the start.
 _MAX_DISPLACEMENT = 0.01
@@ -75,16 +71,16 @@ _MAX_NAMES = 4  # of drivers
 
 
 class _EarlyPeak(NamedTuple):
-    """Extreme of a column in the first part of a run that exceeds the later ones.
+    """Largest magnitude of a column, in the first part of a run, that exceeds the later ones.
 
     Attributes
     ----------
     column
         Number of the column.
     value, time
-        The extreme, and its time [s].
+        The value with this magnitude, and its time [s].
     later
-        Extreme on the same side in the last part of the run.
+        Largest magnitude in the last part of the run.
     """
 
     column: int
@@ -94,8 +90,8 @@ class _EarlyPeak(NamedTuple):
 
     @property
     def excess(self) -> float:
-        """Excess over the later extreme, relative to the value [-]."""
-        return (self.value - self.later) / self.value
+        """Excess over the later magnitude, relative to the magnitude [-]."""
+        return 1.0 - self.later / abs(self.value)
 
 
 def start_transient_warnings(
@@ -323,7 +319,7 @@ def _vibration_in_peak(
     state = State(*(x[0] for x in states))
     values = _observe_smooth(equations, trajectory, observe, at, state)
     share = (peak.value - values[peak.column]) * np.sign(peak.value)
-    excess = abs(peak.value - peak.later)
+    excess = abs(peak.value) - peak.later
     return float(share) if share >= _MIN_SHARE_OF_EXCESS * excess else 0.0
 
 
@@ -428,27 +424,21 @@ def _find_early_peaks(
     early_share: float,
     late_share: float,
 ) -> list[_EarlyPeak]:
-    """Return extremes of forces and stresses in the early share of a run that exceed later ones."""
+    """Return the largest magnitudes of forces and stresses that are early and exceed later ones."""
     start, duration = trajectory.start, trajectory.end - trajectory.start
     early = []
     for k, header in enumerate(equations.observed_headers):
         if header in extremes and Header.of(header).unit in _UNITS:
             x = extremes[header]
-            for value, time in ((x.max, x.max_time), (x.min, x.min_time)):
-                is_outward = value > 0.0 if value == x.max else value < 0.0
-                if is_outward and start < time <= start + early_share * duration:
-                    early.append((k, value, time, x.max - x.min))
+            sides = (x.max, x.max_time), (x.min, x.min_time)
+            value, time = max(sides, key=lambda side: abs(side[0]))
+            if start < time <= start + early_share * duration:
+                early.append((k, value, time))
     if not early:
         return []
-    smallest, largest = _later_extremes(trajectory, start + late_share * duration, observe)
-    peaks = []
-    for k, value, time, size in early:
-        later = float(largest[k] if value > 0.0 else smallest[k])
-        excess = (value - later) * np.sign(value)
-        is_large = abs(value) >= _MIN_SIZE_OF_RANGE * size
-        if is_large and excess > max(_MIN_EXCESS * abs(value), _MIN_EXCESS_OF_RANGE * size):
-            peaks.append(_EarlyPeak(k, value, time, later))
-    return peaks
+    magnitudes = _later_magnitudes(trajectory, start + late_share * duration, observe)
+    peaks = [_EarlyPeak(k, value, time, float(magnitudes[k])) for k, value, time in early]
+    return [x for x in peaks if abs(x.value) - x.later > _MIN_EXCESS * abs(x.value)]
 
 
 def _describe(peaks: list[_EarlyPeak], e: EquationsOfMotion, cause: str, remedy: str) -> str:
@@ -457,28 +447,25 @@ def _describe(peaks: list[_EarlyPeak], e: EquationsOfMotion, cause: str, remedy:
     worst = max(peaks, key=lambda x: x.excess)
     name = remove_unit(headers[worst.column])
     others = [remove_unit(headers[x.column]) for x in peaks if x.column != worst.column]
-    side, unit = (
-        ("largest" if worst.value > 0.0 else "smallest"),
-        Header.of(headers[worst.column]).unit,
-    )
+    unit = Header.of(headers[worst.column]).unit
     return (
-        f"{name_with_others(name, list(dict.fromkeys(others)))}: its {side} value, "
+        f"{name_with_others(name, list(dict.fromkeys(others)))}: its value of largest magnitude, "
         f"{worst.value:.4g} {unit} at t = {worst.time:.3g} s, belongs to a vibration that begins "
-        f"because {cause} ({side} value later: {worst.later:.4g} {unit}); {remedy}."
+        f"because {cause} (largest magnitude later: {worst.later:.4g} {unit}); {remedy}."
     )
 
 
-def _later_extremes(trajectory: Trajectory, begin: float, observe: Callable[..., Array]) -> Array:
-    """Return the smallest and largest values of the observed columns from `begin` on, (2, k)."""
-    extremes = []
+def _later_magnitudes(trajectory: Trajectory, begin: float, observe: Callable[..., Array]) -> Array:
+    """Return the largest magnitudes (k,) of the observed columns from `begin` on."""
+    magnitudes = []
     for interval in trajectory.intervals:
         step, rows = interval.nodes_per_step, interval.times[:: interval.nodes_per_step]
         first = int(np.searchsorted(rows[:, 0], begin))
         for k in range(first, len(rows), _MAX_ROWS_AT_ONCE):
             block = slice(k, k + _MAX_ROWS_AT_ONCE)
             values = observe(rows[block], *(x[::step][block] for x in interval.rows))
-            extremes += [values.min(axis=0), values.max(axis=0)]
-    return np.array([np.min(extremes, axis=0), np.max(extremes, axis=0)])
+            magnitudes.append(np.abs(values).max(axis=0))
+    return np.asarray(np.max(magnitudes, axis=0))
 
 
 def _find_start(equations: EquationsOfMotion, time: Array, request: str | Rotation) -> State | None:
