@@ -451,6 +451,23 @@ def test_regression_number_of_points_does_not_depend_on_the_mesh():
     assert max(counts) < 60
 
 
+@SLOW
+def test_regression_number_of_points_hardly_depends_on_the_amplitude():
+    """By energy, tangents turned with the axial displacements of bending: 66 instead of 29."""
+
+    def follow(amplitude):
+        @bd.model(t_end=1.0)
+        def shaken(frequency=40.0):
+            return shaken_strip(bd.sine(amplitude, frequency), damping=5e-5)
+
+        return bd.frequency_response(shaken, "frequency", (40.5, 43.0), settle=3)
+
+    small, large = (follow(amplitude) for amplitude in (1e-5, 2e-3))
+    assert large.status.success
+    assert large.folds
+    assert len(large.points) < 1.6 * len(small.points)
+
+
 def test_regression_columns_of_rounding_errors_do_not_shift_peaks():
     """A constant acceleration and rounding errors put a peak 3 % above the curve."""
     frequencies = np.array([44.317, 44.388, 44.45275, 44.48581, 44.53545, 44.60747])

@@ -383,17 +383,22 @@ class CurvePoint:
         """Return a direction (2 n + 1,) in terms of the basis of `run` and the parameter."""
         return np.append(self.run.projection @ direction[:-1], direction[-1])
 
-    def length(self, direction: Array) -> float:
-        """Return the length of a direction (2 n + 1,) relative to the amplitudes, not by energy.
+    def relative(self, direction: Array) -> Array:
+        """Return a direction (2 n + 1,) relative to the amplitudes, not by energy.
 
-        The states contribute their root mean square, so that steps hardly depend on the number of
-        elements. Deformations of a beam are measured relative to the largest scale of its
+        The states contribute their root mean square to its norm, so that steps hardly depend on the
+        number of elements. Deformations of a beam are measured relative to the largest scale of its
         deformations with the same unit. Relative to the far smaller amplitudes of axial
-        deformations, errors of the integrator would dominate the length.
+        deformations, errors of the integrator would dominate the norm; by energy, the axial
+        displacements of bent beams would dominate the angles between tangents.
         """
         scales = equalize_deformations(self.run.solution.equations, self.run.scales.reshape(2, -1))
-        states = np.sqrt(np.mean(np.square(direction[:-1] / scales.ravel())))
-        return float(np.hypot(states, direction[-1]))
+        states = direction[:-1] / (scales.ravel() * np.sqrt(scales.size))
+        return np.append(states, direction[-1])
+
+    def length(self, direction: Array) -> float:
+        """Return the norm of a direction (2 n + 1,) relative to the amplitudes."""
+        return float(np.linalg.norm(self.relative(direction)))
 
     def as_response_point(self, sign: float, errors: BeamErrorEstimator) -> ResponsePoint:
         """Convert to a point of the result; `sign` is 1 for an ascending range, -1 otherwise."""
@@ -650,7 +655,7 @@ class ResponseCurve:
         """
         secant = self._secant(point, next_point)
         directions = np.array(
-            [next_point.reduce(x) for x in (point.direction, secant, next_point.direction)]
+            [next_point.relative(x) for x in (point.direction, secant, next_point.direction)]
         )
         directions /= np.linalg.norm(directions, axis=1)[:, None]
         return float(np.min(directions @ directions.T))
