@@ -63,7 +63,7 @@ _MAX_ERROR = 0.01
 LARGE_CHANGE = 2.0**4 * _MAX_ERROR
 # Columns that are smaller, relative to the largest one of their kind, are left out: of runs, whose
 # state is compared approximately, and of equilibria, whose parasitic motions matter to flexures.
-_MIN_SHARE, MIN_SHARE_AT_REST = 1e-2, 1e-5
+MIN_SHARE, MIN_SHARE_AT_REST = 1e-2, 1e-5
 # So are positions that change by less [length of the mechanism, rad].
 _ROUNDING = 1e-8
 _ROWS = 24  # states of a run that are examined
@@ -183,7 +183,7 @@ def describe_changes(
     values: Mapping[str, tuple[float, float]],
     scales: Mapping[str, float],
     when: str = "",
-    min_share: float = _MIN_SHARE,
+    min_share: float = MIN_SHARE,
     omitted: Collection[str] = (),
     mechanism: Mapping[str, float] = NO_OTHERS,
 ) -> Iterator[str]:
@@ -259,7 +259,7 @@ def find_changes(
     equations: EquationsOfMotion,
     values: Mapping[str, tuple[float, float]],
     scales: Mapping[str, float],
-    min_share: float = _MIN_SHARE,
+    min_share: float = MIN_SHARE,
     min_change: float = 0.0,
     mechanism: Mapping[str, float] = NO_OTHERS,
 ) -> dict[str, float]:

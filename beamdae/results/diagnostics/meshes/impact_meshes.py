@@ -19,7 +19,11 @@ from beamdae.results.diagnostics.meshes.coarse_elements import (
     headers_of_sections,
     scales_of_columns,
 )
-from beamdae.results.diagnostics.meshes.refined_runs import find_changes_of_rates, remove_drift
+from beamdae.results.diagnostics.meshes.refined_runs import (
+    find_changes_of_rates,
+    find_largest_change,
+    remove_drift,
+)
 from beamdae.results.run_data import RunData
 
 Array = np.ndarray
@@ -100,10 +104,9 @@ def describe_impacts(run: RunData, other: RunData, beams: Sequence[Beam]) -> Ite
     if not clauses:
         return
     doubt = doubt_few_elements(beams)
-    largest = max([*errors.values(), *rate_errors.values(), 0.0])
     yield (
         f"{doubt.cause} for this impact: {doubt.comparison}, {', and '.join(clauses)}; "
-        f"{doubt.remedy(largest)}."
+        f"{doubt.remedy(find_largest_change(errors, rate_errors))}."
     )
 
 
