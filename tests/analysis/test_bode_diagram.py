@@ -199,6 +199,7 @@ def test_regression_default_frequencies_begin_below_slow_resonances(damping, ele
     assert diagram.frequencies[0] == pytest.approx(0.1 * expected, rel=5e-3)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("elements", [2, 8])
 @pytest.mark.parametrize("damping", [0.0, 1e-5, 1e-3])
 def test_regression_slow_instability_beside_fast_vibrations_is_found(elements, damping):

@@ -333,6 +333,7 @@ def test_refusals(changes, message):
     assert len(re.findall(r"[.] [A-Z]", str(caught.value))) == 0
 
 
+@pytest.mark.slow(reason="seconds")
 def test_regression_bounds_of_shifts_after_the_first_data_are_reduced():
     """They were rejected, also after the advice to widen bounds that nobody had set."""
     times = np.linspace(0.05, 1.0, 77)

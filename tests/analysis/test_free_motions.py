@@ -201,6 +201,7 @@ def test_regression_modes_and_rotations_name_bodies_without_a_joint(formulation)
         bd.campbell(mech, [10.0])
 
 
+@pytest.mark.slow(reason="half a second")
 def test_free_motions_of_held_mechanisms_and_of_free_structures_have_no_warning():
     # With warnings as errors: the rotation of a hub, and a structure that is free as a whole.
     assert bd.modes(rotor(True), n=2).warnings == ()

@@ -91,6 +91,7 @@ def test_bow_of_a_column_grows_as_in_theory(options):
     assert path.stable
 
 
+@pytest.mark.slow(reason="half a second")
 def test_measured_curve_is_the_unloaded_shape():
     mech = hinged_column(formulation="exact")
     x = np.linspace(0.0, 1.0, 41)

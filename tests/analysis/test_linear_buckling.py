@@ -107,6 +107,7 @@ def test_regression_signs_of_symmetric_shapes_do_not_depend_on_rounding(formulat
         assert shape[first] == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_linear_buckling_agrees_with_the_path():
     mech = portal()
     result = bd.buckling(mech, n=1)

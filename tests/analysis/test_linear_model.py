@@ -185,6 +185,7 @@ def test_invalid_arguments_are_rejected(arguments, message):
         bd.linearize(mount(), **arguments)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_inputs_are_selected_by_columns():
     """The columns of inputs in tables and `margins` were refused: there is no input 'push.Fy'."""
     whole = bd.linearize(mount(), inputs=["shaker", "push"])
@@ -209,6 +210,7 @@ def test_regression_outputs_are_selected_by_columns():
         np.testing.assert_array_equal(model.output_values, whole.output_values[[row]])
 
 
+@pytest.mark.slow(reason="half a second")
 def test_discrete_model_predicts_the_samples_of_a_controlled_run():
     """The run with a `Controller`, and the exact discretization of a wheel of 0.5 kg m^2."""
     every, gains = 0.05, np.array([[8.0, 1.0]])

@@ -257,6 +257,7 @@ def test_regression_unstable_ends_by_arc_length_warn_if_no_critical_point_shows_
         assert path.instability == ""
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_unstable_ends_at_the_load_of_a_path_by_arc_length_warn():
     """The end was returned as the equilibrium under the load, in silence."""
     mech, span, rise = bd.Mechanism(), 0.4, 0.012

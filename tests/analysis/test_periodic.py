@@ -370,6 +370,7 @@ def test_regression_loads_are_checked_although_the_first_period_cannot_be_run(pe
         bd.periodic(model(elements=2, speed=1.5), period, period_guess=None if period else 2.0)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("speed", [30.0, -30.0])
 def test_regression_vibrations_about_a_rotation_recommend_its_linearization(speed):
     """The advice was a period, although no period suits a swept frequency beside a rotation."""

@@ -89,6 +89,7 @@ def test_regression_responses_include_pulses_between_rows(response):
     assert [x["extremes"][PULSE][1] for x in cases] == pytest.approx(sizes, rel=1e-5)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_amplitudes_of_angles_with_full_revolutions_end_at_the_last_row():
     mech = bd.Mechanism()
     crank = mech.add(bd.RigidBody("crank", 1.0, 0.1))

@@ -36,6 +36,7 @@ def self_excited(length=1.0):
     return mech
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("guess", [5.0, 6.8, 9.0])
 def test_period_of_a_self_excited_motion_is_found(guess):
     motion = bd.periodic(van_der_pol(1.0), period_guess=guess)
@@ -67,6 +68,7 @@ def test_relaxation_oscillation():
     assert motion.period == pytest.approx(19.07836957, rel=1e-8)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("amplitude", [0.1, 2.5])
 def test_period_of_a_free_pendulum(amplitude):
     t, x, v = (ca.SX.sym(name) for name in "txv")

@@ -63,6 +63,7 @@ def period_run(mechanism, period, rtol):
     return PeriodRun.from_state(period_map, q, v)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_monodromy_matrix_is_the_derivative_of_the_period_map():
     run = period_run(pendulum(), 1.25, 1e-11)
     monodromy = run.monodromy(steps_per_node=1.0)

@@ -57,6 +57,7 @@ def test_particle_in_a_rotor_is_unstable_between_its_frequencies():
     assert "unstable" in modes.warnings[0]
 
 
+@pytest.mark.slow(reason="half a second")
 def test_internal_damping_is_unstable_above_the_critical_speed():
     """Internal damping of a rotor (Kimball 1924): Re l changes sign at W = sqrt(k / m)."""
 
@@ -245,6 +246,7 @@ def test_regression_speeds_that_no_metal_bears_are_stated_in_rpm(options):
     assert first.endswith("speeds are in rad/s (6000 rpm are 628.3 rad/s).")
 
 
+@pytest.mark.slow(reason="a second")
 @pytest.mark.parametrize(
     ("material", "speed"),
     [
@@ -380,6 +382,7 @@ def test_campbell_diagram_follows_modes_through_crossings():
     assert_allclose(table["mode 1 [Hz]"], diagram.frequencies[:, 0])
 
 
+@pytest.mark.slow(reason="half a second")
 def test_centrifugal_stiffening_exceeds_spin_softening():
     """At small speeds w^2 grows by W^2 (1.193 + 1.571 r / L - 1), with the shape at rest.
 
@@ -427,6 +430,7 @@ def test_regression_modes_at_rest_of_turning_mechanisms_have_a_warning(
         assert bd.modes(mech, about=bd.rotation(speed)).warnings[1:] == ()
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("analysis", [bd.modes, bd.linearize])
 @pytest.mark.parametrize(("speed", "is_reported"), [(0.1, False), (20.0, True)])
 def test_regression_turning_mechanisms_may_have_states(analysis, speed, is_reported):

@@ -54,6 +54,7 @@ def complex_step(function, values, name):
     return function(**{**values, name: values[name] + 1j * h}).imag / h
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("name", ["stiffness", "damping", "speed"])
 def test_oscillator_converges_to_closed_form_with_order_two(name):
     values = {"stiffness": 40.0, "damping": 0.8, "speed": SPEED}
@@ -66,6 +67,7 @@ def test_oscillator_converges_to_closed_form_with_order_two(name):
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("integrator", [bd.Radau(rtol=1e-9), bd.Auto(rtol=1e-9)])
 def test_oscillator_by_radau(integrator):
     values = {"stiffness": 40.0, "damping": 0.8, "speed": SPEED}
@@ -110,6 +112,7 @@ def test_derivative_of_discrete_solution_is_exact(family, rho_inf, damping):
     assert_discrete_derivatives(method, damping, 1e-11)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_derivative_of_adaptive_steps_is_exact():
     # The Newton errors of the run are larger with tens of steps near the tolerance.
     method = bd.GeneralizedAlpha(step=0.05, rtol=1e-3, start="plain", newton_tolerance=1e-12)

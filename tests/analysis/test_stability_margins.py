@@ -31,6 +31,7 @@ def stage(stiffness=0.0, damping=0.0, outputs=("x",)):
     return bd.linearize(mech, inputs=["force"], outputs=list(outputs))
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize(("gain", "delay"), [(2.0, 0.25), (0.5, 3.0), (2e3, 1e-5)])
 def test_integrator_with_delay_has_the_margins_of_its_closed_form(gain, delay):
     loop = bd.margins(tank(), controller=gain, delay=delay)
@@ -251,6 +252,7 @@ def test_loops_that_a_pid_closes_have_no_other_controller():
             bd.margins(model, "servo", **arguments)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_loops_that_cannot_be_opened_are_named():
     mech = pid_mechanism(limits=(-30.0, 30.0), offset=1.0)
     with pytest.warns(bd.BeamdaeWarning, match="is beyond its limit"):

@@ -76,6 +76,7 @@ def test_tangent_matches_differences_of_the_residual(loading, state, stage):
     )
 
 
+@pytest.mark.slow(reason="a second")
 def test_stage_begins_where_the_previous_one_ends(loading, state):
     first, second = (
         s.residual(state, mu)[0] for s, mu in zip(loading.systems, (1, 0), strict=True)
@@ -156,6 +157,7 @@ def test_arc_length_along_its_own_direction_is_one():
     assert norm.inner_product(direction, other) == pytest.approx(0.0, abs=1e-15)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("factor", [0.5, 1.5, 12.0])
 def test_inertia_count_by_pivots_matches_eigenvalues(factor, monkeypatch):
     mech = bd.Mechanism()

@@ -370,6 +370,7 @@ def test_points_slide_along_beams_with_elements_of_different_lengths():
         assert error < 5e-4, name
 
 
+@pytest.mark.slow(reason="half a second")
 def test_moving_forces_pass_elements_of_different_lengths():
     """The deflection under a slow force is the static deflection a^2 b^2 / (3 EI L)."""
     mech = bd.Mechanism()

@@ -640,6 +640,7 @@ def test_the_error_of_an_interrupted_run_is_not_estimated(command, monkeypatch):
     assert "interrupted at t = 0 s" in result.output
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize(
     ("options", "steps"),
     [([], [2e-3, 4e-3, 1e-3]), (["--no-estimate"], [2e-3]), (["--verify"], [2e-3])],

@@ -86,6 +86,7 @@ def test_regression_commands_print_the_warnings_of_model_functions(folder, name)
         assert SENTENCE in page.read_text(encoding="utf-8"), page
 
 
+@pytest.mark.slow(reason="a second")
 def test_regression_overshoots_of_tables_are_printed_before_the_run(folder):
     """A run of 17 s gave up before the table that caused it was named."""
     result = run("run")

@@ -209,6 +209,7 @@ def test_help_lists_exit_codes_and_is_wrapped_at_every_width():
         )
 
 
+@pytest.mark.slow(reason="a second")
 def test_narrow_help_has_no_boxes_that_cut_words():
     for width in (20, 40, 60):
         text = CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": str(width)}).stdout

@@ -83,6 +83,7 @@ def test_a_path_is_written_and_printed(static):
     assert picture.std() > 0.01
 
 
+@pytest.mark.slow(reason="half a second")
 def test_an_incomplete_path_is_written_with_its_reason(static):
     result = static("--to", "4")
     assert result.exit_code == 1

@@ -195,6 +195,7 @@ def test_an_offset_rotates_a_slender_beam_almost_rigidly(variant):
     assert strain_energy_of_an_offset(variant, height=0.03, offset=0.05) < 1e-2
 
 
+@pytest.mark.slow(reason="half a second")
 @few_variants
 @pytest.mark.parametrize("offset", [-2.0, 4.7])
 def test_large_offsets_do_not_stretch_beams(variant, offset):
@@ -461,6 +462,7 @@ def test_regression_connected_bodies_follow_a_given_velocity(formulation, given)
     assert not solution.start.warning
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
 def test_velocities_that_a_clamped_beam_stops_are_projected_with_a_warning(formulation):
     mech = bd.Mechanism()

@@ -58,6 +58,7 @@ def test_signs_offsets_and_times_of_pulses_do_not_matter(values):
     assert run["mass.y_dot"].iloc[-1] == pytest.approx(final_velocity(**values), rel=1e-3)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize(("base", "width"), [(0.0, 4e-6), (50.0, 2e-5)])
 def test_the_shortest_pulses_are_found_at_any_time(base, width):
     """Rounding hides the tails of a pulse beside a constant."""

@@ -121,6 +121,7 @@ def test_the_error_estimate_is_that_of_radau5(z, damping, interpreted):
     assert_allclose(run.error, expected, rtol=1e-8, atol=1e-12 * np.abs(y).max())
 
 
+@pytest.mark.slow(reason="half a second")
 def test_cubic_force_is_integrated_exactly():
     # v by quadrature of degree 4, q by the condition b A c^3 = 1/20 of order 5.
     mech = pushed_particle(lambda t: 2.0 * (1.0 + t**3))
@@ -217,6 +218,7 @@ def eight_steps(of, rtol=1e-4):
     return run.rows.copy(), run, entered
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("of_pair", [False, True])
 def test_step_is_repeated_exactly_after_new_pivots(of_pair, interpreted, monkeypatch):
     rows, run, entered = eight_steps(pendulum)

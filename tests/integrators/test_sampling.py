@@ -308,6 +308,7 @@ def test_samples_that_do_not_determine_the_steps_need_a_pilot_run(monkeypatch):
     assert_array_equal(run.table(), bd.simulate(mech, bd.Radau(1e-6), 5.0).table())
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize(
     ("options", "reason"),
     [({"max_steps": 100}, "max_steps = 100"), ({"time_limit": 1e-9}, "time limit")],

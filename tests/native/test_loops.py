@@ -185,6 +185,7 @@ def wait(work):
     return FULL
 
 
+@pytest.mark.slow(reason="a second")
 def test_other_threads_run_during_a_loop():
     # If other threads were blocked, the loop would take seconds and return FULL.
     waiting = Waiting(np.zeros(1, np.int64), np.zeros(1), 5_000_000_000)

@@ -547,6 +547,7 @@ def test_messages(make, message):
         make()
 
 
+@pytest.mark.slow(reason="half a second")
 def test_equilibria_outside_a_table_are_reported():
     """A weight of 20 N on a table that ends at 10 N; the held value leaves it without support."""
     curve = bd.table([0.0, 1.0], [0.0, 10.0], "linear", "error", "pad")
@@ -608,6 +609,7 @@ def test_regression_linear_models_outside_a_table_carry_a_warning(outside):
         assert any(warning in x for x in analysis(mech, about={"ball.x": 1.5}).warnings)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("values", [(0.0, 10.0, 0.0), (2.0, 5.0, 5.0)], ids=["zero", "constant"])
 def test_regression_linear_models_continue_tables_that_end_in_zero_or_a_constant(values):
     """They asked for a longer table, although runs and equilibria do not."""

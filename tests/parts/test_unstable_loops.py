@@ -68,6 +68,7 @@ def test_regression_limit_cycles_are_found_at_all_gains_and_speeds(gain, limit, 
     assert len(found) == (gain > 1.0)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize(("gain", "is_unstable"), [(0.5, False), (3.0, True)])
 def test_regression_limits_in_formulas_of_users_are_those_of_loops(gain, is_unstable):
     mech = build_stage(gain, limit=3.0, by_formula=True)
@@ -84,6 +85,7 @@ def test_weak_actuators_that_damp_large_vibrations_have_no_warning(limit, period
     assert not loop_warnings(mech, t_end=periods * 2.0 * np.pi / 30.0)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("limit", [0.2, 0.5, 2.0])
 def test_periodic_loads_of_turning_parts_have_no_warning(limit):
     """A motor drives an unbalanced wheel; its torque reaches the limits in each revolution."""
@@ -187,6 +189,7 @@ def build_sampled_stage(every, kp, kd, ki=0.0, goal=STEP, limit=1e9, delay=0, re
     return mech
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize(
     ("mech", "t_end"),
     [

@@ -208,6 +208,7 @@ def test_the_page_of_a_response_has_a_motion_for_each_point(response, tmp_path):
     assert response.page(tmp_path / "response.html").stat().st_size > 10_000
 
 
+@pytest.mark.slow(reason="half a second")
 def test_pages_and_pictures_of_responses_have_the_unit_of_the_parameter(response):
     unitless = build_response_page(response, "shaken")
     assert unitless["sliders"][0]["unit"] == ""

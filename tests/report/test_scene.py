@@ -95,6 +95,7 @@ def test_a_beam_is_drawn_through_sections_of_equal_arc_length():
     assert_allclose(beam[:, MAX_BEAM_SECTIONS // 3], solution.observed[columns], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_kinds_of_glyphs_by_part():
     lines = scene_lines(simulate(slider_crank()))
     assert {kind for part, kind in lines if part == "bearing"} == {"joint"}

@@ -66,6 +66,7 @@ def test_loads_of_each_part_balance_inertia(name, kind):
     assert_balanced(PARTS[name], kind)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_rayleigh_damping_balances_inertia():
     assert_balanced(LOADS["Rayleigh"], NODES)
     # In a floating frame its strain rates are linear, so that its moments do not balance exactly.

@@ -184,6 +184,7 @@ def test_regression_beams_with_the_same_warning_share_a_sentence():
         assert sentence.startswith("leaf 2 (also leaf 0, leaf 3): the beam bends")
 
 
+@pytest.mark.slow(reason="a second")
 def test_equilibria_whose_travel_is_one_percent_off_have_a_warning():
     with pytest.warns(bd.BeamdaeWarning, match=r"strip: the beam bends .* exact strains, tip\.x"):
         bent = _bend_by_tip_force(2.0)
@@ -476,6 +477,7 @@ def pull_bar(force, height=0.1, **settings):
     return mech
 
 
+@pytest.mark.slow(reason="a second")
 def test_modes_of_slightly_stretched_or_exact_beams_have_no_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error", bd.BeamdaeWarning)

@@ -71,6 +71,7 @@ def test_regression_axial_forces_between_steps_are_as_accurate_as_at_steps(integ
         np.testing.assert_allclose(reference, getattr(balanced, name)[:, 0], atol=2e-3 * largest)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_forces_of_stiff_bushings_between_steps_are_accurate():
     """They were wrong by 35 and 49 % of the largest value."""
 
@@ -99,6 +100,7 @@ def test_regression_errors_between_steps_are_no_mesh_errors():
     assert not mesh_warnings(run)
 
 
+@pytest.mark.slow(reason="a second")
 @pytest.mark.parametrize("integrator", [bd.Radau(1e-5), bd.Ida(1e-5), bd.GeneralizedAlpha(1e-3)])
 def test_sections_between_steps_are_interpolated_like_accelerations(integrator):
     run = bd.simulate(dropped_blade(), integrator, 0.05, 1e-4)
@@ -124,6 +126,7 @@ def test_sections_between_steps_are_interpolated_like_accelerations(integrator):
         np.testing.assert_array_equal(a, interval.at(times, limited=True).a)
 
 
+@pytest.mark.slow(reason="a second")
 def test_sections_are_observed_in_blocks_of_nodes():
     run = bd.simulate(dropped_blade(), bd.Radau(1e-5), 0.05)
     whole = observe_elastic_columns(run.equations, run.trajectory, 10**6)

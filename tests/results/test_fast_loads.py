@@ -124,6 +124,7 @@ def leaf(law, elements):
     return mech, beam
 
 
+@pytest.mark.slow(reason="seconds")
 @pytest.mark.parametrize("is_measured", [False, True], ids=["column", "sensor"])
 def test_regression_steps_do_not_reverse_largest_stresses(is_measured):
     """Of the largest magnitude, 30 % were stated and 0.04 % right: its derivatives jump at rest."""

@@ -53,6 +53,7 @@ def find_sentences(solution):
     return [x for x in solution.warnings if "unstable states" in x]
 
 
+@pytest.mark.slow(reason="seconds")
 @pytest.mark.parametrize("settings", [{"formulation": "exact"}, {"strain": "exact"}])
 def test_regression_snaps_have_their_error_by_the_elements(settings):
     """Positions were off by up to 12 % without a word."""
@@ -70,6 +71,7 @@ def test_regression_snaps_have_their_error_by_the_elements(settings):
     assert float(change[2]) == pytest.approx(100.0 * error, rel=0.1)
 
 
+@pytest.mark.slow(reason="a second")
 def test_snaps_with_enough_elements_have_no_warning():
     solution = run(arch(8))
     assert find_snap(solution.equations, solution.trajectory) is not None
@@ -87,11 +89,13 @@ def test_runs_without_a_snap_are_not_repeated(monkeypatch, model):
     assert not find_sentences(solution)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_rods_that_buckle_while_they_fall_are_unstable():
     solution = run(falling_rod(2.0))
     assert find_snap(solution.equations, solution.trajectory) is not None
 
 
+@pytest.mark.slow(reason="half a second")
 def test_runs_that_are_too_long_to_repeat_name_few_elements(monkeypatch):
     monkeypatch.setattr(refined_runs, "_MAX_WORK", 1.0)
     (sentence,) = find_sentences(run(arch(4)))

@@ -332,6 +332,7 @@ def test_columns_of_large_runs_are_evaluated_in_blocks(monkeypatch):
     assert "_output" not in vars(run)
 
 
+@pytest.mark.slow(reason="half a second")
 @integrators(rtol=1e-4, step=1e-3)
 def test_regression_results_are_freed_without_garbage_collection(integrator):
     mech = swing()

@@ -55,6 +55,7 @@ def test_larger_forces_of_the_motion_have_no_warning():
     assert not find_warnings(bd.simulate(press(62.8), bd.Radau(1e-5), t_end=0.5))
 
 
+@pytest.mark.slow(reason="half a second")
 def test_step_responses_have_no_warning():
     """The vibration after a load that jumps at the start is the motion of interest."""
     mech = bd.Mechanism()

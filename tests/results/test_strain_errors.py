@@ -59,6 +59,7 @@ def largest_difference(one, other, header):
     return np.max(np.abs(one[header] - other[header])) / np.ptp(one[header])
 
 
+@pytest.mark.slow(reason="a second")
 def test_runs_state_the_difference_from_exact_strains_instead_of_an_estimate():
     solution, exact = run(cantilever()), run(cantilever(**EXACT))
     (sentence,) = find_sentences(solution)
@@ -72,6 +73,7 @@ def test_runs_state_the_difference_from_exact_strains_instead_of_an_estimate():
     assert largest_difference(solution, exact, "tip.angle [rad]") < 0.01
 
 
+@pytest.mark.slow(reason="half a second")
 def test_differences_of_positions_are_those_at_any_row():
     solution, exact = (run(cantilever(["tip"], 0.04, **x), 0.4) for x in ({}, EXACT))
     (sentence,) = find_sentences(solution)
@@ -89,6 +91,7 @@ def test_differences_of_positions_are_those_at_any_row():
     assert 0.005 < np.max(change) / np.ptp(solution[header]) <= 0.0101
 
 
+@pytest.mark.slow(reason="a second")
 def test_regression_beams_that_heavy_bodies_bend_have_no_false_alarm():
     """The estimate was 1 % for errors of less than 0.1 %."""
     solution, exact = run(hanging_strip()), run(hanging_strip(**EXACT))

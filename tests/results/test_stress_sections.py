@@ -492,6 +492,7 @@ def test_neighboring_models_search_sections_again_only_if_a_kink_moved() -> None
     assert min(abs(x - 0.0801) for x in moved) < 1e-11
 
 
+@pytest.mark.slow(reason="half a second")
 def test_assembly_rebuilds_the_largest_stress_only_if_it_changes_the_mesh() -> None:
     for load_at, is_rebuilt in ((LEAF_LENGTH, False), (0.33 * LEAF_LENGTH, True)):
         mech = clamped_leaf(linear_heights(9, 5), 4)

@@ -79,6 +79,7 @@ def _half_range(solution, column):
     return solution.step_extremes[column].half_range
 
 
+@pytest.mark.slow(reason="seconds")
 def test_regression_suppressed_squeal_of_falling_friction_has_a_warning():
     solution, (warning,) = _run(_wiper(), 0.2)
     assert warning.startswith("lip: ")
@@ -100,12 +101,14 @@ def test_recommended_step_resolves_the_squeal():
     assert np.isclose(*forces, rtol=0.1)
 
 
+@pytest.mark.slow(reason="a second")
 @pytest.mark.parametrize("changes", [{"damping": 1e-4}, {"static": None}])
 def test_damped_vibrations_and_constant_friction_have_no_warning(changes):
     _, warnings = _run(_wiper(**changes), 0.2)
     assert not warnings
 
 
+@pytest.mark.slow(reason="a second")
 @pytest.mark.parametrize(("ratio", "t_end", "count"), [(0.9, 0.4, 0), (1.2, 1.0, 1)])
 def test_flutter_that_grows_from_rest_has_a_warning_above_its_limit(ratio, t_end, count):
     _, warnings = _run(_column(ratio), t_end)
@@ -113,6 +116,7 @@ def test_flutter_that_grows_from_rest_has_a_warning_above_its_limit(ratio, t_end
     assert all(x.startswith("thrust: ") for x in warnings)
 
 
+@pytest.mark.slow(reason="seconds")
 def test_growth_rate_of_flutter_is_that_of_a_run_with_short_steps():
     _, (warning,) = _run(_column(1.2), 1.0)
     frequency, rate = (

@@ -64,6 +64,7 @@ def test_pulses_of_time_are_named_with_their_time_and_share():
     assert "mostly at t = 0.425 s" in warning
 
 
+@pytest.mark.slow(reason="half a second")
 def test_inactive_forces_are_not_checked():
     for threshold, expected in ((0.2, ""), (0.8, "push: with steps of 0.04 s")):
         mech, push = build_ball("tent")

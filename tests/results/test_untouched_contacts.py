@@ -205,6 +205,7 @@ def test_regression_bodies_that_fall_through_a_reversed_floor_have_a_warning() -
         )
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 def test_bodies_that_leave_stops_and_floors_have_no_warning_of_reversed_floors() -> None:
     # An upper end stop, whose lower one is approached.

@@ -99,6 +99,7 @@ def sentences(compute: Callable[[], object]) -> list[str]:
     return [str(x.message) for x in caught]
 
 
+@pytest.mark.slow(reason="a second")
 @pytest.mark.parametrize("integrator", [None, bd.Ida(rtol=1e-3)], ids=["default", "loose"])
 @pytest.mark.parametrize("elements", [1, 2])
 def test_regression_few_elements_do_not_change_the_velocity_of_a_fixed_pivot(
@@ -109,6 +110,7 @@ def test_regression_few_elements_do_not_change_the_velocity_of_a_fixed_pivot(
     assert not sentences(lambda: bd.simulate(mech, integrator, t_end=0.6, output_step=1e-3))
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_few_elements_still_change_deformations_beside_a_fixed_pivot() -> None:
     mech = four_bar(1, accelerations=False, observed=True)
     (sentence,) = sentences(lambda: bd.simulate(mech, t_end=0.6, output_step=1e-3))
@@ -116,6 +118,7 @@ def test_regression_few_elements_still_change_deformations_beside_a_fixed_pivot(
     assert "rocker" not in sentence
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_rows_do_not_resolve_the_acceleration_of_a_fixed_pivot() -> None:
     """Accelerations of 3e-4 m/s^2, beside 60 m/s^2, had a warning of a fast vibration."""
     assert not sentences(lambda: bd.simulate(four_bar(), t_end=0.6, output_step=1e-3))
@@ -129,6 +132,7 @@ def test_regression_errors_of_the_acceleration_of_a_fixed_pivot_are_not_estimate
     assert errors["pivot.angle_ddot [rad/s^2]"] > 0.0
 
 
+@pytest.mark.slow(reason="seconds")
 @pytest.mark.parametrize(
     "mech", [four_bar(law=swing(0.1)), rotor(swing(1e-4))], ids=["four-bar", "rotor"]
 )
@@ -139,6 +143,7 @@ def test_regression_periodic_motions_have_no_beam_errors_of_fixed_points(
     assert not sentences(lambda: bd.periodic(mech, period=PERIOD))
 
 
+@pytest.mark.slow(reason="seconds")
 def test_regression_periodic_motions_still_have_beam_errors_beside_fixed_points() -> None:
     mech = four_bar(1, law=swing(0.1), observed=True)
     texts = sentences(lambda: bd.periodic(mech, period=PERIOD))
@@ -161,6 +166,7 @@ def test_regression_few_elements_do_not_change_a_reaction_that_vanishes_by_symme
     assert not sentences(lambda: bd.equilibrium(guided_stage(elements)))
 
 
+@pytest.mark.slow(reason="seconds")
 def test_regression_sensitivities_of_reactions_that_vanish_have_no_step_errors() -> None:
     """The error of d(bearing.Fx)/d(amplitude), at a force of 1e-12 N, was above 100 %."""
 

@@ -296,6 +296,7 @@ def test_observables_with_names_of_the_ledger_are_refused():
             mech.observe(name, mech.part("bob").at(2.0, 0.0))
 
 
+@pytest.mark.slow(reason="a second")
 def test_warnings_of_a_run_are_in_its_row():
     with pytest.warns(bd.BeamdaeWarning, match="strip: the beam bends"):
         table = bd.compare([bd.Case(bending, {}, bd.GeneralizedAlpha(2e-4))])

@@ -107,6 +107,7 @@ def test_exit_code_of_a_study_with_lost_tasks(tmp_path, monkeypatch):
 # Processes ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow(reason="half a second")
 def test_study_runs_in_this_process_if_no_other_can_be_started(monkeypatch, tmp_path):
     def fail():
         raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
@@ -226,6 +227,7 @@ def test_messages_of_processes_are_issued_once(tmp_path):
 # Folders --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow(reason="half a second")
 def test_results_folder_is_locked_while_a_study_runs(tmp_path):
     def start_another(progress):
         with pytest.raises(bd.BeamdaeError, match=rf"process {os.getpid()} on .* is running a"):

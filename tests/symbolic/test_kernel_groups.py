@@ -51,6 +51,7 @@ def numbers(equations, name):
     return form.residual(time, y, yp), jacobian.toarray()
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("name", ["stabilized-index1", "index1"])
 def test_grouped_statements_have_the_same_values(name, monkeypatch):
     shared = bd.equations_of_motion(workshop())
