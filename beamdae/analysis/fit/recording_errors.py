@@ -532,8 +532,8 @@ def _is_significant(end: Evaluation, column: int, change: float, constants: Arra
         Columns of the Jacobian of offsets, which may always compensate.
     """
     effect, others = end.jacobian[:, column], np.delete(end.jacobian, column, axis=1)
-    size = np.linalg.norm(_project_out(effect, end.jacobian[:, constants]))
-    independent = np.linalg.norm(_project_out(effect, others))
+    size = np.linalg.norm(project_out(effect, end.jacobian[:, constants]))
+    independent = np.linalg.norm(project_out(effect, others))
     deviation = np.sqrt(end.chi_square / len(effect))
     return bool(
         independent**2 > _MIN_INDEPENDENT_SHARE * size**2
@@ -541,11 +541,11 @@ def _is_significant(end: Evaluation, column: int, change: float, constants: Arra
     )
 
 
-def _project_out(vector: Array, matrix: Array) -> Array:
-    """Return the part of a vector that is orthogonal to the columns of a matrix."""
+def project_out(vectors: Array, matrix: Array) -> Array:
+    """Return the part of a vector, or of columns, that is orthogonal to the columns of a matrix."""
     directions, singular, _ = np.linalg.svd(matrix / column_lengths(matrix), full_matrices=False)
     directions = directions[:, singular > _MIN_SINGULAR_VALUE]
-    return np.asarray(vector - directions @ (directions.T @ vector))
+    return np.asarray(vectors - directions @ (directions.T @ vectors))
 
 
 def _is_mirrored(scale: float) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,9 +16,9 @@ from scipy.special import chdtr, chdtrc, stdtrit
 from beamdae import deferred
 from beamdae.analysis.fit.data import Series
 from beamdae.analysis.fit.intervals import bounded_interval
-from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling, column_lengths
+from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
 from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
-from beamdae.analysis.fit.recording_errors import advise_omission
+from beamdae.analysis.fit.residual_causes import suggest_causes
 from beamdae.analysis.fit.search import MAX_NOISE_CORRELATION, MIN_RELATIVE_RESIDUAL, SearchResult
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.equations import measures
@@ -26,7 +26,7 @@ from beamdae.errors import BeamdaeError, kind_of_message, require_choice, warn_u
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import split_unit
 from beamdae.read_only import read_only_data
-from beamdae.results.columns import remove_unit, require_one_column, select_observed_columns
+from beamdae.results.columns import require_one_column, select_observed_columns
 from beamdae.results.displays import Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -60,8 +60,6 @@ _MIN_RELATIVE_SIGMA = 1e-6
 # estimates of the damping of an oscillator at 15 to 90 deviations from zero are accurate to 0.5 %,
 # and at 3 to 5 deviations to 2 %.
 _MIN_REJECTED_DISTANCE = 10.0
-# From this share of the mean of the residuals in their root mean square, squared, offsets help.
-_MIN_MEAN_SHARE = 0.5
 # If larger values of chi-square are less probable, the model does not explain the data; if smaller
 # ones are, sigma is too large.
 _MIN_PROBABILITY = 1e-6
@@ -73,9 +71,6 @@ _MAX_SIGMA_RATIO = 1.4
 _MAX_UNEXPLAINED_SHARE = 0.5
 # Share of the variation of the data that the residuals of a known sigma leave at a local minimum.
 _MIN_LOCAL_SHARE = 0.2
-# Share of the squares of the residuals that an error of the data explains where it is reported. A
-# wrong frequency, whose errors grow linearly over time, is a delay for 0.75 of them.
-_MIN_CAUSE_SHARE = 0.85
 # Residuals below this ratio to the standard deviation of the data may be errors of the runs.
 _MAX_NOISELESS_RATIO = 1e-3
 # Numbers of data from which their noise is judged.
@@ -966,7 +961,7 @@ def _check_residuals(
     """
     return (
         _check_chi_square(problem, evaluation, residuals, count)
-        or _check_variation(problem, evaluation.residuals)
+        or _check_variation(problem, evaluation)
         or _check_sigma(problem, residuals, count)
         or _check_noise(problem, evaluation)
         or _check_probability(problem, residuals, count)
@@ -1021,16 +1016,14 @@ def _check_chi_square(
         return (f"{sentence}; most of their squares are outliers.", *_name_outliers(problem, parts))
     if residuals @ residuals > _MIN_LOCAL_SHARE * problem.data.variation:
         return (
-            f"{sentence}; {_suggest_shift(problem, evaluation)}start from other values, or pass "
-            "bounds= and starts= to search from "
-            f"several, because the search may have ended at a local minimum, "
-            f"{_suggest_offset(problem, residuals)}check the unit of sigma, which is that of its "
-            "column, or add what the model lacks.",
+            f"{sentence}; {suggest_causes(problem, evaluation)}start from other values, or pass "
+            "bounds= and starts= to search from several, because the search may have ended at a "
+            "local minimum, check the unit of sigma, which is that of its column, or add what the "
+            "model lacks.",
         )
-    delay = _suggest_shift(problem, evaluation)
     return (
-        f"{sentence}; {delay}check the unit of sigma, which is "
-        f"that of its column, {_suggest_offset(problem, residuals)}or add what the model lacks.",
+        f"{sentence}; {suggest_causes(problem, evaluation)}check the unit of sigma, which is that "
+        "of its column, or add what the model lacks.",
     )
 
 
@@ -1069,83 +1062,7 @@ def _check_sigma(problem: FitProblem, residuals: Array, count: int) -> tuple[str
     return tuple(sentences)
 
 
-def _suggest_offset(problem: FitProblem, residuals: Array) -> str:
-    """Return the beginning of a remedy that names columns whose residuals have a large mean."""
-    names: dict[str, None] = {}
-    for series, _, rows in problem.rows_by_series():
-        part = residuals[rows]
-        if len(part) > 1 and np.mean(part) ** 2 > _MIN_MEAN_SHARE * np.mean(part**2):
-            names[split_unit(series.name_in_data or series.column)[0]] = None
-    if not names or problem.sensors.offsets:
-        return ""
-    columns = ", ".join(map(repr, names))
-    return f"estimate a constant error of the sensor with offset=[{columns}], "
-
-
-def _suggest_shift(problem: FitProblem, evaluation: Evaluation) -> str:
-    """Return the beginning of a remedy if a delay explains most of the residuals.
-
-    It is that of all data or of one column.
-    """
-    if problem.sensors.shifts:
-        return ""
-    rates = problem.weighted_rates(evaluation)
-    columns = list(dict.fromkeys(problem.headers))
-    column, delay = _find_cause(
-        problem, evaluation, rates, ["", *columns] if len(columns) > 1 else [""]
-    )
-    if not delay:
-        return ""
-    name = remove_unit(column)
-    shift, data = (f"shift=[{name!r}]", f"values of {name}") if column else ("shift=", "data")
-    side = "late" if delay > 0.0 else "early"
-    return (
-        f"{advise_omission(problem, delay)}estimate an error of the times with {shift}, because "
-        f"{data} that are {side} by about {abs(delay):.2g} s would explain most of the residuals, "
-    )
-
-
-def _suggest_constant(problem: FitProblem, evaluation: Evaluation) -> str:
-    """Return the beginning of a remedy if a constant error of a column explains most residuals."""
-    if problem.sensors.offsets:
-        return ""
-    units = np.zeros_like(evaluation.residuals)
-    for series, _, rows in problem.rows_by_series():
-        units[rows] = 1.0 / series.sigma
-    column, error = _find_cause(problem, evaluation, units, list(dict.fromkeys(problem.headers)))
-    if not error:
-        return ""
-    return (
-        f"estimate a constant error of the sensor with offset=[{remove_unit(column)!r}], which "
-        "would explain most of the residuals, "
-    )
-
-
-def _find_cause(
-    problem: FitProblem, evaluation: Evaluation, effects: Array, columns: Sequence[str]
-) -> tuple[str, float]:
-    """Return the column whose error explains most of the residuals, and its size; "", 0 for none.
-
-    To first order, an error changes the residuals by its size times `effects`, of which other
-    estimates compensate a part. The column "" stands for all data.
-    """
-    residuals = evaluation.residuals
-    basis = np.linalg.qr(evaluation.jacobian / column_lengths(evaluation.jacobian))[0]
-    best = (_MIN_CAUSE_SHARE, "", 0.0)
-    for column in columns:
-        change = np.zeros_like(effects)
-        for _, header, rows in problem.rows_by_series():
-            if column in ("", header):
-                change[rows] = effects[rows]
-        change -= basis @ (basis.T @ change)
-        work, square = float(residuals @ change), float(change @ change)
-        share = work**2 / (square * float(residuals @ residuals)) if square else 0.0
-        if share > best[0]:
-            best = share, column, work / square
-    return best[1], best[2]
-
-
-def _check_variation(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
+def _check_variation(problem: FitProblem, evaluation: Evaluation) -> tuple[str, ...]:
     """Return a warning if most of the variation of the data about their means is left.
 
     Consecutive residuals of a wrong model are alike; those of noise are not, about which the data
@@ -1153,6 +1070,7 @@ def _check_variation(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
     """
     if problem.data.is_sigma_known:
         return ()
+    residuals = evaluation.residuals
     columns: dict[str, list[Array]] = {}
     for series in problem.data.series:
         columns.setdefault(series.column, []).append(
@@ -1175,7 +1093,7 @@ def _check_variation(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
     if left <= variation:
         amount = f"leaves {100.0 * left / variation:.0f} % of the variance of the data unexplained"
     return (
-        f"The model {amount}; {_suggest_offset(problem, residuals)}start from other values, or "
+        f"The model {amount}; {suggest_causes(problem, evaluation)}start from other values, or "
         "pass bounds= and starts= to search from several.",
     )
 
@@ -1196,9 +1114,9 @@ def _check_noise(problem: FitProblem, evaluation: Evaluation) -> tuple[str, ...]
         return (
             f"Consecutive residuals have a correlation of {correlation:.2f}, so the standard "
             f"deviations are too small, by a factor of up to {factor:.2g}; "
-            f"{_suggest_shift(problem, evaluation) or _suggest_constant(problem, evaluation)}use "
-            "fewer data per second if the noise is slow, other first values or starts= if another "
-            "minimum may be lower, or add what the model lacks, such as shift= or offset=.",
+            f"{suggest_causes(problem, evaluation)}use fewer data per second if the noise is slow, "
+            "other first values or starts= if another minimum may be lower, or add what the model "
+            "lacks, such as shift= or offset=.",
         )
     sentences = list(_name_outliers(problem, parts))
     scatter = {
