@@ -738,3 +738,14 @@ def test_columns_with_constant_errors_are_named_together():
         bd.fit(dropped, data, ["stiffness", "damping"], METHOD, sigma=sigma)
     (sentence,) = [str(x.message) for x in caught if "does not explain" in str(x.message)]
     assert "offset=['mass.y', 'mass.y_dot']" in sentence
+
+
+def test_regression_a_wrong_unit_is_named_after_the_first_search():
+    """It was named after 56 evaluations, and three more searches of errors."""
+    times = np.linspace(0.02, 2.0, 100)
+    noise = np.random.default_rng(2).normal(scale=2e-5, size=times.size)
+    data = {"t [s]": times, "mass.y": 0.1 * dropped_mass(times) + noise}
+    by, method = ["stiffness", "damping"], bd.GeneralizedAlpha(step=5e-3)
+    with pytest.warns(bd.BeamdaeWarning, match=r"mass.y look scaled \(scale 0.1, as between cm"):
+        result = bd.fit(dropped, data, by, method, sigma=2e-5, parameters={"stiffness": 75.0})
+    assert result.evaluations <= 15

@@ -31,6 +31,8 @@ _MIN_EXPONENT, _MIN_SHAPE = 0.5, 0.9
 # share of the residuals of an offset alone that it may leave.
 _MIN_SQUARED_CORRELATION = 0.7
 _MAX_LEFT_BY_SCALE = 0.3
+# Share of the time in which vibrations of the first run and of the data are rather in phase.
+_PART_IN_PHASE = 0.25
 # Scales within this factor of 1 are no errors of signs or units.
 _MIN_FACTOR = 1.8
 _MAX_MIRRORED_FACTOR = 3.0
@@ -159,19 +161,45 @@ class RecordingErrors:
 
         A search of the scale decides, because the first values may be far from the estimates.
         """
-        first = self.first
-        assert first is not None
-        headers = [
-            header
-            for series, header, rows in _unscaled_series(self._problem)
-            if _looks_scaled(self._problem, first, series, rows)
-            and not _has_scaling_parameter(self._problem, first, rows)
-        ]
         # Before their search, free delays may look like signs and scales.
-        if not headers or self._problem.sensors.shifts:
+        if self._problem.sensors.shifts:
             return ""
         with np.errstate(all="ignore"):
-            return self._find(headers, best, self._scaling.first)
+            if headers := self._list_scaled(1.0):
+                return self._find(headers, best, self._scaling.first)
+            if is_explained(self._problem, best):
+                return ""
+            headers = self._list_scaled(_PART_IN_PHASE)
+            if not headers:
+                return ""
+            problem = _with_linear_sensors(self._problem, headers)
+            end, scales = self._search_scales(problem, self._scaling.first, self._limit(best))
+            if end is None or not scales or any(map(_is_mirrored, scales.values())):
+                return ""
+            return _describe_scales(problem, end, scales)
+
+    def _list_scaled(self, share: float) -> list[str]:
+        """Return the headers of columns that look scaled in a first share of the time."""
+        assert self.first is not None
+        headers = []
+        for series, header, rows in _unscaled_series(self._problem):
+            last = share * self._problem.last_time
+            count = int(np.searchsorted(series.times, last, side="right"))
+            part = slice(rows.start, rows.start + count)
+            if (
+                count
+                and _looks_scaled(self._problem, self.first, series, part)
+                and not _has_scaling_parameter(self._problem, self.first, part)
+            ):
+                headers.append(header)
+        return headers
+
+    def _limit(self, best: Evaluation) -> float:
+        """Return the sum of squares that an error leaves which explains data far better."""
+        return min(
+            _MAX_LEFT_RESIDUALS * best.chi_square,
+            _MAX_LEFT_VARIATION * self._problem.data.variation,
+        )
 
     def check_progress(self, best: Evaluation) -> str:
         """Return a clause on an error, or "", if a search has not explained the data yet."""
@@ -209,10 +237,7 @@ class RecordingErrors:
         """
         self._is_searched = True
         assert self.first is not None
-        limit = min(
-            _MAX_LEFT_RESIDUALS * best.chi_square,
-            _MAX_LEFT_VARIATION * self._problem.data.variation,
-        )
+        limit = self._limit(best)
         if clause := self._find_in_part(headers, limit):
             return clause
         problem = _with_linear_sensors(self._problem, headers)
@@ -382,9 +407,10 @@ def _unscaled_series(problem: FitProblem) -> Iterator[tuple[Series, str, slice]]
 def _looks_scaled(problem: FitProblem, first: Evaluation, series: Series, rows: slice) -> bool:
     """Return True if data = scale * model + offset, and an offset alone leaves far more."""
     # With weighted means, the offset is eliminated.
-    weights = series.sigma**-2 / np.sum(series.sigma**-2)
+    values, sigma = (z[: rows.stop - rows.start] for z in (series.values, series.sigma))
+    weights = sigma**-2 / np.sum(sigma**-2)
     model = problem.recorded_values(first)[rows]
-    x, y = ((z - weights @ z) / series.sigma for z in (model, series.values))
+    x, y = ((z - weights @ z) / sigma for z in (model, values))
     square, variation, work = float(x @ x), float(y @ y), float(x @ y)
     if square == 0.0 or variation == 0.0:
         return False
