@@ -656,10 +656,14 @@ class EquationsOfMotion:
         return scales
 
     @cached_property
+    def constraint_is_angle(self) -> Array:
+        """Mask of the constraints of angles, (m,)."""
+        return np.array([multiplier.unit == "N m" for multiplier in self.multipliers], bool)
+
+    @cached_property
     def constraint_scales(self) -> Array:
         """Scale of each constraint, (m,): the characteristic length [m], or 1 rad for an angle."""
-        is_angle = [multiplier.unit == "N m" for multiplier in self.multipliers]
-        return np.where(is_angle, 1.0, self.length)
+        return np.where(self.constraint_is_angle, 1.0, self.length)
 
     @cached_property
     def part_scales(self) -> Array:

@@ -370,6 +370,31 @@ def test_regression_loads_are_checked_although_the_first_period_cannot_be_run(pe
         bd.periodic(model(elements=2, speed=1.5), period, period_guess=None if period else 2.0)
 
 
+def test_regression_half_turns_name_the_angle_and_the_period_of_a_full_turn():
+    """Responses named a weld with a difference of "6.3 in SI units", and motions no period."""
+
+    @bd.model(t_end=1.0)
+    def rotor(speed=50.0):
+        mech = bd.Mechanism()
+        center = mech.ground.at(0.0, 0.0)
+        hub = mech.add(bd.RigidBody.disk("hub", (0.0, 0.0), radius=0.1, mass=1.0))
+        tip = mech.add(bd.RigidBody.disk("tip", (0.2, 0.0), radius=0.1, mass=1.0))
+        mech.add(bd.Revolute("bearing", center, hub.at(0.0, 0.0)))
+        mech.add(bd.Weld("clamp", hub.at(0.1, 0.0), tip.at(0.1, 0.0)))
+        mech.add(bd.Driver("motor", center, hub.at(0.0, 0.0), lambda t: speed * t))
+        mech.add(bd.Force("flow", tip.at(0.2, 0.0), (0.0, bd.sine(0.05, speed / np.pi))))
+        return mech
+
+    message = (
+        r"^motor: .* differ by 3\.14 rad and do not repeat after the period of 0\.0628319 s; .*: a "
+        r"full turn takes 0\.125663706 s, use a multiple of it\.$"
+    )
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.periodic(rotor(), np.pi / 50.0)
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.frequency_response(rotor, "speed", (50.0, 56.0), period=lambda speed: np.pi / speed)
+
+
 @pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("speed", [30.0, -30.0])
 def test_regression_vibrations_about_a_rotation_recommend_its_linearization(speed):

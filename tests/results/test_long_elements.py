@@ -406,3 +406,29 @@ def test_regression_vibrations_between_events_that_switch_parts():
     (message,) = warnings_of(bd.simulate(mech, bd.Ida(), 0.3))
     assert "whose amplitude or phase is wrong" in message
     assert "gauge" in message
+
+
+@pytest.mark.parametrize("elements", [2, 4])
+def test_regression_slow_periodic_motions_are_no_vibrations(elements):
+    """Errors of the tension, quadratic in the bending, were "100 % or more" and 2 % of it."""
+    aluminum = bd.Material.of("aluminum")
+    section = bd.Section.rectangle(aluminum, width=0.03, height=0.003, damping=1e-4)
+
+    def motion_of(elements):
+        mech = bd.Mechanism()
+        hub = mech.add(bd.RigidBody("hub", mass=4.0, inertia=0.02))
+        center = mech.ground.at(0.0, 0.0)
+        line = bd.Line((0.1, 0.0), (0.6, 0.0))
+        mech.add(bd.Revolute("bearing", center, hub.at(0.0, 0.0)))
+        blade = bd.Beam("blade", line, section, elements=elements, strain="exact")
+        beam = mech.add(blade)
+        mech.add(bd.Weld("clamp", hub.at(0.1, 0.0), beam.start))
+        angle = bd.sine(1.0 / (2.0 * np.pi * 9.5) ** 2, 9.5)
+        mech.add(bd.Driver("motor", center, hub.at(0.0, 0.0), angle))
+        mech.observe("root", beam.section_forces(0.0))
+        return bd.periodic(mech, 1.0 / 9.5, bd.Radau(1e-7))
+
+    motion, fine = motion_of(elements), motion_of(12)
+    sizes = (x.amplitudes().loc["root.N [N]", "half range"] for x in (motion, fine))
+    assert np.divide(*sizes) == pytest.approx(1.0, abs=5e-3)
+    assert motion.warnings == ()

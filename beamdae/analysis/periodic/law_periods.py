@@ -23,12 +23,30 @@ _MAX_CHANGE = 1e-3
 
 
 class _Mismatch(NamedTuple):
-    """Largest change of a law after a period, relative to its size, and a period without it [s]."""
+    """Largest change of a law after a period.
+
+    Attributes
+    ----------
+    change
+        Change relative to the size of the law.
+    name
+        Name of the part.
+    time
+        Time at which it occurs [s].
+    difference
+        Change, as text.
+    periods
+        Period close to this one after which the law repeats [s]; empty if unknown.
+    full_turn
+        Time of a full turn of a driver [s]; None for other laws.
+    """
 
     change: float
     name: str
     time: float
+    difference: str
     periods: list[float]
+    full_turn: float | None
 
 
 def require_repeating_laws(mechanism: Mechanism | None, begin: float, period: float) -> None:
@@ -45,19 +63,25 @@ def require_repeating_laws(mechanism: Mechanism | None, begin: float, period: fl
     ------
     BeamdaeError
         If the law of a force, moment, distributed force or driver changes; the message names the
-        part, and the period of all laws if it is within 5 % of this one.
+        part, and the period of all laws if it is within 5 % of this one or that of a full turn.
     """
     if mechanism is None:
         return
     mismatch = max(_find_mismatches(mechanism, begin, period), default=None)
     if mismatch is None:
         return
-    others = (x for x in mismatch.periods if not any(_find_mismatches(mechanism, begin, x)))
-    advice = "".join(f", {x:.9g} s" for x in others)
+
+    def repeats(duration: float) -> bool:
+        return not any(_find_mismatches(mechanism, begin, duration))
+
+    turn = mismatch.full_turn
+    advice = "".join(f", {x:.9g} s" for x in mismatch.periods if repeats(x))
+    if not advice and turn is not None and repeats(turn):
+        advice = f": a full turn takes {turn:.9g} s, use a multiple of it"
     raise BeamdaeError(
         f"{mismatch.name}: loads or drivers at t = {mismatch.time:.6g} s differ by "
-        f"{mismatch.change:.2g} of the largest value and do not repeat after the period of "
-        f"{period:g} s; set period to the period of the loads and drivers{advice}."
+        f"{mismatch.difference} and do not repeat after the period of {period:g} s; set period to "
+        f"the period of the loads and drivers{advice}."
     )
 
 
@@ -76,8 +100,13 @@ def _find_mismatches(mechanism: Mechanism, begin: float, period: float) -> Itera
             size = 1.0 if isinstance(part, Driver) else _largest_value(law, begin + 2.0 * period)
             k = int(np.argmax(np.abs(change)))
             if abs(change[k]) > _MAX_CHANGE * size:
-                roots = find_nearby_root(_scalar(change_after, law, float(times[k])), period)
-                yield _Mismatch(abs(float(change[k])) / size, name, float(times[k]), roots)
+                time, largest = float(times[k]), abs(float(change[k]))
+                roots = find_nearby_root(_scalar(change_after, law, time), period)
+                difference, turn = f"{largest / size:.2g} of the largest value", None
+                if isinstance(part, Driver):
+                    difference = f"{largest:.3g} rad"
+                    turn = period * FULL_TURN / abs(law.at(time + period) - law.at(time))
+                yield _Mismatch(largest / size, name, time, difference, roots, turn)
 
 
 def _change_of_value(law: Law, times: np.ndarray, period: float) -> np.ndarray:

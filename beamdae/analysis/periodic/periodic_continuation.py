@@ -11,6 +11,7 @@ import numpy as np
 import scipy.linalg as la
 
 from beamdae.analysis.periodic.beam_errors import BeamErrorEstimator
+from beamdae.analysis.periodic.law_periods import require_repeating_laws
 from beamdae.analysis.periodic.monodromy import LinearizationError
 from beamdae.analysis.periodic.shooting import (
     MAX_SETTLING_PERIODS,
@@ -517,6 +518,7 @@ class ResponseCurve:
         """Return the first point of the curve and "", or None and the reason for the failure."""
         value = self.ends[0]
         period_map = self._period_map(value)
+        require_repeating_laws(period_map.equations.mechanism, self.t_start, period_map.period)
         try:
             run, iterations = settle_and_solve(period_map, settle, self.tolerance)
             if run.relative_deviation > self.tolerance.accepted:

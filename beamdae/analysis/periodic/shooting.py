@@ -468,12 +468,16 @@ class PeriodMap:
         is_uniform = abs(2.0 * half - drifts[0]) <= tolerance
         size = excess[row, worst] + tolerance
         is_force = e.n <= worst < 2 * e.n
+        is_angle = np.concatenate([e.is_angle, e.is_angle, *[e.constraint_is_angle] * 2])
+        unit = "rad" if is_angle[worst] else "m"
+        if worst >= 2 * e.n + e.m:
+            unit += "/s"  # derivatives of the constraints
         return _Mismatch(
             form.names[worst].removeprefix("velocity of ").removeprefix("correction of "),
             float(times[row]),
             f"{size / largest_force:.2g} of the largest force"
             if is_force
-            else f"{size:.2g} in SI units",
+            else f"{size:.3g} {unit}",
             find_nearby_root(difference_after, self.period),
             abs(drifts[0]) / self.period if is_drift and not is_uniform else 0.0,
         )

@@ -324,7 +324,7 @@ class _Vibration:
         padded = np.pad(energies, 1)
         is_peak = (energies >= padded[:-2]) & (energies > padded[2:])
         is_peak &= energies > _MIN_ENERGY * np.max(energies)
-        is_peak[-1] = False  # has only one neighbor
+        is_peak[[MIN_PERIODS, -1]] = False  # have only one neighbor
         peaks = np.flatnonzero(is_peak)
         peaks = peaks[np.argsort(-energies[peaks])][:_MAX_PEAKS]
         rates = np.array([self._refine(energies, k) for k in peaks.tolist()])
