@@ -289,7 +289,7 @@ def test_regression_the_mismatch_of_a_period_and_the_period_of_the_loads_are_nam
     mech.add(motor)
     mech.observe("crank", crank.at(0.1, 0.0))
     message = (
-        r"^motor\S*: loads or drivers at t = .* s differ by 1.6e-05 in SI units and do not repeat "
+        r"^motor\S*: loads or drivers at t = .* s differ by 1.57e-05 rad and do not repeat "
         r"after the period of 1.33333 s; set period to .* of the loads and drivers, 1.33333333 s\.$"
     )
     with pytest.raises(bd.BeamdaeError, match=message):
