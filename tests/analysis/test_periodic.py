@@ -229,6 +229,27 @@ def sample_motion(point):
     return point.solution.trajectory.at(t)[1].q[:, 0]
 
 
+@pytest.mark.slow(reason="seconds")
+@pytest.mark.parametrize(("position", "amplitude"), [(1.0, 0.273), (-1.0, 1.813)])
+def test_start_decides_which_branch_is_followed(position, amplitude):
+    response = bd.frequency_response(
+        duffing,
+        "omega",
+        (1.45, 1.46),
+        lambda omega: 2.0 * np.pi / omega,
+        start={"mass.x": position},
+        step=0.5,
+        max_step=1.0,
+    )
+    assert response.status.success
+    for point, size in zip(response.points, response.curve("mass.x")[1], strict=True):
+        x = sample_motion(point) - 1.0
+        _, expected = nearest_periodic_solution(point.parameter, x)
+        np.testing.assert_allclose(x, expected, rtol=0.0, atol=1e-5)
+        # By collocation at omega = 1.455, as 1.651 of the unstable branch.
+        assert size == pytest.approx(amplitude, abs=0.02)
+
+
 @pytest.mark.slow(reason="a hundred periodic motions")
 def test_response_of_a_duffing_oscillator_passes_both_folds():
     response = bd.frequency_response(

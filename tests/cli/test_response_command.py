@@ -105,6 +105,7 @@ def test_a_curve_that_ends_early_is_a_failure_with_partial_results(response):
         (("--over", "frequncy=1:2"), "frequency"),
         (("--over", "frequency=1:2", "--angular", "--period", "1"), "mutually exclusive"),
         (("--over", "frequency=1:2", "--period", "-1"), "--period"),
+        (("--over", "frequency=1:2", "--start", "bob.u=1"), "bob.u"),
     ],
 )
 def test_usage_errors_are_one_line(response, options, message):

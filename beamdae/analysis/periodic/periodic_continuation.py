@@ -114,6 +114,7 @@ def frequency_response(
     max_points: int = 400,
     t_start: float = 0.0,
     *,
+    start: Any = None,
     parameters: Mapping[str, Any] | None = None,
     progress: Callable[[ResponsePoint], None] | None = None,
     partial: PartialResult = "raise",
@@ -151,6 +152,9 @@ def frequency_response(
         Maximum number of points on the curve, at least 2.
     t_start
         Time [s] at which periods begin.
+    start
+        Start of the search for the first motion, as in `periodic`; if there are several motions, it
+        decides which one is followed. Defaults to the start of the model.
     parameters
         Values of other parameters of the model that differ from the defaults.
     progress
@@ -203,6 +207,7 @@ def frequency_response(
         method,
         require_finite(_NAME, "t_start", t_start),
         Tolerance.for_integrator(_NAME, tolerance, method),
+        start,
     )
     first_step = require_positive(_NAME, "step", step)
     max_step = require_positive(_NAME, "max_step", max_step)
@@ -332,7 +337,7 @@ def _describe_return(curve: ResponseCurve, points: list[ResponsePoint]) -> str:
     folds = FrequencyResponse(curve.parameter, tuple(points), Status("ok", "")).folds
     return (
         f"the curve folds back at {curve.describe(folds[-1])} and returned to the start of the "
-        "range; begin on another branch, with another start of the model or value of between="
+        "range; begin on another branch, with another start= or value of between="
     )
 
 
@@ -473,8 +478,8 @@ class ResponseCurve:
         Values of the parameter at which the curve begins and ends.
     period
         Function that returns the period [s] for a value of the parameter.
-    integrator, t_start, tolerance
-        See `periodic`.
+    integrator, t_start, tolerance, start
+        See `periodic`; `start` applies to the first motion.
     """
 
     model: Model
@@ -484,6 +489,7 @@ class ResponseCurve:
     integrator: Integrator
     t_start: float
     tolerance: Tolerance
+    start: Any = None
 
     def describe(self, value: float) -> str:
         """Return the text "parameter = value" for messages."""
@@ -509,22 +515,22 @@ class ResponseCurve:
             ) from error
         return require_positive(_NAME, "period", period)
 
-    def _period_map(self, value: float) -> PeriodMap:
+    def _period_map(self, value: float, start: Any = None) -> PeriodMap:
         period = self._period(value)
-        equations = build_periodic_equations(_NAME, self.model(**{self.parameter: value}))
+        equations = build_periodic_equations(_NAME, self.model(**{self.parameter: value}), start)
         return PeriodMap.from_equations(equations, self.integrator, self.t_start, period)
 
     def first_point(self, settle: int) -> tuple[CurvePoint | None, str]:
         """Return the first point of the curve and "", or None and the reason for the failure."""
         value = self.ends[0]
-        period_map = self._period_map(value)
+        period_map = self._period_map(value, self.start)
         require_repeating_laws(period_map.equations.mechanism, self.t_start, period_map.period)
         try:
             run, iterations = settle_and_solve(period_map, settle, self.tolerance)
             if run.relative_deviation > self.tolerance.accepted:
                 reason = (
                     f"no periodic motion was found at {self.describe(value)}; change "
-                    f"the start of the model, increase settle= {_LINEAR_REMEDY}"
+                    f"start=, increase settle= {_LINEAR_REMEDY}"
                 )
                 multipliers = floquet_multipliers(run.resolved_monodromy())
                 return None, _explain_failure(reason, multipliers, period_map.period)

@@ -21,10 +21,12 @@ from beamdae.cli.options import (
     PlottedColumns,
     RelativeTolerance,
     Settings,
+    Starts,
     create_periodic_integrator,
     load_configured_model,
     parse_assignments,
     parse_seconds,
+    parse_start,
     select_plotted_columns,
 )
 from beamdae.cli.output import (
@@ -75,6 +77,7 @@ def response_command(
     settle: Annotated[
         int, typer.Option(help="Periods to run before the first periodic motion is sought.")
     ] = 20,
+    start: Starts = None,
     t_start: PeriodStart = 0.0,
     max_points: Annotated[int, typer.Option(help="Maximum number of points of the curve.")] = 400,
     page: Page = True,
@@ -117,6 +120,7 @@ def response_command(
             settle,
             max_points=max_points,
             t_start=t_start,
+            start=parse_start(start, model),
             progress=progress,
             partial="return",
         )

@@ -205,6 +205,7 @@ PERIODIC_CALLS: dict[str, WorkingCall] = {
             "tolerance": 1e-3,
             "max_points": 4,
             "t_start": 0.0,
+            "start": "as drawn",
             "partial": "raise",
             "parameters": {},
             "progress": lambda standing: None,
