@@ -114,6 +114,19 @@ def test_regression_times_without_a_unit_are_seconds_with_a_warning(write, heade
         assert_allclose(series.times, [0.0, 0.5])
 
 
+def test_regression_rows_without_a_value_have_a_warning():
+    """A fit of 6 values in 199 rows said nothing of the others."""
+    values = [1.0, np.nan, np.nan, np.nan, 5.0]
+    message = "^fit: 3 of 5 rows of data have a time but no value; fill them in, or remove them"
+    with pytest.warns(bd.BeamdaeWarning, match=message):
+        read_data({"t [s]": np.arange(5.0), "y [m]": values})
+    # Sensors with different rates, and half of the rows.
+    read_data(
+        {"t [s]": np.arange(5.0), "y [m]": values, "x [m]": [np.nan, 1.0, 2.0, 3.0, np.nan]}, 1.0
+    )
+    read_data({"t [s]": np.arange(4.0), "y [m]": [*values[1:3], 1.0, 2.0]})
+
+
 def test_regression_accelerations_may_be_in_g():
     """The unit was known as gram only."""
     data = {"t [s]": [0.0, 1.0], "tip.x_ddot [g]": [1.0, 2.0], "tip.y_ddot [mg]": [1.0, 2.0]}

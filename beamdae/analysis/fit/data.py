@@ -737,7 +737,23 @@ def _read_wide_table(
                 time_header=time_header,
             )
         )
+    _warn_of_empty_rows(part, series, used, name)
     return series
+
+
+def _warn_of_empty_rows(part: str, series: Sequence[Series], times: Array, name: str) -> None:
+    """Warn if most rows have a time but no value, as after a failed export.
+
+    Columns of sensors with different rates may have few values each.
+    """
+    filled = np.unique(np.concatenate([x.times for x in series]))
+    count = len(times) - len(filled)
+    if 0.5 * len(times) < count < len(times) and not any(x.problem for x in series):
+        warn_user(
+            f"{part}: {count} of {len(times)} rows of {name} have a time but no value; fill them "
+            "in, or remove them.",
+            InputWarning,
+        )
 
 
 def _suggest_time(table: Mapping[str, Any]) -> str:
