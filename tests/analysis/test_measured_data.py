@@ -120,6 +120,8 @@ def test_regression_rows_without_a_value_have_a_warning():
     message = "^fit: 3 of 5 rows of data have a time but no value; fill them in, or remove them"
     with pytest.warns(bd.BeamdaeWarning, match=message):
         read_data({"t [s]": np.arange(5.0), "y [m]": values})
+    with pytest.warns(bd.BeamdaeWarning, match=message):
+        read_data({"t [s]": np.arange(5.0), "observable": ["y [m]"] * 5, "value": values})
     # Sensors with different rates, and half of the rows.
     read_data(
         {"t [s]": np.arange(5.0), "y [m]": values, "x [m]": [np.nan, 1.0, 2.0, 3.0, np.nan]}, 1.0

@@ -737,21 +737,19 @@ def _read_wide_table(
                 time_header=time_header,
             )
         )
-    _warn_of_empty_rows(part, series, used, name)
+    if not any(x.problem for x in series):
+        # Columns of sensors with different rates may have few values each.
+        filled = np.unique(np.concatenate([x.times for x in series]))
+        _warn_of_empty_rows(part, len(used) - len(filled), len(used), name)
     return series
 
 
-def _warn_of_empty_rows(part: str, series: Sequence[Series], times: Array, name: str) -> None:
-    """Warn if most rows have a time but no value, as after a failed export.
-
-    Columns of sensors with different rates may have few values each.
-    """
-    filled = np.unique(np.concatenate([x.times for x in series]))
-    count = len(times) - len(filled)
-    if 0.5 * len(times) < count < len(times) and not any(x.problem for x in series):
+def _warn_of_empty_rows(part: str, count: int, total: int, name: str) -> None:
+    """Warn if most of the rows with a time have no value, but not all, as after a failed export."""
+    if 0.5 * total < count < total:
         warn_user(
-            f"{part}: {count} of {len(times)} rows of {name} have a time but no value; fill them "
-            "in, or remove them.",
+            f"{part}: {count} of {total} rows of {name} have a time but no value; fill them in, or "
+            "remove them.",
             InputWarning,
         )
 
@@ -790,6 +788,8 @@ def _read_long_table(
         raise BeamdaeError(f"{part}: the columns of {name} must have equal lengths.")
     present = np.isfinite(values)
     _require_times(part, times[present], np.flatnonzero(present), name)
+    timed = np.isfinite(times)
+    _warn_of_empty_rows(part, int(np.sum(timed & ~present)), int(np.sum(timed)), name)
     if not np.all(sigma[present] > 0.0):
         k = int(np.argmax(present & ~(sigma > 0.0)))
         raise BeamdaeError(

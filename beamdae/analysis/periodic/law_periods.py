@@ -94,16 +94,17 @@ def _find_mismatches(mechanism: Mechanism, begin: float, period: float) -> Itera
         for law in part.laws:
             if find_signals(law(SX.zeros(2))):
                 continue  # depends on states, sensors or inputs
-            change_after = _change_of_angle if isinstance(part, Driver) else _change_of_value
+            is_angle = isinstance(part, Driver)
+            change_after = _change_of_angle if is_angle else _change_of_value
             change = change_after(law, times, period)
             # A load may begin with a transient, which has decayed within the period.
-            size = 1.0 if isinstance(part, Driver) else _largest_value(law, begin + 2.0 * period)
+            size = 1.0 if is_angle else _largest_value(law, begin + 2.0 * period)
             k = int(np.argmax(np.abs(change)))
             if abs(change[k]) > _MAX_CHANGE * size:
                 time, largest = float(times[k]), abs(float(change[k]))
                 roots = find_nearby_root(_scalar(change_after, law, time), period)
                 difference, turn = f"{largest / size:.2g} of the largest value", None
-                if isinstance(part, Driver):
+                if is_angle:
                     difference = f"{largest:.3g} rad"
                     turn = period * FULL_TURN / abs(law.at(time + period) - law.at(time))
                 yield _Mismatch(largest / size, name, time, difference, roots, turn)

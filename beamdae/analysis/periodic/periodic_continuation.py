@@ -389,7 +389,7 @@ class CurvePoint:
         """Return a direction (2 n + 1,) in terms of the basis of `run` and the parameter."""
         return np.append(self.run.projection @ direction[:-1], direction[-1])
 
-    def relative(self, direction: Array) -> Array:
+    def scale(self, direction: Array) -> Array:
         """Return a direction (2 n + 1,) relative to the amplitudes, not by energy.
 
         The states contribute their root mean square to its norm, so that steps hardly depend on the
@@ -404,7 +404,7 @@ class CurvePoint:
 
     def length(self, direction: Array) -> float:
         """Return the norm of a direction (2 n + 1,) relative to the amplitudes."""
-        return float(np.linalg.norm(self.relative(direction)))
+        return float(np.linalg.norm(self.scale(direction)))
 
     def as_response_point(self, sign: float, errors: BeamErrorEstimator) -> ResponsePoint:
         """Convert to a point of the result; `sign` is 1 for an ascending range, -1 otherwise."""
@@ -663,7 +663,7 @@ class ResponseCurve:
         """
         secant = self._secant(point, next_point)
         directions = np.array(
-            [next_point.relative(x) for x in (point.direction, secant, next_point.direction)]
+            [next_point.scale(x) for x in (point.direction, secant, next_point.direction)]
         )
         directions /= np.linalg.norm(directions, axis=1)[:, None]
         return float(np.min(directions @ directions.T))

@@ -202,13 +202,11 @@ class RunChanges:
     @cached_property
     def rate_errors(self) -> dict[str, float]:
         """Changes of `peaks_of_rates` of over 2 %, by header, the largest one first."""
-        errors, large = (
-            find_changes_of_rates(self.run, self.other, *x) for x in ((MIN_SHARE_AT_REST,), ())
-        )
+        errors = find_changes_of_rates(self.run, self.other, MIN_SHARE_AT_REST)
+        large = find_changes_of_rates(self.run, self.other)
         peaks = [peaks_of_rates(x._extremes_above_rounding) for x in (self.run, self.other)]
-        return self._remove_step_errors(
-            errors, large, {x: max(y[x] for y in peaks) for x in errors}
-        )
+        scales = {header: max(x[header] for x in peaks) for header in errors}
+        return self._remove_step_errors(errors, large, scales)
 
     def _remove_step_errors(
         self, errors: dict[str, float], large: Collection[str], scales: Mapping[str, float]
