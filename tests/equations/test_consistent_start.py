@@ -238,23 +238,6 @@ def test_regression_four_bars_start_although_a_part_of_a_gap_cannot_be_closed():
     assert_consistent(numeric, state)
 
 
-@pytest.mark.parametrize("size", [1e-4, 1.0, 1e4])
-def test_regression_small_mechanisms_close_gaps_in_as_many_steps(monkeypatch, size):
-    """Angles were compared with the length: small mechanisms took 20 steps instead of 3."""
-    calls, close = [], ConsistencySolver._close_gaps
-    monkeypatch.setattr(
-        ConsistencySolver, "_close_gaps", lambda *x: calls.append(x[0]) or close(*x)
-    )
-    mech = bd.Mechanism()
-    bar = mech.add(bd.RigidBody.rod("bar", (0.0, 0.0), (size, 0.0), mass=1.0))
-    center = (mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0))
-    mech.add(bd.Revolute("pivot", *center))
-    mech.add(bd.Driver("motor", *center, 1.2))
-    numeric, state = make_consistent(mech)
-    assert_consistent(numeric, state)
-    assert len(calls) == 3
-
-
 def slider_crank(angle):
     """Return a 2 m crank with a 1.5 m rod, which does not reach the line beyond arcsin(3/4)."""
     mech = bd.Mechanism()

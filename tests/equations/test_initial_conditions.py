@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import warnings
 
-import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.optimize import brentq, minimize_scalar
 
 import beamdae as bd
 from beamdae.equations.starts.relaxation import GradientFlow
@@ -104,22 +104,103 @@ def test_impossible_starts_are_rejected(start, words):
 
 
 def test_positions_without_admissible_velocities_are_rejected():
-    """At y = 0, one constraint requires x' = 0 and the other 2 x' + 1 = 0."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 3), ca.SX.sym("v", 3)
-    x, y, z = ca.vertsplit(q)
-    system = bd.ConstrainedSystem(
-        t=t,
-        q=q,
-        v=v,
-        mass=[1.0, 1.0, 1.0],
-        force=[0.0, 0.0, 0.0],
-        constraints=[x**2 + y**2 - 1.0, x**2 + y**2 * z - 1.0 + t],
-        q0=[0.6, 0.8, 1.0],
-        v0=[0.0, 0.0, 0.0],
-        names=("x", "y", "z"),
-    )
+    """At the dead center, the slider cannot move, but its driver begins with 1 m/s."""
+    mech = slider_crank()
+    pin = (mech.ground.at(3.0, 0.0), mech.parts["rod"].at(3.0, 0.0))
+    mech.add(bd.TranslationalDriver("pull", *pin, lambda t: -t))
     with pytest.raises(bd.BeamdaeError, match=r"no velocities satisfy .* specify other positions"):
-        bd.simulate(system, t_end=0.1, start={"y": 0.0})
+        bd.simulate(mech, t_end=0.1, start={})
+
+
+class FourBar:
+    """Four-bar near the dead center of its coupler, in closed form on the branch of its drawing."""
+
+    points = np.array([(0.0, 0.0), (0.05, 0.21), (0.715, 0.45), (0.62, 0.02)])
+    names = ("crank", "coupler", "rocker")
+
+    def __init__(self, size=1.0, mirrored=False, masses=(1.0, 1.0, 1.0)):
+        self.points = size * self.points * ((1.0, -1.0) if mirrored else (1.0, 1.0))
+        self.masses, self.sign = masses, -1.0 if mirrored else 1.0
+
+    def mechanism(self, motor=None):
+        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        bodies = [mech.ground]
+        for k, (name, mass) in enumerate(zip(self.names, self.masses, strict=True)):
+            ends = (tuple(x) for x in self.points[k : k + 2])
+            bodies.append(mech.add(bd.RigidBody.rod(name, *ends, mass=mass)))
+        bodies.append(mech.ground)
+        for k, point in enumerate(self.points):
+            mech.add(bd.Revolute(f"pin {k}", bodies[k].at(*point), bodies[k + 1].at(*point)))
+        if motor is not None:
+            hub = [bodies[k].at(*self.points[3]) for k in (4, 3)]
+            mech.add(bd.Driver("motor", *hub, law=motor))
+        return mech
+
+    def angles(self, crank):
+        """Return the rotations of the bars from the drawing if the crank turns by `crank`."""
+        o, a, b, c = self.points @ (1.0, 1j)
+        pin = o + (a - o) * np.exp(1j * crank)
+        base, rod, rocker = c - pin, abs(b - a), abs(c - b)
+        cosine = (abs(base) ** 2 + rod**2 - rocker**2) / (2.0 * abs(base) * rod)
+        head = pin + rod * base / abs(base) * np.exp(1j * self.sign * np.arccos(cosine))
+        return crank, np.angle((head - pin) / (b - a)), np.angle((head - c) / (b - c))
+
+    def dead_center(self, bar):
+        """Return the crank angle near the drawing at which the rotation of a bar is least."""
+        return minimize_scalar(
+            lambda x: self.sign * self.angles(x)[bar], bounds=(-0.6, 0.6), options={"xatol": 1e-9}
+        ).x
+
+    def led_to(self, bar, value):
+        """Return the rotations on the side of the dead center on which the drawing lies."""
+        end = -2.0 * np.sign(self.dead_center(bar))
+        return self.angles(brentq(lambda x: self.angles(x)[bar] - value, 0.0, end, xtol=1e-14))
+
+
+FOUR_BARS = [
+    FourBar(),
+    FourBar(size=1e-3),
+    FourBar(size=1e3, masses=(0.01, 3.0, 0.5)),
+    FourBar(mirrored=True, masses=(0.5, 1.0, 1.0)),
+]
+
+
+@pytest.mark.parametrize("bars", FOUR_BARS)
+@pytest.mark.parametrize("value", [1e-3, 0.05, 0.1, 0.2, 0.35])
+def test_starts_stay_on_the_branch_of_the_drawing(bars, value):
+    """Starts near a dead center turned the crank by up to 23 turns, or were refused."""
+    value *= bars.sign
+    q = bd.equations_of_motion(bars.mechanism(), {"coupler.angle": value}).q0
+    # The joints are closed to 1e-12; near the dead center, the crank turns ten times as far.
+    assert_allclose(q[2::3], bars.led_to(1, value), atol=1e-9)
+
+
+@pytest.mark.parametrize("bars", FOUR_BARS)
+@pytest.mark.parametrize("beyond", [1e-3, 0.1, 3.0])
+def test_starts_beyond_reach_state_the_value_that_can_be_reached(bars, beyond):
+    reach = bars.angles(bars.dead_center(1))[1]
+    start = {"coupler.angle": reach - bars.sign * beyond}
+    with pytest.raises(bd.BeamdaeError, match=r"coupler\.angle can be led only to") as error:
+        bd.equations_of_motion(bars.mechanism(), start)
+    stated = float(str(error.value).split("led only to ")[1].split()[0])
+    # The path ends at 1e-6 of the requested change.
+    assert_allclose(stated, reach, atol=1e-5 * (abs(reach) + beyond))
+
+
+@pytest.mark.parametrize("bars", FOUR_BARS)
+@pytest.mark.parametrize("value", [-0.25, -0.1, 0.3, 0.8])
+def test_drivers_lead_all_analyses_from_the_drawing(bars, value):
+    end = bars.sign * (2.0 if value > 0.0 else -0.85)  # before the dead centers of the rocker
+    crank = brentq(lambda x: bars.angles(x)[2] - bars.sign * value, 0.0, end, xtol=1e-14)
+    expected = bars.angles(crank)
+    mech = bars.mechanism(motor=bars.sign * value)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        static = bd.equilibrium(mech)
+        run = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), 1e-3)
+        about = bd.equations_of_motion(mech, "equilibrium").q0
+    for q in (static.q[-1], run.q[0], about):
+        assert_allclose(q[2::3], expected, atol=1e-9)
 
 
 def test_large_changes_of_the_start_are_reported(tmp_path):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,8 +13,13 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.starts.closing import (
+    MASS_COEFFICIENTS,
+    Coefficients,
+    close_joints,
+    solve_least_change,
+)
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
-from beamdae.equations.starts.least_strain import minimize_strain, solve_least_change
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.equations.starts.state_evaluator import Recent, StateEvaluator
 from beamdae.errors import BeamdaeError
@@ -29,18 +33,6 @@ from beamdae.symbolic.sparse_operators import build_selection
 
 Array = np.ndarray
 
-_MAX_POSITION_ITERATIONS = 50
-# Larger gaps [rad], or relative to the characteristic length, are closed in several steps: the
-# exact formulation stretches beams that turn by more than a radian at once.
-_MAX_CLOSED_GAP = 0.5
-_MAX_CLOSING_STEPS = 20
-_POSITION_TOLERANCE = 1e-12  # permitted gap, relative to its scale
-# Smaller gaps exceed the tolerances of accurate runs and of small mechanisms. They are closed, too,
-# as long as an iteration reduces them to this fraction, down to rounding errors: this multiple of
-# the scale of the gap and, where they are larger, of coordinates relative to their scales.
-_CLOSING_RATIO = 0.1
-_GAP_ROUNDING = 2e-15
-_RIGID_TIME = 1.0  # [s]; closing joints hardly excites modes of angular frequency above 1 / this
 # Bodies can begin to move rigidly if at most this fraction of the velocities at which the joints
 # open remains as an error.
 _RIGID_START_TOLERANCE = 1e-6
@@ -51,10 +43,6 @@ _ASYMMETRY_TOLERANCE = 1e-9  # rounding in a mass matrix, relative to its larges
 _MAX_EIGENVALUE_COORDINATES = 300  # beyond this, only the signs of the diagonal are checked
 _MAX_FRICTION_ITERATIONS = 50
 _FRICTION_TOLERANCE = 1e-10  # relative change; leaves room for badly scaled matrices
-
-# Coefficients (c0, c1, c2) of stiffness, damping and mass in the saddle-point matrix.
-_MASS_COEFFICIENTS = (0.0, 0.0, 1.0)
-_CLOSING_COEFFICIENTS = (_RIGID_TIME**2, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -103,24 +91,20 @@ class ConsistencySolver(StateEvaluator):
         v = self.with_state_rates(time, q, v)
         return State(q, v, *self.acceleration(time, q, v))
 
-    def close_positions(self, time: Array, q: Array) -> Array:
-        """Return the positions (n,) nearest to `q` at which the joints are closed, see `state`.
+    def close_positions(
+        self, time: Array, q: Array, requested: Mapping[int, float] | None = None
+    ) -> Array:
+        """Return the positions (n,) on the branch of `q` at which the joints are closed.
 
-        Large gaps are closed in several steps, in which beams move without being stretched.
+        `requested` are values of coordinates by index. See `close_joints`.
         """
-        gaps = self.position_gaps(time, q)
-        size = self._largest_gap(gaps)
-        if not _MAX_CLOSED_GAP < size < np.inf:
-            return self._close_gaps(time, q, q, np.zeros_like(gaps))
-        n_steps = min(math.ceil(size / _MAX_CLOSED_GAP), _MAX_CLOSING_STEPS)
-        closed_q = q
-        try:
-            for share in np.linspace(1.0, 0.0, n_steps + 1)[1:]:
-                closed_q = self._close_gaps(time, closed_q, q, share * gaps)
-        except BeamdaeError:
-            # Newton's method may fail in a step although it closes the gaps at once.
-            return self._close_gaps(time, q, q, np.zeros_like(gaps))
-        return closed_q
+
+        def solve(q: Array, coefficients: Coefficients, right: Array) -> Array:
+            return self._factorize(time, q, np.zeros(len(q)), coefficients)[0].solve(right)
+
+        values = requested or {}
+        selected = np.array(list(values), int)
+        return close_joints(self, time, q, solve, selected, np.array(list(values.values()), float))
 
     def with_state_rates(self, time: Array, q: Array, v: Array) -> Array:
         """Return velocities with the rates x' = f(t, q, v, x) of the first-order states."""
@@ -178,7 +162,7 @@ class ConsistencySolver(StateEvaluator):
     def mass_solver(self, time: Array, state: State) -> Callable[[Array], Array]:
         """Return the map from forces (n,) to accelerations (n,) of the constrained mechanism."""
         e = self.equations
-        solver, _ = self._factorize(time, state.q, state.v, _MASS_COEFFICIENTS)
+        solver, _ = self._factorize(time, state.q, state.v, MASS_COEFFICIENTS)
         return lambda force: solver.solve(np.concatenate([force, np.zeros(e.m)]))[: e.n]
 
     def evaluate_normal_jerk(
@@ -203,7 +187,7 @@ class ConsistencySolver(StateEvaluator):
         rate = (accelerations[0] - accelerations[1]) / (2.0 * delta)
         if holonomic_only:
             rate[e.nonholonomic_rows] = 0.0
-        solver, _ = self._factorize(time, q, v, _MASS_COEFFICIENTS)
+        solver, _ = self._factorize(time, q, v, MASS_COEFFICIENTS)
         return solver.solve(np.concatenate([np.zeros(e.n), -rate]))[: e.n]
 
     def require_inertia(self) -> None:
@@ -218,7 +202,7 @@ class ConsistencySolver(StateEvaluator):
             coordinate.
         """
         e, block = self.equations, self.sums.block
-        nonzeros = self.saddle_matrix(np.zeros(2), e.q0, e.v0, None, _MASS_COEFFICIENTS)
+        nonzeros = self.saddle_matrix(np.zeros(2), e.q0, e.v0, None, MASS_COEFFICIENTS)
         mass = nonzeros[block.entries]
         if not np.isfinite(mass).all():
             return
@@ -260,56 +244,6 @@ class ConsistencySolver(StateEvaluator):
                 f"{e.lam_names[worst]}: a law makes positions jump by {jump[worst]:.3g} (m or rad) "
                 f"at t = {time[0]:g} s; make the law continuous there."
             )
-
-    def _close_gaps(self, time: Array, q: Array, drawn: Array, gaps: Array) -> Array:
-        """Return positions near `q`, with least strain, at which these gaps (m,) remain."""
-        closed_q = self._close_joints(time, q, gaps)
-        gap = self._largest_gap(self.position_gaps(time, q) - gaps)
-        if closed_q is q or gap <= max(_POSITION_TOLERANCE, self._gap_rounding(q)):
-            return closed_q
-
-        def constraints(positions: Array) -> tuple[Array, sp.csc_array]:
-            open_gaps = self.position_gaps(time, positions) - gaps
-            return open_gaps, self.constraint_matrix(time, positions)
-
-        return minimize_strain(self, time, q, closed_q, drawn, constraints, _RIGID_TIME**2)
-
-    def _largest_gap(self, g: Array) -> float:
-        return float(np.max(np.abs(g) / self.equations.constraint_scales, initial=0.0))
-
-    def _gap_rounding(self, q: Array) -> float:
-        size = np.max(np.abs(q) / self.equations.position_scales, initial=0.0)
-        return float(_GAP_ROUNDING * (1.0 + size))
-
-    def _close_joints(self, time: Array, q: Array, gaps: Array) -> Array:
-        e = self.equations
-        zeros = np.zeros(e.n)
-        last_q, last_gap = q, np.inf
-        for _ in range(_MAX_POSITION_ITERATIONS):
-            g = self.position_gaps(time, q) - gaps
-            if not np.all(np.isfinite(g)):
-                name = e.lam_names[int(np.flatnonzero(~np.isfinite(g))[0])]
-                raise BeamdaeError(
-                    f"{name}: the constraint is not finite at t = {time[0]:g} s; check "
-                    "the laws and the start values."
-                )
-            gap = self._largest_gap(g)
-            is_stalled = gap <= _POSITION_TOLERANCE and gap > _CLOSING_RATIO * last_gap
-            if gap <= self._gap_rounding(q) or is_stalled:
-                return q if gap <= last_gap else last_q
-            require_independent_constraints(self, time, q)
-            solver, _ = self._factorize(time, q, zeros, _CLOSING_COEFFICIENTS)
-            change = solver.solve(np.concatenate([zeros, -g]))[: e.n]
-            change[e.states] = 0.0
-            last_q, last_gap = q, gap
-            q = q + change
-        worst = int(np.argmax(np.abs(g)))
-        raise BeamdaeError(
-            f"{e.lam_names[worst]}: the joints cannot be closed at t = {time[0]:g} s "
-            f"because a gap of {abs(g[worst]):.3g} (m or rad) remains after "
-            f"{_MAX_POSITION_ITERATIONS} iterations; check the dimensions of the "
-            "parts and the start values."
-        )
 
     def rigid_velocities(
         self, time: Array, q: Array, v: Array, prescribed: Sequence[int] = ()
@@ -388,11 +322,11 @@ class ConsistencySolver(StateEvaluator):
         g_dot = self.constraint_levels(time, q, v)[1]
         if e.m == 0 or not np.any(g_dot):
             return v
-        solver, _ = self._factorize(time, q, v, _MASS_COEFFICIENTS)
+        solver, _ = self._factorize(time, q, v, MASS_COEFFICIENTS)
         return v + solver.solve(np.concatenate([np.zeros(e.n), -g_dot]))[: e.n]
 
     def _factorize(
-        self, time: Array, q: Array, v: Array, coefficients: tuple[float, float, float]
+        self, time: Array, q: Array, v: Array, coefficients: Coefficients
     ) -> tuple[Factorization, Array]:
         """Factorize the saddle-point matrix; return the solver and F.
 
@@ -404,9 +338,7 @@ class ConsistencySolver(StateEvaluator):
         )
         return self._solver, force
 
-    def _renew_factors(
-        self, time: Array, q: Array, v: Array, coefficients: tuple[float, float, float]
-    ) -> Array:
+    def _renew_factors(self, time: Array, q: Array, v: Array, coefficients: Coefficients) -> Array:
         """Factorize the saddle-point matrix; return F."""
         e, solver, pattern = self.equations, self._solver, self.sums.saddle_pattern
         force = self.force(time, q, v)

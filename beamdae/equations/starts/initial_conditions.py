@@ -12,8 +12,8 @@ import scipy.sparse as sp
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.smooth_intervals import time_on_branch
+from beamdae.equations.starts.closing import solve_least_change
 from beamdae.equations.starts.consistent_start import ConsistencySolver, velocity_size
-from beamdae.equations.starts.least_strain import minimize_strain, solve_least_change
 from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
 from beamdae.equations.starts.relaxation import relax_to_equilibrium
 from beamdae.equations.starts.steady_rotation import find_steady_rotation, rotation_velocities
@@ -26,13 +26,10 @@ from beamdae.symbolic.sparse_operators import build_selection
 Array = np.ndarray
 
 _RATE_SUFFIX = "_dot"
-_MAX_APPROACH_STEP = 0.2  # in units of `position_scales`; keeps Newton's method convergent
-_CLOSED_TOLERANCE = 1e-11  # permitted gap, relative to its scale
 _VELOCITY_TOLERANCE = 1e-8  # permitted relative rate of a gap, relative to `velocity_size`
 # A speed that differs less from that of the drivers, relative to it, was rounded to six digits.
 _MAX_SPEED_ROUNDING = 5e-6
 _CENTERS = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))  # [m], of rotations that are compared
-_MAX_ITERATIONS = 30
 _MAX_NAMES = 4  # in a sentence
 
 
@@ -87,7 +84,7 @@ def _solve_initial_conditions(
         requested_q, requested_v = np.array(equations.q0), np.array(equations.v0)
         requested_q[list(positions)] = list(positions.values())
         requested_v[list(velocities)] = list(velocities.values())
-        q = _close_with_positions(independent, time, positions)
+        q = ConsistencySolver(independent).close_positions(time, independent.q0, positions)
         v = _project_velocities(independent, time, q, requested_v, list(velocities))
         description = ", ".join(f"{name} = {value:g}" for name, value in start.items())
         request = Start(description or AS_DRAWN, requested_q, requested_v, bool(positions))
@@ -218,68 +215,6 @@ def _split_by_kind(
     positions = {index[name]: value for name, value in values.items() if name in index}
     velocities = {rates[x]: value for x, value in values.items() if x in rates and x not in index}
     return positions, velocities
-
-
-def _close_with_positions(
-    e: EquationsOfMotion, time: Array, prescribed: Mapping[int, float]
-) -> Array:
-    """Return positions (n,) with the prescribed values that satisfy the constraints."""
-    solver, selection = ConsistencySolver(e), build_selection(list(prescribed), e.n)
-    q = drawn_q = solver.state(time, e.q0, e.v0).q
-    if not prescribed:
-        return q
-    begin, end = selection @ q, np.array(list(prescribed.values()))
-    change = np.max(np.abs(end - begin) / (selection @ e.position_scales))
-    # Intermediate values may contradict each other; such steps are skipped.
-    for share in np.linspace(0.0, 1.0, int(np.ceil(change / _MAX_APPROACH_STEP)) + 1)[1:-1]:
-        values = begin + share * (end - begin)
-        nearer, gaps = _impose_positions(solver, time, q, drawn_q, selection, values)
-        q = nearer if _is_closed(e, selection, gaps) else q
-    q, gaps = _impose_positions(solver, time, q, drawn_q, selection, end)
-    if not _is_closed(e, selection, gaps):
-        values = ", ".join(f"{e.q_names[k]} = {value:g}" for k, value in prescribed.items())
-        joint_gaps, remaining = np.abs(gaps[: e.m]), ""
-        if e.m and np.all(np.isfinite(joint_gaps)):
-            worst = int(np.argmax(joint_gaps))
-            remaining = f" (gap of {joint_gaps[worst]:.3g} m or rad at {e.lam_names[worst]})"
-        raise BeamdaeError(
-            f"start: the joints cannot be closed with {values}{remaining}; specify "
-            "fewer or different positions."
-        )
-    q[list(prescribed)] = end
-    return q
-
-
-def _impose_positions(
-    solver: ConsistencySolver,
-    time: Array,
-    begin: Array,
-    drawn_q: Array,
-    selection: sp.csr_array,
-    values: Array,
-) -> tuple[Array, Array]:
-    """Return positions whose selected coordinates have `values`, and the remaining gaps."""
-
-    def constraints(q: Array) -> tuple[Array, sp.csc_array]:
-        gaps = np.concatenate([solver.position_gaps(time, q), selection @ q - values])
-        return gaps, sp.vstack([solver.constraint_matrix(time, q), selection])
-
-    e, q = solver.equations, begin
-    for _ in range(_MAX_ITERATIONS):
-        gaps, rows = constraints(q)
-        if _is_closed(e, selection, gaps) or not np.all(np.isfinite(gaps)):
-            break
-        stiffness, _, mass = solver.linearize_forces(time, solver.rest_state(q))
-        q = q + solve_least_change(stiffness + mass, rows, -gaps)
-    if q is begin or not _is_closed(e, selection, gaps):
-        return q, gaps
-    q = minimize_strain(solver, time, begin, q, drawn_q, constraints, 1.0)
-    return q, constraints(q)[0]
-
-
-def _is_closed(e: EquationsOfMotion, selection: sp.csr_array, gaps: Array) -> bool:
-    scales = np.concatenate([e.constraint_scales, selection @ e.position_scales])
-    return bool(np.max(np.abs(gaps) / scales, initial=0.0) <= _CLOSED_TOLERANCE)
 
 
 def _project_velocities(

@@ -18,8 +18,8 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.friction_sliding import SlidingTerm
+from beamdae.equations.starts.closing import solve_least_change
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.least_strain import solve_least_change
 from beamdae.parts.forces.regularized_friction import RegularizedFriction
 
 Array = np.ndarray

@@ -10,8 +10,8 @@ import numpy as np
 from beamdae.beams.beam import BeamAttachment
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.part_warnings import starts_in_equilibrium
+from beamdae.equations.starts.closing import solve_least_change
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.least_strain import solve_least_change
 from beamdae.equations.starts.mobility import find_loose_groups
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.errors import list_first, name_with_others
