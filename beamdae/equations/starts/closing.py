@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -122,7 +122,9 @@ def close_joints(
     if len(selected):
         leading = path.select_independent(selected)
         path = _Path(evaluator, time, q, solve, selected[leading], values[leading])
-    closed_q = path.follow(partial(_describe_failure, path, selected, values))
+    closed_q, remaining = path.follow()
+    if remaining:
+        raise _describe_failure(path, selected, values, closed_q, remaining)
     scales = evaluator.equations.position_scales[selected]
     errors = np.abs(closed_q[selected] - values) / scales
     if np.max(errors, initial=0.0) > _AGREEMENT_TOLERANCE:
@@ -200,11 +202,10 @@ class _Path:
     def drawn_gaps(self) -> Array:
         return self._gaps(self.drawn)
 
-    def follow(self, describe_failure: Callable[[Array, float], BeamdaeError]) -> Array:
-        """Return the positions at the end of the path, or `drawn` itself if no gap is open.
+    def follow(self) -> tuple[Array, float]:
+        """Return the last positions (`drawn` itself if no gap is open), and the share of the gaps.
 
-        `describe_failure` returns an error, given the last positions and the fraction of the gaps
-        that remains.
+        The share that remains is zero unless the path ends before.
         """
         q, remaining, step = self.drawn, 1.0, 1.0
         if not np.all(np.isfinite(self.drawn_gaps)):
@@ -214,7 +215,7 @@ class _Path:
                 "and the start values."
             )
         if self._size(self.drawn_gaps) <= self._rounding(q):
-            return q
+            return q, 0.0
         require_independent_constraints(self.evaluator, self.time, q)
         while remaining > 0.0:
             rotation = self._rotation(self._least_change(q, self.drawn_gaps))
@@ -224,12 +225,12 @@ class _Path:
             if next_q is None and step <= _MIN_STEP:
                 next_q = self._take_step(q, end, _MAX_LAST_CONTRACTION)
                 if next_q is None:
-                    raise describe_failure(q, remaining)
+                    return q, remaining
             if next_q is None:
                 step /= _STEP_FACTOR
             else:
                 q, remaining, step = next_q, end, step * _STEP_FACTOR
-        return q
+        return q, remaining
 
     def select_independent(self, selected: Array) -> Array:
         """Return the positions in `selected` of coordinates that can move independently."""
@@ -264,7 +265,7 @@ class _Path:
     def _least_change(self, q: Array, gaps: Array, force: Array | float = 0.0) -> Array:
         """Return the x with x . W x / 2 - x . force minimal, W = M + T^2 K, by which gaps vanish.
 
-        First-order states do not change.
+        First-order states that are not selected do not change.
         """
         e = self.evaluator.equations
         right = np.concatenate([np.zeros(e.n) + force, -gaps[: e.m]])
@@ -273,7 +274,8 @@ class _Path:
             responses = self._respond(q, _CLOSING_COEFFICIENTS, self.selected)
             missing = -gaps[e.m :] - change[self.selected]
             change = change + responses @ np.linalg.solve(responses[self.selected], missing)
-        return e.without_states(change)
+        change[np.setdiff1d(e.states, self.selected)] = 0.0
+        return change
 
     def _take_step(self, begin: Array, remaining: float, max_contraction: float) -> Array | None:
         """Return the positions near `begin` at which this fraction of the gaps remains, or None."""
