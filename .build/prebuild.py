@@ -46,7 +46,6 @@ from beamdae.equations.starts.state_evaluator import plan_state_sums  # noqa: E4
 from beamdae.integrators.alpha import generalized_alpha  # noqa: E402
 from beamdae.native import lane_kernels, llvm, loops, object_code, prebuilt_objects  # noqa: E402
 from beamdae.parts.part import Part  # noqa: E402
-from beamdae.results.storage.number_text import format_rows  # noqa: E402
 from beamdae.symbolic.sums.sum_evaluator import SumEvaluator  # noqa: E402
 
 # Without x86-64-v2 (before AVX2, of 2013), for which LLVM takes four to six times as long.
@@ -95,7 +94,7 @@ def compile_objects(folder: Path) -> None:
     targets = [host._replace(cpu=cpu) for cpu in _LEVELS[: _LEVELS.index(host.cpu) + 1]]
     recorder = Recorder()
     lane_kernels.load_object = loops.load_object = recorder
-    exercises = (model_runs, sample_runs, derivative_runs, single_state_runs, text_runs)
+    exercises = (model_runs, sample_runs, derivative_runs, single_state_runs)
     for exercise in chain.from_iterable(make() for make in exercises):
         with suppress(bd.BeamdaeError):
             exercise()
@@ -193,11 +192,6 @@ def single_state_runs() -> Iterator[Callable[[], Any]]:
     evaluator = SumEvaluator(plan_state_sums(equations.structure).motion, equations.p)
     n, m = equations.n, equations.m
     yield partial(evaluator.load_native, 3 * n + m, n + 3 * m, compiles=True)
-
-
-def text_runs() -> Iterator[Callable[[], Any]]:
-    """Yield the formatting of a table that is large enough to be formatted in machine code."""
-    yield partial(format_rows, np.zeros((1000, 2)))
 
 
 def sample_mechanism(beam: dict[str, Any]) -> tuple[Any, SampleMechanism]:

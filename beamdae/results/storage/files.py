@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import orjson
 
 from beamdae.errors import (
     BeamdaeError,
@@ -29,7 +30,6 @@ from beamdae.errors import (
 )
 from beamdae.package_versions import installed_version
 from beamdae.results.outcome import Status
-from beamdae.results.storage.number_text import format_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -154,8 +154,7 @@ def _write_columns(
         if arrays and all(array.dtype.kind == "f" for array in arrays):
             for first in range(0, len(arrays[0]), _BLOCK_ROWS):
                 block = [array[first : first + _BLOCK_ROWS] for array in arrays]
-                # Compiling takes longer than formatting most tables with `repr`.
-                text = format_rows(np.column_stack(block), compiles=False)
+                text = format_rows(np.column_stack(block))
                 if has_other_signs:
                     text = text.translate(signs)
                 file.write(text.replace("\n", os.linesep))
@@ -163,6 +162,20 @@ def _write_columns(
         # Joining formatted numbers is twice as fast as csv.writer.
         rows = zip(*(_format_cells(x, sep, decimal) for x in arrays), strict=True)
         file.writelines(sep.join(row) + os.linesep for row in rows)
+
+
+def format_rows(rows: np.ndarray) -> str:
+    """Return rows of numbers (k, columns) as lines of comma-separated values.
+
+    Numbers have the shortest text that is read back as the same number; NaN is empty.
+    """
+    if np.isinf(rows).any():
+        # JSON has no infinity.
+        lines = (",".join(map(repr, row)) for row in rows.tolist())
+        return "".join(f"{line}\n" for line in lines).replace("nan", "")
+    text = orjson.dumps(np.ascontiguousarray(rows), option=orjson.OPT_SERIALIZE_NUMPY).decode()
+    lines_of_text = text[2:-2].replace("],[", "\n").replace("null", "")
+    return f"{lines_of_text}\n" if len(rows) else ""
 
 
 def _format_cells(column: np.ndarray, sep: str, decimal: str) -> list[str]:

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from beamdae.results.storage.files import escape_cell
-from beamdae.results.storage.number_text import format_rows
+from beamdae.results.storage.files import escape_cell, format_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,8 +25,8 @@ _NUMBER_CHARACTERS = b"0123456789+-.eEnaif"
 def format_trajectory(table: pd.DataFrame) -> bytes:
     """Return a table of floats as CSV text in UTF-8.
 
-    Except for escaped headers (see `escape_cell`), the result equals the output of
-    `DataFrame.to_csv`, which takes ten times as long.
+    Except for escaped headers (see `escape_cell`) and exponents of numbers, the result equals the
+    output of `DataFrame.to_csv`, which takes ten times as long.
     """
     rows = np.column_stack([table.index.to_numpy(float), table.to_numpy(float)])
     return format_numbers(str(table.index.name), [str(c) for c in table], rows)
