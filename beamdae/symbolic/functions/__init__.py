@@ -1,5 +1,5 @@
 """CasADi functions: their instructions, lookups in tables, and calls with numpy arrays.
 
 May import: native.
-To extend: operations of CasADi without machine code belong in `row_programs`.
+To extend: an operation of CasADi that a lookup or a derivative needs has a module of its own.
 """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any, TypeVar
 
 import casadi as ca
@@ -12,7 +11,6 @@ import numpy as np
 
 from beamdae.symbolic.functions.powers import expand_powers
 from beamdae.symbolic.functions.row_kernels import RowKernels, evaluate_copies, evaluate_rows
-from beamdae.symbolic.functions.row_programs import RowProgram, can_vectorize
 from beamdae.symbolic.functions.table_lookups import has_lookups, jacobian, weighted_derivative
 
 Array = np.ndarray
@@ -20,14 +18,6 @@ _Mapped = TypeVar("_Mapped")
 
 _MAX_MAPPED_ROWS = 128
 _MAPPED_ROWS_MULTIPLE = 16  # of blocks of more rows in total, so that few sizes are mapped
-# From this number of rows on, NumPy operations on columns are faster than the virtual machine.
-_MIN_PROGRAM_ROWS = 200
-# Number of rows of a program, whose columns then stay in the processor cache.
-_MAX_PROGRAM_ROWS = 1024
-# Numbers of points of a program for copies, and of rows among them. Copies share nothing but few
-# operations on their data, so that more points are faster.
-_MAX_COPY_POINTS = 4096
-_MAX_COPY_ROWS = 512
 # Number of mapped functions that are cached per function: runs differ in their last, shorter block.
 MAX_MAPPED_FUNCTIONS = 16
 
@@ -106,28 +96,27 @@ class _MappedEvaluator:
 
 
 class _EvaluatorPool:
-    """Evaluators of one function, which are reused because creating one takes as long as a call.
+    """Evaluators of one mapped function, reused because creating one takes as long as a call.
 
     Each evaluator is used by one thread at a time.
     """
 
-    def __init__(self, create: type[Any], function: ca.Function, shape: Any) -> None:
-        self._recipe = create, function, shape
-        self._idle: list[Any] = []
+    def __init__(self, mapped: ca.Function, count: int) -> None:
+        self._recipe = mapped, count
+        self._idle: list[_MappedEvaluator] = []
 
     def __reduce__(self) -> Any:
         return _EvaluatorPool, self._recipe
 
-    def acquire(self) -> Any:
+    def acquire(self) -> _MappedEvaluator:
         """Return an evaluator, which belongs to the caller until `release`."""
         try:
             # Not a test of the length, because a concurrent thread may take the last one.
             return self._idle.pop()
         except IndexError:
-            create, function, shape = self._recipe
-            return create(function, shape)
+            return _MappedEvaluator(*self._recipe)
 
-    def release(self, evaluator: Any) -> None:
+    def release(self, evaluator: _MappedEvaluator) -> None:
         """Let other callers use the evaluator."""
         self._idle.append(evaluator)
 
@@ -138,7 +127,6 @@ class RowFunction:
     def __init__(self, function: ca.Function) -> None:
         self._function = function
         self._mapped_functions: dict[tuple[int, ...], _EvaluatorPool] = {}
-        self._programs: dict[Any, _EvaluatorPool] = {}
         self._derivatives: dict[int, RowFunction] = {}
         self._outputs: dict[int, RowFunction] = {}
         self._weighted_gradient: RowFunction | None = None
@@ -159,10 +147,8 @@ class RowFunction:
         if (kernel := self._kernels.find(tuple(shared), rows)) is not None:
             evaluate_rows(kernel, arguments, result)
             return result
-        is_program = rows >= _MIN_PROGRAM_ROWS and self._can_vectorize
-        count = min(rows, _MAX_PROGRAM_ROWS) if is_program else _balance_blocks(rows)
-        shapes = ((count,),) * len(arguments)
-        pool = self._program(shapes) if is_program else self._map(count, shared)
+        count = _balance_blocks(rows)
+        pool = self._map(count, shared)
         evaluator = pool.acquire()
         # The last chunk overlaps the previous chunk, because mapping to another size costs more.
         for first in [*range(0, rows - count, count), rows - count]:
@@ -192,28 +178,8 @@ class RowFunction:
             result = np.empty((self._function.nnz_out(0), copies, rows))
             evaluate_copies(kernel, columns, data, result)
             return result
-        if rows < _MIN_PROGRAM_ROWS or not self._can_vectorize:
-            values = self(columns.transpose(2, 0, 1).reshape(-1, size), np.tile(data.T, (rows, 1)))
-            return values.reshape(rows, copies, -1).transpose(2, 1, 0)
-        result = np.empty((self._function.nnz_out(0), copies, rows))
-        n_rows = min(rows, _MAX_COPY_ROWS)
-        n_copies = min(copies, max(_MAX_COPY_POINTS // n_rows, 1))
-        pool = self._program(((n_copies, n_rows), (n_copies, 1)))
-        program = pool.acquire()
-        # The last blocks overlap the previous blocks.
-        for copy in [*range(0, copies - n_copies, n_copies), copies - n_copies]:
-            block = slice(copy, copy + n_copies)
-            program.inputs[1][..., 0] = data[:, block]
-            for row in [*range(0, rows - n_rows, n_rows), rows - n_rows]:
-                chunk = slice(row, row + n_rows)
-                program.inputs[0][:] = columns[block, :, chunk].swapaxes(0, 1)
-                result[:, block, chunk] = program()
-        pool.release(program)
-        return result
-
-    @cached_property
-    def _can_vectorize(self) -> bool:
-        return can_vectorize(self._function)
+        values = self(columns.transpose(2, 0, 1).reshape(-1, size), np.tile(data.T, (rows, 1)))
+        return values.reshape(rows, copies, -1).transpose(2, 1, 0)
 
     def express(self, *symbols: ca.SX) -> ca.SX:
         """Return the outputs as an expression in symbols, one column per argument."""
@@ -289,17 +255,9 @@ class RowFunction:
         if mapped is None:
             name = function.name()
             function = function.map(name, "serial", count, shared, []) if count > 1 else function
-            mapped = _EvaluatorPool(_MappedEvaluator, function, count)
+            mapped = _EvaluatorPool(function, count)
             keep_latest(self._mapped_functions, key, mapped)
         return mapped
-
-    def _program(self, shapes: tuple[tuple[int, ...], ...]) -> _EvaluatorPool:
-        """Return programs for these shapes; cached, because building one takes milliseconds."""
-        programs = self._programs.get(shapes)
-        if programs is None:
-            programs = _EvaluatorPool(RowProgram, self._function, shapes)
-            keep_latest(self._programs, shapes, programs)
-        return programs
 
     def jacobians(self, *arguments: Array) -> list[Array]:
         """Return the dense Jacobians at one point: an array (size, k) per argument (k,)."""

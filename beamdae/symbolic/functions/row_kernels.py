@@ -1,7 +1,7 @@
 """Machine code of row functions that a process evaluates often, usually in many runs.
 
-Loading or compiling machine code takes longer than the rows of a single run take in NumPy or in
-CasADi's virtual machine. A function is therefore compiled once its rows, in all runs of a process,
+Loading or compiling machine code takes longer than the rows of a single run take in CasADi's
+virtual machine. A function is therefore compiled once its rows, in all runs of a process,
 have taken about as long as the compiler takes. Results have the same bits in any case. The same
 holds for sums that are evaluated at single states, see `sum_evaluator`.
 """
@@ -29,7 +29,7 @@ _MAX_ROWS = 1024
 # takes 2 to 4 ms, and compiled, which takes 20 ms and 0.05 ms an instruction.
 _OPERATIONS_BEFORE_LOADING = 3e6
 _OPERATIONS_BEFORE_COMPILING = 5e7
-# Numbers of instructions from which on compilers take as long as 10 000 rows in NumPy, and from
+# Numbers of instructions from which on compilers take as long as 10 000 rows, and from
 # which on they take longer for each instruction: for 12 000 instructions one second, for 65 000,
 # such as those of the largest stress along a beam of 32 elements, 18 seconds.
 _MANY_INSTRUCTIONS, _TOO_MANY_INSTRUCTIONS = 5000, 20_000
