@@ -65,8 +65,15 @@ from beamdae.parts.mechanism import AS_DRAWN, Mechanism, require_start
 from beamdae.parts.rotation import Rotation
 from beamdae.read_only import read_only_data
 from beamdae.report.terminal.check_report import describe_check
-from beamdae.results.columns import mark_resting_columns, mark_vanishing_columns
+from beamdae.results.columns import (
+    Header,
+    largest_by,
+    mark_resting_columns,
+    mark_vanishing_columns,
+    subtract_drawing,
+)
 from beamdae.results.diagnostics.contacts.deep_contacts import deep_start_warnings
+from beamdae.results.diagnostics.rest import is_motionless
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
@@ -209,10 +216,10 @@ class Check:
         that change by more than 3 % if all elements are halved, and beams without damping in runs
         with more than 50 000 predicted steps.
     mesh_errors
-        Change of observed columns if all elements are halved (root mean square, relative to the
-        deviation of the column from its mean), by header. Measured for accelerations, and with
-        contacts, impacts and loads that move along beams for all columns, if the predicted run is
-        complete; otherwise empty.
+        Change of observed columns if all elements are halved (root mean square, relative to that of
+        the column, or of its displacement from the drawing), by header. Measured for accelerations,
+        and with contacts, impacts and loads that move along beams for all columns, if the predicted
+        run is complete and something moves; otherwise empty.
     free_groups
         Groups of `loose` that no spring or other force holds in place, without bodies of contacts.
         Empty for models with inactive parts.
@@ -533,10 +540,10 @@ def _measure_mesh_errors(
 ) -> dict[str, float]:
     """Return the root mean square of the change of each observed column with halved elements.
 
-    It is relative to the root mean square of the deviation of the column from its mean. The meshes
-    are only compared if loads or accelerations need finer ones than the deflections: with contacts,
+    It is relative to that of the column, or of its displacement from the drawing. The meshes are
+    only compared if loads or accelerations need finer ones than the deflections: with contacts,
     impacts and loads that move along beams, and for columns of accelerations. Empty if a run stops
-    early.
+    early or nothing moves.
     """
     mechanism = equations.mechanism
     if mechanism is None or not solution.status.success or len(solution.t) < _MIN_ROWS:
@@ -547,7 +554,7 @@ def _measure_mesh_errors(
     ) or any(select_impacts(event.do) for event in mechanism.events)
     columns = [
         name
-        for name in solution.columns
+        for name in solution._extremes_above_rounding
         if has_abrupt_loads or split_unit(name)[1] in _UNITS_OF_ACCELERATIONS
     ]
     meshes = {
@@ -555,7 +562,7 @@ def _measure_mesh_errors(
         for name, base in choose_base_meshes(mechanism, 1).items()
         if not base.fixed_by
     }
-    if not columns or not meshes:
+    if not columns or not meshes or is_motionless(equations, solution.trajectory):
         return {}
     fine = as_equations("check", with_meshes(mechanism, meshes, {}), start)
     other = _BriefRun(fine, Auto(), end, _MAX_LOOSE_TIME).solution
@@ -565,16 +572,19 @@ def _measure_mesh_errors(
     rows, others = (
         np.column_stack([x.columns[name] for name in headers]) for x in (solution, other)
     )
-    ranges = 0.5 * np.ptp(rows, axis=0)
+    changes, sizes = (
+        np.sqrt(np.mean(x**2, axis=0)) for x in (others - rows, subtract_drawing(equations, rows))
+    )
     rate = 2.0 * np.pi / end  # of the slowest vibration within the run
-    at_rest = mark_resting_columns(headers, rows, ranges, equations.length, rate)
-    at_rest |= mark_vanishing_columns(headers, ranges, equations.length)
-    changes = np.sqrt(np.mean((others - rows) ** 2, axis=0))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        errors = dict(zip(headers, (changes / np.std(rows, axis=0)).tolist(), strict=True))
-    is_finite = np.isfinite(list(errors.values())) & ~at_rest
+    at_rest = mark_resting_columns(headers, rows, sizes, equations.length, rate)
+    at_rest |= mark_vanishing_columns(headers, sizes, equations.length)
+    # Components of a vector are compared with the largest one.
+    vectors = [f"{x.name} [{x.unit}]" for x in map(Header.of, headers)]
+    largest = largest_by(vectors, sizes)
     return {
-        x: errors[x] for x, valid in zip(headers, is_finite, strict=True) if valid and x in columns
+        header: float(change / largest[vector])
+        for header, change, vector, rests in zip(headers, changes, vectors, at_rest, strict=True)
+        if header in columns and not rests and np.isfinite(change)
     }
 
 
@@ -589,8 +599,8 @@ def _mesh_warning(errors: dict[str, float]) -> Iterator[str]:
         more = list_first([f"{name} by {change}" for name, change in others], _MAX_MESH_COLUMNS)
         also = f"; it also changes {more}" * bool(more)
         yield (
-            f"{column}: halving all elements changes the column by {largest} of its deviation "
-            f"from the mean (root mean square){also}; use more elements."
+            f"{column}: halving all elements changes the column by {largest} (root "
+            f"mean square){also}; use more elements."
         )
 
 

@@ -704,3 +704,25 @@ def test_regression_motions_that_vanish_by_symmetry_have_no_mesh_error():
     assert max(report.mesh_errors.values()) < 0.01
     assert {"top.y [m]", "top.y_dot [m/s]"} <= set(report.mesh_errors)
     assert not set(report.mesh_errors) & {"top.angle [rad]", "top.angle_dot [rad/s]", "top.x [m]"}
+
+
+@pytest.mark.slow(reason="two runs with a contact")
+@pytest.mark.parametrize("change", [0.0, 1e-6, 1e-3])
+def test_regression_mesh_errors_of_nearly_constant_columns_are_relative_to_their_values(change):
+    """Deviations from the mean of a stress were compared, and changed by thousands of percent."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
+    strip = bd.Section.rectangle(bd.Material.of("steel"), 10e-3, 0.3e-3, damping=1e-5)
+    leaf = mech.add(
+        bd.Beam("leaf", bd.Line((0, 0), (0.06, 0)), strip, elements=1, formulation="exact")
+    )
+    root = mech.add(bd.Weld("root", mech.ground.at(0, 0), leaf.start))
+    rest = {"restitution": 0.5, "impact_speed": 0.01}
+    stop = bd.LineSurface(mech.ground.at(0, -1e-4))
+    mech.add(bd.Contact("stop", leaf.end, stop, 2e5, exponent=1, **rest))
+    law = bd.table([0, 0.1], [-0.05, -0.05 * (1 + change)], kind="linear")
+    mech.add(bd.Force("push", leaf.at(0.03), (0, law)))
+    mech.observe("stress", leaf.largest_stress())
+    mech.observe("root", root.reaction)
+    report = bd.check(mech, t_end=0.1)
+    assert not [x for x in report.warnings if "halving" in x]
+    assert max(report.mesh_errors.values(), default=0.0) < 0.01

@@ -571,28 +571,30 @@ def measure_amplitudes(
     """
     headers, length = equations.observed_headers, equations.length
     half_range = 0.5 * np.ptp(rows, axis=0)
-    largest = np.max(np.abs(rows), axis=0)
     sizes = {"m": length, "rad": 1.0}
     limits = np.array([sizes.get(Header.of(header).unit, np.inf) for header in headers])
-    is_placement = np.isfinite(limits)
-    if is_placement.any():
-        displacements = np.max(np.abs(rows - _drawn_columns(equations)), axis=0)
-        # Of positions far from the origin, rounding errors remain.
-        displacements[displacements <= _REST_TO_VALUES_RATIO * largest] = 0.0
-        largest = np.where(is_placement, np.minimum(displacements, limits), largest)
+    largest = np.minimum(np.max(np.abs(subtract_drawing(equations, rows)), axis=0), limits)
     is_constant = mark_constant_columns(headers, rows, half_range, length, rtol)
     is_constant &= (half_range <= _MAX_ERROR_TO_VALUE_RATIO * largest) & (largest > 0.0)
     return np.where(is_constant, largest, half_range), is_constant
 
 
-def _drawn_columns(equations: EquationsOfMotion) -> np.ndarray:
-    """Return the observed columns in the reference configuration without velocities, (columns,)."""
+def subtract_drawing(equations: EquationsOfMotion, rows: np.ndarray) -> np.ndarray:
+    """Return observed columns (k, columns), with displacements for positions and angles.
+
+    Displacements are those from the drawing. They do not depend on the origin, of which their
+    rounding errors are removed.
+    """
+    is_placement = [Header.of(x).unit in UNITS_OF_POSITIONS for x in equations.observed_headers]
+    if not any(is_placement):
+        return rows
     mechanism, q, zero = equations.mechanism, equations.q0, np.zeros((1, equations.n))
     if mechanism is not None:
         q = np.concatenate([part.initial_position for part in mechanism.parts.values()])
-    return ObservedRows(equations)(
-        np.zeros((1, 2)), q[None], zero, zero, np.zeros((1, equations.m))
-    )[0]
+    time, lam = np.zeros((1, 2)), np.zeros((1, equations.m))
+    displacements = rows - ObservedRows(equations)(time, q[None], zero, zero, lam)[0]
+    is_rounding = np.abs(displacements) <= _REST_TO_VALUES_RATIO * np.max(np.abs(rows), axis=0)
+    return np.where(is_placement, np.where(is_rounding, 0.0, displacements), rows)
 
 
 def mark_unresolved_columns(
