@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -191,6 +191,21 @@ def rotate(angle: Any, vector: Any) -> SX:
     """Return the vector (x, y), rotated counter-clockwise by `angle` [rad], as a column."""
     c, s = ca.cos(angle), ca.sin(angle)
     return ca.vertcat(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1])
+
+
+def measure_extent(bodies: Iterable[Any], attached: Iterable[Any] = ()) -> float:
+    """Return the largest distance [m] between points of a drawing; 0 without points.
+
+    Parameters
+    ----------
+    bodies
+        Parts whose outlines count.
+    attached
+        Parts whose attachments count, such as joints and springs.
+    """
+    outlines = [np.reshape(x.outline, (-1, 2)) for x in bodies]
+    points = [np.reshape(x.point, (1, 2)) for part in attached for x in part.attachments]
+    return largest_distance(np.concatenate([np.zeros((0, 2)), *outlines, *points]))
 
 
 def largest_distance(points: np.ndarray) -> float:

@@ -325,6 +325,29 @@ def test_small_motions_to_the_equilibrium_have_no_warning():
     assert findings.verdict == "ready to run"
 
 
+@pytest.mark.parametrize("size", [1.0, 1e-3])
+@pytest.mark.parametrize("support", [bd.Spring, bd.SpringDamper, bd.Contact])
+def test_regression_deflections_of_long_springs_are_no_falls(support, size):
+    """Only the distance of the joint counted, not the length of the bar, a spring."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    node = mech.add(bd.PointMass("node", 1.0, at=(100.0 * size, size)))
+    guide = mech.ground.at(100.0 * size, 0.0)
+    mech.add(bd.PointOnLine("guide", guide, node.point, (0.0, 1.0)))
+    mech.add(bd.Spring("bar", mech.ground.at(0.0, 0.0), node.point, 1.0 / size))
+    if support is bd.Contact:
+        # Drawn with a penetration, because an open contact has no stiffness.
+        floor = bd.LineSurface(mech.ground.at(0.0, 1.01 * size))
+        mech.add(bd.Contact("support", node.point, floor, 10.0 / size, exponent=1.0))
+    else:
+        values = (10.0 / size, 1.0 / size)[: 1 + (support is bd.SpringDamper)]
+        mech.add(support("support", mech.ground.at(100.0 * size, -size), node.point, *values))
+    path = bd.equilibrium(mech, to=1.0)
+    unloaded = 1.01 if support is bd.Contact else 1.0
+    # The bar is nearly horizontal: its vertical force is below 1e-3 of the weight.
+    assert path.q[-1, 1] == pytest.approx((unloaded - 0.981) * size, abs=1e-3 * size)
+    assert not path.warnings
+
+
 @pytest.mark.slow(reason="a fifth of a second")
 def test_beams_that_bend_far_to_the_equilibrium_have_no_warning():
     mech = bd.Mechanism(gravity=(0.0, -9.81))

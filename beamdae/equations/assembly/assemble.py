@@ -39,7 +39,7 @@ from beamdae.errors import (
     warn_user,
 )
 from beamdae.memory import require_memory
-from beamdae.parts.attachments import largest_distance
+from beamdae.parts.attachments import measure_extent
 from beamdae.parts.control.controller import select_controllers
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import AS_DRAWN, MINIMUM_NORM, Mechanism, require_start
@@ -131,7 +131,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     ranges: list[RangeStatement] = []
     # The outlines of the bodies and the attachments of joints determine the size of the mechanism;
     # a single point mass without joints has that of its springs.
-    outlines = {id(part): [np.asarray(part.outline, float)] for part in parts}
+    joints = set()
     for part in parts:
         part_forces, part_constraints, part_ranges = collect_statements(
             part, mechanism.gravity, coordinate_map.sizes
@@ -143,14 +143,14 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         constraints += part_constraints
         ranges += part_ranges
         if part_constraints:
-            outlines[id(part)] += [np.reshape(x.point, (1, 2)) for x in part.attachments]
+            joints.add(id(part))
     for name, quantity in snapshot.observables.items():
         require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
         _require_load_exists(name, quantity, mechanism)
 
     def measure(members: Sequence[Part]) -> float:
-        points = np.concatenate([points for part in members for points in outlines[id(part)]])
-        return largest_distance(points) or _shortest_connection(members)
+        extent = measure_extent(members, [x for x in members if id(x) in joints])
+        return extent or _shortest_connection(members)
 
     length = measure(parts) or 1.0
     groups = _connected_parts(parts, coordinate_map)
@@ -211,11 +211,7 @@ def _shortest_connection(parts: Sequence[Part]) -> float:
 
     It is 0 without such parts. A long spring may only approximate a force in one direction.
     """
-    distances = [
-        largest_distance(np.array([attachment.point for attachment in part.attachments], float))
-        for part in parts
-        if part.acts_between_attachments
-    ]
+    distances = [measure_extent((), [part]) for part in parts if part.acts_between_attachments]
     return min((x for x in distances if x > 0.0), default=0.0)
 
 
@@ -291,7 +287,7 @@ def _part_coordinates(
         PartCoordinates(
             part.name,
             coordinate_map.slice_of(part),
-            part.scale or largest_distance(np.asarray(part.outline, float)) or length,
+            part.scale or measure_extent([part]) or length,
             group_sizes[id(part)],
             part.rigid_coordinate_count,
             part.frame_follows_section,

@@ -13,6 +13,7 @@ from beamdae.equations.starts.dependent_constraints import analyze_constraint_ra
 from beamdae.equations.starts.mobility import describe_free_motion_of
 from beamdae.equations.starts.rigid_motions import Body, collect_bodies
 from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.parts.attachments import measure_extent
 from beamdae.parts.joints.drivers import DrivenJoint
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.read_only import read_only_data
@@ -23,8 +24,8 @@ _MAX_UNREPORTED_DISPLACEMENT = 1e-3  # relative to the length of the mechanism
 _MAX_UNREPORTED_VELOCITY_CHANGE = 1e-2  # relative to the largest requested velocity of the part
 # Displacements by drivers up to this share of the length of the mechanism are preloads.
 _MAX_PRELOAD = 0.05
-# Larger rotations and displacements (relative to the length of the mechanism) of bodies that joints
-# leave free are falls, not static deflections.
+# Larger rotations and displacements (relative to the extent of the drawing with the attachments of
+# springs and contacts) of bodies that joints leave free are falls, not static deflections.
 _MIN_FALL_ANGLE = np.pi / 4  # [rad]
 _MIN_FALL_DISPLACEMENT = 0.5
 _ROUNDING_OF_MOTIONS = 1e-9  # [m] and [rad], in descriptions
@@ -101,8 +102,8 @@ class StartSummary:
         Warning if no positions were requested and a part was displaced by more than a thousandth of
         the length of the mechanism to close the joints, or if a requested velocity was changed by
         more than a hundredth of it, or if an equilibrium or a rotation turns a body that the joints
-        leave free by more than 45 degrees or moves it by more than half the length of the
-        mechanism; otherwise empty.
+        leave free by more than 45 degrees or moves it by more than half the extent of the
+        drawing; otherwise empty.
     settling
         Motions of the bodies from the drawing with closed joints to the equilibrium or the steady
         rotation; empty for other starts.
@@ -194,7 +195,9 @@ def _describe_fall(
     e: EquationsOfMotion, request: str, closed_q: Array, settling: list[Settling]
 ) -> str:
     """Return a sentence on the body that fell farthest along a free motion, or an empty string."""
-    largest_displacement = _MIN_FALL_DISPLACEMENT * e.length
+    assert e.mechanism is not None
+    parts = e.mechanism.parts.values()
+    largest_displacement = _MIN_FALL_DISPLACEMENT * (measure_extent(parts, parts) or e.length)
 
     def size(body: Settling) -> float:
         return max(body.rotation / _MIN_FALL_ANGLE, body.displacement / largest_displacement)
