@@ -71,13 +71,94 @@ def test_step_responses_have_no_warning():
     assert not find_warnings(solution)
 
 
+def sliding_box(speed, size=1.0, depth=0.0, friction=0.5, **laws):
+    """Return a box on two contacts with a floor, drawn at a depth."""
+    mech = bd.Mechanism(gravity=(0.0, -G))
+    side, velocity = 0.1 * size, (speed, 0.0) if speed else None
+    center = (0.0, 0.5 * side - depth)
+    box = mech.add(bd.RigidBody.plate("box", center, side, side, mass=1.0, velocity=velocity))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0))
+    laws = {"exponent": 1.0, "restitution": 0.3, "impact_speed": 0.1, **laws}
+    if friction:
+        laws["friction"] = friction
+    for name, x in (("left", -0.5 * side), ("right", 0.5 * side)):
+        contact = mech.add(bd.Contact(name, box.at(x, -depth), floor, 1e6, **laws))
+        mech.observe(name, contact.force)
+    return mech
+
+
 @pytest.mark.slow(reason="a fifth of a second")
-def test_given_velocities_have_no_warning():
-    """A start in equilibrium would remove them."""
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+@pytest.mark.parametrize("size", [1.0, 10.0])
+@pytest.mark.parametrize("speed", [0.0, 0.1, 1.0, 6.0, -6.0, 60.0])
+def test_regression_weight_acts_suddenly_on_contacts_that_slide(speed, size, exponent):
+    """Nothing was said of the doubled forces of a box with a velocity, nor of one at rest."""
+    run = bd.simulate(sliding_box(speed, size, exponent=exponent), t_end=1.0)
+    # The height of the center is half the distance of the contacts: friction shifts the weight.
+    shift = 0.5 * np.sign(speed)
+    for name, share in (("left", 1.0 - shift), ("right", 1.0 + shift)):
+        peak, static = run.step_extremes[f"{name}.N"].max, 0.5 * G * share
+        if share >= 1.0:
+            assert peak > 1.5 * static
+    (sentence,) = [x for x in run.warnings if "belongs to a vibration" in x]
+    assert ("right.N" if speed >= 0.0 else "left.N") in sentence
+    assert ("because box starts with a velocity" in sentence) == bool(speed)
+    assert sentence.endswith("use start='equilibrium'.") == (not speed)
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+@pytest.mark.parametrize("speed", [1.0, 60.0])
+def test_moving_bodies_that_are_drawn_as_loaded_have_no_warning(speed):
+    box = sliding_box(speed, depth=0.5 * G / 1e6, friction=0.0)
+    run = bd.simulate(box, t_end=1.0)
+    assert run.step_extremes["left.N"].max == pytest.approx(0.5 * G, rel=1e-6)
+    assert not [x for x in run.warnings if "belongs to a vibration" in x]
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+@pytest.mark.parametrize("height", [0.0, 0.02])
+def test_impacts_of_moving_bodies_are_no_vibrations_of_the_start(height):
+    box = sliding_box(1.0, depth=-height, friction=0.0)
+    if not height:
+        box.start = {"box.x_dot": 1.0, "box.y_dot": -1.0}
+    run = bd.simulate(box, t_end=1.0)
+    assert run.step_extremes["left.N"].max > 2.0 * G
+    assert not [x for x in run.warnings if "belongs to a vibration" in x]
+
+
+def cantilever_on_a_cart(speed, gravity=G):
+    mech = bd.Mechanism(gravity=(0.0, -gravity))
+    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-4)
+    cart = mech.add(bd.RigidBody.plate("cart", (0.0, 0.0), 0.2, 0.05, mass=2.0))
+    rail = mech.ground.at(0.0, 0.0), cart.at(0.0, 0.0)
+    mech.add(bd.Prismatic("rail", *rail, direction=(1.0, 0.0)))
+    arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (0.8, 0.0)), section, elements=2))
+    mech.observe("clamp", mech.add(bd.Weld("clamp", cart.at(0.0, 0.0), arm.start)).reaction)
+    mech.start = {"cart.x_dot": speed}
+    return mech
+
+
+@pytest.mark.slow(reason="half a second")
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+@pytest.mark.parametrize(("speed", "gravity"), [(2.0, G), (0.01, G), (2.0, 0.0)])
+def test_regression_weight_acts_suddenly_on_beams_that_move(speed, gravity):
+    run = bd.simulate(cantilever_on_a_cart(speed, gravity), t_end=2.0)
+    sentences = [x for x in run.warnings if "belongs to a vibration" in x]
+    assert len(sentences) == (gravity > 0.0)
+    assert all("clamp.M" in x and "start with a velocity" in x for x in sentences)
+
+
+@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_other_bodies_with_velocities_do_not_hide_the_warning():
+    """A start in equilibrium would remove their velocities."""
     mech = press()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0), velocity=(0.1, 0.0)))
     mech.add(bd.Spring("spring", ball.point, mech.ground.at(2.0, 0.0), 10.0))
-    assert not find_warnings(bd.simulate(mech, bd.Radau(1e-5), t_end=1.0))
+    (sentence,) = find_warnings(bd.simulate(mech, bd.Radau(1e-5), t_end=1.0))
+    assert sentence.startswith("ram pin.Fy")
+    assert "start='equilibrium'" not in sentence
 
 
 def wiper(law):

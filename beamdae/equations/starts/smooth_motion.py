@@ -76,6 +76,9 @@ def find_smooth_state(
             bend = solver.evaluate_force_change(time, q, v, interval) / interval**2
         gamma = -solver.constraint_levels(time, q, v)[2]
         a, _ = balance(-shift * solver.force(time, q, v) - bend, gamma)
-    change, lam = balance(-solver.force(time, q, v) - mass @ a, np.zeros(e.m))
-    state = State(q + change, v, a, lam)
+    still = np.zeros(e.m)
+    change, lam = balance(-solver.force(time, q, v) - mass @ a, still)
+    # Motions without strain, along which rounding errors of forces are amplified.
+    drift, _ = balance(shift * (mass @ change), still)
+    state = State(q + change - drift, v, a, lam)
     return state if all(np.isfinite(x).all() for x in state) else None

@@ -23,7 +23,7 @@ from beamdae.parts.rotation import Rotation
 from beamdae.results.columns import Header, remove_unit
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes, select_large_columns
-from beamdae.results.trajectory import Interval, Trajectory
+from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
@@ -38,6 +38,9 @@ _MAX_DISPLACEMENT = 0.01
 # Largest displacement from the drawing to the equilibrium of mechanisms that drivers move, relative
 # to the length of the mechanism or to 1 rad: their motion of interest is that of the drivers.
 _MAX_DISPLACEMENT_OF_DRIVEN = 0.1
+# The same relative to the largest penetration of a contact in equilibrium.
+_MAX_PENETRATIONS = 2.0
+_CONTACT_ITERATIONS = 4  # of states near a peak, in which contacts are stiffer or softer
 _DRIVER_SAMPLES = 33  # times at which laws of drivers are compared
 # Distance of the extreme from the value in equilibrium, relative to the change from the start to
 # this value: 1 for an undamped vibration with one frequency.
@@ -45,13 +48,11 @@ _MAX_OVERSHOOT = 2.0
 _AMPLITUDE_SAMPLES = 200
 # The same shares for vibrations by inertia, which may have their extreme in the first revolution.
 _EARLY_SHARE_OF_MOTION, _LATE_SHARE_OF_MOTION = 0.25, 0.5
-# Share of the vibration in the extreme, relative to the excess over later ones. In 54 runs of
-# slider-cranks, four-bar linkages, yokes, wipers, rotors and a crank on a flexible frame, it was
-# 0.99 or more in most columns, and 0.2 to 0.4 in some of the flexible frame, which are not named.
-_MIN_SHARE_OF_EXCESS = 0.8
 # Part of inertia in the change of a column by the start; below, loads at rest cause the vibration,
 # unless it is larger than this change explains.
 _MIN_PART_OF_INERTIA = 0.5
+# Velocities of a vibration, relative to those that are given to bodies, that move without it.
+_MAX_VIBRATION_SHARE = 0.5
 _MIN_SHARE_OF_KIND = 1e-2  # of the largest half range of the same kind of columns
 # Distances from the start, relative to the largest one, between which a motion that repeats varies.
 _MAX_DISTANCE_OF_RETURN, _MIN_LATE_AMPLITUDE = 0.05, 0.9
@@ -62,7 +63,6 @@ _ROTATION_SAMPLES = (0.131, 0.373, 0.619, 0.887)
 _MAX_SPEED_CHANGE = 0.05
 _RIGID_ROTATION_TOLERANCE = 1e-6  # of velocities, relative to the largest one
 _ROUNDING = 1e-9  # of centers of rotation, and of drivers, relative to the length
-_TOUCHING_SHARE = 1e-12  # of the length of the mechanism; smaller gaps are rounding errors
 # Displacement for the rate of a gap, relative to the length of the mechanism, and the smallest rate
 # relative to the speeds of the bodies.
 _DIFFERENCE, _MIN_SPEED_SHARE = 1e-6, 1e-6
@@ -136,43 +136,73 @@ def _examine_loads(
     extremes: Mapping[str, StepExtremes],
     observe: Callable[..., Array],
 ) -> str:
-    """Return a warning about the vibration by loads that act at rest, or ""."""
-    is_moving = any(np.any(equations.v0[x.rows]) for x in equations.parts if not x.is_state)
-    if equations.start is not None or is_moving:
-        return ""
+    """Return a warning about the vibration by loads, or by the inertia of moving bodies, or "".
+
+    The peaks are compared with the equilibrium or, if bodies move, with states without vibrations
+    near the peaks.
+    """
+    request = equations.start
+    if request is not None and (request.moves or request.closed_q is not None):
+        return ""  # named positions may be those of a vibration
     first = trajectory.intervals[0]
+    time, start = first.times[0], State(*(x[0] for x in first.rows))
+    active = first.active_equations(equations)
+    cause, remedy = "the drawing is not in equilibrium", "use start='equilibrium'"
+    bodies, motion = _find_moving_bodies(active, time, start)
     shares = _EARLY_SHARE, _LATE_SHARE
+    if bodies:
+        shares = _EARLY_SHARE_OF_MOTION, _LATE_SHARE_OF_MOTION
     peaks = _find_early_peaks(equations, trajectory, extremes, observe, *shares)
+    if bodies:
+        peaks = _without_impacts(equations, trajectory, peaks)
     if not peaks:
         return ""
-    states, active = State(*(x[:1] for x in first.rows)), first.active_equations(equations)
-    is_driven = _has_moving_drivers(active, trajectory, states.q[0])
-    if not contacts_of(equations):
-        # Most runs with another motion of interest need no search for the equilibrium. The
-        # stiffness of a contact that is not yet loaded is that of an open one.
-        near = find_smooth_state(
-            ConsistencySolver(active), first.times[0], states.q[0], states.v[0], is_at_rest=True
-        )
-        if near is None or not _is_near(equations, trajectory, states.q[0], near.q, is_driven):
-            return ""
-    rest = _find_start(active, first.times[0], EQUILIBRIUM)
-    if rest is None or not _is_near(equations, trajectory, states.q[0], rest.q, is_driven):
-        return ""
-    at = first.times[:1]
-    (drawn,) = observe(at, *states)
-    (static,) = observe(at, *(x[None] for x in rest))
+    (drawn,) = observe(time[None], *(x[None] for x in start))
+    is_driven, static = _has_moving_drivers(active, trajectory, start.q), drawn
+    if not bodies:
+        rest = _find_rest(equations, trajectory, time, start, is_driven)
+        static = _observe_state(equations, trajectory, observe, time, rest)
     caused = []
     for peak in peaks:
-        change = static[peak.column] - drawn[peak.column]
-        overshoot = peak.value - static[peak.column]
-        if 0.0 < overshoot * np.sign(change) <= _MAX_OVERSHOOT * abs(change) and (
-            not is_driven or _vibration_in_peak(equations, trajectory, observe, peak) > 0.0
-        ):
+        reference = static[peak.column]
+        if bodies or is_driven:
+            vibration = _vibration_in_peak(equations, trajectory, observe, peak)
+            if not vibration:
+                continue
+            if bodies:
+                reference = peak.value - vibration * np.sign(peak.value)
+        change = reference - drawn[peak.column]
+        overshoot = (peak.value - reference) * np.sign(change)
+        if 0.0 < overshoot <= _MAX_OVERSHOOT * abs(change):
             caused.append(peak)
     if not caused:
         return ""
-    cause = "the drawing is not in equilibrium"
-    return _describe(caused, equations, cause, "use start='equilibrium'")
+    if bodies:
+        cause = f"{motion} and {cause}"
+        remedy = _recommend_rotation(active, trajectory, time, start) or (
+            "draw the parts as loaded, or read the extremes after it has decayed"
+        )
+    return _describe(caused, equations, cause, remedy)
+
+
+def _find_rest(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    time: Array,
+    start: State,
+    is_driven: bool,
+) -> State | None:
+    """Return the equilibrium if it is near the start, or None."""
+    active = trajectory.intervals[0].active_equations(equations)
+    if not contacts_of(equations):
+        # Most runs with another motion of interest need no search for the equilibrium. The
+        # stiffness of a contact that is not yet loaded is that of an open one.
+        near = find_smooth_state(ConsistencySolver(active), time, start.q, start.v, is_at_rest=True)
+        if near is None or not _is_near(equations, trajectory, start.q, near.q, is_driven):
+            return None
+    rest = _find_start(active, time, EQUILIBRIUM)
+    is_near = rest is not None and _is_near(equations, trajectory, start.q, rest.q, is_driven)
+    return rest if is_near else None
 
 
 def _examine_inertia(
@@ -190,8 +220,8 @@ def _examine_inertia(
     first = trajectory.intervals[0]
     time, start = first.times[0], State(*(x[0] for x in first.rows))
     active = first.active_equations(equations)
-    cause, drivers = _find_sudden_motion(active, trajectory, time, start.q)
-    if not cause:
+    drivers, cause = _find_sudden_drivers(active, trajectory, time, start.q)
+    if not drivers:
         return "", set()
     headers = [x for x in equations.observed_headers if x in extremes]
     large = select_large_columns(headers, extremes, equations.length, _MIN_SHARE_OF_KIND)
@@ -205,7 +235,9 @@ def _examine_inertia(
     # The stiffness of contacts is that in the equilibrium: in the drawing, they may be unloaded.
     rest = _find_start(active, time, EQUILIBRIUM) if contacts_of(equations) else None
     near = start if rest is None else start._replace(q=rest.q)
-    smooth = _observe_smooth(equations, trajectory, observe, time, near)
+    smooth = _observe_state(
+        equations, trajectory, observe, time, _find_smooth(equations, trajectory, time, near)
+    )
     if rest is None:
         solver = ConsistencySolver(active)
         rest = find_smooth_state(solver, time, start.q, start.v, is_at_rest=True)
@@ -213,42 +245,31 @@ def _examine_inertia(
     balanced = _observe_moving(equations, trajectory, observe, time, rest, start.v)
     changes, by_inertia = np.abs(smooth - drawn), np.abs(smooth - balanced)
     is_inertia = by_inertia >= _MIN_PART_OF_INERTIA * changes
-    vibrations = {
-        peak: _vibration_in_peak(equations, trajectory, observe, peak)
-        for peak in peaks
-        if is_inertia[peak.column]
-    }
+    vibrations = {x: _vibration_in_peak(equations, trajectory, observe, x) for x in peaks}
     limits = _MAX_OVERSHOOT * changes
-    if not any(0.0 < size <= limits[peak.column] for peak, size in vibrations.items()):
+    if not any(
+        is_inertia[peak.column] and 0.0 < size <= limits[peak.column]
+        for peak, size in vibrations.items()
+    ):
         return "", set()
     # The start does not change the torque of a crank at its dead center, but the vibration does.
-    vibrations |= {
-        peak: _vibration_in_peak(equations, trajectory, observe, peak)
-        for peak in peaks
-        if peak not in vibrations
-    }
     caused = [
         peak
         for peak, size in vibrations.items()
         if size > 0.0 and (is_inertia[peak.column] or size > limits[peak.column])
     ]
-    rotation = _find_rotation(active, trajectory, time, start)
-    remedy = "use bd.periodic if the motion repeats, or "
-    if rotation is not None:
-        center = ", ({:.6g}, {:.6g})".format(*rotation.center) if any(rotation.center) else ""
-        remedy = f"use start=bd.rotation({rotation.speed:.6g}{center})"
-    elif drivers:
-        remedy += f"start the law of {drivers} smoothly, as bd.run_up does"
-    else:
-        remedy += "read the extremes after it has decayed"
+    remedy = _recommend_rotation(active, trajectory, time, start) or (
+        f"use bd.periodic if the motion repeats, or start the law of {drivers} smoothly, as "
+        "bd.run_up does"
+    )
     sentence = _describe(caused, equations, f"{cause} and inertia acts suddenly", remedy)
     return sentence, {x.column for x in caused}
 
 
-def _find_sudden_motion(
+def _find_sudden_drivers(
     e: EquationsOfMotion, trajectory: Trajectory, time: Array, q: Array
 ) -> tuple[str, str]:
-    """Return a phrase about drivers or bodies that do not start from rest, and the drivers.
+    """Return the drivers that do not start from rest, and a phrase about them, or "".
 
     Drivers that begin at rest with an acceleration count if the motion repeats: otherwise, the
     vibration may be that of a positioning motion.
@@ -258,13 +279,27 @@ def _find_sudden_motion(
     if not np.any(is_sudden) and np.any(accelerations) and _repeats(e, trajectory):
         change, is_sudden = "an acceleration", accelerations != 0.0
     drivers = [e.lam_names[k].rpartition(".")[0] for k in np.flatnonzero(is_sudden)]
-    bodies = [x.name for x in e.parts if not x.is_state and np.any(e.v0[x.rows])]
-    names = list(dict.fromkeys(drivers or bodies))
-    if not names:
+    return _describe_start(list(dict.fromkeys(drivers)), change)
+
+
+def _find_moving_bodies(e: EquationsOfMotion, time: Array, start: State) -> tuple[str, str]:
+    """Return the bodies with given velocities, and a phrase about them, or "".
+
+    Velocities that are mostly those of a vibration do not count.
+    """
+    names = [x.name for x in e.parts if not x.is_state and np.any(e.v0[x.rows])]
+    smooth = find_smooth_state(ConsistencySolver(e), time, start.q, start.v) if names else None
+    if smooth is None:
         return "", ""
+    given, vibration = (
+        np.max(np.abs(v) / e.position_scales) for v in (start.v, start.v - smooth.v)
+    )
+    return _describe_start(names if vibration < _MAX_VIBRATION_SHARE * given else [], "a velocity")
+
+
+def _describe_start(names: list[str], change: str) -> tuple[str, str]:
     listed = list_first(names, _MAX_NAMES)
-    change = change if drivers else "a velocity"
-    return f"{listed} start{'s' * (len(names) == 1)} with {change}", listed if drivers else ""
+    return listed, f"{listed} start{'s' * (len(names) == 1)} with {change}"
 
 
 def _has_moving_drivers(e: EquationsOfMotion, trajectory: Trajectory, q: Array) -> bool:
@@ -291,11 +326,11 @@ def _without_impacts(
 
 
 def _is_hit(gap: SurfaceGapTerm, trajectory: Trajectory) -> bool:
-    """Return True if a gap is open at some time of a run, or closes at the start with a speed."""
+    """Return True if a gap opens wider than it is deep, or closes at the start with a speed."""
     distances = np.concatenate(
         [gap.evaluate(x.t, x.branch, x.state.q) for x in trajectory.intervals]
     )
-    if distances[0] > _TOUCHING_SHARE * gap.length or np.any(distances[1:] > 0.0):
+    if np.max(distances) > -np.min(distances):
         return True
     first = trajectory.intervals[0]
     q, v = first.state.q[0], first.state.v[0]
@@ -314,13 +349,16 @@ def _vibration_in_peak(
     observe: Callable[..., Array],
     peak: _EarlyPeak,
 ) -> float:
-    """Return the contribution of vibrations to a peak, or 0 if it does not explain the excess."""
+    """Return the contribution of vibrations to a peak, or 0 if it is small without later peaks."""
     (at,), states = trajectory.at(np.array([peak.time]))
     state = State(*(x[0] for x in states))
-    values = _observe_smooth(equations, trajectory, observe, at, state)
+    smooth = _find_smooth(equations, trajectory, at, state)
+    for _ in range(_CONTACT_ITERATIONS if smooth and contacts_of(equations) else 0):
+        smooth = smooth and _find_smooth(equations, trajectory, at, state._replace(q=smooth.q))
+    values = _observe_state(equations, trajectory, observe, at, smooth)
     share = (peak.value - values[peak.column]) * np.sign(peak.value)
-    excess = abs(peak.value) - peak.later
-    return float(share) if share >= _MIN_SHARE_OF_EXCESS * excess else 0.0
+    excess = min(share, abs(peak.value) - peak.later)
+    return float(share) if excess > _MIN_EXCESS * abs(peak.value) else 0.0
 
 
 def _repeats(e: EquationsOfMotion, trajectory: Trajectory) -> bool:
@@ -336,18 +374,13 @@ def _repeats(e: EquationsOfMotion, trajectory: Trajectory) -> bool:
     return bool(has_returned and np.max(late) > _MIN_LATE_AMPLITUDE * largest)
 
 
-def _observe_smooth(
-    equations: EquationsOfMotion,
-    trajectory: Trajectory,
-    observe: Callable[..., Array],
-    time: Array,
-    state: State,
-) -> Array:
-    """Return the columns (k,) without vibrations near a state; not a number if there is none."""
+def _find_smooth(
+    equations: EquationsOfMotion, trajectory: Trajectory, time: Array, state: State
+) -> State | None:
+    """Return the state without vibrations near a state of a run, or None."""
     interval = trajectory.intervals[int(trajectory.interval_index(time[:1])[0])]
     solver = ConsistencySolver(interval.active_equations(equations))
-    smooth = find_smooth_state(solver, time, state.q, state.v)
-    return _observe_state(equations, interval, observe, time, smooth)
+    return find_smooth_state(solver, time, state.q, state.v)
 
 
 def _observe_moving(
@@ -365,19 +398,20 @@ def _observe_moving(
         state = None if rest is None else solver.start_state(time, rest.q, v)
     except (BeamdaeError, SingularMatrixError):
         state = None
-    return _observe_state(equations, first, observe, time, state)
+    return _observe_state(equations, trajectory, observe, time, state)
 
 
 def _observe_state(
     equations: EquationsOfMotion,
-    interval: Interval,
+    trajectory: Trajectory,
     observe: Callable[..., Array],
     time: Array,
     state: State | None,
 ) -> Array:
-    """Return the columns (k,) at a state of the parts that are active in an interval, or NaN."""
+    """Return the columns (k,) at a state of the parts that are active at a time, or NaN."""
     if state is None:
         return np.full(len(equations.observed_headers), np.nan)
+    interval = trajectory.intervals[int(trajectory.interval_index(time[:1])[0])]
     q, v, a, lam = (x[None] for x in state)
     if interval.configuration is not None:
         lam = interval.configuration.expand_multipliers(lam, equations.m)
@@ -385,10 +419,10 @@ def _observe_state(
     return np.asarray(values)
 
 
-def _find_rotation(
+def _recommend_rotation(
     e: EquationsOfMotion, trajectory: Trajectory, time: Array, start: State
-) -> Rotation | None:
-    """Return the lasting rotation of the whole mechanism with which the run can start, or None."""
+) -> str:
+    """Return the advice to start with the lasting rotation of the whole mechanism, or ""."""
     # Imported here because few runs need it.
     from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 
@@ -409,11 +443,14 @@ def _find_rotation(
     is_rigid = error <= _RIGID_ROTATION_TOLERANCE * np.max(np.abs(start.v))
     is_lasting = np.max(np.abs(speeds - rates[0])) <= _MAX_SPEED_CHANGE * abs(rates[0])
     if not rates[0] or not is_rigid or not is_lasting:
-        return None
+        return ""
     center = np.array([-rates[2], rates[1]]) / rates[0]
     center[np.abs(center) <= _ROUNDING * e.length] = 0.0
     rotation = Rotation(float(rates[0]), (float(center[0]), float(center[1])))
-    return rotation if _find_start(e, time, rotation) is not None else None
+    if _find_start(e, time, rotation) is None:
+        return ""
+    place = ", ({:.6g}, {:.6g})".format(*rotation.center) if any(rotation.center) else ""
+    return f"use start=bd.rotation({rotation.speed:.6g}{place})"
 
 
 def _find_early_peaks(
@@ -485,7 +522,8 @@ def _is_near(
 ) -> bool:
     """Return True if positions are near the equilibrium.
 
-    Displacements are compared with the motion of the run and, with drivers, with the mechanism.
+    Displacements are compared with the motion of the run, with penetrations of contacts, which are
+    no motion of interest, and, with drivers, with the mechanism.
     """
     times = np.linspace(trajectory.start, trajectory.end, _AMPLITUDE_SAMPLES)
     amplitudes = 0.5 * np.ptp(trajectory.positions_at(times), axis=0)
@@ -493,5 +531,12 @@ def _is_near(
         np.max(equations.without_states(x) / equations.position_scales, initial=0.0)
         for x in (np.abs(rest - q), amplitudes)
     )
-    limits = _MAX_DISPLACEMENT * amplitude, _MAX_DISPLACEMENT_OF_DRIVEN * is_driven
+    time = trajectory.intervals[0].times[0]
+    gaps = compile_surface_gaps(equations) if contacts_of(equations) else ()
+    depths = [-float(x.evaluate(time[:1], time[1], rest[None])[0]) for x in gaps]
+    limits = (
+        _MAX_DISPLACEMENT * amplitude,
+        _MAX_DISPLACEMENT_OF_DRIVEN * is_driven,
+        _MAX_PENETRATIONS * max(depths, default=0.0) / equations.length,
+    )
     return bool(distance <= max(limits))
