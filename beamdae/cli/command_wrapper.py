@@ -214,11 +214,15 @@ def _report_usage_errors(as_json: bool) -> Iterator[None]:
 def _format_usage_error(problem: Any) -> str:
     """Format a usage error with the command and, if the parser provides it, the value."""
     command = problem.ctx.command_path if problem.ctx else "beamdae"
+    option = getattr(problem, "option_name", "")
+    if problem.ctx and option:
+        names = [name for parameter in problem.ctx.command.params for name in parameter.opts]
+        if begun := [name for name in names if name.startswith(option)]:
+            problem.possibilities = begun
     message = problem.format_message().rstrip(".")
     details: Any = getattr(problem.__cause__, "errors", list)()
     value = f", got {short_repr(details[0]['input'])}" if details else ""
     message = f"{message[:1].lower()}{message[1:]}".replace(". Did", ", did")
-    option = getattr(problem, "option_name", "")
     if problem.ctx and (reason := _UNNEEDED_OPTIONS.get((problem.ctx.info_name, option))):
         message = f"{option} is not needed, because {reason}"
     return f"error: {command}: {message}{value}; see {command} --help."

@@ -122,6 +122,7 @@ def test_failures_and_usage_errors_keep_their_code_and_message(here, option):
         (2, "error: gone.py: there is no such file.", ["check", "gone.py"]),
         (2, "no parameter 'mas'", ["run", "model.py", "--set", "mas=3"]),
         (2, "error: beamdae run: no such option: --bogus", ["run", "model.py", "--bogus"]),
+        (2, "no such option: --n (Possible options: --number)", ["modes", "model.py", "--n", "3"]),
         (2, "error: beamdae run: invalid value for '--rtol'", ["run", "model.py", "--rtol=x"]),
         (2, "error: beamdae run: missing argument 'MODEL.py'", ["run"]),
         (2, "error: beamdae: no such command 'rum', did you mean 'run'?", ["rum"]),
