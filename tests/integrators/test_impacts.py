@@ -64,7 +64,8 @@ def test_no_ball_sinks_into_the_floor_after_many_bounces(rtol, method):
 def test_accumulating_bounces_end_the_run(integrator):
     """Zeno: all bounces are over at FALL (1 + e) / (1 - e)."""
     e = 0.5
-    with pytest.warns(bd.BeamdaeWarning, match="impacts of event bounce accumulate"):
+    message = r"impacts of event bounce accumulate.*bd\.activate\(joint, as_is=True\)"
+    with pytest.warns(bd.BeamdaeWarning, match=message):
         solution = bd.simulate(bouncing(e), integrator, 3.0)
     assert solution.status.kind == "limited"
     # A fixed step of 2e-4 s does not resolve shorter flights.

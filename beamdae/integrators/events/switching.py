@@ -263,7 +263,10 @@ class MethodCache:
                 f", because an impact reverses only the section of {beam} that it hits, and the "
                 "rest follows; use a Contact"
             )
-        return "; activate a joint that keeps the bodies together, or use a Contact"
+        return (
+            "; activate a joint that keeps the bodies together with bd.activate(joint, "
+            "as_is=True), or use a Contact"
+        )
 
     def _flexible_part(self, event: EventTerm) -> str | None:
         """Return the name of a part that deforms and defines the column of an event, or None."""
