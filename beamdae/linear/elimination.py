@@ -184,19 +184,12 @@ def refactorize(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> boo
     """Factorize the matrix with these CSC non-zeros; return False if the pivots are unsuitable.
 
     Pivots are unsuitable if one of them or its reciprocal is not finite, or if refinement does not
-    make solutions accurate.
-    """
-    return eliminate(plan, factors, nonzeros) and find_refinements(plan, factors)
-
-
-def eliminate(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> bool:
-    """Factorize with the refinements of the last `refactorize`; return False if a pivot is zero.
-
-    The accuracy of solutions, which `refactorize` tests, changes as slowly as the matrix.
+    make solutions accurate. Each matrix is tested: a pivot may vanish at any step of a motion.
     """
     _scale_matrix(plan, factors, nonzeros)
     _eliminate_blocks(plan, factors)
-    return eliminate_columns(plan, factors, factors.entries)
+    is_finite = eliminate_columns(plan, factors, factors.entries)
+    return is_finite and find_refinements(plan, factors)
 
 
 def solve(plan: EliminationPlan, factors: Factors, right: Array) -> None:

@@ -22,7 +22,6 @@ from beamdae.linear.elimination import (
     NEIGHBORS,
     ONE_ENTRY,
     EliminationPlan,
-    Factors,
     eliminate_interior,
     empty_plan,
     find_refinements,
@@ -38,7 +37,6 @@ from beamdae.linear.lane_operations import (
 )
 from beamdae.native.linear_solver import LinearSolver
 from beamdae.native.loop_functions import TILE_ROWS, combine, fill, set_tiles
-from beamdae.native.return_codes import DONE, NEW_PIVOTS, SINGULAR
 
 Array = np.ndarray
 
@@ -54,7 +52,7 @@ class BatchFactors(NamedTuple):
         As in `Factors`, with lanes. Before a factorization, the first entries are set to the
         non-zeros of the matrices.
     matrices
-        Non-zeros of the matrices with scaled rows, with lanes, if they are tested or refined.
+        Non-zeros of the matrices with scaled rows, with lanes.
     blocks, corner
         Factors of one batch of blocks, and their contributions to other equations, block by block,
         with lanes.
@@ -140,19 +138,31 @@ def read_matrix(batch: BatchFactors, lane: int, matrix: Array) -> None:
         matrix[e] = batch.matrices[LANES * e + lane]
 
 
-def eliminate_batch(
-    plan: EliminationPlan, factors: Factors, batch: BatchFactors, is_tested: bool
-) -> bool:
-    """Factorize the matrices in `batch.entries`, and select the factors of the first one.
+@dataclass(slots=True)
+class BatchSolver(LinearSolver):
+    """Linear solver that can factorize the matrices of `LANES` steps together.
 
-    Return False if the pivots are unsuitable for a matrix, see `refactorize`. If `is_tested`, the
-    accuracy of solutions with the first matrix is tested; it changes as slowly as the matrices.
+    Attributes
+    ----------
+    batch
+        Factors of several matrices.
     """
+
+    batch: BatchFactors = field(default_factory=lambda: allocate_batch(empty_plan()))
+
+    def set_plan(self, plan: EliminationPlan) -> None:
+        """Use the pivots of another plan, and allocate its factors."""
+        LinearSolver.set_plan(self, plan)
+        self.batch = allocate_batch(plan)
+
+
+def factorize_batch(linear: BatchSolver) -> None:
+    """Factorize the matrices in `batch.entries`; `select_factors` tests the factors."""
+    plan, batch = linear.plan, linear.batch
     entries, n_entries, scales = batch.entries, plan.n_entries[0], batch.scales
     for e in range(len(scales)):
         set_entry(entries, e, entries, e, scales[e])
-    if is_tested or factors.refinements[0] > 0:
-        combine(batch.matrices, (1.0,), (entries[: len(batch.matrices)],))
+    combine(batch.matrices, (1.0,), (entries[: len(batch.matrices)],))
     fill(entries[len(batch.matrices) :], 0.0)
     one = n_entries - N_EXTRA_ENTRIES + ONE_ENTRY
     fill(entries[LANES * one : LANES * (one + 1)], 1.0)
@@ -160,17 +170,15 @@ def eliminate_batch(
     _eliminate(plan, batch)
     tiles = batch.pivot_tiles
     set_tiles(batch.results, batch.pivots, LANES, tiles, 0, len(tiles))
-    if not _is_finite(plan, batch):
-        return False
-    select_factors(factors, batch, 0)
-    if not is_tested:
-        return True
-    read_matrix(batch, 0, factors.matrix)
-    return find_refinements(plan, factors)
+    linear.factorizations += LANES
 
 
-def select_factors(factors: Factors, batch: BatchFactors, lane: int) -> None:
-    """Set `factors` to those of a lane, with the refinements of the last test."""
+def select_factors(linear: BatchSolver, lane: int) -> bool:
+    """Use the factors of a lane; return False if the pivots are unsuitable for its matrix.
+
+    See `elimination.refactorize`.
+    """
+    factors, batch = linear.factors, linear.batch
     begin = lane * batch.width[0]
     end = begin + len(factors.blocks)
     combine(factors.blocks, (1.0,), (batch.results[begin:end],))
@@ -180,8 +188,8 @@ def select_factors(factors: Factors, batch: BatchFactors, lane: int) -> None:
     combine(factors.lower, (1.0,), (batch.results[begin:end],))
     begin, end = end, end + len(factors.inverse)
     combine(factors.inverse, (1.0,), (batch.results[begin:end],))
-    if factors.refinements[0] > 0:
-        read_matrix(batch, lane, factors.matrix)
+    read_matrix(batch, lane, factors.matrix)
+    return find_refinements(linear.plan, factors)
 
 
 def _signed(index: Any) -> Any:
@@ -247,46 +255,3 @@ def _eliminate(plan: EliminationPlan, batch: BatchFactors) -> None:
             set_entry(pivots, first_lower + q, x, row, 1.0)
             multiply_lanes(pivots, first_lower + q, 1, pivots, first_inverse + j)
             set_entry(x, row, x, row, 0.0)
-
-
-def _is_finite(plan: EliminationPlan, batch: BatchFactors) -> bool:
-    """Return True if all pivots and their reciprocals are finite."""
-    for k in range(LANES * (len(plan.upper_rows) + len(plan.lower_rows)), len(batch.pivots)):
-        inverse = batch.pivots[k]
-        # The reciprocal of an infinite pivot is 0.
-        if inverse == 0.0 or not np.isfinite(inverse):
-            return False
-    return True
-
-
-@dataclass(slots=True)
-class BatchSolver(LinearSolver):
-    """Linear solver that can factorize the matrices of `LANES` steps together.
-
-    Attributes
-    ----------
-    batch
-        Factors of several matrices.
-    """
-
-    batch: BatchFactors = field(default_factory=lambda: allocate_batch(empty_plan()))
-
-    def set_plan(self, plan: EliminationPlan) -> None:
-        """Use the pivots of another plan, and allocate its factors."""
-        LinearSolver.set_plan(self, plan)
-        self.batch = allocate_batch(plan)
-
-
-def factorize_batch(linear: BatchSolver, is_tested: bool) -> int:
-    """Factorize the matrices in `batch.entries`; return DONE, NEW_PIVOTS or SINGULAR.
-
-    If `is_tested`, the accuracy of the first factors is tested, see `eliminate_batch`. NEW_PIVOTS
-    means that one of the matrices needs new pivots; factorize them one by one.
-    """
-    if linear.singular == 1:
-        return SINGULAR
-    if not eliminate_batch(linear.plan, linear.factors, linear.batch, is_tested):
-        return NEW_PIVOTS
-    linear.factorizations += LANES
-    linear.is_untried = 0
-    return DONE

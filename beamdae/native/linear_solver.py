@@ -11,7 +11,6 @@ from beamdae.linear.elimination import (
     EliminationPlan,
     Factors,
     allocate_factors,
-    eliminate,
     empty_plan,
     refactorize,
     solve,
@@ -103,17 +102,6 @@ def factorize_linear(linear: LinearSolver, nonzeros: Array) -> int:
         return NEW_PIVOTS
     linear.factorizations += 1
     linear.is_untried = 0
-    return DONE
-
-
-def eliminate_linear(linear: LinearSolver, nonzeros: Array) -> int:
-    """Factorize without a test of the accuracy; return DONE, NEW_PIVOTS or SINGULAR."""
-    if linear.singular == 1:
-        return SINGULAR
-    if linear.plan.rows.size == 0 or not eliminate(linear.plan, linear.factors, nonzeros):
-        linear.needs_pivots = 1
-        return NEW_PIVOTS
-    linear.factorizations += 1
     return DONE
 
 

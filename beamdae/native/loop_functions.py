@@ -180,15 +180,6 @@ def factorize(linear: Any, nonzeros: Array) -> int:
     return DONE if linear.try_factorize(nonzeros) else SINGULAR
 
 
-def eliminate(linear: Any, nonzeros: Array) -> int:
-    """Factorize a matrix that differs little from the last one; return a code of `factorize`.
-
-    In machine code, the accuracy of solutions is not tested again: call `factorize` first, and then
-    every few matrices.
-    """
-    return factorize(linear, nonzeros)
-
-
 def solve(linear: Any, right: Array) -> None:
     """Replace `right` by the solution computed with the last factors."""
     right[:] = linear.solve(right)

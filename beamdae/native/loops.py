@@ -44,7 +44,6 @@ _RECIPE_MODULES = (
 _OVERLOADED_MODULES = (loop_functions.__name__, lane_operations.__name__)
 # Functions that the overloads of these `loop_functions` call.
 _IMPLEMENTATIONS: dict[Any, Any] = {
-    loop_functions.eliminate: linear_solver.eliminate_linear,
     loop_functions.factorize: linear_solver.factorize_linear,
     loop_functions.solve: linear_solver.solve_linear,
     loop_functions.solve_lanes: linear_solver.solve_linear_lanes,

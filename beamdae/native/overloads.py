@@ -899,7 +899,6 @@ def _subtract_unit_triangle(lanes, begin, count, rows, blocks, first, size):
 
 
 _compile_as(loop_functions.factorize)(linear_solver.factorize_linear)
-_compile_as(loop_functions.eliminate)(linear_solver.eliminate_linear)
 
 
 _compile_as(loop_functions.solve)(linear_solver.solve_linear)

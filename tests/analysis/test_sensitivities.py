@@ -173,6 +173,12 @@ def test_breakpoints_that_do_not_move():
     assert_agree_with_runs(swing, ["torque", "width"], 0.6, step=2e-3, lam=1e-6)
 
 
+@pytest.mark.slow(reason="five runs of half a second")
+def test_pivot_that_vanishes_at_the_last_step():
+    # The crank has turned by 90 degrees then, and stands along an axis.
+    assert_agree_with_runs(MODELS["four_bar"], ["speed"], 0.5)
+
+
 @pytest.mark.slow(reason="half a second and more")
 def test_driver_that_moves_at_the_start():
     assert_agree_with_runs(turning, ["speed"], 0.05)

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.linear import elimination
-from beamdae.linear.elimination import allocate_factors, eliminate, refactorize, solve
+from beamdae.linear.elimination import allocate_factors, refactorize, solve
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.linear.pivots import compute_fill, propose_plans
 
@@ -126,20 +126,6 @@ def test_unsuitable_pivots_are_rejected(pivot):
     assert_allclose(x, np.linalg.solve(matrix, right), rtol=1e-12)
 
 
-def test_elimination_keeps_the_refinements_of_the_last_test():
-    pattern = sp.csc_array(np.ones((2, 2)))
-    plan, factors = analyze(pattern, np.array([1.0, 2.0, 3.0, 1.0]))
-    matrix = np.array([[2.0, 1.0], [1.0, 3.0]])
-    matrix[plan.rows[0], plan.columns[0]] = 1e-9
-    assert refactorize(plan, factors, matrix.T.ravel())
-    nearby, right = matrix * 1.01, np.array([1.0, 2.0])
-    assert eliminate(plan, factors, nearby.T.ravel())
-    assert factors.refinements[0] == 1
-    assert_allclose(solve_with(plan, factors, right), np.linalg.solve(nearby, right), rtol=1e-14)
-    matrix[plan.rows[0], plan.columns[0]] = 0.0
-    assert not eliminate(plan, factors, matrix.T.ravel())
-
-
 def test_refinement_recovers_digits_lost_by_small_pivots():
     pattern = sp.csc_array(np.ones((2, 2)))
     plan, factors = analyze(pattern, np.array([1.0, 2.0, 3.0, 1.0]))
@@ -211,7 +197,6 @@ def test_compiled_elimination_agrees(kind):
         elimination._solve_scaled,
         elimination.eliminate_columns,
         elimination.find_refinements,
-        elimination.eliminate,
     ):
         numba.extending.register_jitable(error_model="numpy")(function)
     compiled = [numba.njit(error_model="numpy")(f) for f in (refactorize, solve)]

@@ -12,7 +12,6 @@ from beamdae.native.batch_elimination import (
     factorize_batch,
     select_factors,
 )
-from beamdae.native.return_codes import DONE, NEW_PIVOTS, SINGULAR
 
 # In plain Python, unsuitable pivots cause warnings of NumPy.
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
@@ -40,10 +39,12 @@ def solver_for(pattern: sp.csc_array, nonzeros: np.ndarray, proposal: int = 0) -
     return linear
 
 
-def factorize(linear: BatchSolver, matrices: list[np.ndarray], is_tested: bool) -> int:
+def factorize(linear: BatchSolver, matrices: list[np.ndarray]) -> list[bool]:
+    """Factorize together; return whether the pivots suit each of the matrices."""
     lanes = np.stack(matrices, axis=1).ravel()
     linear.batch.entries[: len(lanes)] = lanes
-    return factorize_batch(linear, is_tested)
+    factorize_batch(linear)
+    return [select_factors(linear, lane) for lane in range(LANES)]
 
 
 @pytest.mark.parametrize("proposal", [0, 1, -1])
@@ -52,13 +53,13 @@ def test_factors_are_those_of_single_matrices(proposal):
     matrices = random_matrices(pattern)
     linear = solver_for(pattern, matrices[0], proposal)
     # Twice: the second factorization does not depend on the arrays of the first.
-    assert factorize(linear, matrices[::-1], True) == DONE
-    assert factorize(linear, matrices, True) == DONE
+    assert all(factorize(linear, matrices[::-1]))
+    assert all(factorize(linear, matrices))
     assert linear.factorizations == 2 * LANES
     expected = allocate_factors(linear.plan, float)
     for lane, nonzeros in enumerate(matrices):
         assert refactorize(linear.plan, expected, nonzeros)
-        select_factors(linear.factors, linear.batch, lane)
+        assert select_factors(linear, lane)
         for name in ("blocks", "upper", "lower", "inverse"):
             one, other = (getattr(x, name) for x in (linear.factors, expected))
             np.testing.assert_array_equal(one, other)
@@ -68,39 +69,33 @@ def test_factors_are_those_of_single_matrices(proposal):
         np.testing.assert_allclose(matrix @ right, np.ones(len(right)), rtol=0, atol=1e-12)
 
 
-def test_one_unsuitable_matrix_needs_new_pivots():
-    pattern = chain_pattern(11)
-    matrices = random_matrices(pattern)
-    linear = solver_for(pattern, matrices[0])
-    singular = [*matrices[:5], np.zeros(pattern.nnz), *matrices[6:]]
-    assert factorize(linear, singular, True) == NEW_PIVOTS
-    assert factorize(linear, matrices, True) == DONE
-    linear.singular = 1
-    assert factorize(linear, matrices, True) == SINGULAR
-
-
-def test_inaccurate_factors_need_new_pivots():
+@pytest.mark.parametrize("lane", [0, 3, LANES - 1])
+@pytest.mark.parametrize("pivot", [0.0, 1e-14, np.nan])
+def test_matrix_with_unsuitable_pivots_is_found_in_any_lane(lane, pivot):
     pattern = chain_pattern(11)
     matrices = random_matrices(pattern)
     linear = solver_for(pattern, matrices[0])
     # The pivots of the first plan, which are on the diagonal, are tiny beside the other entries.
     diagonal = pattern.indices == np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
-    matrices[0] = np.where(diagonal, 1e-14, matrices[0])
-    assert factorize(linear, matrices, False) == DONE
-    assert factorize(linear, matrices, True) == NEW_PIVOTS
+    unsuitable = [
+        *matrices[:lane],
+        np.where(diagonal, pivot, matrices[lane]),
+        *matrices[lane + 1 :],
+    ]
+    assert np.flatnonzero(~np.array(factorize(linear, unsuitable))).tolist() == [lane]
+    assert all(factorize(linear, matrices))
 
 
 def test_refinement_uses_the_matrix_of_the_lane():
     pattern = chain_pattern(11)
     matrices = random_matrices(pattern)
     linear = solver_for(pattern, matrices[0])
-    linear.factors.refinements[0] = 1
-    assert factorize(linear, matrices, False) == DONE
+    factorize(linear, matrices)
     for lane, nonzeros in enumerate(matrices):
-        select_factors(linear.factors, linear.batch, lane)
+        select_factors(linear, lane)
         expected = allocate_factors(linear.plan, float)
         assert refactorize(linear.plan, expected, nonzeros)
-        expected.refinements[0] = 1
+        linear.factors.refinements[0] = expected.refinements[0] = 1
         one, other = np.ones((2, pattern.shape[0]))
         solve(linear.plan, linear.factors, one)
         solve(linear.plan, expected, other)

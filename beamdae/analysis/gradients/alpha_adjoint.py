@@ -242,7 +242,7 @@ def transpose_alpha_steps(
             at = State(*(x[last] for x in states))
             _transpose_step_change(run, member, start, np.array([times[last], run.branch]), at, h)
         run.coefficients[:] = member.coefficients(h)
-        run.h, run.first, run.tested = h, int(first), 0
+        run.h, run.first, run.staged, run.lane = h, int(first), 0, 0
         if loop() != DONE:
             raise BeamdaeError(
                 f"{derivative_call()}: the iteration matrix is singular at t = {times[run.step]:g} "

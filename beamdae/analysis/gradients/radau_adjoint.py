@@ -12,10 +12,8 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.gradients.start_adjoint import StartAdjoint
-from beamdae.analysis.sensitivities.alpha_steps import STEPS_PER_TEST
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.radau_steps import (
-    JUST_TESTED,
     MAX_ITERATIONS,
     ROUNDING,
     STAGNATION_RATE,
@@ -23,7 +21,6 @@ from beamdae.analysis.sensitivities.radau_steps import (
     RadauSteps,
     StageMatrices,
     restore_stages,
-    schedule_test,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import (
@@ -163,24 +160,16 @@ def sweep_backwards(adjoint: RadauAdjoint) -> int:
         first = adjoint.step - 1
         run.t = adjoint.times[first]
         h = adjoint.times[first + 1] - run.t
-        schedule_test(adjoint, h)
         code = restore_stages(adjoint, first, h)
         if code == DONE:
             code = _factorize_transposes(adjoint)
-        if code != DONE:
-            adjoint.tested = 0
-            return code
-        adjoint.tested = (adjoint.tested + 1) % STEPS_PER_TEST
-        _set_seeds(adjoint, first, h)
-        code = _solve_weights(adjoint, h)
         if code == DONE:
-            _transpose_residuals(adjoint, first, h)
-            adjoint.step -= 1
-        elif adjoint.tested == JUST_TESTED:
+            _set_seeds(adjoint, first, h)
+            code = _solve_weights(adjoint, h)
+        if code != DONE:
             return code
-        else:
-            # Solutions with factors that were not tested may be inaccurate: test them.
-            adjoint.tested = 0
+        _transpose_residuals(adjoint, first, h)
+        adjoint.step -= 1
     return DONE
 
 
@@ -189,7 +178,7 @@ def _factorize_transposes(adjoint: RadauAdjoint) -> int:
     run, of, at = adjoint.run, adjoint.entries, adjoint.transposed_entries
     pick(adjoint.real_nonzeros, at, run.real_nonzeros, of, 0, at.size)
     pick(adjoint.complex_nonzeros, at, run.complex_nonzeros, of, 0, at.size)
-    return factorize_both(adjoint, adjoint.tested == 0)
+    return factorize_both(adjoint)
 
 
 def _set_seeds(adjoint: RadauAdjoint, first: int, h: float) -> None:

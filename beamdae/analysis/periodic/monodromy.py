@@ -246,7 +246,6 @@ class VariationalEquations:
         work.state_rates[stages, :n], work.state_rates[stages, n : 2 * n] = state.v, state.a
         work.state_rates[stages, lam] = state.lam
         work.branch, work.steps, work.next = interval.branch, len(h), 0
-        work.is_tested = 0
         loop()
         return work.next
 

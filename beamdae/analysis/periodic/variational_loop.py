@@ -108,8 +108,6 @@ class VariationalWorkspace:
         Number of steps, and index of the next step.
     count
         Number of blocks.
-    is_tested
-        1 if the accuracy of factors has been tested since the first of these steps, else 0.
     """
 
     form: FirstOrderBuffers
@@ -156,7 +154,6 @@ class VariationalWorkspace:
     steps: int = 0
     next: int = 0
     count: int = 0
-    is_tested: int = 0
 
 
 def propagate_disturbances(run: VariationalWorkspace) -> int:
@@ -196,9 +193,7 @@ def _factorize_step(run: VariationalWorkspace, h: float) -> int:
     combine(run.complex_nonzeros, (1.0, complex_rate, complex_rate * complex_rate), parts)
     for i in range(3):
         combine(run.differences[i], (1.0, -1.0), (middle, run.jacobians[i]))
-    code = factorize_both(run, run.is_tested == 0)
-    run.is_tested = int(code == DONE)
-    return code
+    return factorize_both(run)
 
 
 def _propagate(run: VariationalWorkspace, h: float, k: int) -> int:

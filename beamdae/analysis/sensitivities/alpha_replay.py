@@ -283,7 +283,7 @@ def differentiate_alpha_steps(
         run.coefficients[:] = member.coefficients(h)
         if any(shifts):
             _set_time_rates(run, form, states, first, last, h)
-        run.h, run.last, run.tested = h, last, 0
+        run.h, run.last, run.staged, run.lane = h, last, 0, 0
         if loop() != DONE:
             raise BeamdaeError(
                 f"{derivative_call()}: the iteration matrix is singular at t = "

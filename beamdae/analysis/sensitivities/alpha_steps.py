@@ -23,7 +23,7 @@ from beamdae.integrators.alpha.family import AlphaParameters
 from beamdae.integrators.compiled_run import FactorizedMatrix
 from beamdae.linear.lane_operations import LANES
 from beamdae.native.batch_elimination import BatchSolver, factorize_batch, select_factors
-from beamdae.native.loop_functions import combine, eliminate, factorize
+from beamdae.native.loop_functions import combine, factorize
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sums.kernel_sums import SumPlan
@@ -35,12 +35,6 @@ Array = np.ndarray
 # errors of the time.
 _SAME_STEP = 1e-9
 _TIME_ROUNDING = 8.0 * float(np.finfo(float).eps)
-
-
-# Steps per test of the factors, whose accuracy changes slowly. The test takes a third of the time
-# of a factorization, or as long as three of those of several matrices together.
-STEPS_PER_TEST = 8
-_STEPS_PER_BATCH_TEST = 32
 # Non-zeros of the largest matrix of which several are factorized together: larger ones do not fit
 # into the processor caches.
 _MAX_BATCH_NONZEROS = 16000
@@ -69,11 +63,8 @@ class AlphaSteps:
         of a step, (n + m,).
     max_batch
         Number of steps whose matrices are factorized together, 1 or `LANES`.
-    tested
-        Number of steps since the last test of the factors; 0 if the next factors are tested.
     staged, lane
-        Number of matrices that were factorized last, 0 if there are no pivots, and index of the
-        next one of these.
+        Number of matrices that were factorized together, and index of the next one of these.
     """
 
     form: StepMatrix
@@ -94,7 +85,6 @@ class AlphaSteps:
     a_predicted: Array
     change: Array
     max_batch: int
-    tested: int = 0
     staged: int = 0
     lane: int = 0
 
@@ -173,7 +163,8 @@ def copy_state(run: AlphaSteps, k: int, row: Array) -> None:
 def factorize_ahead(run: AlphaSteps, step: int, direction: int, remaining: int) -> int:
     """Provide the factors of a step; return DONE, NEW_PIVOTS or SINGULAR.
 
-    If there are none left, the matrices of the next steps are factorized together.
+    If there are none left, the matrices of the next steps are factorized together. Matrices that do
+    not suit the pivots of the others are factorized one by one.
 
     Parameters
     ----------
@@ -187,38 +178,30 @@ def factorize_ahead(run: AlphaSteps, step: int, direction: int, remaining: int) 
         Number of steps of equal length that remain.
     """
     if run.lane == run.staged:
-        count = run.max_batch if run.max_batch <= remaining else 1
-        # The first pivots, and others that do not suit a batch, are tried for one matrix.
-        if count == 1 or run.staged == 0 or _factorize_lanes(run, step, direction) != DONE:
-            count = 1
-            copy_state(run, step, run.row)
-            evaluate_matrix_at_state(
-                run.form, run.times[step], run.branch, run.coefficients, run.row, run.nonzeros
-            )
-            code = _factorize_step(run)
-            if code != DONE:
-                run.staged = run.lane = 0
-                return code
-        run.staged, run.lane = count, 0
-    elif run.staged > 1:
-        select_factors(run.linear.factors, run.linear.batch, run.lane)
-    run.lane += 1
-    return DONE
+        run.lane = run.staged = 0
+        if 1 < run.max_batch <= remaining and run.linear.plan.rows.size > 0:
+            _factorize_lanes(run, step, direction)
+            run.staged = run.max_batch
+    if run.lane < run.staged and select_factors(run.linear, run.lane):
+        run.lane += 1
+        return DONE
+    run.lane = run.staged = 0
+    copy_state(run, step, run.row)
+    evaluate_matrix_at_state(
+        run.form, run.times[step], run.branch, run.coefficients, run.row, run.nonzeros
+    )
+    return factorize(run.linear, run.nonzeros)
 
 
-def _factorize_lanes(run: AlphaSteps, step: int, direction: int) -> int:
-    """Factorize the matrices of `LANES` steps; return DONE, NEW_PIVOTS or SINGULAR."""
+def _factorize_lanes(run: AlphaSteps, step: int, direction: int) -> None:
+    """Factorize the matrices of `LANES` steps."""
     first, size, lam_factor = run.first_column, run.row.size, run.coefficients[2]
     for lane in range(LANES):
         k = step + direction * lane
         row = run.states[k][first : first + size]
         set_lane(run.lanes, lane, run.times[k], row, run.form.n, lam_factor)
     evaluate_matrices(run.lanes, run.branch, run.coefficients, run.linear.batch.entries)
-    code = factorize_batch(run.linear, run.tested == 0)
-    run.tested += LANES
-    if code != DONE or run.tested >= _STEPS_PER_BATCH_TEST:
-        run.tested = 0
-    return code
+    factorize_batch(run.linear)
 
 
 def _make_step_solver(
@@ -233,16 +216,6 @@ def _make_step_solver(
         return BatchSolver.empty(float), LANES, create_lane_sum(plan, n_inputs, native, p)
     linear = BatchSolver.empty(float) if native else matrix.make_solver(native, "auto")
     return linear, 1, empty_lane_sum()
-
-
-def _factorize_step(run: AlphaSteps) -> int:
-    """Factorize the matrix of a step; return DONE, NEW_PIVOTS or SINGULAR."""
-    if run.tested == 0:
-        code = factorize(run.linear, run.nonzeros)
-    else:
-        code = eliminate(run.linear, run.nonzeros)
-    run.tested = (run.tested + 1) % STEPS_PER_TEST if code == DONE else 0
-    return code
 
 
 def group_equal_steps(times: Array) -> Array:

@@ -11,11 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.alpha_steps import STEPS_PER_TEST
 from beamdae.analysis.sensitivities.further_forces import FurtherForces
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.radau_steps import (
-    JUST_TESTED,
     MAX_ITERATIONS,
     MAX_STEP_RATIO,
     ROUNDING,
@@ -24,7 +22,6 @@ from beamdae.analysis.sensitivities.radau_steps import (
     RadauSteps,
     StageMatrices,
     restore_stages,
-    schedule_test,
 )
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.equations_of_motion import State
@@ -94,8 +91,8 @@ class RadauReplay(RadauSteps):
         Derivatives of (q, v, a, lam) at all stages, (3 steps * k, 3n + m).
     last_step
         Length of the last step [s]; 0 in the first step.
-    step, direction
-        Number of completed steps, and number of directions that are completed in the next step.
+    step
+        Number of completed steps.
     """
 
     directional: Sum
@@ -114,7 +111,6 @@ class RadauReplay(RadauSteps):
     results: Array
     last_step: float = 0.0
     step: int = 0
-    direction: int = 0
 
 
 def replay_steps(replay: RadauReplay) -> int:
@@ -128,28 +124,18 @@ def replay_steps(replay: RadauReplay) -> int:
     while replay.step < replay.times.size - 1:
         run.t = replay.times[replay.step]
         h = replay.times[replay.step + 1] - run.t
-        schedule_test(replay, h)
         code = restore_stages(replay, replay.step, h)
         if code != DONE:
-            replay.tested = 0
             return code
-        replay.tested = (replay.tested + 1) % STEPS_PER_TEST
         combine(replay.weights[: run.form.n], (1.0,), (replay.scales,))
         combine(replay.weights[run.form.n :], (h,), (replay.scales,))
-        while replay.direction < count and code == DONE:
-            code = _differentiate_stages(replay, h, replay.direction)
-            if code == DONE:
-                _store_derivatives(replay, replay.direction)
-                replay.direction += 1
-        if code == DONE:
-            replay.direction = 0
-            replay.last_step = h
-            replay.step += 1
-        elif replay.tested == JUST_TESTED:
-            return code
-        else:
-            # Solutions with factors that were not tested may be inaccurate: test them.
-            replay.tested = 0
+        for k in range(count):
+            code = _differentiate_stages(replay, h, k)
+            if code != DONE:
+                return code
+            _store_derivatives(replay, k)
+        replay.last_step = h
+        replay.step += 1
     return DONE
 
 

@@ -44,10 +44,8 @@ TOLERANCE = 1e-12
 ROUNDING = 1e-7
 STAGNATION_RATE = 0.5
 MAX_ITERATIONS = 60
-# Factors are tested if the length of the step has changed by this factor since the last test.
+# Stages are predicted from the last step if it was not shorter by more than this factor.
 MAX_STEP_RATIO = 1.5
-# Value of `tested` if the factors of the current step were tested.
-JUST_TESTED = 1
 
 
 @dataclass(frozen=True)
@@ -124,10 +122,6 @@ class RadauSteps:
         at all stages, (3 steps + 1, 3n + m).
     scales, unit_weights
         Reciprocal scales of the coordinates, (n,); ones (m,).
-    tested
-        Number of steps since the last test of the factors; 0 if the next factors are tested.
-    tested_step
-        Length of the step whose factors were tested last [s].
     """
 
     run: RadauWorkspace
@@ -137,15 +131,6 @@ class RadauSteps:
     rows: Array
     scales: Array
     unit_weights: Array
-    tested: int = 0
-    tested_step: float = 0.0
-
-
-def schedule_test(known: RadauSteps, h: float) -> None:
-    """Request a test of the factors of a step if its length `h` [s] has changed since the last."""
-    ratio = h / known.tested_step if known.tested > 0 else 0.0
-    if not 1.0 / MAX_STEP_RATIO < ratio < MAX_STEP_RATIO:
-        known.tested, known.tested_step = 0, h
 
 
 def restore_stages(known: RadauSteps, step: int, h: float) -> int:
@@ -173,7 +158,7 @@ def restore_stages(known: RadauSteps, step: int, h: float) -> int:
         combine(run.w[i], factors, (stages[0], stages[1], stages[2]))
     derive_velocities(run, h)
     set_stages(run, h)
-    code = factorize_matrices(run, h, known.tested == 0)
+    code = factorize_matrices(run, h)
     if code != DONE:
         return code
     for _ in range(_STAGE_ITERATIONS):

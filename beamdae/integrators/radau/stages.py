@@ -35,7 +35,6 @@ from beamdae.integrators.radau.coefficients import (
 from beamdae.integrators.radau.workspace import RadauWorkspace
 from beamdae.native.loop_functions import (
     combine,
-    eliminate,
     factorize,
     fill,
     max_norm,
@@ -72,7 +71,7 @@ def solve_stages(run: RadauWorkspace, h: float, renew: bool) -> int:
     h_rounding = h / run.rounding_ratio
     minimum(velocities, run.velocity_weights, h_rounding, run.velocity_rounding_weights)
     if renew:
-        code = factorize_matrices(run, h, True)
+        code = factorize_matrices(run, h)
         if code != DONE:
             return code
     return _iterate_newton(run, h)
@@ -124,13 +123,13 @@ def set_stages(run: Any, h: float) -> None:
         combine(run.rates[i], factors, (w[0], w[1], w[2]))
 
 
-def factorize_matrices(run: RadauWorkspace, h: float, is_tested: bool) -> int:
+def factorize_matrices(run: RadauWorkspace, h: float) -> int:
     """Factorize both matrices at the second stage, which lies between the other two.
 
     If they succeed, the factors are those of `h`.
     """
     _evaluate_matrices(run, h)
-    code = factorize_both(run, is_tested)
+    code = factorize_both(run)
     if code != NEW_PIVOTS:
         run.jacobians += 1
     if code == DONE:
@@ -138,18 +137,13 @@ def factorize_matrices(run: RadauWorkspace, h: float, is_tested: bool) -> int:
     return code
 
 
-def factorize_both(run: Any, is_tested: bool) -> int:
+def factorize_both(run: Any) -> int:
     """Factorize the real and the complex matrix; return DONE, NEW_PIVOTS or SINGULAR.
 
-    `run` has the solvers and non-zeros of both, as a `RadauWorkspace`. If `is_tested`, the accuracy
-    of the factors is tested.
+    `run` has the solvers and non-zeros of both, as a `RadauWorkspace`.
     """
-    if is_tested:
-        real_code = factorize(run.real_solver, run.real_nonzeros)
-        complex_code = factorize(run.complex_solver, run.complex_nonzeros)
-    else:
-        real_code = eliminate(run.real_solver, run.real_nonzeros)
-        complex_code = eliminate(run.complex_solver, run.complex_nonzeros)
+    real_code = factorize(run.real_solver, run.real_nonzeros)
+    complex_code = factorize(run.complex_solver, run.complex_nonzeros)
     if real_code == NEW_PIVOTS or complex_code == NEW_PIVOTS:
         return NEW_PIVOTS
     run.real_solver.singular = 0
