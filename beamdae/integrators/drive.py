@@ -52,6 +52,7 @@ from beamdae.integrators.pilot_run import (
     plan_attempt,
     run_pilot,
 )
+from beamdae.integrators.reaction_balance import balance_reactions
 from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
 from beamdae.integrators.run_plan import RunPlan, plan_run
 from beamdae.integrators.sampling import RepeatedSample, Sampler, describe_growth
@@ -143,6 +144,7 @@ def drive(
             reduced = remove_redundant(equations, float(times[0]))
             independent = equations if reduced is None else reduced.equations
             solution = _drive(integrator, independent, times, method_on, progress, pilot_on)
+            solution = balance_reactions(solution)
             if reduced is not None:
                 solution = restore_reactions(solution, reduced)
         if solution.trajectory.stored_bytes > _MAX_RETAINED_BYTES:

@@ -81,7 +81,10 @@ from beamdae.results.diagnostics.resolution.unresolved_forces import unresolved_
 from beamdae.results.diagnostics.rest import has_rounding_forces, is_motionless
 from beamdae.results.diagnostics.rounding_limits import rounding_limits
 from beamdae.results.diagnostics.saturated_commands import saturated_command_warnings
-from beamdae.results.diagnostics.singular_positions import singularity_warnings
+from beamdae.results.diagnostics.singular_positions import (
+    singularity_warnings,
+    unbounded_warnings,
+)
 from beamdae.results.diagnostics.start_transients import start_transient_warnings
 from beamdae.results.diagnostics.suspected_errors import SuspectedError
 from beamdae.results.diagnostics.table_ranges import (
@@ -156,11 +159,14 @@ def _balance(run: RunData) -> Iterable[str]:
 
 
 def _columns(run: RunData) -> Iterable[str]:
-    return column_warnings(run.columns, run.t)
+    if all(np.isfinite(x).all() for x in run.columns.values()):
+        return ()
+    return column_warnings(run.columns, run.t, np.isnan(run.lam).any(axis=1))
 
 
 def _singular_positions(run: RunData) -> Iterable[str]:
-    return singularity_warnings(run.singular_positions)
+    yield from singularity_warnings(run.singular_positions)
+    yield from unbounded_warnings(run.equations.lam_names, run.trajectory)
 
 
 @_once_a_run

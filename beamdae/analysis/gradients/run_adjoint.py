@@ -69,6 +69,7 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators import GeneralizedAlpha, Radau
 from beamdae.integrators.compiled_run import FactorizedMatrix
 from beamdae.integrators.events.impacts import apply_impact, select_active_constraints
+from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.parts.events import select_impacts, select_switches
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval
@@ -198,6 +199,7 @@ class AdjointRun:
         for interval in solution.trajectory.intervals[1:]:
             event = find_event(solution, solution.equations, float(interval.t[0]))
             events.append(None if event is None else event_number(solution.equations, event.name))
+        solution = bound_reactions(solution)
         redundant, stop = RedundantConstraints.of(solution), find_stop(solution)
         return cls(solution, method, redundant, tuple(events), stop)
 

@@ -14,6 +14,7 @@ from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.equations.starts.reduced_equations import ReducedEquations, keep_constraints
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.integrators import GeneralizedAlpha, Radau
+from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.integrators.redundant_constraints import remove_redundant
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
@@ -42,7 +43,7 @@ class RedundantConstraints:
         reduced = remove_redundant(solution.equations, solution.trajectory.start)
         if reduced is None:
             return None
-        full = StateEvaluator(solution.equations)
+        solution, full = bound_reactions(solution), StateEvaluator(solution.equations)
 
         def reduce(interval: Interval) -> Interval:
             rows = interval.rows

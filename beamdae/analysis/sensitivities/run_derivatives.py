@@ -44,6 +44,7 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import GeneralizedAlpha, Radau
 from beamdae.integrators.events.impacts import apply_impact, select_active_constraints
+from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.results.event_records import EventRecord
@@ -73,7 +74,8 @@ class RunDerivatives:
         differences: Mapping[str, Difference],
         starts: Mapping[str, tuple[Array, Array]] | None = None,
     ) -> None:
-        self._solution, self._method, self._differences = solution, method, differences
+        self._solution, self._method = bound_reactions(solution), method
+        self._differences = differences
         self._starts = starts
         self._equations = solution.equations
 

@@ -18,7 +18,7 @@ Array = np.ndarray
 
 RANK_TOLERANCE = 1e-9  # smaller singular values of rows of length one are treated as zero
 _MAX_ENTRIES = 2_000_000  # of the matrices evaluated together
-_MIN_RELATIVE_SHARE = 0.1  # relative to the largest; joints with smaller shares are not named
+MIN_RELATIVE_SHARE = 0.1  # relative to the largest; joints with smaller shares are not named
 _GROUND = ""
 
 
@@ -54,16 +54,24 @@ class ConstraintJacobian:
 
         The rows of `times` are (t, branch).
         """
-        pattern = self.pattern
-        count = np.diff(pattern.indptr)
-        (nonzero_columns,) = np.nonzero(count)
-        column = np.repeat(np.arange(len(nonzero_columns)), count[nonzero_columns])
+        return self.scaled(times, q)[0]
+
+    @property
+    def columns(self) -> Array:
+        """Indices of the nonempty columns."""
+        return np.flatnonzero(np.diff(self.pattern.indptr))
+
+    def scaled(self, times: Array, q: Array) -> tuple[Array, Array]:
+        """Return `at`, and the lengths (rows, m) by which the rows of G were divided."""
+        pattern, columns = self.pattern, self.columns
+        count = np.diff(pattern.indptr)[columns]
+        column = np.repeat(np.arange(len(columns)), count)
         values = self._nonzeros(times, q)
-        values *= np.repeat(self.equations.position_scales[nonzero_columns], count[nonzero_columns])
-        matrix = np.zeros((len(q), self.equations.m, len(nonzero_columns)))
+        values *= np.repeat(self.equations.position_scales[columns], count)
+        matrix = np.zeros((len(q), self.equations.m, len(columns)))
         matrix[:, pattern.indices, column] = values
-        length = np.linalg.norm(matrix, axis=2, keepdims=True)
-        return matrix / np.where(length > 0.0, length, 1.0)
+        length = np.linalg.norm(matrix, axis=2)
+        return matrix / np.where(length > 0.0, length, 1.0)[..., None], length
 
     def smallest_singular_values(self, times: Array, q: Array) -> Array:
         """Return the smallest singular value of the scaled G at rows of (t, branch) and q, (rows,).
@@ -89,7 +97,7 @@ class ConstraintJacobian:
         left_vectors, _, _ = np.linalg.svd(self.at(time[None], q[None])[0])
         share = np.abs(left_vectors[:, self.rank - 1])
         names = [name.rpartition(".")[0] or name for name in self.equations.lam_names]
-        involved = share > _MIN_RELATIVE_SHARE * share.max()
+        involved = share > MIN_RELATIVE_SHARE * share.max()
         return list(
             dict.fromkeys(name for name, is_in in zip(names, involved, strict=True) if is_in)
         )

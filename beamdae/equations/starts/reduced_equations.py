@@ -13,7 +13,7 @@ from beamdae.equations.starts.dependent_constraints import (
     analyze_constraint_rank,
     find_dependent_sets,
 )
-from beamdae.equations.starts.rank import RANK_TOLERANCE, build_constraint_jacobian
+from beamdae.equations.starts.rank import build_constraint_jacobian
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.equations.structure import intern_structure
 from beamdae.errors import BeamdaeError
@@ -91,21 +91,14 @@ class ReducedEquations:
             Rows of (t, branch), of coordinates, and of multipliers of the independent constraints.
         """
         multipliers = np.zeros((len(lam), self.full.m))
-        evaluator, scales = StateEvaluator(self.full), self.full.position_scales[None]
-        lengths = np.array(
-            [
-                np.sqrt(
-                    evaluator.constraint_matrix(time, x).multiply(scales).power(2).sum(axis=1)
-                ).ravel()
-                for time, x in zip(times, q, strict=True)
-            ]
-        )
         jacobian = build_constraint_jacobian(self.full)
+        lengths = np.zeros_like(multipliers)
         for k in range(len(lam)):
-            matrix = jacobian.at(times[k : k + 1], q[k : k + 1])[0]
+            (matrix,), lengths[k] = jacobian.scaled(times[k : k + 1], q[k : k + 1])
             # G^T lam = (D G)^T lam / D, where the rows of D G have length one.
-            left_vectors, singular, _ = la.svd(matrix, full_matrices=False)
-            basis = left_vectors[:, singular > RANK_TOLERANCE]
+            left_vectors, _, _ = la.svd(matrix, full_matrices=False)
+            # The rank at regular positions: at singular ones, a smaller rank would lose reactions.
+            basis = left_vectors[:, : len(self.independent)]
             multipliers[k, self.independent] = lam[k] * lengths[k, self.independent]
             multipliers[k] = basis @ (basis.T @ multipliers[k])
         return multipliers / np.where(lengths > 0.0, lengths, 1.0)

@@ -262,9 +262,9 @@ class EnergyLedger:
         return Imbalance(residual, scale, scale)
 
     def time_above(self, residual: float) -> float:
-        """Return the fraction of the run time in which |F + G^T lam| is NaN or above `residual`."""
+        """Return the fraction of the run time in which |F + G^T lam| is above `residual`."""
         durations = [np.diff(i.t, prepend=i.t[0]) for i in self.trajectory.intervals]
-        is_above = ~(self._step_norms[:, 0] <= residual)
+        is_above = self._step_norms[:, 0] > residual
         duration = self.trajectory.end - self.trajectory.start
         # No product, for which BLAS would wake up its threads.
         return float(np.concatenate(durations)[is_above].sum()) / max(duration, _TINY)
@@ -287,7 +287,8 @@ class EnergyLedger:
     @cached_property
     def _largest_norms(self) -> list[float]:
         columns = np.ascontiguousarray(self._step_norms.T)
-        return [float(x) for x in np.max(columns, axis=1)]
+        # Unbounded reactions are NaN, see `integrators.reaction_balance`.
+        return [float(x) for x in np.fmax.reduce(columns, axis=1)]
 
     @cached_property
     def _step_norms(self) -> Array:

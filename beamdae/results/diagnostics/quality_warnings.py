@@ -95,7 +95,9 @@ def _list_causes_at_start(equations: EquationsOfMotion, energy_ledger: EnergyLed
     return list_moving_drivers(equations, start, equations.q0)
 
 
-def column_warnings(observed: Mapping[str, np.ndarray], times: np.ndarray) -> Iterator[str]:
+def column_warnings(
+    observed: Mapping[str, np.ndarray], times: np.ndarray, is_unbounded: np.ndarray
+) -> Iterator[str]:
     """Yield one warning per observed column that is not finite.
 
     Parameters
@@ -104,9 +106,11 @@ def column_warnings(observed: Mapping[str, np.ndarray], times: np.ndarray) -> It
         The observed columns (k,) by header.
     times
         Times (k,) of the rows [s].
+    is_unbounded
+        True in rows with unbounded reactions (k,), which have their own warning.
     """
     for name in observed:
-        (rows,) = np.nonzero(~np.isfinite(observed[name]))
+        (rows,) = np.nonzero(~(np.isfinite(observed[name]) | is_unbounded))
         if len(rows):
             yield (
                 f"{name}: this column is not finite at {len(rows)} of {len(times)} "

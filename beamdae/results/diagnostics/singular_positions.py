@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -202,3 +203,18 @@ def singularity_warnings(positions: tuple[SingularPosition, ...]) -> tuple[str, 
         "that enforces positions and velocities, such as 'stabilized-index1', or smaller steps."
     )
     return (warning, jumped)
+
+
+def unbounded_warnings(names: Sequence[str], trajectory: Trajectory) -> Iterator[str]:
+    """Yield a warning about reactions that grow without bounds, given the names of multipliers."""
+    rows = [(x.nodes, np.isnan(x.rows.lam)) for x in trajectory.intervals]
+    is_unbounded = np.concatenate([x for _, x in rows])
+    if is_unbounded.any():
+        times = np.concatenate([t for t, _ in rows])[is_unbounded.any(axis=1)]
+        involved = np.flatnonzero(is_unbounded.any(axis=0)).tolist()
+        joints = dict.fromkeys(names[k].rpartition(".")[0] for k in involved)
+        yield (
+            f"{', '.join(joints)}: the reactions grow without bounds where the constraints lose "
+            f"rank, first near t = {times[0]:.5g} s, because they cannot balance the loads there; "
+            "these rows are NaN, and columns with such rows have no extremes."
+        )
