@@ -46,7 +46,7 @@ from beamdae.interrupts import acknowledge
 from beamdae.parts.joints.drivers import DrivenJoint
 from beamdae.results.diagnostics.meshes.beam_ranges import measure_beam_ranges, range_warnings
 from beamdae.results.equilibrium import CriticalPoint
-from beamdae.results.outcome import Status
+from beamdae.results.outcome import REACHED_END, Status
 
 Array = np.ndarray
 
@@ -468,7 +468,9 @@ def _suspicious_steps(
     _follow_stage(Corrector(corrector.system), divided, settings, LoadControl())
     difference = measure.farthest((divided.end.x - end.x)[:n])
     is_same = divided.status.success and difference <= _SAME_END_RATIO * motions[0]
-    return [] if is_same and not _suspicious_steps(corrector, divided) else steps
+    is_undivided = len(divided.points) == len(path.points)
+    is_same &= is_undivided or not _suspicious_steps(corrector, divided)
+    return [] if is_same else steps
 
 
 def follow_to_critical_point(
@@ -548,6 +550,20 @@ def _follow_stage(
         path.status = Status("failed", str(error))
         return
     follow_path(corrector, path, steps, targets, direction)
+    if path.is_stuck and settings.control == LOAD and path.end is begin:
+        # A slack cable or a bar without bending stiffness moves far under the smallest load, until
+        # it is stretched.
+        path.status, path.is_stuck = REACHED_END, False
+        remaining = targets[0] - begin.mu
+        first = begin.mu + float(np.sign(remaining)) * min(steps.max_load_step, abs(remaining))
+        by_arc = replace(settings, control=ARC_LENGTH, step=None, targets=(first,))
+        arc_steps = _choose_steps(corrector, begin, by_arc, control)
+        follow_path(corrector, path, replace(arc_steps, stop_at_critical_point=True), [first])
+        if path.end is begin:
+            path.status = REACHED_END
+            _follow_from_mechanism(corrector, path, steps, targets)
+        elif path.status.success:
+            follow_path(corrector, path, steps, targets)
 
 
 def _choose_steps(

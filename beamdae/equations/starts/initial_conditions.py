@@ -73,7 +73,7 @@ def _solve_initial_conditions(
     if start == EQUILIBRIUM:
         v = np.zeros(equations.n)
         closed_q = ConsistencySolver(independent).close_positions(time, independent.q0)
-        q, _ = relax_to_equilibrium(StaticEquations(independent, time), closed_q)
+        q, _ = relax_to_equilibrium(StaticEquations(independent, time), independent.q0)
         request = Start(EQUILIBRIUM, equations.q0, v, False, closed_q)
     elif isinstance(start, Rotation):
         closed_q, q, v = _rotate_steadily(independent, time, start)

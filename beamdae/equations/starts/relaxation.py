@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import ceil
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -25,6 +26,12 @@ _MAX_TRAVEL_SIZES = 1e4  # limit of the travel to which steps are relative
 _MAX_GAP_RATIO = 0.5  # correction that closes the joints, relative to the step
 _NEGLIGIBLE_GAP = 1e-9
 _CONVERGED_STEP = 1e-10
+
+# Steps by which joints that are open in the first positions are closed, relative to their scales:
+# short, so that no contact is passed; if there are more than a number, longer ones.
+_CLOSING_STEP = 0.01
+_CLOSING_STEPS = 100
+_MAX_CLOSING_STEP = 0.1
 
 # Iterations of Newton's method in a step of a cautious flow.
 _MAX_ITERATIONS = 10
@@ -102,6 +109,32 @@ class FlowStep(NamedTuple):
             self.size <= max(_CONVERGED_STEP, _CONVERGED_ROUNDING_RATIO * self.rounding)
             and self.rounding <= _MAX_ROUNDING_RATIO * _RELIABLE_ROUNDING
         )
+
+
+@dataclass(frozen=True)
+class OpenJoints:
+    """Static equations whose joints are open by `gaps`, (n + m,), with zeros for the forces."""
+
+    static: StaticSystem
+    gaps: Array
+
+    @property
+    def equations(self) -> EquationsOfMotion:
+        """See `StaticSystem`."""
+        return self.static.equations
+
+    @property
+    def time(self) -> Array:
+        """See `StaticSystem`."""
+        return self.static.time
+
+    def residual(self, q: Array, lam: Array) -> Array:
+        """Return the residual, (n + m,)."""
+        return self.static.residual(q, lam) - self.gaps
+
+    def matrix(self, q: Array, lam: Array) -> sp.csc_array:
+        """Return the Jacobian, which does not depend on the gaps."""
+        return self.static.matrix(q, lam)
 
 
 @dataclass(frozen=True)
@@ -212,7 +245,8 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
     where K is the stiffness of F + G^T lam, and a second system with this matrix to close the
     joints. Short pseudo-times T keep steps small and lead to stable equilibria; long pseudo-times
     converge quadratically, like Newton's method. The step size does not depend on the orientation
-    of the mechanism. If these steps do not end, for example because they jump into stiff contacts
+    of the mechanism. Joints that are open at `q`, because drivers begin beside the drawing, are
+    closed in short steps through equilibria. If these steps do not end, for example because they jump into stiff contacts
     and out of them, a cautious flow is tried, see `GradientFlow`.
 
     Raises
@@ -223,13 +257,21 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
         farthest.
     """
     e, solver = static.equations, ConsistencySolver(static.equations)
-    begin = solver.state(static.time, q, np.zeros(e.n)).q
-    measure = DisplacementMeasure.of(e)
-    for is_cautious in (False, True):
-        flow = GradientFlow(static, begin, solver, measure, is_cautious)
-        q, lam, is_steady = _follow(flow)
-        if is_steady:
-            return q, np.zeros(e.m) if _is_unloaded(static, q) else lam
+    begin, measure = np.array(q), DisplacementMeasure.of(e)
+    gaps = static.residual(q, np.zeros(e.m))
+    gaps[: e.n] = 0.0
+    size = float(np.max(np.abs(gaps[e.n :]) / e.constraint_scales, initial=0.0))
+    count = max(min(ceil(size / _CLOSING_STEP), _CLOSING_STEPS), ceil(size / _MAX_CLOSING_STEP))
+    lam: Array | None = None
+    for share in np.linspace(1.0, 0.0, count + 1)[:-1]:
+        q, lam, is_steady = _relax(OpenJoints(static, share * gaps), q, lam, solver, measure)
+        if not is_steady:
+            q = begin
+            break
+    q = begin = solver.state(static.time, q, np.zeros(e.n)).q
+    q, lam, is_steady = _relax(static, begin, None, solver, measure)
+    if is_steady:
+        return q, np.zeros(e.m) if _is_unloaded(static, q) else lam
     displacement = np.abs(q - begin)
     worst = int(np.argmax(displacement / e.position_scales))
     sliding = list_first([term.name for term in compile_sliding(e)], _MAX_NAMES)
@@ -241,14 +283,34 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
     )
 
 
-def _follow(flow: GradientFlow) -> tuple[Array, Array, bool]:
-    """Return the positions and multipliers at the end of a flow, and True if they are steady."""
+def _relax(
+    static: StaticSystem,
+    q: Array,
+    lam: Array | None,
+    solver: ConsistencySolver,
+    measure: DisplacementMeasure,
+) -> tuple[Array, Array, bool]:
+    for is_cautious in (False, True):
+        flow = GradientFlow(static, q, solver, measure, is_cautious)
+        result = _follow(flow, lam)
+        if result[2]:
+            break
+    return result
+
+
+def _follow(flow: GradientFlow, near: Array | None) -> tuple[Array, Array, bool]:
+    """Return the positions and multipliers at the end of a flow, and True if they are steady.
+
+    With the multipliers `near` of an equilibrium close by, its first step is the longest.
+    """
     q, (a, lam) = flow.begin, flow.initial_acceleration()
     acceleration = flow.measure.farthest(a)
-    if acceleration == 0.0:
+    if acceleration == 0.0 and near is None:
         return q, lam, True
-    square = first = _FIRST_STEP / acceleration
+    square = first = _FIRST_STEP / (acceleration or 1.0)
     last = _LAST_SQUARE_RATIO * first
+    if near is not None:
+        square, lam = last, near
     is_last_tried = False
     for _ in range(_MAX_STEPS):
         step = flow.try_step(q, lam, square)
