@@ -100,7 +100,7 @@ class Equilibrium(HasPage):
     loads
         Names of the scaled loads, one tuple per stage.
     factors
-        Load factors (k, number of stages) [-].
+        Load factors (k, number of stages) [-], or values (k, 1) of the quantity `over`.
     q
         Coordinates (k, n) [m or rad].
     lam
@@ -123,6 +123,12 @@ class Equilibrium(HasPage):
         points are not counted.
     has_compared_strains
         True if `notes` name the changes with exact strains, instead of the estimates of `validity`.
+    over
+        Header of the quantity that varies in place of a load factor, such as "t [s]"; "" if none.
+    times
+        Time of each row, and the time that selects pieces of laws (k, 2) [s]; None if all are `t`.
+    numbers
+        Numbers of the equations for each row, if `over` changes them; otherwise None.
     """
 
     equations: EquationsOfMotion
@@ -139,17 +145,33 @@ class Equilibrium(HasPage):
     notes: tuple[str, ...] = field(default=(), repr=False)
     free_coordinates: tuple[str, ...] = field(default=(), repr=False)
     has_compared_strains: bool = field(default=False, repr=False)
+    over: str = ""
+    times: Array | None = field(default=None, repr=False)
+    numbers: Array | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         critical = "".join(f"; {point.kind} at {point.factor:.6g}" for point in self.critical)
         return (
-            f"<Equilibrium: {self.status.kind}, {self.status.sentence}; {len(self.q)} rows to load "
-            f"factor {self.factor:g}, {'' if self.stable else 'not '}stable{critical}>"
+            f"<Equilibrium: {self.status.kind}, {self.status.sentence}; {len(self.q)} rows to "
+            f"{self.quantity} {self.factor:g}, {'' if self.stable else 'not '}stable{critical}>"
         )
 
     @property
+    def quantity(self) -> str:
+        """Name of the quantity that varies along the path."""
+        return self.over or "load factor"
+
+    @property
+    def header(self) -> str:
+        """Header of this quantity in `table`."""
+        return self.over or FACTOR
+
+    @property
     def factor(self) -> float:
-        """Load factor of the last stage at the end of the path [-]; 1 if no load is scaled."""
+        """Load factor of the last stage at the end of the path [-]; 1 if no load is scaled.
+
+        With `over`, the last value of this quantity.
+        """
         return float(self.factors[-1, -1]) if self.factors.shape[1] else 1.0
 
     @property
@@ -172,7 +194,7 @@ class Equilibrium(HasPage):
             return ""
         return (
             "the equilibrium path ended before its target, so this state is its last equilibrium, "
-            f"at load factor {self.factor:.6g} ({self.status.sentence}); repeat the path, or "
+            f"at {self.quantity} {self.factor:.6g} ({self.status.sentence}); repeat the path, or "
             "select a row with Equilibrium.at."
         )
 
@@ -188,7 +210,9 @@ class Equilibrium(HasPage):
         count, end = int(self.unstable[-1]), len(self.q) - 1
         if count <= 0 or any(point.row == end for point in self.critical):
             return ""
-        state = "the equilibrium" + (f" at load factor {self.factor:.6g}" if self.loads else "")
+        state = "the equilibrium" + (
+            f" at {self.quantity} {self.factor:.6g}" if self.loads or self.over else ""
+        )
         state += f" is unstable in {format_count(count, 'direction')}"
         last_stable = max(np.flatnonzero(self.unstable == 0), default=-1)
         onset = next((x for x in self.critical if x.row >= last_stable >= 0), None)
@@ -199,7 +223,7 @@ class Equilibrium(HasPage):
                     return ""
                 factor = self.factors[last_stable].sum()
                 return (
-                    f"equilibrium: {state} since about load factor {factor:.6g}, where no critical "
+                    f"equilibrium: {state} since about {self.quantity} {factor:.6g}, where no critical "
                     "point was found; use a smaller step=."
                 )
             return (
@@ -213,15 +237,15 @@ class Equilibrium(HasPage):
                 if isinstance(self.settings["to"], Mapping) or not self.status.success:
                     return ""
                 return (
-                    f"equilibrium: {state} since the {onset.kind} at load factor "
-                    f"{onset.factor:.6g}, where a real structure leaves this path; simulate what "
+                    f"equilibrium: {state} since the {onset.kind} at "
+                    f"{self.quantity} {onset.factor:.6g}, where a real structure leaves this path; simulate what "
                     "it does beyond this point."
                 )
             return (
-                f"equilibrium: {state} since the branch point at load factor {onset.factor:.6g}, "
-                "where the path switches; simulate what the structure does at this point."
+                f"equilibrium: {state} since the branch point at {self.quantity} "
+                f"{onset.factor:.6g}, where the path switches; simulate what the structure does at this point."
             )
-        state = f"{state} since the {onset.kind} at load factor {onset.factor:.6g}"
+        state = f"{state} since the {onset.kind} at {self.quantity} {onset.factor:.6g}"
         if onset.kind != "branch point":
             return f"equilibrium: {state}; simulate what the structure does beyond it."
         crossing = f"follow the crossing path with switch={number}, or " * (len(self.loads) == 1)
@@ -256,6 +280,10 @@ class Equilibrium(HasPage):
         return replace(
             self,
             status=self.status if is_end else Status("ok", f"row {row} of a longer path"),
+            equations=self._equations_of_row(row),
+            t=self.t if self.times is None else float(self.times[row, 0]),
+            times=None if self.times is None else self.times[: row + 1],
+            numbers=None if self.numbers is None else self.numbers[: row + 1],
             factors=self.factors[: row + 1],
             q=self.q[: row + 1],
             lam=self.lam[: row + 1],
@@ -267,15 +295,22 @@ class Equilibrium(HasPage):
     @cached_property
     def columns(self) -> dict[str, Array]:
         """Observed columns (k,) by header, without rates and accelerations, which are zero."""
-        e, rows = self.equations, len(self.q)
+        e = self.equations
         headers = e.observed_headers
         if not headers:
             return {}
         present = set(static_headers(e))
         at_rest = np.zeros_like(self.q)
-        times = np.full((rows, 2), self.t)
-        observe = ObservedRows(self.observed_equations)
-        values = observe(times, self.q, at_rest, at_rest, self.lam).T
+        states = self._times, self.q, at_rest, at_rest, self.lam
+        if self.numbers is None:
+            values = ObservedRows(self.observed_equations)(*states).T
+        else:
+            values = np.array(
+                [
+                    ObservedRows(replace(self.observed_equations, p=p))(*(x[k : k + 1] for x in states))[0]
+                    for k, p in enumerate(self.numbers)
+                ]
+            ).T
         return {
             header: column
             for header, column in zip(headers, values, strict=True)
@@ -287,7 +322,7 @@ class Equilibrium(HasPage):
         kinds = np.full(len(self.q), "", object)
         for point in self.critical:
             kinds[point.row] = point.kind
-        names = [FACTOR] * min(len(self.loads), 1)
+        names = [self.header] * min(self.factors.shape[1], 1)
         names += [f"load factor {k} [-]" for k in range(2, len(self.loads) + 1)]
         return {
             **dict(zip(names, self.factors.T, strict=True)),
@@ -315,7 +350,7 @@ class Equilibrium(HasPage):
         import pandas as pd
 
         columns, headers = self._select(name)
-        index = pd.Index(self.factors.sum(axis=1), name=FACTOR)
+        index = pd.Index(self.factors.sum(axis=1), name=self.header)
         table = pd.DataFrame({h: np.asarray(columns[h]) for h in headers}).set_index(index)
         is_single = len(headers) == 1 and not isinstance(name, (list, tuple))
         return table[headers[0]] if is_single else table
@@ -406,8 +441,7 @@ class Equilibrium(HasPage):
             for names, factor in zip(self.loads, row, strict=True):
                 factors |= dict.fromkeys(names, factor)
             groups.append((np.array([k]), factors))
-        times = np.full((len(q), 2), self.t)
-        return LoadedStates(times, State(q, at_rest, at_rest, lam), groups)
+        return LoadedStates(self._times[rows], State(q, at_rest, at_rest, lam), groups)
 
     def diagram(self, beam: Any, what: str = "M") -> Plot:
         """Plot a section force of a beam at the end of the path over its arc length.
@@ -449,7 +483,7 @@ class Equilibrium(HasPage):
                 )
         beams = () if self.has_compared_strains else range_warnings(self.validity)
         strains = strain_warnings(self.equations, self.validity, lambda: self.q)
-        outside = list_arguments_outside(self.equations, np.full(2, self.t), self.q)
+        outside = list_arguments_outside(self.equations, self._times[-1], self.q)
         # Other columns are evaluated on first access, which takes as long as a load step.
         meshes = find_mesh_errors(
             self.equations, lambda header: self.columns[header], self._select_loaded_states
@@ -464,6 +498,8 @@ class Equilibrium(HasPage):
                 "so this equilibrium is that of the limit, not of the loop; enlarge the limits, or "
                 "change the target or the load.",
             )
+        if self.numbers is not None:
+            meshes = ()  # estimated for the numbers of the last row only
         of_model = self.equations.build_warnings
         found = (
             *of_model,
@@ -486,7 +522,7 @@ class Equilibrium(HasPage):
             "model": self.model,
             "loads": [list(stage) for stage in self.loads],
             "settings": self.settings,
-            "load factor": self.factor,
+            self.quantity: self.factor,
             "stable": self.stable,
             "free to move": self.free,
             "critical points": [point._asdict() for point in self.critical],
@@ -523,6 +559,15 @@ class Equilibrium(HasPage):
     def observed_equations(self) -> EquationsOfMotion:
         """Equations whose observed loads are zero for inactive parts."""
         return self.equations.without_loads_of(frozenset(self._inactive))
+
+    @property
+    def _times(self) -> Array:
+        return np.full((len(self.q), 2), self.t) if self.times is None else self.times
+
+    def _equations_of_row(self, row: int) -> EquationsOfMotion:
+        if self.numbers is None:
+            return self.equations
+        return replace(self.equations, p=self.numbers[row])
 
     @property
     def _inactive(self) -> tuple[str, ...]:

@@ -48,7 +48,11 @@ from beamdae.analysis.statics.saddle_elimination import (
 )
 from beamdae.analysis.statics.strain_increments import StrainIncrements
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.static_equations import StaticSums, plan_static_sums
+from beamdae.equations.formulations.static_equations import (
+    StaticEquations,
+    StaticSums,
+    plan_static_sums,
+)
 from beamdae.equations.starts.rigid_motions import DisplacementMeasure
 from beamdae.equations.structure import (
     ConstraintTerm,
@@ -92,6 +96,9 @@ _SOFT_MOTION_COUNT = 6
 # entry: larger than rounding errors, and about the bending stiffness of a beam with L/h = 1e6.
 _SOFT_SHIFT = 1e-13
 
+
+# Distance of a parameter from the value about which equations are linearized, in steps.
+_CENTER_TOLERANCE = 1e-6
 
 SINGULAR = "the tangent stiffness is singular at the next point"
 _FAILURES = {
@@ -152,6 +159,23 @@ class LoadSteps(NamedTuple):
     step: float
     has_arrived: bool
     has_halted: bool
+
+
+class VariedEquations(NamedTuple):
+    """Static equations that depend on a parameter, with values from `begin` to `end`.
+
+    Attributes
+    ----------
+    at
+        Function that returns the equations at a value. They differ in numbers and time only.
+    begin, end, step
+        First and last value, and step of derivatives by the parameter.
+    """
+
+    at: Callable[[float], StaticEquations]
+    begin: float
+    end: float
+    step: float
 
 
 class NearestModes(NamedTuple):
@@ -351,6 +375,9 @@ class BorderedSystem:
         (t, branch), at which laws are evaluated.
     held
         Indices of coordinates with springs that act on the tangent F_x alone.
+    varied
+        Equations that depend on a parameter in place of the load factor, or None. The parts U and L
+        are then those at its value and a step beside it, and there is no common part C.
 
     Attributes
     ----------
@@ -368,10 +395,16 @@ class BorderedSystem:
         loaded: EquationsOfMotion,
         time: Array,
         held: tuple[int, ...] = (),
+        varied: VariedEquations | None = None,
     ) -> None:
         self._time, self._n = time, loaded.n
+        self._varied = varied
         self._part_scales = loaded.part_scales
-        common, only_unloaded, only_loaded = _split_structures(unloaded, loaded)
+        if varied is None:
+            common, only_unloaded, only_loaded = _split_structures(unloaded, loaded)
+        else:
+            only_unloaded = only_loaded = loaded.structure
+            common = _select_terms(loaded.structure, (False,) * len(_term_keys(loaded.structure)))
         self._numbers = (unloaded.p, unloaded.p, loaded.p)
         self._usage = _usage_of(common)
         part_rows = (*(part.rows.start for part in loaded.parts), loaded.n)
@@ -420,6 +453,10 @@ class BorderedSystem:
         run.points[:], run.distance_weights[:] = self.measure.point, self.measure.scale**-2.0
         run.reference[: self._n], run.needs_scales = self._initial_q, 1
         run.saddle.part_scales[:] = self._part_scales
+        run.center, run.scale = 0.0, 1.0
+        if self._varied is not None:
+            run.scale = 0.0
+            self._center(self._varied.begin)
         self._evaluated_x[:] = np.nan
         if loop.is_native:
             weakref.finalize(self, self._idle_loops.append, loop).atexit = False
@@ -557,7 +594,8 @@ class BorderedSystem:
         if not run.has_tangent:
             self._run(x, mu, EVALUATE_TANGENT)
         saddle = run.saddle
-        loads = mu * run.loaded.nonzeros + (1.0 - mu) * run.unloaded.nonzeros
+        share = (mu - run.center) * run.scale
+        loads = share * run.loaded.nonzeros + (1.0 - share) * run.unloaded.nonzeros
         terms = saddle.weights * loads[saddle.entries]
         size = float(np.max(np.abs(terms), initial=0.0))
         if size == 0.0:
@@ -716,14 +754,20 @@ class BorderedSystem:
         if step is not None:
             run.solution[:-1], run.solution[-1] = step.x, step.mu
             run.phase = PREDICT
+        is_at_value = isinstance(control, LoadControl)
+        if self._varied is not None:
+            self._center(target if is_at_value else mu + (0.0 if step is None else step.mu))
         self._set_control(control.linearize(x, mu), target)
         # The point changes within the loop.
         self._evaluated_x[:] = np.nan
-        while (code := self._call()) in (DISPLACE, LINEARIZE):
+        while (code := self._call()) in (DISPLACE, LINEARIZE) or self._is_off_center(code):
             if code == DISPLACE:
                 self.increments.displace_frames(run.inputs, run.solution, run.displaced)
-            else:
+            elif code == LINEARIZE:
                 self._set_control(control.linearize(self._point(), run.mu), target)
+            else:
+                self._center(run.mu)
+                run.phase, run.last_size = ITERATE, np.inf
         self._evaluated_x[:] = end = self._point()
         self._compile_if_used(run.iterations - 1)
         failure = None
@@ -768,7 +812,7 @@ class BorderedSystem:
             Maximum number of steps.
         """
         run, (x, mu) = self._loop.work, point
-        if not self.is_native or run.has_frames:
+        if not self.is_native or run.has_frames or self._varied is not None:
             return None
         self._set_point(x, mu)
         self._set_control(LoadControl().linearize(x, mu), target)
@@ -877,6 +921,29 @@ class BorderedSystem:
         if mu != run.mu:
             run.has_forces = run.has_signs = run.has_factors = 0
         run.mu = mu
+        if self._is_off_center(DONE):
+            self._center(mu)
+
+    def _is_off_center(self, code: int) -> bool:
+        """Return True if a result is that of the linearization about another parameter value."""
+        run = self._loop.work
+        distance = abs(run.mu - run.center) * run.scale
+        return self._varied is not None and code == DONE and distance > _CENTER_TOLERANCE
+
+    def _center(self, value: float) -> None:
+        """Evaluate the equations, and their derivative by the parameter, about a value of it."""
+        assert self._varied is not None
+        run, step = self._loop.work, self._varied.step
+        pair = self._varied.at(value), self._varied.at(value + step)
+        # The step must not lead into the next piece of a law.
+        branch = float(pair[0].time[1])
+        parts = (run.unloaded, run.loaded)
+        for part, plans, static in zip(parts, self._plans[1:], pair, strict=True):
+            for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
+                plan.set_data(total, static.equations.p)
+                set_time(total, float(static.time[0]), branch)
+        run.center, run.scale = value, 1.0 / step
+        run.has_forces = run.has_tangent = run.has_signs = run.has_factors = 0
 
     def _call(self) -> int:
         """Run the loop; return its code."""

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.statics.bordered_system import BorderedSystem
+from beamdae.analysis.statics.bordered_system import BorderedSystem, VariedEquations
+from beamdae.analysis.statics.path_parameters import PathParameter
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.building import remove_forces
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -116,11 +117,15 @@ class LoadedEquations:
         scaled.
     held_coordinates
         Indices of the coordinates that springs in the tangent hold, see `neutral_motions`.
+    varied
+        Equations R(x; mu) that depend on another parameter mu than a load factor, or None;
+        `unloaded` and `loaded` are then those at its first and last value.
     """
 
     unloaded: StaticEquations
     loaded: StaticEquations
     held_coordinates: tuple[int, ...] = ()
+    varied: VariedEquations | None = None
 
     @property
     def equations(self) -> EquationsOfMotion:
@@ -136,7 +141,22 @@ class LoadedEquations:
     def bordered(self) -> BorderedSystem:
         """Evaluation of the equations, and solution with a control equation."""
         equations = self.unloaded.equations, self.loaded.equations
-        return BorderedSystem(*equations, self.loaded.time, self.held_coordinates)
+        return BorderedSystem(*equations, self.loaded.time, self.held_coordinates, self.varied)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Load factors, or values of the parameter, without and with the loads."""
+        return (0.0, 1.0) if self.varied is None else (self.varied.begin, self.varied.end)
+
+    def time_at(self, mu: float) -> Array:
+        """Return (t, branch) at which laws are evaluated."""
+        return self.loaded.time if self.varied is None else self.varied.at(mu).time
+
+    def _interval_at(self, mu: float) -> tuple[StaticEquations, StaticEquations, float]:
+        """Return two equations and the share of the second one in those at `mu`."""
+        if self.varied is None:
+            return self.unloaded, self.loaded, mu
+        return self.varied.at(mu), self.varied.at(mu), 1.0
 
     @cached_property
     def scales(self) -> Array:
@@ -196,15 +216,15 @@ class LoadedEquations:
         natural sizes, so that nonlinear dampers are linearized.
         """
         n = self.equations.n
-        unloaded, loaded = (
-            formulate_first_order(each.equations, "index3") for each in (self.unloaded, self.loaded)
-        )
+        *pair, share = self._interval_at(mu)
+        time = self.time_at(mu)
+        unloaded, loaded = (formulate_first_order(each.equations, "index3") for each in pair)
 
         def forces(velocity: Array) -> Array:
             y = np.concatenate([x[:n], velocity, x[n:]])
-            after = loaded.residual(self.loaded.time, y, np.zeros_like(y))
-            before = unloaded.residual(self.loaded.time, y, np.zeros_like(y))
-            return (before + mu * (after - before))[n : 2 * n]
+            after = loaded.residual(time, y, np.zeros_like(y))
+            before = unloaded.residual(time, y, np.zeros_like(y))
+            return (before + share * (after - before))[n : 2 * n]
 
         products = np.zeros_like(motions)
         for k, motion in enumerate(motions.T):
@@ -215,20 +235,21 @@ class LoadedEquations:
 
     def motion_tangent(self, state: State, mu: float) -> Tangent:
         """Return the equations of motion linearized about `state` at the load factor `mu`."""
-        loaded = compute_tangent(self.equations, self.loaded.time, state)
-        if not self.has_scaled_loads:
+        first, last, share = self._interval_at(mu)
+        loaded = compute_tangent(last.equations, last.time, state)
+        if first is last:
             return loaded
-        unloaded = compute_tangent(self.unloaded.equations, self.unloaded.time, state)
-        return interpolate_tangents(unloaded, loaded, mu)
+        unloaded = compute_tangent(first.equations, first.time, state)
+        return interpolate_tangents(unloaded, loaded, share)
 
     def matrix(self, nonzeros: Array) -> sp.csc_array:
         """Return the tangent with these non-zeros as a sparse matrix."""
         data = (nonzeros, self.pattern.indices, self.pattern.indptr)
         return sp.csc_array(data, shape=self.pattern.shape)
 
-    def at_factor(self, mu: float) -> FixedFactorEquations:
+    def at_factor(self, mu: float) -> FixedFactorEquations | StaticEquations:
         """Return the static equations under a fixed load factor."""
-        return FixedFactorEquations(self, mu)
+        return FixedFactorEquations(self, mu) if self.varied is None else self.varied.at(mu)
 
 
 def interpolate_tangents(unloaded: Tangent, loaded: Tangent, mu: float) -> Tangent:
@@ -283,6 +304,8 @@ class Loading:
     reduction
         Reduction that removed redundant constraints and restores their reactions; None if no
         constraint was removed.
+    parameter
+        Quantity that varies along the path in place of a load factor, or None.
     """
 
     full_equations: EquationsOfMotion
@@ -290,11 +313,21 @@ class Loading:
     systems: tuple[LoadedEquations, ...]
     multiplier_rows: Array
     reduction: ReducedEquations | None
+    parameter: PathParameter | None = None
 
-    def full_multipliers(self, q: Array, lam: Array) -> Array:
-        """Return the multipliers of all constraints, (k, m), for k rows of q and lam."""
+    @property
+    def quantity(self) -> str:
+        """Name of the quantity that varies along the path."""
+        return "load factor" if self.parameter is None else self.parameter.header
+
+    def full_multipliers(self, q: Array, lam: Array, times: Array | None = None) -> Array:
+        """Return the multipliers of all constraints, (k, m), for k rows of q, lam and times.
+
+        The times (t, branch) are needed only where the time varies along the path.
+        """
         if self.reduction is not None:
-            times = np.tile(self.systems[0].loaded.time, (len(q), 1))
+            if times is None:
+                times = np.tile(self.systems[0].loaded.time, (len(q), 1))
             return self.reduction.restore_reactions(times, q, lam)
         multipliers = np.zeros((len(lam), self.full_equations.m))
         multipliers[:, self.multiplier_rows] = lam
@@ -356,6 +389,17 @@ def build_loading(
     rows = {name: k for k, name in enumerate(full_equations.lam_names)}
     multiplier_rows = np.array([rows[name] for name in models[-1].lam_names], int)
     return Loading(full_equations, stages, systems, multiplier_rows, reduction)
+
+
+def vary_parameter(full_equations: EquationsOfMotion, parameter: PathParameter) -> Loading:
+    """Return the static equations along a path on which a parameter varies, under all loads."""
+    varied = parameter.vary_statics()
+    first, last = varied.at(parameter.begin), varied.at(parameter.end)
+    system = LoadedEquations(first, last, (), varied)
+    rows = {name: k for k, name in enumerate(full_equations.lam_names)}
+    multiplier_rows = np.array([rows[name] for name in first.equations.lam_names], int)
+    reduction = parameter.reduce(parameter.begin)
+    return Loading(full_equations, (), (system,), multiplier_rows, reduction, parameter)
 
 
 def _equations_without(

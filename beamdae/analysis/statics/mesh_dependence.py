@@ -232,7 +232,8 @@ def compare_path(
         Positions (n,) near which the path begins.
     """
     e, last = loading.full_equations, path.points[-1].x[None, : loading.full_equations.n]
-    if path.status.kind == "interrupted" or not (e.observed_headers or path.critical):
+    is_compared = loading.parameter is None and path.status.kind != "interrupted"
+    if not is_compared or not (e.observed_headers or path.critical):
         return PathComparison((), False, False)
     coarse = find_coarse_beam(e, last)
     by_mesh = None if coarse is None else _compare(loading, path, settings, coarse, q)
@@ -371,6 +372,8 @@ def recheck_stability(loading: Loading, path: EquilibriumPath) -> StabilityReche
     points = path.points
     unstable = np.array([point.unstable_count for point in points])
     unchanged = StabilityRecheck(unstable, path.critical, ())
+    if loading.parameter is not None:
+        return unchanged
     rows = [one.row for one in path.critical]
     doubtful = set[int]()
     for first, last in pairwise([-1, *rows, len(points)]):

@@ -43,7 +43,7 @@ def hold_neutral_motions(system: LoadedEquations, x: Array) -> LoadedEquations:
         weights = displacement * np.cos(1.0 + np.arange(motions.shape[1]))
         displaced = x.copy()
         displaced[:n] += scale * (motions @ weights)
-        for mu in (0.0, 1.0):
+        for mu in system.ends:
             tangent = system.matrix(system.tangent(displaced, mu))
             stiffness = sp.csc_array(tangent[:n, :n]) * scale * scale[:, None]
             gradients = sp.csr_array(tangent[n:, :n]) * scale
@@ -78,14 +78,15 @@ def _null_space(matrix: Array) -> Array:
 def _is_neutral(system: LoadedEquations, x: Array, motion: Array, size: float) -> bool:
     """Return True if no load acts along a motion (n,) and forces do not change along it."""
     n, scale = len(motion), system.equations.position_scales
-    before, load = system.residual(x, 1.0)
+    last = system.ends[1]
+    before, load = system.residual(x, last)
     power = abs(motion @ load[:n])
     if power > _TANGENT_ROUNDING * np.sum(np.abs(scale * load[:n])):
         return False
     for displacement in _DISPLACEMENTS:
         displaced = x.copy()
         displaced[:n] += displacement * motion
-        change = system.residual(displaced, 1.0)[0] - before
+        change = system.residual(displaced, last)[0] - before
         if not np.max(np.abs(scale * change[:n]), initial=0.0) <= _FORCE_ROUNDING * size:
             return False
         if not np.max(np.abs(change[n:]), initial=0.0) <= _TANGENT_ROUNDING:

@@ -203,6 +203,8 @@ class BorderedWorkspace:
         Load factor.
     deviation
         Value of the control equation, for Newton's method.
+    center, scale
+        The load factor mu of the parts U and L is (load factor - center) * scale.
     task
         `EVALUATE_FORCES`; `EVALUATE_TANGENT` to evaluate also the tangent; `COUNT_SIGNS` to count
         also the negative pivots of `saddle`; `SOLVE` with the given `column` and `right`;
@@ -305,6 +307,8 @@ class BorderedWorkspace:
     column_start: int
     has_frames: int
     mu: float = 0.0
+    center: float = 0.0
+    scale: float = 1.0
     deviation: float = 0.0
     denominator: float = 1.0
     origin_mu: float = 0.0
@@ -663,15 +667,17 @@ def _continue_path(run: BorderedWorkspace) -> int:
 
 def _solve_bordered(run: BorderedWorkspace, task: int) -> int:
     """Evaluate the equations and perform the task; return DONE or the code of the linear solver."""
-    common, unloaded, loaded, mu = run.common, run.unloaded, run.loaded, run.mu
+    common, unloaded, loaded = run.common, run.unloaded, run.loaded
+    mu = (run.mu - run.center) * run.scale
     if run.has_forces == 0:
         evaluate_sum(common.residual, run.inputs, common.forces)
         evaluate_sum(unloaded.residual, run.inputs, unloaded.forces)
         evaluate_sum(loaded.residual, run.inputs, loaded.forces)
         run.has_forces = 1
     # Increments, so that entries without loads are independent of mu to the last digit.
-    combine(run.by_factor, (1.0, -1.0), (loaded.forces, unloaded.forces))
-    combine(run.forces, (1.0, 1.0, mu), (common.forces, unloaded.forces, run.by_factor))
+    combine(run.by_factor, (run.scale, -run.scale), (loaded.forces, unloaded.forces))
+    change = run.mu - run.center
+    combine(run.forces, (1.0, 1.0, change), (common.forces, unloaded.forces, run.by_factor))
     if task == EVALUATE_FORCES:
         return DONE
     if run.has_tangent == 0:

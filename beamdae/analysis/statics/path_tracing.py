@@ -55,6 +55,8 @@ LOAD, DISPLACEMENT, ARC_LENGTH = "load", "displacement", "arc length"
 # Default steps by load and by displacement, relative to the distance to the farthest target.
 _LOAD_STEP_RATIO = 0.1
 _DISPLACEMENT_STEP_RATIO = 0.05
+# The same for a quantity that varies in place of a load factor, because its path is a curve to plot.
+_PARAMETER_STEP_RATIO = 0.02
 # Default step by arc length, in natural sizes. If a column is the target, the step is also limited
 # to this fraction of the motion needed to reach it.
 _ARC_STEP = 0.05
@@ -114,6 +116,8 @@ class PathSettings:
     ----------
     column
         Name of the observed column to which `targets` refer; "" if they are load factors.
+    varies
+        Quantity that varies in place of a load factor, as the user named it; "" if there is none.
     targets, control, step, switch, max_points
         See `to`, `control`, `step`, `switch` and `max_points` of `equilibrium`.
     """
@@ -124,10 +128,11 @@ class PathSettings:
     step: float | None
     switch: tuple[int, ...]
     max_points: int
+    varies: str = ""
 
     @classmethod
     def from_arguments(
-        cls, to: Any, control: Any, step: Any, switch: Any, max_points: Any
+        cls, to: Any, control: Any, step: Any, switch: Any, max_points: Any, over: Any = None
     ) -> PathSettings:
         """Validate arguments of `equilibrium` and return them as settings.
 
@@ -136,7 +141,17 @@ class PathSettings:
         BeamdaeError
             If an argument is invalid; the message names it.
         """
-        name, column, values = "equilibrium", "", to
+        name, column, values = "equilibrium", "", 1.0 if to is None and over is None else to
+        if over is not None and (to is None or isinstance(to, Mapping)):
+            raise BeamdaeError(
+                f"equilibrium: to must be the last value of {short_repr(over)}, or a list of "
+                f"values, got {short_repr(to)}; pass for example over={short_repr(over)}, to=1.0."
+            )
+        if over is not None and not isinstance(over, str):
+            raise BeamdaeError(
+                "equilibrium: over must be 't' or the name of a driver, an input or a parameter, "
+                f"got {short_repr(over)}."
+            )
         if isinstance(to, Mapping):
             what = (
                 "a load factor, a list of load factors, or one observed position with a value "
@@ -168,13 +183,14 @@ class PathSettings:
             )
         size = None if step is None else require_positive(name, "step", step)
         max_points = require_count(name, "max_points", max_points, 2)
-        return cls(column, targets, control, size, switch, max_points)
+        return cls(column, targets, control, size, switch, max_points, over or "")
 
     @property
     def description(self) -> dict[str, Any]:
         """Settings as plain values for `Equilibrium.settings`."""
         to = list(self.targets)
         return {
+            **({"over": self.varies} if self.varies else {}),
             "to": {self.column: to} if self.column else to,
             "control": self.control,
             "step": self.step,
@@ -237,6 +253,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         If no equilibrium is found at which the path begins; or if the targets are values of a
         column that is not an observed position, or no load is scaled to reach them.
     """
+    varies = loading.parameter is not None
     if not loading.stages and settings.column:
         cause = f"equilibrium: {settings.column} cannot be prescribed because no load is scaled"
         drivers = _list_drivers(loading.full_equations)
@@ -262,7 +279,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         begin = (
             find_unloaded_equilibrium(corrector, q)
             if k == 0
-            else EquilibriumPoint(system, points[-1].x, 0.0)
+            else EquilibriumPoint(system, points[-1].x, system.ends[0])
         )
         if begin.free_count and system.has_scaled_loads:
             system = hold_neutral_motions(system, begin.x)
@@ -276,7 +293,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             elif system.has_scaled_loads:
                 _follow_stage(corrector, path, settings.for_earlier_stage(), LoadControl())
             if system.has_scaled_loads and control == LOAD and not (is_last and settings.column):
-                jump_notes = _jump_notes(corrector, path)
+                jump_notes = _jump_notes(corrector, path, loading.quantity)
         except KeyboardInterrupt:
             acknowledge()
             path.status = Status("interrupted", "interrupted")
@@ -284,7 +301,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         first = len(points) - (k > 0)
         del points[first:], factors[first:]
         points += path.points
-        row = np.where(np.arange(len(loading.stages)) < k, 1.0, 0.0)
+        row = np.where(np.arange(len(loading.stages) + varies) < k, 1.0, 0.0)
         for point in path.points:
             factors.append(row.copy())
             factors[-1][k : k + 1] = point.mu
@@ -293,18 +310,18 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             factor = path.points[one.row].mu
             critical.append(CriticalPoint(one.kind, first + one.row, factor, coordinate))
         if system.has_scaled_loads:
-            notes += _zero_load_notes(path) + _unknown_notes(path) + _rounding_notes(path)
+            notes += _zero_load_notes(path, loading) + _unknown_notes(path) + _rounding_notes(path)
             notes += _damping_notes(path)
-            notes += _range_notes(path) + jump_notes
+            notes += _range_notes(path, loading.quantity) + jump_notes
             mesh_notes += _mesh_notes(path)
         iterations += corrector.iterations
-        status = _end_status(path, system, control)
+        status = _end_status(path, system, control, loading.quantity)
         if not status.success and path.is_stuck and isinstance(last_control, DisplacementControl):
             far = _describe_far_target(last_control, path.points[0], settings)
             status = replace(status, sentence=status.sentence + far)
         if not status.success:
             break
-    all_factors = np.array(factors).reshape(len(points), len(loading.stages))
+    all_factors = np.array(factors).reshape(len(points), len(loading.stages) + varies)
     remarks = tuple(notes), tuple(mesh_notes)
     return EquilibriumPath(points, all_factors, tuple(critical), status, iterations, *remarks)
 
@@ -319,8 +336,15 @@ def _list_drivers(equations: EquationsOfMotion) -> list[str]:
     ]
 
 
-def _zero_load_notes(path: StagePath) -> list[str]:
+def _zero_load_notes(path: StagePath, loading: Loading) -> list[str]:
     """Return a remark if the loads of a stage are zero at both ends of its path."""
+    if loading.parameter is not None:
+        if not all(map(_is_unloaded, path.points)):
+            return []
+        return [
+            f"equilibrium: nothing depends on {loading.parameter.name}, so all points of the path "
+            "are equal; choose another quantity with over=."
+        ]
     # The end first: its forces are known, and its modes will be computed with its factors.
     if path.points[-1] is path.points[0] or not all(map(_is_unloaded, (path.end, path.points[0]))):
         return []
@@ -389,11 +413,11 @@ def _damping_notes(path: StagePath) -> list[str]:
     ]
 
 
-def _range_notes(path: StagePath) -> list[str]:
+def _range_notes(path: StagePath, quantity: str) -> list[str]:
     """Return a remark per range of load factors in which growing modes appear and vanish."""
     ranges = dict.fromkeys(one.loads for one in path.critical if one.loads)
     return [
-        f"equilibrium: critical points between the load factors {low:.6g} and {high:.6g} are not "
+        f"equilibrium: critical points between the {quantity} {low:.6g} and {high:.6g} are not "
         "distinguished: the number of unstable directions rises and falls there by rounding "
         "errors, because the mesh separates modes with equal critical loads, or because one mode "
         "becomes unstable where another becomes stable. Use more elements or thicker beams, or "
@@ -418,7 +442,7 @@ def _mesh_notes(path: StagePath) -> list[str]:
     return []
 
 
-def _jump_notes(corrector: Corrector, path: StagePath) -> list[str]:
+def _jump_notes(corrector: Corrector, path: StagePath, quantity: str) -> list[str]:
     """Return a remark per step of load control that passes over a limit point.
 
     A step that is larger than the limit load may end on the path beyond it, such as that of an arch
@@ -433,7 +457,7 @@ def _jump_notes(corrector: Corrector, path: StagePath) -> list[str]:
         limits = [again.points[x.row].mu for x in again.critical if x.kind == LIMIT]
         if limits:
             notes.append(
-                f"equilibrium: the step of the load factor from {begin.mu:.6g} to {end.mu:.6g} "
+                f"equilibrium: the step of the {quantity} from {begin.mu:.6g} to {end.mu:.6g} "
                 f"passes over the limit point at {limits[0]:.6g} and jumps to other equilibria; "
                 "use control='arc length', or a smaller step."
             )
@@ -494,15 +518,16 @@ def find_unloaded_equilibrium(corrector: Corrector, q: Array) -> EquilibriumPoin
     Relaxation is used if Newton's method fails or moves the mechanism too far.
     """
     system = corrector.system
+    first, last = system.ends
     x = np.append(q, np.zeros(system.equations.m))
     try:
-        drawn = EquilibriumPoint(system, x, 0.0)
-        point, correction = corrector.follow(LoadControl(), 0.0, drawn, None)
+        drawn = EquilibriumPoint(system, x, first)
+        point, correction = corrector.follow(LoadControl(), first, drawn, None)
         if correction.motion <= _MAX_INITIAL_MOTION:
             return replace(point, load_direction=correction.direction)
     except CorrectorError:
         pass
-    return _relax(corrector, q, 0.0 if system.has_scaled_loads else 1.0)
+    return _relax(corrector, q, first if system.has_scaled_loads else last)
 
 
 def _relax(corrector: Corrector, q: Array, mu: float) -> EquilibriumPoint:
@@ -575,7 +600,8 @@ def _choose_steps(
     reach = max(abs(target - initial_value) for target in settings.targets)
     reach = max(reach, _MIN_REACH)
     by_load = isinstance(control, LoadControl)
-    load_step = _LOAD_STEP_RATIO * (reach if by_load else 1.0)
+    ratio = _PARAMETER_STEP_RATIO if settings.varies else _LOAD_STEP_RATIO
+    load_step = ratio * (reach if by_load else 1.0)
     if settings.control != ARC_LENGTH:
         step = settings.step or (load_step if by_load else _DISPLACEMENT_STEP_RATIO * reach)
         load_step = step if by_load else load_step
@@ -674,14 +700,14 @@ def dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
     return e.q_names[min(largest, key=lambda k: (e.coordinates[k].unit != "rad", k))]
 
 
-def _end_status(path: StagePath, system: LoadedEquations, control: str) -> Status:
+def _end_status(path: StagePath, system: LoadedEquations, control: str, quantity: str) -> Status:
     """Return the status of a path; if it ended early, with the last load factor.
 
     A remedy is added if no step converges.
     """
     if path.status.success:
         return path.status
-    sentence = f"{path.status.sentence} (last converged load factor: {path.end.mu:.6g})"
+    sentence = f"{path.status.sentence} (last converged {quantity}: {path.end.mu:.6g})"
     if path.is_stuck:
         sentence += _remedy(path, system.equations, control)
     return Status(path.status.kind, sentence)

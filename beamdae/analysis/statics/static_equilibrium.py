@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.turning import find_turning
-from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
+from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading, vary_parameter
 from beamdae.analysis.statics.mesh_dependence import PathComparison, compare_path, recheck_stability
+from beamdae.analysis.statics.path_parameters import resolve_parameter
 from beamdae.analysis.statics.path_tracing import (
     EquilibriumPath,
     PathSettings,
@@ -24,6 +26,7 @@ from beamdae.errors import (
     require_choice,
     require_finite,
     set_fields,
+    short_repr,
     warn_of_incomplete_result,
     warn_of_result,
 )
@@ -54,7 +57,7 @@ _FRICTION_WARNING = (
 def equilibrium(
     model: Any,
     loads: Any = None,
-    to: Any = 1.0,
+    to: Any = None,
     control: str | None = None,
     step: float | None = None,
     switch: Any = 0,
@@ -62,9 +65,14 @@ def equilibrium(
     t: float = 0.0,
     start: Any = None,
     *,
+    over: str | None = None,
+    from_: float | None = None,
     partial: PartialResult = "raise",
 ) -> Equilibrium:
     """Compute static equilibria of a mechanism along a path of increasing loads.
+
+    With `over`, the time, the value of a driver or an input, or a parameter of the model increases
+    instead, under all loads: quasi-static force over displacement.
 
     Solves F(t, q, 0, 0; mu) + G^T lam = 0, g(t, q) = 0 along a path that begins at the load factor
     mu = 0, by Newton's method with the exact tangent. Failed steps are shortened and repeated.
@@ -90,7 +98,8 @@ def equilibrium(
         `step` and `switch` refer to the last stage, and earlier stages are computed with load
         control. Loads that are not named act in full from the beginning.
     to
-        Target load factor, or a list of targets to reach in turn. {"tip.y": value} sets one or
+        Target load factor, or a list of targets to reach in turn; defaults to 1. With `over`, its
+        last value, or a list of values. {"tip.y": value} sets one or
         several target values of an observed position instead. Each target becomes a row of the
         path.
     control
@@ -102,7 +111,8 @@ def equilibrium(
         Largest permitted step. "load": change of mu; defaults to 0.1 of the distance to the
         farthest target. "displacement": change of the column; defaults to 0.05 of this distance.
         "arc length": motion of a coordinate relative to the size of the mechanism, or in rad;
-        defaults to 0.05, or less if the target is near.
+        defaults to 0.05, or less if the target is near. With `over`, change of its value; defaults
+        to 0.02 of the distance.
     switch
         Number of the branch point, counted from 1, at which to switch to the crossing path, with
         control="arc length". Negative numbers select the opposite side. A list switches repeatedly;
@@ -111,6 +121,13 @@ def equilibrium(
         No further step is taken once a stage has this many points; at least 2.
     t
         Time [s] at which laws are evaluated.
+    over
+        Quantity that varies in place of a load factor: "t", or the name of a driver (`Driver`,
+        `TranslationalDriver` or `Distance`), an input, or a parameter of the model function. A
+        parameter may change numbers of the model, but neither elements nor joints.
+    from_
+        Value at which a path with `over` begins. Defaults to 0 for the time, the value in the
+        drawing for a driver, and the value of the model for an input or a parameter.
     start
         Positions near which the path begins, by name as in `simulate`, or an `Equilibrium`, whose
         end is used. Defaults to the start of the model.
@@ -153,13 +170,30 @@ def equilibrium(
     """
     require_choice(_NAME, "partial", partial, PARTIAL_RESULTS)
     information: dict[str, Any] = {}
+    source = model
     if isinstance(model, Model):
         information = {"name": model.name, "parameters": model.parameters}
         model = model()
     t = require_finite(_NAME, "t", t)
-    settings = PathSettings.from_arguments(to, control, step, switch, max_points)
+    settings = PathSettings.from_arguments(to, control, step, switch, max_points, over)
     equations, q = initial_positions(_NAME, model, start)
-    loading = build_loading(model, equations, loads, t)
+    if over is None:
+        if from_ is not None:
+            raise BeamdaeError(
+                f"equilibrium: from_={short_repr(from_)} requires over=; a path of load factors "
+                "begins at 0."
+            )
+        loading = build_loading(model, equations, loads, t)
+    else:
+        if loads is not None:
+            raise BeamdaeError(
+                "equilibrium: loads= and over= cannot be combined, because all loads act in full "
+                "where another quantity varies; omit loads=."
+            )
+        parameter = resolve_parameter(source, equations, over, from_, settings.targets, t)
+        varied = parameter.equations_at(parameter.begin)
+        equations = replace(varied, q0=q, start=equations.start)
+        loading = vary_parameter(equations, parameter)
     with single_threaded:
         path = trace_path(loading, q, settings)
         states = np.array([point.x for point in path.points])
@@ -171,23 +205,29 @@ def equilibrium(
             # Paths to chosen loads and positions are meant to move bodies far.
             reached = (
                 positions[-1]
-                if loads is None and not settings.column and settings.targets == (1.0,)
+                if loads is over is None and not settings.column and settings.targets == (1.0,)
                 else None
             )
-            start_warnings = drawing_warnings(first.equations, first.loaded.time, reached)
+            begin = first.loaded if first.varied is None else first.unloaded
+            start_warnings = drawing_warnings(begin.equations, begin.time, reached)
         ranges = measure_beam_ranges(equations, positions)
         comparison = PathComparison((), False, False)
         if not skips_result_checks():
             comparison = compare_path(loading, path, settings, ranges, q)
         has_friction = any(term.rows is not None for term in equations.forces)
+        times = np.array([point.system.time_at(point.mu) for point in path.points])
+        parameter, numbers = loading.parameter, None
+        if parameter is not None and parameter.time is not None:
+            numbers = np.array([parameter.equations_at(point.mu).p for point in path.points])
+            equations = replace(equations, p=numbers[-1])
         result = Equilibrium(
             equations,
-            float(loading.systems[0].loaded.time[0]),
+            float(times[-1, 0]),
             _add_meaningless_strain(equations, positions[-1:], path.status),
             loading.stages,
             path.factors,
             positions,
-            loading.full_multipliers(positions, multipliers),
+            loading.full_multipliers(positions, multipliers, times),
             recheck.unstable,
             recheck.critical,
             {**settings.description, "iterations": path.iterations},
@@ -196,7 +236,7 @@ def equilibrium(
                 *start_warnings,
                 *((_FRICTION_WARNING,) if has_friction else ()),
                 *_turning_notes(
-                    loading.systems[-1], states[-1], float(path.factors[-1, -1:].sum())
+                    loading.systems[-1], states[-1], path.points[-1].mu
                 ),
                 *recheck.notes,
                 *comparison.notes,
@@ -205,6 +245,9 @@ def equilibrium(
             ),
             _free_coordinates(equations, path),
             comparison.has_exact_strains,
+            "" if parameter is None else parameter.header,
+            times,
+            numbers,
         )
         set_fields(result, validity=ranges)  # already measured
     if result.status.kind == "interrupted" and partial == "raise":
@@ -247,7 +290,7 @@ def _turning_notes(system: LoadedEquations, x: Array, factor: float) -> tuple[st
     def linearize() -> LinearizedEquations:
         return LinearizedEquations(e, system.motion_tangent(state, factor))
 
-    turning = find_turning(e, system.loaded.time, state.q, linearize)
+    turning = find_turning(e, system.time_at(factor), state.q, linearize)
     if turning is None:
         return ()
     return (

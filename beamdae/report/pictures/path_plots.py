@@ -125,7 +125,7 @@ def _create_path_figure(
             axis.plot(values[points], heights[points], color=COLORS[0], lw=1.2, ls=dashes)
         for point in equilibrium.critical:
             axis.plot(values[point.row], heights[point.row], **_marker_style(point.kind))
-        vertical = "load factor [-]" if abscissa is None else name
+        vertical = equilibrium.header if abscissa is None else name
         format_axis(axis, "", vertical)
         format_horizontal_axis(axis, horizontal, vertical)
     entries: dict[str, dict[str, Any]] = {}

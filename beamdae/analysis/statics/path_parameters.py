@@ -1,0 +1,170 @@
+"""Quantities that vary along a path of equilibria in place of a load factor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from beamdae.analysis.statics.bordered_system import VariedEquations
+from beamdae.equations.assembly.assemble import equations_of_motion
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations.static_equations import StaticEquations
+from beamdae.equations.smooth_intervals import time_on_branch
+from beamdae.equations.starts.reduced_equations import (
+    ReducedEquations,
+    remove_redundant_constraints,
+)
+from beamdae.errors import BeamdaeError, as_real, require_finite, short_repr, suggest
+from beamdae.model_functions import Model
+from beamdae.parts.joints.distance import Distance
+from beamdae.parts.joints.drivers import DrivenJoint
+from beamdae.parts.laws import as_law
+from beamdae.parts.mechanism import Mechanism
+
+Array = np.ndarray
+
+TIME = "t"
+# Step of the derivatives by the parameter, relative to its range.
+_DIFFERENCE = 1e-6
+
+
+@dataclass(frozen=True)
+class PathParameter:
+    """Quantity that varies along a path: the time, or a value that the numbers of a model contain.
+
+    Attributes
+    ----------
+    name, unit
+        Name and unit of the quantity; "" if the unit is not known.
+    begin, end
+        Its values at the beginning and at the last target.
+    time
+        (t, branch) at which laws are evaluated; None if the quantity is the time.
+    equations_at
+        Function that returns the equations of all parts at a value. They differ in numbers only.
+    """
+
+    name: str
+    unit: str
+    begin: float
+    end: float
+    time: Array | None
+    equations_at: Callable[[float], EquationsOfMotion] = field(repr=False)
+
+    @property
+    def header(self) -> str:
+        """Header of the column of the quantity."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+    def time_at(self, value: float) -> Array:
+        """Return (t, branch) at a value of the quantity."""
+        if self.time is not None:
+            return self.time
+        return time_on_branch(self.equations_at(value).breakpoints, value)
+
+    def reduce(self, value: float) -> ReducedEquations | None:
+        """Return the reduction that removes redundant constraints at a value; None without any."""
+        active = self.equations_at(value).initially_active
+        return remove_redundant_constraints(active, self.time_at(value)) if active.redundant else None
+
+    def vary_statics(self) -> VariedEquations:
+        """Return the static equations of the active parts."""
+
+        @lru_cache(maxsize=4)
+        def statics_at(value: float) -> StaticEquations:
+            reduction = self.reduce(self.begin if self.time is None else value)
+            active = self.equations_at(value).initially_active
+            equations = active if reduction is None else reduction.equations
+            return StaticEquations(equations, self.time_at(value))
+
+        step = _DIFFERENCE * (abs(self.end - self.begin) or 1.0)
+        return VariedEquations(statics_at, self.begin, self.end, step)
+
+
+def resolve_parameter(
+    source: Any, equations: EquationsOfMotion, over: Any, begin: Any, targets: tuple[float, ...],
+    t: float,
+) -> PathParameter:  # fmt: skip
+    """Return the parameter that `over` of `equilibrium` names.
+
+    `source` is the model function or the mechanism, `begin` the value at which the path begins, or
+    None for that of the model.
+
+    Raises
+    ------
+    BeamdaeError
+        If the name is unknown, or the quantity cannot vary continuously.
+    """
+    mechanism, parameters = equations.mechanism, {}
+    if isinstance(source, Model):
+        parameters = source.parameters
+    parts = {} if mechanism is None else mechanism.parts
+    inputs = {} if mechanism is None else mechanism.inputs
+    drivers = [name for name, part in parts.items() if isinstance(part, DrivenJoint)]
+    begin = None if begin is None else require_finite("equilibrium", "from_", begin)
+    if over == TIME:
+        first = 0.0 if begin is None else begin
+        return PathParameter(TIME, "s", first, targets[-1], None, lambda _: equations)
+    time = time_on_branch(equations.breakpoints, t)
+    unit, drawn = "", 0.0
+    if mechanism is not None and over in drivers:
+        part = parts[over]
+        unit = "m"
+        if isinstance(part, Distance):
+            drawn = float(np.hypot(*np.subtract(part.b.point, part.a.point)))
+        else:
+            unit = part.inputs[0].unit
+
+        def rebuild(value: float) -> EquationsOfMotion:
+            moved = copy(mechanism)
+            law = {"length": as_law(over, value)} if isinstance(part, Distance) else {"law": value}
+            moved.parts = {**mechanism.parts, over: replace(part, **law)}
+            return equations_of_motion(moved)
+
+    elif mechanism is not None and over in inputs:
+        law = inputs[over].law
+        unit, drawn = inputs[over].unit, inputs[over].default if law is None else law.at(t)
+
+        def rebuild(value: float) -> EquationsOfMotion:
+            return equations_of_motion(mechanism.with_inputs({over: value}))
+
+    elif over in parameters:
+        if not isinstance(parameters[over], float):
+            raise BeamdaeError(
+                f"equilibrium: over={over!r} must name a parameter that is a decimal number, but "
+                f"its default is {short_repr(parameters[over])}; choose another one, or write its "
+                "default as a decimal number."
+            )
+        drawn = parameters[over]
+
+        def rebuild(value: float) -> EquationsOfMotion:
+            return equations_of_motion(source(**{over: value}))
+
+    else:
+        names = (TIME, *drivers, *inputs, *parameters)
+        raise BeamdaeError(
+            f"equilibrium: over must be 't' or the name of a driver, an input or a parameter of "
+            f"the model, got {short_repr(over)}{suggest(over, names) if isinstance(over, str) else ''}"
+            f"; use one of {', '.join(names)}."
+        )
+    first = drawn if begin is None else begin
+
+    @lru_cache(maxsize=4)
+    def equations_at(value: float) -> EquationsOfMotion:
+        varied = rebuild(value)
+        if varied.structure is not equations_at_begin.structure:
+            raise BeamdaeError(
+                f"equilibrium: over={over!r} changes more than numbers of the model between "
+                f"{first:g} and {value:g}, such as elements or joints, so that the path cannot "
+                "follow it; compute single equilibria instead."
+            )
+        return varied
+
+    equations_at_begin = rebuild(first)
+    return PathParameter(over, unit, first, targets[-1], time, equations_at)
+
