@@ -70,10 +70,11 @@ def write_analysis_page(result: Any, path: Path, title: str | None = None) -> Pa
 def build_path_page(equilibrium: Equilibrium, title: str) -> PageContent:
     """Return the page of an equilibrium path, with its points in the place of times.
 
-    One chart shows the load factor over an observed column, with the critical points.
+    One chart shows the load factor, or the quantity that varies instead, over an observed column, with the critical points.
     """
     points = np.arange(len(equilibrium.q), dtype=float)
-    columns = {_LOAD_FACTOR: equilibrium.factors.sum(axis=1), **equilibrium.columns}
+    header = equilibrium.header
+    columns = {header: equilibrium.factors.sum(axis=1), **equilibrium.columns}
     curves = select_curves({TIME: points, **columns}, compute_row_limit(len(columns)))
     critical = [
         [point.kind, f"{point.factor:.7g}", str(point.row), point.moves or "-"]
@@ -84,7 +85,7 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> PageContent:
         {"title": "Equilibria", "rows": list(path_facts(equilibrium).items())},
         {
             "title": "Critical points",
-            "head": ["kind", "load factor", "point", "moves most"],
+            "head": ["kind", equilibrium.quantity, "point", "moves most"],
             "rows": critical,
         },
         export_table("Observed", terminal.range_table(observed)) if observed else {"rows": []},
@@ -95,7 +96,7 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> PageContent:
     ]
     lengths = [x for x in observed if Header.of(x).unit == "m"]
     # The observed point that moves most.
-    largest = max(lengths or observed or [_LOAD_FACTOR], key=lambda x: np.ptp(columns[x]))
+    largest = max(lengths or observed or [header], key=lambda x: np.ptp(columns[x]))
     return {
         "title": title,
         "subtitle": f"equilibria: {equilibrium.status.sentence}",
@@ -106,7 +107,7 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> PageContent:
         "featured": [largest],
         "portrait": {
             "x": largest,
-            "y": _LOAD_FACTOR,
+            "y": header,
             "marks": [
                 {"t": float(point.row), "label": point.kind} for point in equilibrium.critical
             ],
@@ -414,14 +415,18 @@ def path_facts(result: Equilibrium) -> dict[str, str]:
         for point in result.critical
     )
     n_points = len(result.q)
+    unscaled = "all in full" if result.over else "none is scaled"
+    control = result.settings["control"]
+    if result.over and control == "load":
+        control = result.settings["over"]
     return {
         "status": result.status.sentence,
-        "loads": "; then ".join(", ".join(stage) for stage in result.loads) or "none is scaled",
-        "load factor": f"{result.factor:.7g}",
+        "loads": "; then ".join(", ".join(stage) for stage in result.loads) or unscaled,
+        result.quantity: f"{result.factor:.7g}",
         "equilibrium": stability,
         "critical points": critical_points or "none",
         "path": f"{format_count(n_points, 'point')}, {result.settings['iterations']} Newton "
-        f"iterations, {result.settings['control']} control",
+        f"iterations, {control} control",
     }
 
 

@@ -463,7 +463,7 @@ class Equilibrium(HasPage):
     @cached_property
     def validity(self) -> tuple[BeamRange, ...]:
         """Largest deformation of each floating-frame beam, and estimated error of its strains."""
-        return measure_beam_ranges(self.equations, self.q)
+        return measure_beam_ranges(self.equations, self._checked_positions)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -482,8 +482,8 @@ class Equilibrium(HasPage):
                     "equilibrium position is arbitrary; add a spring or a joint."
                 )
         beams = () if self.has_compared_strains else range_warnings(self.validity)
-        strains = strain_warnings(self.equations, self.validity, lambda: self.q)
-        outside = list_arguments_outside(self.equations, self._times[-1], self.q)
+        strains = strain_warnings(self.equations, self.validity, lambda: self._checked_positions)
+        outside = list_arguments_outside(self.equations, self._times[-1], self._checked_positions)
         # Other columns are evaluated on first access, which takes as long as a load step.
         meshes = find_mesh_errors(
             self.equations, lambda header: self.columns[header], self._select_loaded_states
@@ -563,6 +563,11 @@ class Equilibrium(HasPage):
     @property
     def _times(self) -> Array:
         return np.full((len(self.q), 2), self.t) if self.times is None else self.times
+
+    @property
+    def _checked_positions(self) -> Array:
+        """Positions of the rows whose numbers are those of `equations`."""
+        return self.q if self.numbers is None else self.q[-1:]
 
     def _equations_of_row(self, row: int) -> EquationsOfMotion:
         if self.numbers is None:

@@ -286,6 +286,14 @@ def load_path_end(
     model: Any, full_equations: EquationsOfMotion, path: Equilibrium
 ) -> tuple[Loading, LoadedEquations, float]:
     """Return the load stages of a path, the equations of that at its end, and the load factor."""
+    if path.over:
+        if path.numbers is not None:
+            raise BeamdaeError(
+                f"the path varies {path.over}, so its end is that of another model than the given "
+                "one; build the model with this value, and pass its equilibrium."
+            )
+        loading = build_loading(model, full_equations, [], path.t)
+        return loading, loading.systems[0], 1.0
     stages = [list(stage) for stage in path.loads] or None
     loading = build_loading(model, full_equations, stages, path.t)
     factors = path.factors[-1].tolist() or [1.0]

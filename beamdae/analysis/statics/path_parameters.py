@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from beamdae.equations.starts.reduced_equations import (
     ReducedEquations,
     remove_redundant_constraints,
 )
-from beamdae.errors import BeamdaeError, as_real, require_finite, short_repr, suggest
+from beamdae.errors import BeamdaeError, require_finite, short_repr, suggest
 from beamdae.model_functions import Model
 from beamdae.parts.joints.distance import Distance
 from beamdae.parts.joints.drivers import DrivenJoint
@@ -87,84 +87,90 @@ class PathParameter:
 
 
 def resolve_parameter(
-    source: Any, equations: EquationsOfMotion, over: Any, begin: Any, targets: tuple[float, ...],
-    t: float,
-) -> PathParameter:  # fmt: skip
+    source: Any, equations: EquationsOfMotion, over: str, begin: Any, end: float, t: float
+) -> PathParameter:
     """Return the parameter that `over` of `equilibrium` names.
 
     `source` is the model function or the mechanism, `begin` the value at which the path begins, or
-    None for that of the model.
+    None for that of the model, and `end` its last value.
 
     Raises
     ------
     BeamdaeError
         If the name is unknown, or the quantity cannot vary continuously.
     """
-    mechanism, parameters = equations.mechanism, {}
-    if isinstance(source, Model):
-        parameters = source.parameters
+    first = None if begin is None else require_finite("equilibrium", "from_", begin)
+    if over == TIME:
+        return PathParameter(TIME, "s", first or 0.0, end, None, lambda _: equations)
+    mechanism = equations.mechanism
     parts = {} if mechanism is None else mechanism.parts
     inputs = {} if mechanism is None else mechanism.inputs
-    drivers = [name for name, part in parts.items() if isinstance(part, DrivenJoint)]
-    begin = None if begin is None else require_finite("equilibrium", "from_", begin)
-    if over == TIME:
-        first = 0.0 if begin is None else begin
-        return PathParameter(TIME, "s", first, targets[-1], None, lambda _: equations)
-    time = time_on_branch(equations.breakpoints, t)
-    unit, drawn = "", 0.0
+    drivers = {name: part for name, part in parts.items() if isinstance(part, DrivenJoint)}
+    parameters = source.parameters if isinstance(source, Model) else {}
+    rebuild: Callable[[float], Any]
+    unit, drawn, is_affine = "", 0.0, False
     if mechanism is not None and over in drivers:
-        part = parts[over]
-        unit = "m"
+        part, is_affine = drivers[over], True
+        unit = "m" if isinstance(part, Distance) else part.inputs[0].unit
         if isinstance(part, Distance):
             drawn = float(np.hypot(*np.subtract(part.b.point, part.a.point)))
-        else:
-            unit = part.inputs[0].unit
-
-        def rebuild(value: float) -> EquationsOfMotion:
-            moved = copy(mechanism)
-            law = {"length": as_law(over, value)} if isinstance(part, Distance) else {"law": value}
-            moved.parts = {**mechanism.parts, over: replace(part, **law)}
-            return equations_of_motion(moved)
-
+        rebuild = partial(_prescribe, mechanism, part)
     elif mechanism is not None and over in inputs:
-        law = inputs[over].law
+        law, is_affine = inputs[over].law, True
         unit, drawn = inputs[over].unit, inputs[over].default if law is None else law.at(t)
-
-        def rebuild(value: float) -> EquationsOfMotion:
-            return equations_of_motion(mechanism.with_inputs({over: value}))
-
+        rebuild = lambda value: mechanism.with_inputs({over: value})  # noqa: E731
     elif over in parameters:
-        if not isinstance(parameters[over], float):
+        drawn = parameters[over]
+        if not isinstance(drawn, float):
             raise BeamdaeError(
                 f"equilibrium: over={over!r} must name a parameter that is a decimal number, but "
-                f"its default is {short_repr(parameters[over])}; choose another one, or write its "
-                "default as a decimal number."
+                f"its default is {short_repr(drawn)}; choose another one, or write its default as "
+                "a decimal number."
             )
-        drawn = parameters[over]
-
-        def rebuild(value: float) -> EquationsOfMotion:
-            return equations_of_motion(source(**{over: value}))
-
+        rebuild = lambda value: source(**{over: value})  # noqa: E731
     else:
         names = (TIME, *drivers, *inputs, *parameters)
         raise BeamdaeError(
-            f"equilibrium: over must be 't' or the name of a driver, an input or a parameter of "
-            f"the model, got {short_repr(over)}{suggest(over, names) if isinstance(over, str) else ''}"
-            f"; use one of {', '.join(names)}."
+            "equilibrium: over must be 't' or the name of a driver, an input or a parameter of the "
+            f"model, got {short_repr(over)}{suggest(over, names)}; use one of {', '.join(names)}."
         )
-    first = drawn if begin is None else begin
+    first = drawn if first is None else first
+    equations_at = _vary_numbers(rebuild, over, (first, end), is_affine)
+    time = time_on_branch(equations.breakpoints, t)
+    return PathParameter(over, unit, first, end, time, equations_at)
 
-    @lru_cache(maxsize=4)
-    def equations_at(value: float) -> EquationsOfMotion:
-        varied = rebuild(value)
-        if varied.structure is not equations_at_begin.structure:
+
+def _prescribe(mechanism: Mechanism, driver: DrivenJoint, value: float) -> Mechanism:
+    """Return the mechanism with a driver that has a constant value."""
+    law: dict[str, Any] = {"law": value}
+    if isinstance(driver, Distance):
+        law = {"length": as_law(driver.name, value)}
+    moved = copy(mechanism)
+    moved.parts = {**mechanism.parts, driver.name: replace(driver, **law)}
+    return moved
+
+
+def _vary_numbers(
+    rebuild: Callable[[float], Any], over: str, ends: tuple[float, float], is_affine: bool
+) -> Callable[[float], EquationsOfMotion]:
+    """Return the function from values to equations, which must differ in numbers only.
+
+    `is_affine` is True if these numbers depend linearly on the value.
+    """
+    first, last = ends
+    begin = equations_of_motion(rebuild(first))
+
+    def build(value: float) -> EquationsOfMotion:
+        varied = equations_of_motion(rebuild(value))
+        if varied.structure is not begin.structure:
             raise BeamdaeError(
                 f"equilibrium: over={over!r} changes more than numbers of the model between "
-                f"{first:g} and {value:g}, such as elements or joints, so that the path cannot "
-                "follow it; compute single equilibria instead."
+                f"{first:g} and {value:g}, such as elements or joints, and the path cannot follow "
+                "this; compute single equilibria instead."
             )
         return varied
 
-    equations_at_begin = rebuild(first)
-    return PathParameter(over, unit, first, targets[-1], time, equations_at)
-
+    if not is_affine:
+        return lru_cache(maxsize=4)(build)
+    slope = (build(last).p - begin.p) / ((last - first) or 1.0)
+    return lru_cache(maxsize=4)(lambda value: replace(begin, p=begin.p + (value - first) * slope))

@@ -145,12 +145,12 @@ class PathSettings:
         if over is not None and (to is None or isinstance(to, Mapping)):
             raise BeamdaeError(
                 f"equilibrium: to must be the last value of {short_repr(over)}, or a list of "
-                f"values, got {short_repr(to)}; pass for example over={short_repr(over)}, to=1.0."
+                f"values, got {short_repr(to)}; pass a number."
             )
         if over is not None and not isinstance(over, str):
             raise BeamdaeError(
                 "equilibrium: over must be 't' or the name of a driver, an input or a parameter, "
-                f"got {short_repr(over)}."
+                f"got {short_repr(over)}; pass a name."
             )
         if isinstance(to, Mapping):
             what = (
@@ -170,6 +170,11 @@ class PathSettings:
         if control is None:
             control = ARC_LENGTH if switch else DISPLACEMENT if column else LOAD
         require_choice(name, "control", control, (LOAD, DISPLACEMENT, ARC_LENGTH))
+        if over is not None and control == DISPLACEMENT:
+            raise BeamdaeError(
+                f"equilibrium: control={control!r} is not supported with over=; omit it to "
+                f"prescribe {over!r}, or use control={ARC_LENGTH!r}."
+            )
         is_possible = {
             LOAD: not column and not switch,
             DISPLACEMENT: bool(column) and not switch,

@@ -35,6 +35,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.parts.rotation import Rotation
+from beamdae.results.diagnostics.contacts.deep_contacts import deep_rest_warnings
 from beamdae.results.diagnostics.meshes.beam_ranges import (
     describe_meaningless_strain,
     measure_beam_ranges,
@@ -180,8 +181,8 @@ def equilibrium(
     if over is None:
         if from_ is not None:
             raise BeamdaeError(
-                f"equilibrium: from_={short_repr(from_)} requires over=; a path of load factors "
-                "begins at 0."
+                "equilibrium: a path of load factors begins at 0, got the begin "
+                f"{short_repr(from_)}; name the quantity that varies with over=."
             )
         loading = build_loading(model, equations, loads, t)
     else:
@@ -190,7 +191,7 @@ def equilibrium(
                 "equilibrium: loads= and over= cannot be combined, because all loads act in full "
                 "where another quantity varies; omit loads=."
             )
-        parameter = resolve_parameter(source, equations, over, from_, settings.targets, t)
+        parameter = resolve_parameter(source, equations, over, from_, settings.targets[-1], t)
         varied = parameter.equations_at(parameter.begin)
         equations = replace(varied, q0=q, start=equations.start)
         loading = vary_parameter(equations, parameter)
@@ -200,7 +201,7 @@ def equilibrium(
         positions, multipliers = states[:, : equations.n], states[:, equations.n :]
         recheck = recheck_stability(loading, path)
         start_warnings: tuple[str, ...] = ()
-        if equations.start is None and not isinstance(start, Equilibrium):
+        if equations.start is None and from_ is None and not isinstance(start, Equilibrium):
             first = loading.systems[0]
             # Paths to chosen loads and positions are meant to move bodies far.
             reached = (
@@ -210,16 +211,18 @@ def equilibrium(
             )
             begin = first.loaded if first.varied is None else first.unloaded
             start_warnings = drawing_warnings(begin.equations, begin.time, reached)
-        ranges = measure_beam_ranges(equations, positions)
-        comparison = PathComparison((), False, False)
-        if not skips_result_checks():
-            comparison = compare_path(loading, path, settings, ranges, q)
-        has_friction = any(term.rows is not None for term in equations.forces)
         times = np.array([point.system.time_at(point.mu) for point in path.points])
         parameter, numbers = loading.parameter, None
         if parameter is not None and parameter.time is not None:
             numbers = np.array([parameter.equations_at(point.mu).p for point in path.points])
-            equations = replace(equations, p=numbers[-1])
+            last = parameter.equations_at(path.points[-1].mu)
+            equations = replace(last, start=equations.start)
+        # The numbers of the equations are those of the last row.
+        ranges = measure_beam_ranges(equations, positions if numbers is None else positions[-1:])
+        comparison = PathComparison((), False, False)
+        if not skips_result_checks():
+            comparison = compare_path(loading, path, settings, ranges, q)
+        has_friction = any(term.rows is not None for term in equations.forces)
         result = Equilibrium(
             equations,
             float(times[-1, 0]),
@@ -237,6 +240,11 @@ def equilibrium(
                 *((_FRICTION_WARNING,) if has_friction else ()),
                 *_turning_notes(
                     loading.systems[-1], states[-1], path.points[-1].mu
+                ),
+                *deep_rest_warnings(
+                    loading.systems[-1].at_factor(path.points[-1].mu).equations,
+                    times if numbers is None else times[-1:],
+                    positions if numbers is None else positions[-1:],
                 ),
                 *recheck.notes,
                 *comparison.notes,

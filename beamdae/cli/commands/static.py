@@ -51,7 +51,23 @@ def static_command(
         typer.Option(
             metavar="TARGET",
             help="Load factor to reach, or COLUMN=VALUE of an observed position, with or without a "
-            "unit (tip.y=-2mm); repeatable. Defaults to the load factor 1.",
+            "unit (tip.y=-2mm); repeatable. Defaults to the load factor 1. With --over, its value.",
+        ),
+    ] = None,
+    over: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Quantity that varies in place of a load factor: t, or a driver, an input or a "
+            "parameter of the model.",
+        ),
+    ] = None,
+    begin: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="VALUE",
+            help="Value of --over at which the path begins. Defaults to that of the drawing.",
         ),
     ] = None,
     control: Annotated[
@@ -99,7 +115,11 @@ def static_command(
     views = [*[page_path] * page, *[picture_path] * picture]
     require_writable(("--out", (table, table.with_suffix(".json"), *views)))
     is_arc_length = control == "arc length" or bool(switch)
-    targets, size = _parse_targets(model, to, step, is_arc_length)
+    if over is None:
+        targets, size = _parse_targets(model, to, step, is_arc_length)
+    else:
+        targets = [_parse_value("--to", x) for x in to or []] or None
+        size = None if step is None else _parse_value("--step", step)
     initial_state = parse_start(start, model)
     from beamdae.analysis.statics.static_equilibrium import equilibrium
     from beamdae.report.pictures.path_plots import save_path_figure
@@ -116,6 +136,8 @@ def static_command(
             max_points,
             t,
             initial_state,
+            over=over,
+            from_=None if begin is None else _parse_value("--from", begin),
             partial="return",
         )
         tables = [result.to_csv(table), table.with_suffix(".json")]
@@ -132,6 +154,10 @@ def static_command(
             lambda: [save_path_figure(picture_path, result, title, plotted, x)],
         )
     files.finish(result.status)
+
+
+def _parse_value(option: str, text: str) -> float:
+    return parse_named_number(option, "", text.strip(), dict)
 
 
 def _require_plot(model: Model, names: list[str], x: str | None, is_drawn: bool) -> None:

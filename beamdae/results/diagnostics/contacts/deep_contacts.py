@@ -85,15 +85,31 @@ def deep_contact_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
 
 def deep_start_warnings(equations: EquationsOfMotion, time: Array, state: State) -> Iterator[str]:
     """Yield the warning of `deep_contact_warnings` about a start in equilibrium at (t, branch)."""
-    if not (contacts_of(equations) and starts_in_equilibrium(equations)):
+    if starts_in_equilibrium(equations):
+        yield from deep_rest_warnings(equations, time[None], state.q[None])
+
+
+def deep_rest_warnings(equations: EquationsOfMotion, times: Array, q: Array) -> Iterator[str]:
+    """Yield the warning of `deep_contact_warnings` about equilibria.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    times
+        Rows (t, branch), (k, 2) [s].
+    q
+        Positions of each row, (k, n).
+    """
+    if not contacts_of(equations):
         return
-    t, branch = (float(x) for x in time)
-    depths = {
-        gap.part: _Depth(
-            -float(gap.evaluate(np.array([t]), branch, state.q[None])[0]), t, branch, state.q, gap
-        )
-        for gap in compile_surface_gaps(equations)
-    }
+    depths: dict[str, _Depth] = {}
+    for gap in compile_surface_gaps(equations):
+        rows = [
+            _Depth(-float(gap.evaluate(np.array([t]), branch, row[None])[0]), t, branch, row, gap)
+            for (t, branch), row in zip(times.tolist(), q, strict=True)
+        ]
+        depths[gap.part] = max(rows, key=lambda x: x.depth)
     yield from _describe(equations, depths)
 
 
