@@ -70,7 +70,8 @@ def write_analysis_page(result: Any, path: Path, title: str | None = None) -> Pa
 def build_path_page(equilibrium: Equilibrium, title: str) -> PageContent:
     """Return the page of an equilibrium path, with its points in the place of times.
 
-    One chart shows the load factor, or the quantity that varies instead, over an observed column, with the critical points.
+    One chart shows the load factor, or the quantity that varies instead, over an observed column,
+    with the critical points.
     """
     points = np.arange(len(equilibrium.q), dtype=float)
     header = equilibrium.header

@@ -71,7 +71,7 @@ class CriticalPoint(NamedTuple):
     row
         Index of the point in the path.
     factor
-        Factor of the loads scaled in the stage of this point [-].
+        Factor of the loads scaled in the stage of this point [-], or value of `Equilibrium.over`.
     moves
         Name of the coordinate that moves most in the critical mode. At limit and branch points,
         this mode has no stiffness.
@@ -223,8 +223,8 @@ class Equilibrium(HasPage):
                     return ""
                 factor = self.factors[last_stable].sum()
                 return (
-                    f"equilibrium: {state} since about {self.quantity} {factor:.6g}, where no critical "
-                    "point was found; use a smaller step=."
+                    f"equilibrium: {state} since about {self.quantity} {factor:.6g}, where no "
+                    "critical point was found; use a smaller step=."
                 )
             return (
                 f"equilibrium: {state} from the beginning of the path; choose other positions with "
@@ -238,12 +238,13 @@ class Equilibrium(HasPage):
                     return ""
                 return (
                     f"equilibrium: {state} since the {onset.kind} at "
-                    f"{self.quantity} {onset.factor:.6g}, where a real structure leaves this path; simulate what "
-                    "it does beyond this point."
+                    f"{self.quantity} {onset.factor:.6g}, where a real structure leaves this path; "
+                    "simulate what it does beyond this point."
                 )
             return (
                 f"equilibrium: {state} since the branch point at {self.quantity} "
-                f"{onset.factor:.6g}, where the path switches; simulate what the structure does at this point."
+                f"{onset.factor:.6g}, where the path switches; simulate what the structure does at "
+                "this point."
             )
         state = f"{state} since the {onset.kind} at {self.quantity} {onset.factor:.6g}"
         if onset.kind != "branch point":
@@ -307,7 +308,9 @@ class Equilibrium(HasPage):
         else:
             values = np.array(
                 [
-                    ObservedRows(replace(self.observed_equations, p=p))(*(x[k : k + 1] for x in states))[0]
+                    ObservedRows(replace(self.observed_equations, p=p))(
+                        *(x[k : k + 1] for x in states)
+                    )[0]
                     for k, p in enumerate(self.numbers)
                 ]
             ).T
@@ -378,8 +381,8 @@ class Equilibrium(HasPage):
             Defaults to the observed columns that change. At most twelve columns are plotted.
         x
             Column on the horizontal axis, such as "tip.x" for the path of a point; the named
-            columns are then on the vertical axes. Defaults to the named columns, with the load
-            factor on the vertical axes.
+            columns are then on the vertical axes. Defaults to the quantity of `over` or, for load
+            factors, to the named columns, with the load factor on the vertical axes.
 
         Raises
         ------

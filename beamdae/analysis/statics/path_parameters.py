@@ -31,6 +31,10 @@ Array = np.ndarray
 TIME = "t"
 # Step of the derivatives by the parameter, relative to its range.
 _DIFFERENCE = 1e-6
+# Zeros and ones drop out of formulas. The structure of the equations is that at this share of the
+# range, and such values are moved by this share of it.
+_ORDINARY_SHARE = 0.3819
+_NEGLIGIBLE_OFFSET = 1e-12
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,9 @@ class PathParameter:
     def reduce(self, value: float) -> ReducedEquations | None:
         """Return the reduction that removes redundant constraints at a value; None without any."""
         active = self.equations_at(value).initially_active
-        return remove_redundant_constraints(active, self.time_at(value)) if active.redundant else None
+        return (
+            remove_redundant_constraints(active, self.time_at(value)) if active.redundant else None
+        )
 
     def vary_statics(self) -> VariedEquations:
         """Return the static equations of the active parts."""
@@ -158,11 +164,15 @@ def _vary_numbers(
     `is_affine` is True if these numbers depend linearly on the value.
     """
     first, last = ends
-    begin = equations_of_motion(rebuild(first))
+    size = (last - first) or 1.0
+    structure = equations_of_motion(rebuild(first + _ORDINARY_SHARE * size)).structure
 
     def build(value: float) -> EquationsOfMotion:
-        varied = equations_of_motion(rebuild(value))
-        if varied.structure is not begin.structure:
+        for offset in (0.0, _NEGLIGIBLE_OFFSET * size):
+            varied = equations_of_motion(rebuild(value + offset))
+            if varied.structure is structure:
+                break
+        else:
             raise BeamdaeError(
                 f"equilibrium: over={over!r} changes more than numbers of the model between "
                 f"{first:g} and {value:g}, such as elements or joints, and the path cannot follow "
@@ -172,5 +182,6 @@ def _vary_numbers(
 
     if not is_affine:
         return lru_cache(maxsize=4)(build)
-    slope = (build(last).p - begin.p) / ((last - first) or 1.0)
+    begin = build(first)
+    slope = (build(first + size).p - begin.p) / size
     return lru_cache(maxsize=4)(lambda value: replace(begin, p=begin.p + (value - first) * slope))

@@ -55,7 +55,7 @@ LOAD, DISPLACEMENT, ARC_LENGTH = "load", "displacement", "arc length"
 # Default steps by load and by displacement, relative to the distance to the farthest target.
 _LOAD_STEP_RATIO = 0.1
 _DISPLACEMENT_STEP_RATIO = 0.05
-# The same for a quantity that varies in place of a load factor, because its path is a curve to plot.
+# The same for a quantity that varies in place of a load factor, whose path is a curve to plot.
 _PARAMETER_STEP_RATIO = 0.02
 # Default step by arc length, in natural sizes. If a column is the target, the step is also limited
 # to this fraction of the motion needed to reach it.

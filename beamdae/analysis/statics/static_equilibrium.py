@@ -191,10 +191,10 @@ def equilibrium(
                 "equilibrium: loads= and over= cannot be combined, because all loads act in full "
                 "where another quantity varies; omit loads=."
             )
-        parameter = resolve_parameter(source, equations, over, from_, settings.targets[-1], t)
-        varied = parameter.equations_at(parameter.begin)
+        resolved = resolve_parameter(source, equations, over, from_, settings.targets[-1], t)
+        varied = resolved.equations_at(resolved.begin)
         equations = replace(varied, q0=q, start=equations.start)
-        loading = vary_parameter(equations, parameter)
+        loading = vary_parameter(equations, resolved)
     with single_threaded:
         path = trace_path(loading, q, settings)
         states = np.array([point.x for point in path.points])
@@ -238,9 +238,7 @@ def equilibrium(
             (
                 *start_warnings,
                 *((_FRICTION_WARNING,) if has_friction else ()),
-                *_turning_notes(
-                    loading.systems[-1], states[-1], path.points[-1].mu
-                ),
+                *_turning_notes(loading.systems[-1], states[-1], path.points[-1].mu),
                 *deep_rest_warnings(
                     loading.systems[-1].at_factor(path.points[-1].mu).equations,
                     times if numbers is None else times[-1:],

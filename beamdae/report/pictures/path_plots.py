@@ -95,6 +95,9 @@ def _create_selected_figure(
         columns[abscissa] = np.asarray(merged[abscissa])
         # The name of an observable selects the abscissa, too.
         headers = dict.fromkeys(c for c in headers if c != abscissa) or headers
+    elif equilibrium.over:
+        abscissa = equilibrium.over
+        columns[abscissa] = equilibrium.factors[:, 0]
     masked = mask_huge_values(columns)
     return _create_path_figure(equilibrium, masked, title, tuple(headers), abscissa)
 
