@@ -246,8 +246,8 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
     joints. Short pseudo-times T keep steps small and lead to stable equilibria; long pseudo-times
     converge quadratically, like Newton's method. The step size does not depend on the orientation
     of the mechanism. Joints that are open at `q`, because drivers begin beside the drawing, are
-    closed in short steps through equilibria. If these steps do not end, for example because they jump into stiff contacts
-    and out of them, a cautious flow is tried, see `GradientFlow`.
+    closed in short steps through equilibria. If steps do not end, for example because they jump
+    into stiff contacts and out of them, a cautious flow is tried, see `GradientFlow`.
 
     Raises
     ------
