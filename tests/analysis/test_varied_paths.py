@@ -146,6 +146,22 @@ def test_driven_contacts_stay_on_their_side(travel, radius, side):
     assert path["touch.N"].iloc[-1] == pytest.approx(at_time["touch.N"].iloc[-1], rel=1e-6)
 
 
+def test_contacts_that_are_pressed_through_are_named():
+    mech = bd.Mechanism()
+    pad = mech.add(bd.RigidBody("pad", mass=0.1, inertia=1e-5, center=(0.0, 0.0)))
+    rail = mech.ground.at(0.0, 0.0), pad.at(0.0, 0.0)
+    mech.add(bd.Prismatic("rail", *rail, direction=(1.0, 0.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.1, 0.0), pad.at(0.0, 0.0), 1e4))
+    slide = mech.add(bd.RigidBody("slide", mass=0.1, inertia=1e-5, center=(-0.003, 0.0)))
+    guide = mech.ground.at(-0.003, 0.0), slide.at(-0.003, 0.0)
+    mech.add(bd.Prismatic("guide", *guide, direction=(1.0, 0.0)))
+    mech.add(bd.TranslationalDriver("drive", *guide, lambda t: 0.006 * t))
+    cylinder = bd.CircleSurface(slide.at(-0.003, 0.0), 0.002, "outside")
+    mech.add(bd.Contact("touch", pad.at(0.0, 0.0), cylinder, stiffness=1e2, exponent=1))
+    for path in (bd.equilibrium(mech, t=1.0), bd.equilibrium(mech, over="t", to=1.0)):
+        assert any("touch: the contact sinks" in sentence for sentence in path.warnings)
+
+
 def slider_crank(angle):
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     crank = mech.add(bd.RigidBody("crank", mass=1.0, inertia=0.01, center=(0.05, 0.0)))

@@ -238,6 +238,8 @@ class EquilibriumPath(NamedTuple):
         Remarks on stages in which rounding errors of critical loads are not negligible.
     mesh_notes
         Remarks on critical points for which the elements of beams are too long, by estimates.
+    approach
+        Positions (n,) through which drivers are led from the drawing to the first point.
     """
 
     points: list[EquilibriumPoint]
@@ -247,6 +249,7 @@ class EquilibriumPath(NamedTuple):
     iterations: int
     notes: tuple[str, ...]
     mesh_notes: tuple[str, ...]
+    approach: list[Array]
 
 
 def trace_path(loading: Loading, q: Array, settings: PathSettings) -> EquilibriumPath:
@@ -273,6 +276,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
     critical: list[CriticalPoint] = []
     notes: list[str] = []
     mesh_notes: list[str] = []
+    approach: list[Array] = []
     last_control: Control = LoadControl()
     if settings.column:
         time = loading.systems[0].loaded.time
@@ -282,7 +286,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         is_last = k == len(loading.systems) - 1
         corrector = Corrector(system)
         begin = (
-            find_unloaded_equilibrium(corrector, q)
+            find_unloaded_equilibrium(corrector, q, approach)
             if k == 0
             else EquilibriumPoint(system, points[-1].x, system.ends[0])
         )
@@ -327,7 +331,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         if not status.success:
             break
     all_factors = np.array(factors).reshape(len(points), len(loading.stages) + varies)
-    remarks = tuple(notes), tuple(mesh_notes)
+    remarks = tuple(notes), tuple(mesh_notes), approach
     return EquilibriumPath(points, all_factors, tuple(critical), status, iterations, *remarks)
 
 
@@ -517,10 +521,13 @@ def follow_to_critical_point(
     return path
 
 
-def find_unloaded_equilibrium(corrector: Corrector, q: Array) -> EquilibriumPoint:
+def find_unloaded_equilibrium(
+    corrector: Corrector, q: Array, approach: list[Array] | None = None
+) -> EquilibriumPoint:
     """Return the equilibrium at which the path begins, under all loads if none is scaled.
 
-    Relaxation is used if Newton's method fails or moves the mechanism too far.
+    Relaxation is used if Newton's method fails or moves the mechanism too far; it appends positions
+    to `approach`.
     """
     system = corrector.system
     first, last = system.ends
@@ -532,11 +539,13 @@ def find_unloaded_equilibrium(corrector: Corrector, q: Array) -> EquilibriumPoin
             return replace(point, load_direction=correction.direction)
     except CorrectorError:
         pass
-    return _relax(corrector, q, first if system.has_scaled_loads else last)
+    return _relax(corrector, q, first if system.has_scaled_loads else last, approach)
 
 
-def _relax(corrector: Corrector, q: Array, mu: float) -> EquilibriumPoint:
-    x = np.concatenate(relax_to_equilibrium(corrector.system.at_factor(mu), q))
+def _relax(
+    corrector: Corrector, q: Array, mu: float, passed: list[Array] | None = None
+) -> EquilibriumPoint:
+    x = np.concatenate(relax_to_equilibrium(corrector.system.at_factor(mu), q, passed))
     return EquilibriumPoint(corrector.system, x, mu)
 
 

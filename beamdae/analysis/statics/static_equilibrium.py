@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +10,12 @@ import numpy as np
 
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.turning import find_turning
-from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading, vary_parameter
+from beamdae.analysis.statics.load_scaling import (
+    LoadedEquations,
+    Loading,
+    build_loading,
+    vary_parameter,
+)
 from beamdae.analysis.statics.mesh_dependence import PathComparison, compare_path, recheck_stability
 from beamdae.analysis.statics.path_parameters import resolve_parameter
 from beamdae.analysis.statics.path_tracing import (
@@ -239,11 +244,7 @@ def equilibrium(
                 *start_warnings,
                 *((_FRICTION_WARNING,) if has_friction else ()),
                 *_turning_notes(loading.systems[-1], states[-1], path.points[-1].mu),
-                *deep_rest_warnings(
-                    loading.systems[-1].at_factor(path.points[-1].mu).equations,
-                    times if numbers is None else times[-1:],
-                    positions if numbers is None else positions[-1:],
-                ),
+                *_describe_deep_contacts(loading, path),
                 *recheck.notes,
                 *comparison.notes,
                 *path.notes,
@@ -263,6 +264,18 @@ def equilibrium(
     if not skips_result_checks():
         warn_of_result(result.warnings, equations.build_warnings)
     return result
+
+
+def _describe_deep_contacts(loading: Loading, path: EquilibriumPath) -> Iterator[str]:
+    """Yield a warning about contacts that are entered too deep on the way to the end."""
+    system, points = loading.systems[-1], path.points
+    if loading.parameter is not None and loading.parameter.time is not None:
+        points = points[-1:]  # whose numbers are those of the equations
+    q = [*path.approach, *(point.x[: system.equations.n] for point in points)]
+    times = [points[0].system.time_at(points[0].mu)] * len(path.approach)
+    times += [point.system.time_at(point.mu) for point in points]
+    equations = system.at_factor(points[-1].mu).equations
+    yield from deep_rest_warnings(equations, np.array(times), np.array(q))
 
 
 def _add_meaningless_strain(equations: EquationsOfMotion, q: Array, status: Status) -> Status:

@@ -235,7 +235,9 @@ class GradientFlow:
         return FlowStep(x[:n], x[n:], step_size, size(correction), rounding)
 
 
-def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
+def relax_to_equilibrium(
+    static: StaticSystem, q: Array, passed: list[Array] | None = None
+) -> tuple[Array, Array]:
     """Return positions (n,) and multipliers (m,) of an equilibrium reached from `q`.
 
     Implicit steps follow the gradient flow. Each step solves a linear system with the matrix
@@ -247,7 +249,8 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
     converge quadratically, like Newton's method. The step size does not depend on the orientation
     of the mechanism. Joints that are open at `q`, because drivers begin beside the drawing, are
     closed in short steps through equilibria. If steps do not end, for example because they jump
-    into stiff contacts and out of them, a cautious flow is tried, see `GradientFlow`.
+    into stiff contacts and out of them, a cautious flow is tried, see `GradientFlow`. Equilibria at
+    which joints are still open are appended to `passed`.
 
     Raises
     ------
@@ -268,6 +271,8 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
         if not is_steady:
             q = begin
             break
+        if passed is not None:
+            passed.append(q)
     q = begin = solver.state(static.time, q, np.zeros(e.n)).q
     q, lam, is_steady = _relax(static, begin, None, solver, measure)
     if is_steady:
