@@ -222,3 +222,19 @@ def test_lengths_vary_and_numbers_of_elements_do_not():
     assert path["tip.y"].iloc[-1] == pytest.approx(single["tip.y"].iloc[-1], abs=1e-9)
     with pytest.raises(bd.BeamdaeError, match="must name a parameter that is a decimal number"):
         bd.equilibrium(cantilever, over="elements", to=8)
+
+
+def test_paths_end_where_loads_jump_with_a_remedy():
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", mass=1.0, at=(1.0, 0.0)))
+    mech.add(bd.Spring("along", mech.ground.at(0.0, 0.0), mass.point, 100.0))
+    mech.add(bd.Spring("across", mech.ground.at(1.0, 1.0), mass.point, 100.0))
+    mech.add(bd.Force("pull", mass.point, (bd.piecewise((1.0, 0.0), 60.0), 0.0)))
+    mech.observe("mass", mass.point)
+    path = bd.equilibrium(mech, over="t", to=2.0)
+    assert "the loads jump at t = 1 s, so begin another path there with from_=" in (
+        path.status.sentence
+    )
+    after = bd.equilibrium(mech, over="t", from_=1.0, to=2.0, start=path)
+    assert after.status.success
+    assert after["mass.x"].iloc[-1] > 1.5

@@ -348,7 +348,7 @@ def _list_drivers(equations: EquationsOfMotion) -> list[str]:
 def _zero_load_notes(path: StagePath, loading: Loading) -> list[str]:
     """Return a remark if the loads of a stage are zero at both ends of its path."""
     if loading.parameter is not None:
-        if not all(map(_is_unloaded, path.points)):
+        if not (path.status.success and all(map(_is_unloaded, path.points))):
             return []
         return [
             f"equilibrium: nothing depends on {loading.parameter.name}, so all points of the path "
@@ -592,17 +592,19 @@ def _follow_stage(
     if path.is_stuck and settings.control == LOAD and path.end is begin:
         # A slack cable or a bar without bending stiffness moves far under the smallest load, until
         # it is stretched.
-        path.status, path.is_stuck = REACHED_END, False
         remaining = targets[0] - begin.mu
         first = begin.mu + float(np.sign(remaining)) * min(steps.max_load_step, abs(remaining))
         by_arc = replace(settings, control=ARC_LENGTH, step=None, targets=(first,))
         arc_steps = _choose_steps(corrector, begin, by_arc, control)
-        follow_path(corrector, path, replace(arc_steps, stop_at_critical_point=True), [first])
-        if path.end is begin:
-            path.status = REACHED_END
-            _follow_from_mechanism(corrector, path, steps, targets)
-        elif path.status.success:
+        stretched = StagePath([begin])
+        follow_path(corrector, stretched, replace(arc_steps, stop_at_critical_point=True), [first])
+        if stretched.end.mu == first:
+            path.points, path.critical = stretched.points, stretched.critical
+            path.status, path.is_stuck = REACHED_END, False
             follow_path(corrector, path, steps, targets)
+        elif stretched.end is begin:
+            path.status, path.is_stuck = REACHED_END, False
+            _follow_from_mechanism(corrector, path, steps, targets)
 
 
 def _choose_steps(
@@ -722,9 +724,21 @@ def _end_status(path: StagePath, system: LoadedEquations, control: str, quantity
     if path.status.success:
         return path.status
     sentence = f"{path.status.sentence} (last converged {quantity}: {path.end.mu:.6g})"
-    if path.is_stuck:
+    if path.is_stuck and (jump := _find_jump(path, system)) is not None:
+        sentence += f"; the loads jump at t = {jump:g} s, so begin another path there with from_="
+    elif path.is_stuck:
         sentence += _remedy(path, system.equations, control)
     return Status(path.status.kind, sentence)
+
+
+def _find_jump(path: StagePath, system: LoadedEquations) -> float | None:
+    """Return the breakpoint [s] at which a path over the time ends, or None."""
+    first, last = system.ends
+    if system.varied is None or system.time_at(first)[0] == system.time_at(last)[0]:
+        return None
+    distance = MIN_STEP_RATIO * abs(last - first)
+    near = (x for x in system.equations.breakpoints if abs(x - path.end.mu) <= distance)
+    return next(near, None)
 
 
 def _describe_far_target(

@@ -90,7 +90,8 @@ def equilibrium(
     it is assessed by the growing modes of the linearized equations of motion, see `modes`, which
     involve mass and damping. If an eigenvalue is below 2 % of the next one, its sign is compared
     with a mesh of halved elements; where the meshes disagree, the stability is not known, and
-    critical points that vanish on the finer mesh are omitted, with a warning.
+    critical points that vanish on the finer mesh are omitted, with a warning. Paths with `over` are
+    not compared with other meshes.
 
     Parameters
     ----------
