@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -85,13 +85,14 @@ _FAILURES = {
 }
 
 # Local tolerance = factor * rtol^exponent, calibrated so that the largest error of a run stays
-# below 100 rtol, or below 30 rtol with damping.
-_TOLERANCE_FACTOR = 0.15
-_TOLERANCE_EXPONENT = 0.9
-# One-sided forces are not smooth; the error of a run is then proportional to the local tolerance:
-# the exponent is 1, with the same tolerance at rtol = 0.01. Impacts also amplify errors: with the
-# exponent above, errors were up to 24 rtol at 1e-4 and 46 rtol at 1e-8, now up to 12 (bound 30).
-_ONE_SIDED_FACTOR = _TOLERANCE_FACTOR * 0.01 ** (_TOLERANCE_EXPONENT - 1.0)
+# below 100 rtol, or below 30 rtol with damping. The error estimate falls with the fourth power of
+# the step, the error of a smooth motion with the fifth, but tighter tolerances resolve further
+# modes: the exponent lies between 4/5 and 1.
+_SMOOTH_TOLERANCE = (0.6, 0.9)
+# If only positions are tested, because fast modes are lightly damped.
+_POSITION_TOLERANCE = (0.76, 1.0)
+# One-sided forces, such as contacts, are not smooth, and impacts amplify errors.
+_ONE_SIDED_TOLERANCE = (0.24, 1.0)
 # The local tolerance falls with the number of periods to this power; see `error_control`.
 _PERIOD_EXPONENT = 0.5
 _PERIOD_EXPONENT_VELOCITIES = 1.0  # if all velocities are tested
@@ -125,29 +126,6 @@ class StepTolerance:
     local: float
     scales: MotionScales
     tested: Array
-
-    @classmethod
-    def from_rtol(
-        cls,
-        rtol: float,
-        scales: MotionScales,
-        tested: Array,
-        has_untested: bool,
-        is_one_sided: bool = False,
-    ) -> StepTolerance:
-        """Return the tolerance that keeps the error of a run near `rtol`.
-
-        The estimate decreases with the fourth power of the step, the error of a run with the fifth,
-        which suggests an exponent of 4/5. An exponent of 0.9 suits both the damped and the undamped
-        cases of validation/tolerances; with one-sided forces, such as contacts, it is 1. The
-        tolerance decreases with the number of periods of the motion, because errors accumulate;
-        `has_untested` is True if velocities of bodies are not tested.
-        """
-        exponent = _PERIOD_EXPONENT if has_untested else _PERIOD_EXPONENT_VELOCITIES
-        smooth = _TOLERANCE_FACTOR * rtol**_TOLERANCE_EXPONENT
-        local = min(smooth, _ONE_SIDED_FACTOR * rtol) if is_one_sided else smooth
-        local *= reduce_tolerance(scales.periods, exponent, _PERIOD_EXPONENT_LONG)
-        return cls(float(local), scales, tested)
 
     @cached_property
     def weights(self) -> Array:
@@ -262,10 +240,22 @@ class RadauStepper:
             plan.fastest_modes,
         )
         tested = control.tested_velocities(plan.equations, tangent_frames=True)
-        is_one_sided = any(term.kernel.is_one_sided for term in plan.equations.forces)
-        has_untested = not np.delete(tested, plan.equations.states).all()
-        tolerance = StepTolerance.from_rtol(rtol, scales, tested, has_untested, is_one_sided)
-        return control, replace(tolerance, local=plan.tolerance_factor * tolerance.local)
+        local = plan.tolerance_factor * self._local_tolerance(rtol, control.policy, scales.periods)
+        return control, StepTolerance(local, scales, tested)
+
+    def _local_tolerance(self, rtol: float, policy: str, periods: float) -> float:
+        """Return the local tolerance that keeps the error of a run near `rtol`.
+
+        It decreases with the number of periods of the motion, because errors accumulate.
+        """
+        if any(term.kernel.is_one_sided for term in self._form.equations.forces):
+            factor, exponent = _ONE_SIDED_TOLERANCE
+        elif policy == "positions":
+            factor, exponent = _POSITION_TOLERANCE
+        else:
+            factor, exponent = _SMOOTH_TOLERANCE
+        by_period = _PERIOD_EXPONENT_VELOCITIES if policy == "velocities" else _PERIOD_EXPONENT
+        return factor * rtol**exponent * reduce_tolerance(periods, by_period, _PERIOD_EXPONENT_LONG)
 
     def satisfies(self, rtol: float, plan: RunPlan) -> bool:
         """Return True if all steps so far satisfy the tolerances of a run with `rtol` on `plan`.
