@@ -48,7 +48,7 @@ def test_radau_dense_output_orders_are_five_four_and_three(monkeypatch):
     monkeypatch.setattr(radau_stepper, "_MAX_ITERATION_FRACTION", 1e-12)
     errors_by_step = []
     for count in (80, 160):
-        solution = bd.simulate(SWING, bd.Radau(0.1, max_step=2.0 / count), 2.0)
+        solution = bd.simulate(SWING, bd.Radau(0.02, max_step=2.0 / count), 2.0)
         (interval,) = solution.trajectory.intervals
         t = between(interval)
         errors_by_step.append(errors(interval.at(t), t))

@@ -473,7 +473,7 @@ def test_resolved_settings_are_reported():
     assert settings["rtol"] == 1e-4
     assert settings["error_control"] == "velocities"
     assert "no mode is much faster" in settings["auto"]
-    assert 0.0 < settings["local_tolerance"] < 1e-4
+    assert 0.0 < settings["local_tolerance"] < 1e-3
     settings = bd.simulate(guided_particle(1.0), ALPHA, 0.1).integrator
     assert settings["integrator"] == "GeneralizedAlpha"
     assert (settings["step"], settings["rho_inf"], settings["formulation"]) == (1e-3, 0.8, "index3")
