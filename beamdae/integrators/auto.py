@@ -51,7 +51,7 @@ class Auto(AdaptiveIntegrator):
         the laws if this is shorter.
     max_steps
         Maximum number of steps. Defaults to no limit; the run still stops if its steps become too
-        short to reach the end (`limits.StallDetector`).
+        short to reach the end (`limits.PaceCheck`).
     time_limit
         Maximum wall time [s]. Defaults to no limit.
 

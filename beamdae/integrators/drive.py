@@ -7,7 +7,7 @@ amplitudes, restarts at breakpoints and events, enforces limits and collects the
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, cast
@@ -26,17 +26,12 @@ from beamdae.errors import BeamdaeError, ProgressError, list_first
 from beamdae.integrators.error_control import count_periods
 from beamdae.integrators.events.force_peaks import ForcePeakDetector, detect_force_peaks
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
-from beamdae.integrators.integrator import Integrator, require_limits
-from beamdae.integrators.limits import (
-    MotionCheck,
-    Progress,
-    RunLimits,
-    StallDetector,
-    omit_guesses,
-)
+from beamdae.integrators.integrator import SUFFICIENT_RTOL, Integrator, require_limits
+from beamdae.integrators.limits import PaceCheck, Progress, RunLimits, omit_guesses
 from beamdae.integrators.method import (
     PROBE_SHARE,
     STEP_TOO_SMALL,
+    STEPS_PER_CHECK,
     AssessedMethod,
     LoopMethod,
     Method,
@@ -218,12 +213,11 @@ def _drive(
                 plan, run, trajectory, status = run_pilot(plan, prepare_pilot, limits)
         if not (is_result or (run is not None and run.is_stopped)):
             trajectory = None  # Frees the rows of the pilot run.
-            if rtol is not None and limits.max_steps is None:
-                periods = count_periods(plan)
-                end = plan.intervals[-1][1]
-                limits.stall_detector = StallDetector(end, periods)
-                limits.motion_check = MotionCheck(plan.intervals[0][0], end)
             run = prepare_run(plan, limits, method_on)
+            if rtol is not None and limits.max_steps is None:
+                interval = plan.intervals[0][0], plan.intervals[-1][1]
+                relative_limit = run.method.steps_per_check / STEPS_PER_CHECK
+                limits.pace_check = PaceCheck(*interval, count_periods(plan), relative_limit)
             trajectory, status = run.execute()
     except KeyboardInterrupt:
         if run is None:
@@ -234,9 +228,7 @@ def _drive(
     wall_time = clock.perf_counter() - run_began - compile_time
     peaks = [f"{name} at t = {t:.4g} s" for name, t in run.force_peaks.items()]
     amplitudes = {} if plan.amplitudes is None else {"amplitudes": plan.amplitudes.by_part}
-    status = _name_cause(
-        status, equations, trajectory, run.repeated, float(times[-1]), run.growing_loop
-    )
+    status = _name_cause(status, equations, trajectory, run, float(times[-1]), integrator)
     solution = Solution(
         equations,
         trajectory,
@@ -270,25 +262,27 @@ def _name_cause(
     status: Status,
     equations: EquationsOfMotion,
     trajectory: Trajectory,
-    repeated: Sequence[RepeatedSample],
+    run: _RunInProgress,
     end: float,
-    growing_loop: str,
+    integrator: Integrator,
 ) -> Status:
-    """Return the status with an unstable loop or a vibration as the first reason to stop.
-
-    `growing_loop` is the warning about a loop that stopped the run, or "".
-    """
+    """Return the status with an unstable loop or a vibration as the first reason to stop."""
     if status.kind not in ("failed", "limited"):
         return status
     cause = (
-        describe_growth(repeated)
-        or growing_loop
+        describe_growth(run.repeated)
+        or run.growing_loop
         or next(growing_loop_warnings(equations, trajectory), "")
     )
     # Vibrations with meaningless strains are an effect, not a cause.
     is_meaningless = MEANINGLESS_DEFORMATION in status.sentence
     if not cause and status.kind == "limited" and not is_meaningless:
-        cause = describe_followed_vibration(equations, trajectory, end)
+        advice = ""
+        if integrator.accuracy.name == "rtol" and integrator.accuracy.value < SUFFICIENT_RTOL:
+            advice = f" or rtol={SUFFICIENT_RTOL:g}, which keeps deflections within 1 %"
+        if integrator.method in ("Ida", "GeneralizedAlpha"):
+            advice += ", choose Radau"
+        cause = describe_followed_vibration(equations, trajectory, end, advice)
     if not cause:
         return status
     stop, _, reason = status.sentence.partition(": ")
@@ -644,12 +638,9 @@ class _RunInProgress:
                 # Between samples, an interval may consist of one step: its end is checked, too.
                 is_before_end = t < self._interval_ends[-1]
                 if is_before_end and (
-                    stop := limits.stop_reason(
-                        t, self.steps, steps_per_check, self._describe_singular_position
-                    )
+                    stop := limits.stop_reason(t, self.steps, steps_per_check)
+                    or self._reason_not_to_continue()
                 ):
-                    return Status("limited", f"stopped at t = {t:.6g} s: {stop}")
-                if is_before_end and (stop := self._describe_meaningless_motion()):
                     return Status("limited", f"stopped at t = {t:.6g} s: {stop}")
         except StepError as problem:
             time = np.array([history.end, branch])
@@ -666,29 +657,32 @@ class _RunInProgress:
             return self._out_of_memory(problem)
         return REACHED_END
 
-    def _describe_meaningless_motion(self) -> str:
-        """Return the reason to stop a long run with meaningless strains or an unstable loop, or "".
+    def _reason_not_to_continue(self) -> str:
+        """Return the reason to stop a long run, or "": its motion is meaningless, or it is stalled.
 
-        The loop is not part of the reason: `_name_cause` adds it.
+        An unstable loop or a vibration that the steps follow is not part of the reason:
+        `_name_cause` adds it.
         """
-        check, t = self._limits.motion_check, self._history.end
+        check, t = self._limits.pace_check, self._history.end
         if check is None or not check.is_due(t, self.steps):
             return ""
-        if not (beams_of(self._equations.mechanism) or check.has_slowed):
-            return ""
         # No rows can be added after thinned ones have been joined.
-        if self.thinning.report or not self._history.is_finite:
-            return ""
-        trajectory = self._trajectory()
-        times = np.linspace(check.begin, t, _STRAIN_SAMPLES)
-        strain = describe_meaningless_strain(self._equations, trajectory.positions_at(times))
-        if strain:
-            return check.describe(strain)
-        if check.has_slowed:
-            self.growing_loop = next(growing_loop_warnings(self._equations, trajectory), "")
-            if self.growing_loop:
-                return check.describe("")
-        return ""
+        if self._history.is_finite and not self.thinning.report:
+            trajectory = self._trajectory()
+            if beams_of(self._equations.mechanism):
+                times = np.linspace(check.begin, t, _STRAIN_SAMPLES)
+                positions = trajectory.positions_at(times)
+                if strain := describe_meaningless_strain(self._equations, positions):
+                    return check.describe_motion(strain)
+            if check.has_slowed:
+                self.growing_loop = next(growing_loop_warnings(self._equations, trajectory), "")
+                if self.growing_loop:
+                    return check.describe_motion("")
+            if check.exceeds_limit and describe_followed_vibration(
+                self._equations, trajectory, check.end
+            ):
+                return check.describe_stall()
+        return check.describe_stall(self._describe_singular_position()) if check.is_stalled else ""
 
     def _out_of_memory(self, problem: MemoryError) -> Status:
         reason = problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY

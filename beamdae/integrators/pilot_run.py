@@ -12,7 +12,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from beamdae.integrators.amplitudes import Amplitudes
-from beamdae.integrators.limits import RunLimits, StallDetector
+from beamdae.integrators.limits import RunLimits
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.results.outcome import PILOT_RUN_SUFFIX, REACHED_END, Status
 from beamdae.results.trajectory import Trajectory
@@ -108,10 +108,7 @@ def run_pilot(
     run: R | None = None
     try:
         for _ in range(_MAX_PILOT_RUNS):
-            stall_detector = StallDetector(plan.intervals[-1][1])
-            pilot_limits = RunLimits(
-                pilot_progress, time_limit, _MAX_PILOT_STEPS, begin, stall_detector
-            )
+            pilot_limits = RunLimits(pilot_progress, time_limit, _MAX_PILOT_STEPS, begin)
             preparation_began = clock.perf_counter()
             run = prepare_run(plan, pilot_limits)
             # Without the time to compile, or the amplitudes would depend on the state of the cache.
@@ -137,7 +134,7 @@ def run_pilot(
 
 @dataclass
 class SampledStepLimit:
-    """Limit of the steps between samples; takes the place of `StallDetector`.
+    """Limit of the steps between samples.
 
     Attributes
     ----------
@@ -153,7 +150,7 @@ class SampledStepLimit:
     rate: float
     is_exceeded: bool = False
 
-    def stall_reason(self, t: float, steps: int, steps_per_check: int) -> str | None:
+    def stop_reason(self, t: float, steps: int) -> str | None:
         """Return a reason to stop if there are many more steps than samples."""
         most = _MAX_STEPS_PER_SAMPLE * self.rate * (t - self.start) + _MAX_FURTHER_STEPS
         self.is_exceeded = steps > most
@@ -176,7 +173,7 @@ def plan_attempt(
         return None
     steps = SampledStepLimit(plan.intervals[0][0], rate)
     tight_plan = replace(plan, tolerance_factor=_TIGHT_FACTOR)
-    return tight_plan, replace(limits, stall_detector=steps), steps
+    return tight_plan, replace(limits, step_limit=steps), steps
 
 
 def measure_amplitudes(plan: RunPlan, trajectory: Trajectory, status: Status) -> RunPlan:

@@ -103,7 +103,7 @@ class GeneralizedAlpha(Integrator):
         near 1, unresolved modes are hardly damped and keep the steps short.
     max_steps
         Maximum number of adaptive steps. Defaults to no limit; the run still stops if its steps
-        become too short to reach the end (`limits.StallDetector`).
+        become too short to reach the end (`limits.PaceCheck`).
 
     Raises
     ------

@@ -56,7 +56,7 @@ class Radau(AdaptiveIntegrator):
         Solver of runs without machine code: "dense", "sparse", or "auto" by size.
     max_steps
         Maximum number of steps. Defaults to no limit; the run still stops if its steps become too
-        short to reach the end (`limits.StallDetector`).
+        short to reach the end (`limits.PaceCheck`).
     time_limit
         Maximum wall time [s]. Defaults to no limit.
 

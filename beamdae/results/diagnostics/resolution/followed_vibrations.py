@@ -24,12 +24,12 @@ _MIN_REMAINING_SHARE = 0.5
 
 
 def describe_followed_vibration(
-    equations: EquationsOfMotion, trajectory: Trajectory, end: float
+    equations: EquationsOfMotion, trajectory: Trajectory, end: float, advice: str = ""
 ) -> str:
     """Return a sentence about beams whose lasting vibrations the last steps follow, or "".
 
     The run should have reached `end` [s]. The period is measured by the turning points of the
-    velocities of the beam's nodes.
+    velocities of the beam's nodes. `advice` follows the sentence.
     """
     last = trajectory.intervals[-1]
     t, v = last.t[-_STEPS:], last.state.v[-_STEPS:]
@@ -45,10 +45,11 @@ def describe_followed_vibration(
             periods[beam.name] = 2.0 * (t[-1] - t[0]) / turns
     if not periods:
         return ""
+    names = list_first(sorted(periods), _MAX_NAMES)
     return (
-        f"the steps follow vibrations of {list_first(sorted(periods), _MAX_NAMES)} with a period "
-        f"of {min(periods.values()):.2g} s, which hardly decay; set damping= of the sections, or "
-        "use start='equilibrium' if the start causes the vibrations"
+        f"the steps follow vibrations of {names} with a period of {min(periods.values()):.2g} s, "
+        f"which hardly decay; set damping= of the sections{advice}, or use start='equilibrium' if "
+        "the start causes the vibrations"
     )
 
 
