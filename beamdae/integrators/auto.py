@@ -12,7 +12,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import MissingPackageError, warn_once
 from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import needs_radau
-from beamdae.integrators.integrator import AdaptiveIntegrator, require_tolerance
+from beamdae.integrators.integrator import DEFAULT_RTOL, AdaptiveIntegrator, require_tolerance
 from beamdae.integrators.limits import Progress
 from beamdae.integrators.method import Method
 from beamdae.integrators.pilot_run import PILOT_RTOL
@@ -45,7 +45,8 @@ class Auto(AdaptiveIntegrator):
     ----------
     rtol
         Relative tolerance, 1e-14 to 0.1; absolute tolerances follow from the scales of the
-        mechanism.
+        mechanism. Defaults to 1e-4: positions and deflections within 1 % of half their range, or
+        0.3 % with material damping.
     max_step
         Longest step [s]. Defaults to a twentieth of the run, or to a quarter of the time scale of
         the laws if this is shorter.
@@ -62,7 +63,7 @@ class Auto(AdaptiveIntegrator):
         `max_steps` is not a whole number of at least 1.
     """
 
-    rtol: float = 1e-5
+    rtol: float = DEFAULT_RTOL
     max_step: float | None = None
     max_steps: int | None = None
     time_limit: float | None = None

@@ -26,7 +26,7 @@ from beamdae.errors import BeamdaeError, ProgressError, list_first
 from beamdae.integrators.error_control import count_periods
 from beamdae.integrators.events.force_peaks import ForcePeakDetector, detect_force_peaks
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
-from beamdae.integrators.integrator import SUFFICIENT_RTOL, Integrator, require_limits
+from beamdae.integrators.integrator import DEFAULT_RTOL, Integrator, require_limits
 from beamdae.integrators.limits import PaceCheck, Progress, RunLimits, omit_guesses
 from beamdae.integrators.method import (
     PROBE_SHARE,
@@ -278,8 +278,8 @@ def _name_cause(
     is_meaningless = MEANINGLESS_DEFORMATION in status.sentence
     if not cause and status.kind == "limited" and not is_meaningless:
         advice = ""
-        if integrator.accuracy.name == "rtol" and integrator.accuracy.value < SUFFICIENT_RTOL:
-            advice = f" or rtol={SUFFICIENT_RTOL:g}, which keeps deflections within 1 %"
+        if integrator.accuracy.name == "rtol" and integrator.accuracy.value < DEFAULT_RTOL:
+            advice = f" or rtol={DEFAULT_RTOL:g}, which keeps deflections within 1 %"
         if integrator.method in ("Ida", "GeneralizedAlpha"):
             advice += ", choose Radau"
         cause = describe_followed_vibration(equations, trajectory, end, advice)

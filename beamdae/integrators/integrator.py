@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# Relative tolerance for deflections within 1 %, or 0.3 % with material damping.
-SUFFICIENT_RTOL = 1e-4
+# Default of adaptive integrators: deflections within 1 %, or 0.3 % with material damping.
+DEFAULT_RTOL = 1e-4
 # Rounding errors exceed smaller tolerances.
 _MIN_RTOL = 1e-14
 # Larger tolerances do not resolve the motion.

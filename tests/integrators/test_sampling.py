@@ -334,7 +334,7 @@ def test_failures_due_to_tight_tolerances_do_not_end_runs(monkeypatch):
 
     monkeypatch.setattr(RadauStepper, "advance", fail)
     calls = []
-    run = bd.simulate(pushed(1e-3, lambda t: 4.0, calls), bd.Radau(), 0.3, output_step=0.01)
+    run = bd.simulate(pushed(1e-3, lambda t: 4.0, calls), bd.Radau(1e-5), 0.3, output_step=0.01)
     assert run.status.success, run.status.sentence
     assert len(calls) > 2 * 300
 

@@ -89,8 +89,9 @@ def fit(
     by
         Names of the parameters to estimate. They must be floats.
     integrator
-        Integrator whose runs can be differentiated; see `sensitivities`. Defaults to `Radau()`. One
-        more run with half the step or a tenth of `rtol` checks the accuracy at the estimates.
+        Integrator whose runs can be differentiated; see `sensitivities`. Defaults to
+        `Radau(rtol=1e-5)`. One more run with half the step or a tenth of `rtol` checks the accuracy
+        at the estimates.
     data_columns
         Names of columns of the model for columns of the data with other names, by the latter, with
         or without their units: {"Laser [mm]": "tip.y", "Zeit": "t [ms]"} maps times to "t". Units

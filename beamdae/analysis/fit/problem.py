@@ -20,7 +20,10 @@ from beamdae.analysis.fit.data import (
 )
 from beamdae.analysis.fit.sensors import Sensor, Sensors, read_sensors
 from beamdae.analysis.parameter_bounds import convert_bounds, require_bounds_around
-from beamdae.analysis.sensitivities.differentiable_methods import require_differentiable_method
+from beamdae.analysis.sensitivities.differentiable_methods import (
+    DERIVATIVE_METHOD,
+    require_differentiable_method,
+)
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
@@ -38,7 +41,7 @@ from beamdae.errors import (
     short_repr,
     warn_user,
 )
-from beamdae.integrators import Integrator, Radau
+from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import refine, require_integrator
 from beamdae.model_parameters import (
     conversion_factor,
@@ -149,7 +152,9 @@ class FitProblem:
     ) -> None:
         self.names = require_parameters("fit", model, by)
         self.model, self.start = model, start
-        self.integrator = require_integrator("fit", Radau() if integrator is None else integrator)
+        self.integrator = require_integrator(
+            "fit", DERIVATIVE_METHOD if integrator is None else integrator
+        )
         self.parameters = complete_parameters("fit", model, parameters)
         measured = read_measurements("fit", data, data_columns)
         self._settings = self._read_experiments(experiments, measured.experiments)
@@ -351,7 +356,7 @@ class FitProblem:
         `change` returns the mechanism that takes the place of that of the model.
         """
         times = self._shift_times(values)
-        method = require_differentiable_method(self.integrator, Radau())
+        method = require_differentiable_method(self.integrator)
         solutions = {}
         for experiment in self.data.experiments:
             with warnings.catch_warnings(), skip_result_checks():

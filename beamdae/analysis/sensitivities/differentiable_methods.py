@@ -18,6 +18,8 @@ from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
+# Errors of derivatives are larger than those of the motion.
+DERIVATIVE_METHOD = Radau(rtol=1e-5)
 # With the default tolerance of 1e-6, Newton errors of runs led to errors of derivatives of up to
 # 1e-4; with this tolerance, they are limited by rounding errors.
 _NEWTON_TOLERANCE = 1e-10
@@ -41,7 +43,7 @@ _OMITTED_ROWS = 0.01
 
 
 def require_differentiable_method(
-    integrator: Any, default: GeneralizedAlpha | Radau
+    integrator: Any, default: GeneralizedAlpha | Radau = DERIVATIVE_METHOD
 ) -> GeneralizedAlpha | Radau:
     """Return the integrator of a run that is differentiated: Radau for Auto.
 

@@ -278,7 +278,7 @@ def sensitivities(
     integrator
         `Radau`, or `GeneralizedAlpha` in the index-3 form, whose `newton_tolerance` is reduced to
         1e-10. The derivatives do not include changes of adaptive steps. `Auto` is replaced by
-        `Radau`. Defaults to `Radau()`.
+        `Radau`. Defaults to `Radau(rtol=1e-5)`.
     t_end
         End time [s]. Defaults to the model's end time. It does not depend on the parameters. A run
         that an event stops is differentiated up to its end.
@@ -365,7 +365,7 @@ def differentiate_run(
     """
     names = require_parameters("sensitivities", model, by)
     values = complete_parameters("sensitivities", model, parameters)
-    method = require_differentiable_method(integrator, Radau())
+    method = require_differentiable_method(integrator)
     mechanism = model(**values)
     differences = _difference_models(
         model, names, values, mechanism, start, needs_high_order=needs_high_order
@@ -412,7 +412,7 @@ def simulate_with(
         )
     names = require_parameters("simulate", function, by, "sensitivities")
     values = dict(function.parameters)
-    method = require_differentiable_method(integrator, Radau())
+    method = require_differentiable_method(integrator)
     mechanism = function() if function is model else model
     if mechanism is model:
         rebuilt = as_equations("simulate", function(), start)

@@ -12,7 +12,7 @@ from beamdae.errors import require_choice
 from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import ERROR_CONTROL
 from beamdae.integrators.ida.stepper import IdaStepper
-from beamdae.integrators.integrator import AdaptiveIntegrator, require_tolerance
+from beamdae.integrators.integrator import DEFAULT_RTOL, AdaptiveIntegrator, require_tolerance
 from beamdae.integrators.limits import Progress
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.run_plan import RunPlan
@@ -50,7 +50,7 @@ class Ida(AdaptiveIntegrator):
     ----------
     rtol
         Relative tolerance, 1e-14 to 0.1; absolute tolerances follow from the scales of the
-        mechanism.
+        mechanism. Defaults to 1e-4.
     formulation
         "stabilized-index1" (default) or "ggl". "index2", "index1" and "index3" are for comparisons.
         With "index2" and "index1", positions drift off the constraints and may jump to another
@@ -83,7 +83,7 @@ class Ida(AdaptiveIntegrator):
         a run) scikit-sundae cannot be imported.
     """
 
-    rtol: float = 1e-5
+    rtol: float = DEFAULT_RTOL
     formulation: str = "stabilized-index1"
     error_control: str = "auto"
     max_order: int | str = "auto"
