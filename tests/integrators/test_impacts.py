@@ -279,11 +279,11 @@ def _flat_rod(restitution, together):
 @pytest.mark.parametrize("restitution", [1.0, 0.5])
 def test_regression_simultaneous_impacts_that_close_each_other(restitution):
     """The first gap was closed again by the second impact, and the rod fell through the floor."""
-    alone = bd.simulate(_flat_rod(restitution, together=False), t_end=0.55, output_step=1e-3)
+    alone = bd.simulate(_flat_rod(restitution, together=False), bd.Auto(1e-5), 0.55, 1e-3)
     assert min(alone["left.y"].min(), alone["right.y"].min()) > -1e-9
     (warning,) = (x for x in alone.warnings if "depends on their order" in x)
     assert warning.startswith("left.y crosses 0, right.y crosses 0: these impacts")
-    together = bd.simulate(_flat_rod(restitution, together=True), t_end=0.55, output_step=1e-3)
+    together = bd.simulate(_flat_rod(restitution, together=True), bd.Auto(1e-5), 0.55, 1e-3)
     assert not [x for x in together.warnings if "depends on their order" in x]
     flight = 0.55 - np.sqrt(2.0 / 9.81)
     speed = restitution * np.sqrt(2.0 * 9.81)

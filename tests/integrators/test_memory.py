@@ -32,8 +32,8 @@ def pendulum():
 
 
 INTEGRATORS = [
-    bd.Ida(max_step=5e-4),
-    pytest.param(bd.Radau(max_step=5e-4), marks=pytest.mark.slow),
+    bd.Ida(1e-5, max_step=5e-4),
+    pytest.param(bd.Radau(1e-5, max_step=5e-4), marks=pytest.mark.slow),
     bd.GeneralizedAlpha(step=5e-4),
 ]
 
