@@ -70,8 +70,8 @@ def write_analysis_page(result: Any, path: Path, title: str | None = None) -> Pa
 def build_path_page(equilibrium: Equilibrium, title: str) -> PageContent:
     """Return the page of an equilibrium path, with its points in the place of times.
 
-    One chart shows the load factor, or the quantity that varies instead, over an observed column,
-    with the critical points.
+    One chart shows the load factor over an observed column, or this column over the quantity that
+    varies instead, with the critical points.
     """
     points = np.arange(len(equilibrium.q), dtype=float)
     header = equilibrium.header
@@ -98,6 +98,7 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> PageContent:
     lengths = [x for x in observed if Header.of(x).unit == "m"]
     # The observed point that moves most.
     largest = max(lengths or observed or [header], key=lambda x: np.ptp(columns[x]))
+    abscissa, ordinate = (header, largest) if equilibrium.over else (largest, header)
     return {
         "title": title,
         "subtitle": f"equilibria: {equilibrium.status.sentence}",
@@ -107,8 +108,8 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> PageContent:
         "time": {"name": "point", "unit": ""},
         "featured": [largest],
         "portrait": {
-            "x": largest,
-            "y": header,
+            "x": abscissa,
+            "y": ordinate,
             "marks": [
                 {"t": float(point.row), "label": point.kind} for point in equilibrium.critical
             ],

@@ -238,3 +238,11 @@ def test_paths_end_where_loads_jump_with_a_remedy():
     after = bd.equilibrium(mech, over="t", from_=1.0, to=2.0, start=path)
     assert after.status.success
     assert after["mass.x"].iloc[-1] > 1.5
+
+
+def test_pictures_show_what_varies_over_the_quantity():
+    """The picture without names showed the driven value over itself."""
+    path = bd.equilibrium(pressed_truss(spring=2000.0), over="drive", to=0.3)
+    axes = path.plot().figure.axes
+    assert {axis.get_xlabel() for axis in axes} == {"drive [m]"}
+    assert [axis.get_ylabel() for axis in axes] == ["crown.y [m]", "push.F [N]"]

@@ -163,10 +163,11 @@ def _marker_style(kind: str) -> dict[str, Any]:
 
 
 def _is_varying(equilibrium: Equilibrium, column: str) -> bool:
-    """Return True if loads are scaled and the range of a column exceeds rounding noise."""
+    """Return True if loads or a quantity vary and a column varies by more than rounding noise."""
     sizes = {"m": equilibrium.equations.length, "rad": 1.0}
     limit = _MIN_RANGE * sizes.get(Header.of(column).unit, 0.0)
-    return bool(equilibrium.loads) and float(np.ptp(equilibrium.columns[column])) > limit
+    is_path = bool(equilibrium.loads or equilibrium.over)
+    return is_path and float(np.ptp(equilibrium.columns[column])) > limit
 
 
 def plot_critical_loads(result: Boundary | KnockDown) -> Plot:
