@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from beamdae.errors import BeamdaeError, InputWarning, format_message, short_repr, warn_user
+from beamdae.input_files import register_input
 
 _COMMENTS = ("#", "%", "//")
 # Spreadsheets name the separator of columns in a first line such as "sep=;".
@@ -201,6 +202,7 @@ def _read_text(part: str, path: str) -> str:
     try:
         with Path(path).open("rb") as file:
             content = file.read(_MAX_BYTES + 1)
+        register_input(path)
     except OSError as problem:
         reason = problem.strerror or format_message(problem)
         raise BeamdaeError(

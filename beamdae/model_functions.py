@@ -34,6 +34,7 @@ from beamdae.errors import (
     unbox_scalar,
     working_folder,
 )
+from beamdae.input_files import reading_inputs, register_input
 from beamdae.model_parameters import (
     ModelParameter,
     conversion_factor,
@@ -259,7 +260,8 @@ class Model:
                 f"{self.name}({named or '...'})."
             )
         parameters = self.complete(values)
-        with extend_import_path(self.home), record_messages() as messages:
+        home = self.home
+        with extend_import_path(home), reading_inputs(home), record_messages() as messages:
             # The function may change its arguments.
             mechanism = self.build(**copy_containers(parameters | self._with_units(parameters)))
         if mechanism is None or isinstance(mechanism, Model):
@@ -569,7 +571,8 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
                 )
             parameters[parameter.name] = unbox_scalar(parameter.default)
         decorated = Model(function, t_end, parameters, data)
-        decorated.files()
+        for file in (*decorated.files(), inspect.unwrap(function).__code__.co_filename):
+            register_input(file)
         return decorated
 
     return decorate

@@ -18,6 +18,7 @@ from beamdae.cli import signals, streams
 from beamdae.cli.option_values import convert_plain_values
 from beamdae.cli.output import CommandOutput, hold_warnings, print_error, use_output
 from beamdae.errors import BeamdaeError, short_repr
+from beamdae.input_files import CHECKPOINT, register_input
 from beamdae.interrupts import Interrupted, interruptible
 from beamdae.memory import is_out_of_memory
 from beamdae.report.option_names import use_options
@@ -53,6 +54,8 @@ _OUTPUT_OPTIONS = {
         typer.Option("--json", help="Print the results as one JSON document."),
     ],
 }
+# Options with paths of outputs; the paths of all others are inputs.
+_OUTPUT_PATHS = {"out", "fmu", "checkpoint"}
 _UsageError: Any = typer.BadParameter.__base__
 
 
@@ -62,6 +65,9 @@ def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]
     @wraps(command)
     def run_and_exit(*, quiet: bool, as_json: bool, **options: Any) -> None:
         output = CommandOutput(quiet, as_json)
+        for option in options.keys() - _OUTPUT_PATHS:
+            if isinstance(path := options[option], Path):
+                register_input(path, CHECKPOINT if option == "resume_from" else "")
         with ExitStack() as stack:
             stack.enter_context(use_output(output))
             if as_json:

@@ -28,6 +28,7 @@ from beamdae.errors import (
     kind_of_message,
 )
 from beamdae.garbage_collection import paused_collection
+from beamdae.input_files import is_input
 from beamdae.interrupts import Interrupted
 from beamdae.report.option_names import name_options
 from beamdae.report.text import make_printable
@@ -290,7 +291,7 @@ class WrittenFiles:
         console = create_console()
         print_written_files(console, self.paths)
         for path in self.views if self.paths else ():
-            if path in self.paths:
+            if path in self.paths or is_input(path):
                 continue
             if path.is_file():
                 try:

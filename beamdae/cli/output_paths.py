@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from beamdae.errors import BeamdaeError, short_repr
+from beamdae.input_files import CHECKPOINT, require_output
 
 
 def require_writable(*groups: tuple[str, Iterable[Path]]) -> None:
@@ -25,12 +26,13 @@ def require_writable(*groups: tuple[str, Iterable[Path]]) -> None:
     ------
     BeamdaeError
         If a path is not a valid name or is a folder, a folder cannot be created or written, or an
-        output has the path of another output or of its folder.
+        output is an input, or has the path of another output or of its folder.
     """
     options: dict[Path, str] = {}
     for option, paths in groups:
         for path in paths:
             _require_file_path(option, path)
+            require_output(path, option, CHECKPOINT if option == "--checkpoint" else "")
             place = Path(os.path.realpath(path.parent), path.name)
             if place in options:
                 raise BeamdaeError(

@@ -24,6 +24,7 @@ from beamdae.errors import (
     short_repr,
     suggest,
 )
+from beamdae.input_files import reading_inputs, register_input
 from beamdae.model_functions import Model, extend_import_path
 
 if TYPE_CHECKING:
@@ -198,9 +199,11 @@ def _import_file(path: Path, needs: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     # Decorators such as dataclass look up their module during the import.
     sys.modules[name] = module
+    folder = path.absolute().parent
     try:
         with (
-            extend_import_path(path.absolute().parent),
+            extend_import_path(folder),
+            reading_inputs(folder),
             translate_errors(f"{path}: the import", path),
         ):
             exec(code, vars(module))
@@ -231,6 +234,7 @@ def _compile_file(path: Path) -> CodeType:
                 "move data to another file and read that file in the model."
             )
         content = path.read_bytes()
+        register_input(path)
     except OSError as problem:
         raise BeamdaeError(f"{path}: the file cannot be read: {problem.strerror}.") from problem
     try:

@@ -12,6 +12,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError, FileContentError, short_repr
+from beamdae.input_files import CHECKPOINT, register_input
 from beamdae.parts.events import DIRECTIONS
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.read_only import read_only_data
@@ -163,7 +164,7 @@ class Checkpoint:
             "states": {name: [self.q[name], self.v[name]] for name in self.q},
         }
         content[_CHECKSUM] = _compute_checksum(content)
-        return write_text(file, json.dumps(content, indent=2) + "\n")
+        return write_text(file, json.dumps(content, indent=2) + "\n", CHECKPOINT)
 
     @classmethod
     def read(cls, path: str | Path) -> Checkpoint:
@@ -189,6 +190,7 @@ class Checkpoint:
             raise KIND.error(path, "the content has changed since it was written (wrong checksum)")
         require_content(path, KIND, _CONTENT, content)
         states = content["states"]
+        register_input(path, CHECKPOINT)
         return cls(
             t=float(content["t"]),
             q={name: float(x[0]) for name, x in states.items()},

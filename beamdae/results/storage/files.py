@@ -28,6 +28,7 @@ from beamdae.errors import (
     require_choice,
     short_repr,
 )
+from beamdae.input_files import register_output, require_output
 from beamdae.package_versions import installed_version
 from beamdae.results.outcome import Status
 
@@ -266,7 +267,7 @@ def require_file_path(name: str, path: Any) -> Path:
     return Path(text)
 
 
-def write_text(path: Path, text: str) -> Path:
+def write_text(path: Path, text: str, kind: str = "") -> Path:
     """Write a text as UTF-8 with `atomic_write` and return the path.
 
     Line endings are not translated. Characters that UTF-8 cannot encode (lone surrogates) are
@@ -277,18 +278,18 @@ def write_text(path: Path, text: str) -> Path:
     BeamdaeError
         If the file cannot be written.
     """
-    return write_bytes(path, text.encode("utf-8", errors="backslashreplace"))
+    return write_bytes(path, text.encode("utf-8", errors="backslashreplace"), kind=kind)
 
 
-def write_bytes(path: Path, content: bytes, durable: bool = True) -> Path:
-    """Write bytes with `atomic_write` and return the path; see there for `durable`."""
-    with atomic_write(path, durable) as scratch:
+def write_bytes(path: Path, content: bytes, durable: bool = True, kind: str = "") -> Path:
+    """Write bytes with `atomic_write` and return the path; see there for the options."""
+    with atomic_write(path, durable, kind) as scratch:
         scratch.write_bytes(content)
     return path
 
 
 @contextmanager
-def atomic_write(path: Path, durable: bool = True) -> Iterator[Path]:
+def atomic_write(path: Path, durable: bool = True, kind: str = "") -> Iterator[Path]:
     """Yield a scratch file that replaces the file at `path` when the block ends.
 
     The folder of `path` is created if needed. If the block raises any exception, including
@@ -301,7 +302,7 @@ def atomic_write(path: Path, durable: bool = True) -> Iterator[Path]:
     Raises
     ------
     BeamdaeError
-        If the file cannot be written, or the block raises an OSError.
+        If the file is an input, see `require_output`, or cannot be written, or the block raises an OSError.
     """
     owner = f"{os.getpid()}@{platform.node()}"
     try:
@@ -312,12 +313,15 @@ def atomic_write(path: Path, durable: bool = True) -> Iterator[Path]:
         if _is_written_directly(target):
             yield target
             return
+        require_output(target, kind=kind)
         scratch.touch(exist_ok=False)
         try:
             yield scratch
             if durable:
                 _flush_to_disk(scratch)
             _replace_file(target, scratch)
+            if durable:
+                register_output(target)
         finally:
             with suppress(OSError):
                 scratch.unlink(missing_ok=True)

@@ -14,6 +14,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError, MissingModelError
+from beamdae.input_files import register_input
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives, require_derivatives
 from beamdae.results.diagnostics.energy_balance import Quality
@@ -283,6 +284,7 @@ def read_saved_run(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
         If the file cannot be read, is not a complete saved run of a supported version, or a field
         has a type, shape or value that `save_run` does not write.
     """
+    register_input(file)
     with open_archive(file, KIND) as archive:
         content = _read_content(archive)
         plain = content["plain"]

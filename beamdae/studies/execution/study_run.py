@@ -38,6 +38,7 @@ from beamdae.studies.references import (
     create_reference_tasks,
     group_cases,
 )
+from beamdae.studies.store.file_reads import register_reads
 from beamdae.studies.store.folder_lock import lock_folder
 from beamdae.studies.store.store import Store
 from beamdae.studies.tasks import MEASURED, NOT_RUN, Outcome, Task
@@ -336,6 +337,7 @@ def _load_stored_outcomes(
         outcome, problem = store.load(task)
         if outcome is not None:
             outcomes[task.key] = outcome
+            register_reads(outcome.read, task.case.model.home)
         if problem:
             notes.append(f"{store.folder}: {problem}, so {task.case.label} is run again.")
     if len(notes) > _MAX_NOTES:
@@ -369,6 +371,7 @@ def _run_missing_tasks(
                     if message not in issued_messages:
                         issued_messages.add(message)
                         warnings.warn(message, KernelWarning, stacklevel=3)
+                register_reads(outcome.read, task.case.model.home)
                 if storable and outcome.status.kind != "interrupted":
                     outcome = store.save(task, outcome)
                 outcomes[task.key] = outcome

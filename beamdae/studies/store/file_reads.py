@@ -9,13 +9,14 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
 from beamdae.errors import working_folder
+from beamdae.input_files import register_input
 from beamdae.studies.store.file_hashes import (
     FileSignature,
     digest_file,
@@ -167,9 +168,19 @@ def _portable_name(name: str, home: Path) -> str:
 
 def changed_files(digests: Mapping[str, str | None], home: Path) -> list[str]:
     """Return the paths of files whose hash now differs from `digests`; see `digest_reads`."""
-    folder = str(working_folder())
-    paths = {name: _resolve(name, str(home), folder) for name in digests}
+    paths = _resolve_all(digests, home)
     return [paths[name] for name, digest in digests.items() if digest_file(paths[name]) != digest]
+
+
+def register_reads(digests: Mapping[str, str | None], home: Path) -> None:
+    """Protect the files of `digest_reads`, which another process has read, from outputs."""
+    for path in _resolve_all(digests, home).values():
+        register_input(path)
+
+
+def _resolve_all(names: Iterable[str], home: Path) -> dict[str, str]:
+    folder = str(working_folder())
+    return {name: _resolve(name, str(home), folder) for name in names}
 
 
 @lru_cache(maxsize=1024)
