@@ -3,8 +3,17 @@
 The public names are listed in `catalog`; each is imported when it is first used.
 """
 
+import os
 import sys
 from typing import Any
+
+# `python -m beamdae` puts the working folder first; a file there called inspect.py would run.
+if (
+    sys.argv[:1] == ["-m"]
+    and not sys.flags.safe_path
+    and sys.path[0] != os.path.dirname(os.path.dirname(__file__))
+):
+    del sys.path[0]
 
 import lazy_loader
 

@@ -55,7 +55,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    # Python puts the working folder first; a model file there called numpy.py would hide NumPy.
-    if not sys.flags.safe_path and sys.path[0] != os.path.dirname(os.path.dirname(__file__)):
-        del sys.path[0]
     main()

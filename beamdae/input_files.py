@@ -69,7 +69,7 @@ def is_input(path: str | os.PathLike[str], kind: str = "") -> bool:
 
 @contextmanager
 def reading_inputs(folder: str | os.PathLike[str]) -> Iterator[None]:
-    """Register the files, and the modules of a folder, that are opened for reading in this block."""
+    """Register the files, and the modules of a folder, that are opened in this block."""
     _watch_files()
     _active_folders.append(os.path.join(folder, ""))
     try:

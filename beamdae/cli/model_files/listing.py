@@ -5,15 +5,14 @@ from __future__ import annotations
 import inspect
 import pickle
 import signal
-import sys
 from collections.abc import Generator, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from beamdae.cli import startup
 from beamdae.errors import BeamdaeError
+from beamdae.python_processes import isolated_processes
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -75,14 +74,8 @@ class _ListingProcess:
         context = get_context("spawn")
         self._connection, other = context.Pipe()
         self._process = context.Process(target=_serve_files, args=(other,), daemon=True)
-        # The main program must not run again in the process.
-        main = sys.modules["__main__"]
-        sys.modules["__main__"] = ModuleType("__main__")
-        try:
-            with other:
-                self._process.start()
-        finally:
-            sys.modules["__main__"] = main
+        with other, isolated_processes():
+            self._process.start()
         self._is_ready = False
 
     def read(self, file: Path) -> FileContent | None:

@@ -302,7 +302,8 @@ def atomic_write(path: Path, durable: bool = True, kind: str = "") -> Iterator[P
     Raises
     ------
     BeamdaeError
-        If the file is an input, see `require_output`, or cannot be written, or the block raises an OSError.
+        If the file is an input, see `require_output`, or cannot be written, or the block raises an
+        OSError.
     """
     owner = f"{os.getpid()}@{platform.node()}"
     try:

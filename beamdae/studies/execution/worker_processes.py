@@ -13,11 +13,11 @@ import threading
 import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from types import ModuleType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from beamdae.errors import format_message
 from beamdae.linear.blas_threads import single_threaded
+from beamdae.python_processes import isolated_processes
 from beamdae.studies.execution.case_run import run_task
 from beamdae.studies.tasks import Outcome
 
@@ -160,8 +160,8 @@ def _start_process() -> tuple[Connection, Any]:
     process = context.Process(target=_serve_tasks, args=(worker_connection,), name="beamdae worker")
     try:
         with (
+            isolated_processes(),
             _block_interrupts(),
-            _hide_main_module(),
             _inherit_working_folder(),
             _one_blas_thread(),
             worker_connection,
@@ -214,17 +214,6 @@ def _block_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-
-
-@contextmanager
-def _hide_main_module() -> Iterator[None]:
-    """Prevent processes started in this block from running the main program."""
-    main = sys.modules["__main__"]
-    sys.modules["__main__"] = ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = main
 
 
 @contextmanager
