@@ -19,7 +19,7 @@ import sys
 import threading
 import time as clock
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from types import CodeType, FrameType, FunctionType
@@ -42,8 +42,10 @@ _MAX_WAIT = 1.0
 _MAX_IMPORT_TIME = 5.0
 _AFTER_LAST_STEP = "interrupted after the last step"
 _IMPORT_FILES = ("<frozen importlib._bootstrap>", "<frozen importlib._bootstrap_external>")
-# SIGTERM only if a handler raises KeyboardInterrupt, as on the command line.
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# All but Ctrl-C only if a handler raises KeyboardInterrupt, as on the command line. Windows has no
+# SIGHUP, which a closed terminal sends.
+END_SIGNALS = (signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
+SIGNALS = (signal.SIGINT, *END_SIGNALS)
 # Names of the public functions that are running, the outermost first.
 _running: ContextVar[tuple[str, ...]] = ContextVar("running", default=())
 
@@ -177,7 +179,8 @@ def interruptible(function: Callable[Parameters, Result]) -> Callable[Parameters
         handlers, running = _replace_handlers(), _running.get()
         try:
             _running.set((*running, name))
-            result = function(*arguments, **options)
+            with _ignored_underflow():
+                result = function(*arguments, **options)
         except KeyboardInterrupt as problem:
             acknowledge()
             if (
@@ -219,6 +222,13 @@ def interruptible(function: Callable[Parameters, Result]) -> Callable[Parameters
     return call
 
 
+def _ignored_underflow() -> AbstractContextManager[Any]:
+    """Return a context in which tiny numbers become zero, also after `np.seterr(all="raise")`."""
+    # The help of the command line is printed without NumPy.
+    numpy = sys.modules.get("numpy")
+    return nullcontext() if numpy is None else numpy.errstate(under="ignore")
+
+
 def _end_call(name: str, reason: str = "", partial: Any = None) -> Interrupted:
     interrupt = Interrupted(reason or "interrupted", partial, name)
     interrupt.has_ended_call = True
@@ -241,7 +251,7 @@ def _replace_handlers() -> dict[int, Any]:
         if _state.pending is not None and not _is_in_call(sys._getframe(2)):
             # An earlier call was interrupted while it returned.
             _state.pending = None
-        for number in _SIGNALS:
+        for number in SIGNALS:
             previous = signal.getsignal(number)
             # Signals that are ignored, or that end the process by default, are left unchanged.
             if callable(previous) and not isinstance(previous, _SignalHandler):
@@ -366,7 +376,7 @@ class DeferredInterrupts:
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
-            for number in _SIGNALS:
+            for number in SIGNALS:
                 # Signals that are ignored, or that end the process by default, are left unchanged.
                 if callable(signal.getsignal(number)):
                     self._previous_handlers[number] = signal.signal(number, self._receive)

@@ -7,7 +7,7 @@ import errno
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -26,6 +26,13 @@ _MAX_HEAP_ARRAY_BYTES = 2**24
 _MEMORY_FILE = Path("/proc/meminfo")
 _PAGES_FILE = Path("/proc/self/statm")
 _STATUS_FILE = Path("/proc/self/status")
+_GROUP_FILE = Path("/proc/self/cgroup")
+_GROUPS = Path("/sys/fs/cgroup")
+# Files with limit and use, and the entry of memory.stat for cached files, in versions 2 and 1.
+_GROUP_ENTRIES = {
+    "": ("memory.max", "memory.current", "inactive_file"),
+    "memory": ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+}
 _CLEAR_FILE = Path("/proc/self/clear_refs")
 # Enough for all entries of interest; `Path.read_text` takes four times as long.
 _MAX_FILE_BYTES = 4096
@@ -42,10 +49,11 @@ _MIN_LIMIT = 0.5
 def available_memory() -> float:
     """Return the memory [bytes] that this process can still allocate; infinite if unknown.
 
-    The result is the smaller of the free memory of the machine (the total memory on systems without
-    /proc/meminfo) and, if `ulimit -v` sets a limit, the unused address space divided by 2.8.
+    The result is the smallest of the free memory of the machine (the total memory on systems
+    without /proc/meminfo), that of the container or control group, and, if `ulimit -v` sets a
+    limit, the unused address space divided by 2.8.
     """
-    return min(_free_physical_memory(), _free_address_space())
+    return min(_free_physical_memory(), _free_address_space(), _free_group_memory())
 
 
 def _free_physical_memory() -> float:
@@ -60,6 +68,32 @@ def _free_physical_memory() -> float:
         return float(os.sysconf("SC_PHYS_PAGES")) * float(os.sysconf("SC_PAGE_SIZE"))
     except (AttributeError, OSError, ValueError):
         return float("inf")
+
+
+def _free_group_memory() -> float:
+    """Return the memory [bytes] below the limits of this process's control group and its parents.
+
+    Files that the system caches count as free.
+    """
+    free = float("inf")
+    with suppress(OSError, ValueError):
+        for line in _read_start(_GROUP_FILE).splitlines():
+            _, controllers, name = line.split(":", 2)
+            if controllers not in ("", "memory"):
+                continue
+            root = _GROUPS / controllers
+            limit, used, cache = _GROUP_ENTRIES[controllers]
+            # In a container, its own group is the root, whatever its name outside is.
+            for group in (root / name.lstrip("/"), *(root / name.lstrip("/")).parents):
+                if not group.is_relative_to(root):
+                    break
+                with suppress(OSError, ValueError):
+                    entries = dict(
+                        x.split() for x in _read_start(group / "memory.stat").splitlines()
+                    )
+                    unused = float(_read_start(group / limit)) - float(_read_start(group / used))
+                    free = min(free, max(unused + float(entries.get(cache, 0.0)), 0.0))
+    return free
 
 
 def _free_address_space() -> float:

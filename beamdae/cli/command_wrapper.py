@@ -30,7 +30,7 @@ NOT_RUN_CODE = 3
 EXIT_CODES = (
     "Exit codes: 0 success, 1 failure (partial results are written), 2 usage or model error, "
     "3 study incomplete because processes or a cluster failed (run it again to resume), "
-    "130 after Ctrl-C, 143 after SIGTERM."
+    "130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP (closed terminal)."
 )
 # Commands that show warnings at once, because they run until they are interrupted.
 _ENDLESS_COMMANDS = ("view",)

@@ -12,14 +12,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+# Settings of an option of Typer that restrict or change its value.
+_RULES = ("min", "max", "parser", "click_type", "exists", "resolve_path", "formats")
+
 
 def convert_plain_values(parameter: Any) -> None:
     """Make a parameter of Typer convert plain values by `PlainConversion`.
 
-    Versions of Typer without `get_runtime_param` do not use pydantic and are left alone.
+    Versions of Typer without `get_runtime_param` do not use pydantic and are left alone, and so are
+    parameters with rules of their own, such as `min`.
     """
     create = getattr(parameter, "get_runtime_param", None)
-    if create is not None and not isinstance(create, PlainConversion):
+    if create is None or isinstance(create, PlainConversion):
+        return
+    rules = vars(parameter.type_descriptor.parameter_info)
+    if not any(rules.get(name) not in (None, False) for name in _RULES):
         annotation = parameter.type_descriptor.annotation
         parameter.get_runtime_param = PlainConversion(annotation, create)
 

@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C and SIGTERM, which end a command without loss of results."""
+"""Handling of Ctrl-C, SIGTERM and SIGHUP, which end a command without loss of results."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import Any, NoReturn
 
-from beamdae.interrupts import Interrupted
+from beamdae.interrupts import END_SIGNALS, SIGNALS, Interrupted
 
 # From this number on, signals also interrupt blocks that defer interrupts.
 _FORCING_COUNT = 4
@@ -24,16 +24,16 @@ _immediate_counts: list[int] = []
 
 
 def install_handlers() -> None:
-    """Make Ctrl-C and SIGTERM raise `Interrupted`, unless the process ignores these signals."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    """Make Ctrl-C, SIGTERM and SIGHUP raise `Interrupted`, unless the process ignores them."""
+    for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _handle_signal)
     sys.unraisablehook = _report_unraisable
 
 
 def ignore_signals() -> None:
-    """Ignore Ctrl-C and SIGTERM from here to the end of the process."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    """Ignore Ctrl-C, SIGTERM and SIGHUP from here to the end of the process."""
+    for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 
@@ -64,12 +64,12 @@ def is_interrupted() -> bool:
 
 
 def is_terminated() -> bool:
-    """Return True after SIGTERM: the sender expects the process to end soon."""
-    return signal.SIGTERM in _received_signals
+    """Return True after SIGTERM or SIGHUP: the sender expects the process to end soon."""
+    return not set(END_SIGNALS).isdisjoint(_received_signals)
 
 
 def exit_code() -> int:
-    """Return the exit code of an interrupted command: 128 plus the signal number, 130 or 143."""
+    """Return the exit code of an interrupted command: 128 plus the signal number."""
     return 128 + (_received_signals[0] if _received_signals else signal.SIGINT)
 
 

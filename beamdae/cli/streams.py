@@ -40,9 +40,10 @@ class _UnclosableStream(io.TextIOWrapper):
 def secure_streams() -> None:
     """Make writing to standard output and standard error safe.
 
-    Files and pipes are replaced by streams that store the first write error instead of raising it.
+    Files, pipes and terminals, which may be closed during a run, are replaced by streams that store
+    the first write error instead of raising it.
 
-    A stream of a terminal is kept, but escapes characters that it cannot encode. A closed stream is
+    A terminal of Windows is kept, but escapes characters that it cannot encode. A closed stream is
     connected to the null device, because the next opened file would otherwise get the descriptor of
     the stream and receive its output.
     """
@@ -54,12 +55,14 @@ def secure_streams() -> None:
 
 
 def _secure_stream(stream: TextIO | None, descriptor: int) -> TextIO:
-    if isinstance(stream, io.TextIOWrapper) and stream.isatty():
+    is_terminal = isinstance(stream, io.TextIOWrapper) and stream.isatty()
+    if isinstance(stream, io.TextIOWrapper) and is_terminal and os.name == "nt":
         stream.reconfigure(errors=_ENCODING_ERRORS)
         return stream
+    is_line_buffered = is_terminal or descriptor == _STDERR
     encoding = "utf-8" if stream is None else stream.encoding
     file = io.BufferedWriter(_FaultTolerantFile(descriptor, "w", closefd=False))
-    return _UnclosableStream(file, encoding, _ENCODING_ERRORS, line_buffering=descriptor == _STDERR)
+    return _UnclosableStream(file, encoding, _ENCODING_ERRORS, line_buffering=is_line_buffered)
 
 
 @contextmanager

@@ -137,12 +137,12 @@ def link_program(part: str, compiler: Sequence[str], objects: Sequence[Path], fi
 
 
 def run_compiler(part: str, command: Sequence[str]) -> None:
-    """Run a command of the compiler.
+    """Run a command of the compiler that writes the file after "-o".
 
     Raises
     ------
     BeamdaeError
-        If it fails.
+        If it fails or writes no file.
     """
     try:
         result = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -151,8 +151,9 @@ def run_compiler(part: str, command: Sequence[str]) -> None:
             f"{part}: the C compiler {command[0]} cannot be run ({problem.strerror}); "
             "set the environment variable CC to another compiler."
         ) from None
-    if result.returncode:
-        message = result.stderr.strip()[-_MAX_MESSAGE_LENGTH:]
+    output = Path(command[command.index("-o") + 1])
+    if result.returncode or not output.is_file():
+        message = result.stderr.strip()[-_MAX_MESSAGE_LENGTH:] or f"{output.name} is missing"
         raise BeamdaeError(
             f"{part}: the C compiler {command[0]} failed; set the environment variable CC to "
             f"another compiler. Its message ends with: {message}"

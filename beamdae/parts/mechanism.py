@@ -34,7 +34,7 @@ from beamdae.parts.events import Event, select_impacts, select_switches
 from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.observables import as_quantity
-from beamdae.parts.part import Part
+from beamdae.parts.part import Part, require_extension
 from beamdae.parts.rotation import Rotation
 from beamdae.parts.signals import Input, Sensor, State
 from beamdae.read_only import ReadOnlyDict, read_only, read_only_copy
@@ -202,6 +202,7 @@ class Mechanism(HasOrigin):
                 f"got {short_repr(part)}."
             )
         name = require_name(type(part).__name__, getattr(part, "name", None))
+        require_extension(type(part))
         self._require_free(name)
         for body in part.bodies:
             self._require_member(name, body)

@@ -9,6 +9,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from beamdae.deferred import module
+from beamdae.errors import BeamdaeError
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.events import Event
 from beamdae.parts.laws import Law
@@ -23,6 +25,7 @@ from beamdae.symbolic.statements import (
 )
 
 Array = np.ndarray
+_PACKAGE = __name__.partition(".")[0]
 
 
 class Drawing(NamedTuple):
@@ -284,6 +287,27 @@ class Part:
             Number of points along a curve.
         """
         return None
+
+
+@cache
+def require_extension(kind: type[Part]) -> None:
+    """Raise an error if a class outside beamdae has an unknown symbol or replaces private names."""
+    own, bases = [], []
+    for x in kind.__mro__:
+        (bases if x.__module__.split(".")[0] == _PACKAGE else own).append(x)
+    if not own or not bases:
+        return
+    for x in own:
+        for name in (*vars(x), *vars(x).get("__annotations__", ())):
+            base = next((b for b in bases if name in vars(b)), None)
+            is_private = name.startswith("_") and not name.startswith(("__", "_abc_"))
+            if base is not None and is_private:
+                raise BeamdaeError(
+                    f"{kind.__name__}: the name {name} replaces a private name of "
+                    f"{base.__name__}; choose another name."
+                )
+    if not isinstance(kind.symbol, property):
+        module("report.scene.symbols").require_symbol(kind.__name__, kind.symbol)
 
 
 @cache

@@ -231,7 +231,9 @@ def test_a_user_joint_is_drawn_with_its_symbol():
     class Misspelled(Rod):
         symbol = "lnk"
 
-    with pytest.raises(bd.BeamdaeError, match=r"j: symbol must be one of .*'link'.*, got 'lnk'"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"Misspelled: symbol must be one of .*'link'.*, got 'lnk'"
+    ):
         hanging(Misspelled).draw()
 
 

@@ -195,19 +195,24 @@ def test_interrupt_at_any_moment_leaves_a_complete_study(tmp_path, after):
 
 @pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize(
-    "function", ["_load_stored_outcomes", "_evaluate_outcomes", "_write_tables"]
+    ("owner", "function"),
+    [
+        (study_run.Store, "load"),
+        (study_run, "_evaluate_outcomes"),
+        (study_run, "_write_tables"),
+    ],
 )
-def test_interrupt_waits_while_files_are_read_or_written(tmp_path, monkeypatch, function):
+def test_interrupt_between_runs_leaves_a_complete_study(tmp_path, monkeypatch, owner, function):
     study = create_study(bd.Case(swing, {}, ALPHA))
     study_run.run_study(study, tmp_path, SerialPool())
-    original = getattr(study_run, function)
+    original = getattr(owner, function)
 
     def interrupt(*arguments):
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
         return original(*arguments)
 
-    monkeypatch.setattr(study_run, function, interrupt)
+    monkeypatch.setattr(owner, function, interrupt)
     reports = []
     results = check_complete(study_run.run_study(study, tmp_path, SerialPool(), reports.append))
     assert results.interrupted

@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from importlib.resources import files
 from importlib.resources.abc import Traversable
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -108,6 +109,8 @@ _PAGE_DEFAULTS: dict[str, Any] = {
 
 # Sources of scripts, in addition to those in the page: files beside the page, opened from a folder
 # or from a server.
+# Python number of a NumPy scalar, which JSON does not know.
+_TO_NUMBER = methodcaller("item")
 _FILE_SOURCES = " 'self' file:"
 _CURVE_FILE_NAME = re.compile(r"curves_[0-9a-f]{16}\.js")
 
@@ -196,7 +199,7 @@ def fill_template(
         HTML for further placeholders, by placeholder name.
     """
     folder = files("beamdae.report.page")
-    json_text = json.dumps(data, allow_nan=False, separators=(",", ":"))
+    json_text = json.dumps(data, default=_TO_NUMBER, allow_nan=False, separators=(",", ":"))
     parts = {
         "style": _join_files(folder / "style", styles, ".css"),
         "script": _join_files(folder / "script", scripts, ".js"),

@@ -71,6 +71,11 @@ _SYMBOLS: dict[str, Callable[[Any, SceneBuilder], None]] = {
 }
 
 
+def require_symbol(owner: str, name: object) -> str:
+    """Return the name of a symbol; raise an error if there is none of this name."""
+    return require_choice(owner, "symbol", name, tuple(_SYMBOLS))
+
+
 def draw_symbol(part: Part, builder: SceneBuilder) -> None:
     """Add the symbol of a part.
 
@@ -79,5 +84,4 @@ def draw_symbol(part: Part, builder: SceneBuilder) -> None:
     BeamdaeError
         If the symbol of the part does not exist.
     """
-    symbol = require_choice(part.name, "symbol", part.symbol, tuple(_SYMBOLS))
-    _SYMBOLS[symbol](part, builder)
+    _SYMBOLS[require_symbol(part.name, part.symbol)](part, builder)

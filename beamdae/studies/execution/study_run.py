@@ -274,8 +274,8 @@ def run_study(
 
     Finished runs are stored in `folder` and are not repeated, unless something they depend on has
     changed. An interrupt (Ctrl-C) ends the current runs, and the tables contain the outcomes so
-    far. Interrupts are deferred until the tables are written if they arrive while stored results
-    are read, while the tables are written, or after the first interrupt.
+    far. Interrupts are deferred until the tables are written if they arrive while the tables are
+    written, or after the first interrupt.
 
     Parameters
     ----------
@@ -305,6 +305,8 @@ def run_study(
         processes can be started; once per message.
     """
     with DeferredInterrupts() as interrupts, lock_folder(folder):
+        # Nothing has been computed yet.
+        interrupts.immediate = True
         plan = StudyPlan.of(study)
         store = Store(folder)
         store.remove_scratch_files()
@@ -331,15 +333,18 @@ def _load_stored_outcomes(
     """Return messages about damaged files, and the usable outcomes by key."""
     outcomes: dict[str, Outcome] = {}
     notes: list[str] = []
-    for task in plan.tasks:
-        if interrupts.received:
-            break
-        outcome, problem = store.load(task)
-        if outcome is not None:
-            outcomes[task.key] = outcome
-            register_reads(outcome.read, task.case.model.home)
-        if problem:
-            notes.append(f"{store.folder}: {problem}, so {task.case.label} is run again.")
+    try:
+        for task in plan.tasks:
+            outcome, problem = store.load(task)
+            if outcome is not None:
+                outcomes[task.key] = outcome
+                register_reads(outcome.read, task.case.model.home)
+            if problem:
+                notes.append(f"{store.folder}: {problem}, so {task.case.label} is run again.")
+    except KeyboardInterrupt:
+        acknowledge()
+    finally:
+        interrupts.immediate = False
     if len(notes) > _MAX_NOTES:
         more = len(notes) - _MAX_NOTES
         notes[_MAX_NOTES:] = [f"{store.folder}: further damaged results: {more}; run again."]

@@ -68,7 +68,8 @@ class WorkerProcess(Generic[Label]):
             self._connection, self._process = _start_process()
         except OSError as problem:
             raise WorkerStartError(problem.strerror or format_message(problem)) from problem
-        except (ImportError, RuntimeError) as problem:
+        # A daemonic process must not start others.
+        except (AssertionError, ImportError, RuntimeError) as problem:
             raise WorkerStartError(format_message(problem)) from problem
         self._is_ready = False
         self.current: Label | None = None

@@ -257,7 +257,7 @@ def _decompose_array(value: np.ndarray) -> tuple[str, Parts]:
     kind = f"array {value.dtype.str} {value.dtype.descr} {value.shape}"
     if value.dtype.hasobject:
         return kind, [("", value.tolist())]
-    return kind, [("", hashlib.sha256(np.ascontiguousarray(value).data).digest())]
+    return kind, [("", hashlib.sha256(value.tobytes()).digest())]
 
 
 @_decompose.register

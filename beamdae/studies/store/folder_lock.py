@@ -64,6 +64,10 @@ def _acquire_lock(path: Path) -> int:
                     f"{path.parent}: {_read_owner(descriptor)} is running a study in this folder; "
                     "wait until it ends, or choose another folder."
                 )
+            if os.fstat(descriptor).st_nlink > 1:
+                raise BeamdaeError(
+                    f"{path}: the lock is also a file of another name (hard link); remove the link."
+                )
             # The previous owner may have removed the file in the meantime.
             if path.exists() and os.path.samestat(path.stat(), os.fstat(descriptor)):
                 return descriptor
