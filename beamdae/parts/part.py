@@ -290,12 +290,11 @@ class Part:
 
 
 @cache
-def require_extension(kind: type[Part]) -> None:
+def require_extension(kind: Any) -> None:
     """Raise an error if a class outside beamdae has an unknown symbol or replaces private names."""
-    own, bases = [], []
-    for x in kind.__mro__:
-        (bases if x.__module__.split(".")[0] == _PACKAGE else own).append(x)
-    if not own or not bases:
+    bases = [x for x in kind.__mro__ if x.__module__.partition(".")[0] == _PACKAGE]
+    own = [x for x in kind.__mro__ if x not in (*bases, object)]
+    if not own:
         return
     for x in own:
         for name in (*vars(x), *vars(x).get("__annotations__", ())):

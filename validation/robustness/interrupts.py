@@ -1,7 +1,8 @@
 """Interrupts of every analysis and command, every 5 ms through a cold start.
 
 Each trial is a process with an empty cache of machine code, which receives one SIGINT at a given
-time after the start of the call. The interrupt must end the call within a few seconds.
+time after the start of the call; commands also receive SIGTERM and SIGHUP. The interrupt must end
+the call within a few seconds, and files named in the message of a command must be complete.
 """
 
 from __future__ import annotations
@@ -50,7 +51,16 @@ COMMANDS = {
     "beamdae static": ("static", "model.py"),
     "beamdae modes": ("modes", "model.py"),
     "beamdae compare": ("compare", "model.py"),
+    "beamdae sweep": ("sweep", "model.py", "--over", "frequency=2,3"),
+    "beamdae fit": ("fit", "model.py", "data.csv", "--by", "frequency"),
+    "beamdae optimize": ("optimize", "model.py", "--by", "frequency", "--minimize", "end:tip.y"),
+    "beamdae periodic": ("periodic", "model.py", "--period", "0.5"),
+    "beamdae response": ("response", "model.py", "--over", "frequency=2:2.1"),
+    "beamdae bode": ("bode", "model.py", "--input", "push.Fy", "--output", "tip.y"),
 }
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_DATA = "t [s],tip.y [m]\n0,0\n0.1,-0.001\n0.2,-0.002\n"
+_RESULTS = "the results so far are in "
 # Moments of the interrupts after the start of a call. A cold start takes one to three seconds.
 _INTERVAL, _LAST_MOMENT = 0.005, 3.0  # s
 INTERRUPT_TIME_LIMIT = 400.0  # s
@@ -130,7 +140,7 @@ def collect_interrupts() -> list[str]:
     count = round(_LAST_MOMENT / _INTERVAL)
     return [
         f"{name} at {k * _INTERVAL:.3f} s"
-        for name in (*CALLS, *COMMANDS)
+        for name in (*CALLS, *(f"{x}, {s.name}" for x in COMMANDS for s in SIGNALS))
         for k in range(1, count + 1)
     ]
 
@@ -141,6 +151,7 @@ def try_interrupt(trial: str) -> InterruptOutcome:
     with tempfile.TemporaryDirectory(prefix="robustness-") as scratch:
         folder = Path(scratch)
         (folder / "model.py").write_text(MODEL, encoding="utf-8")
+        (folder / "data.csv").write_text(_DATA, encoding="utf-8")
         environment = {
             **os.environ,
             "PYTHONPATH": str(ROOT),
@@ -184,8 +195,10 @@ def _try_call(
 def _try_command(
     name: str, delay: float, folder: Path, environment: dict[str, str]
 ) -> tuple[str, str]:
+    command, _, signal_name = name.rpartition(", ")
+    number = signal.Signals[signal_name]
     process = subprocess.Popen(
-        [sys.executable, "-m", "beamdae", *COMMANDS[name]],
+        [sys.executable, "-m", "beamdae", *COMMANDS[command]],
         cwd=folder,
         env=environment,
         stdout=subprocess.DEVNULL,
@@ -198,7 +211,7 @@ def _try_command(
     is_running = process.poll() is None
     sent = time.monotonic()
     if is_running:
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
     try:
         _, errors = process.communicate(timeout=_PROCESS_TIME_LIMIT)
     except subprocess.TimeoutExpired:
@@ -210,11 +223,18 @@ def _try_command(
         return ("finished", "")
     # The interrupt may hit the start of Python and the import of the package, which precede the
     # command line.
-    is_early = code in (-signal.SIGINT, 1) and "beamdae/cli/" not in errors
-    if code != 128 + signal.SIGINT and not is_early:
+    is_early = code in (-number, 1) and "beamdae/cli/" not in errors
+    if code != 128 + number and not is_early:
         return (f"code {code}", errors[-200:] or "lost")
     if "Traceback" in errors and not is_early:
         return ("raised", f"traceback: {errors[-200:]}")
+    if remains := [x.name for x in folder.rglob("*.scratch")]:
+        return ("raised", f"unfinished files: {remains}")
+    if _RESULTS in errors:
+        file = folder / errors.rpartition(_RESULTS)[2].strip()
+        tables = [file] if file.suffix == ".csv" else [*file.glob("*.csv")]
+        if not tables or not all(x.read_text().count("\n") > 1 for x in tables):
+            return ("raised", f"no results in {file.name}")
     is_late = after > _MAX_TIME_AFTER_INTERRUPT
     return ("raised", f"{after:.1f} s later" if is_late else "")
 
