@@ -201,8 +201,9 @@ class Mechanism(HasOrigin):
                 "Mechanism: only parts (subclasses of beamdae.Part) can be added, "
                 f"got {short_repr(part)}."
             )
-        name = require_name(type(part).__name__, getattr(part, "name", None))
-        require_extension(type(part))
+        kind: Any = type(part)
+        name = require_name(kind.__name__, getattr(part, "name", None))
+        require_extension(kind)
         self._require_free(name)
         for body in part.bodies:
             self._require_member(name, body)

@@ -129,18 +129,6 @@ def test_mechanisms_without_parts_are_rejected():
         bd.draw("leaf")
 
 
-class Lever(bd.Revolute):
-    symbol = "lever"
-
-
-def test_unknown_symbols_are_rejected():
-    mech = bd.Mechanism()
-    bob = mech.add(bd.RigidBody("bob", 1.0, 0.1, (1.0, 0.0)))
-    mech.add(Lever("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
-    with pytest.raises(bd.BeamdaeError, match=r"hinge: symbol must be one of 'marker', .*'lever'"):
-        mech.draw()
-
-
 def test_names_with_dollar_signs_are_drawn_literally(tmp_path):
     mech = bd.Mechanism()
     mech.add(bd.PointMass("$x", 1.0, at=(0.0, 0.0)))
