@@ -233,7 +233,7 @@ def _try_command(
     if _RESULTS in errors:
         file = folder / errors.rpartition(_RESULTS)[2].strip()
         tables = [file] if file.suffix == ".csv" else [*file.glob("*.csv")]
-        if not tables or not all(x.read_text().count("\n") > 1 for x in tables):
+        if not tables or not all("\n" in x.read_text() for x in tables):
             return ("raised", f"no results in {file.name}")
     is_late = after > _MAX_TIME_AFTER_INTERRUPT
     return ("raised", f"{after:.1f} s later" if is_late else "")
