@@ -77,7 +77,7 @@ def read_csv_table(
         If all decimal commas may be separators of thousands, as in 1,200.
     """
     lines = [x for x in _read_text(part, path).splitlines() if x.strip(" \t")]
-    separators = _SEPARATORS
+    separators: Sequence[str] = _SEPARATORS
     if lines and (match := _SEPARATOR_LINE.fullmatch(lines[0].strip(" "))):
         separators = (match[1],)
         lines = lines[1:]
@@ -164,7 +164,7 @@ def _elapsed(instants: Sequence[int]) -> list[int]:
     """Return the times after the first; times of day without dates may pass midnight."""
     has_dates = instants[0] >= _DAYS_OF_FIRST_YEAR * _DAY if instants else True
     elapsed, days = [], 0
-    for before, instant in zip(instants[:1] + instants, instants, strict=False):
+    for before, instant in zip([instants[0], *instants], instants, strict=False):
         days += not has_dates and before - instant > _DAY // 2
         elapsed.append(instant - instants[0] + days * _DAY)
     return elapsed
