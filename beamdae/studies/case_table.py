@@ -84,7 +84,10 @@ def _error_columns(outcome: Outcome, reference: Reference) -> dict[str, Any]:
 
     def bound(errors: pd.DataFrame) -> tuple[bool, float]:
         """Return True if the largest error is below the resolution, and its bound."""
-        largest, resolution = float(errors.to_numpy().max()), reference.resolution(list(errors))
+        largest, resolution = (
+            float(errors.to_numpy().max()),
+            reference.resolution(list(map(str, errors))),
+        )
         return bool(is_complete and largest < resolution), float(np.fmax(largest, resolution))
 
     error = compute_deviations(table, reference.table, reference.columns)
