@@ -249,6 +249,14 @@ def start_kernels(app, env, pages):
         kernel_server.start()
 
 
+def add_demo(app, exception):
+    """Add the page in the browser if PYODIDE names the folder of a Pyodide distribution."""
+    distribution = os.getenv("PYODIDE")
+    if exception is None and distribution:
+        sys.path.insert(0, str(HERE / "demo"))
+        importlib.import_module("build").build_page(Path(distribution), Path(app.outdir) / "demo")
+
+
 def setup(app):
     """Connect the steps before pages are read and the look-up of names."""
     app.add_transform(AddSearchWords)
@@ -259,6 +267,7 @@ def setup(app):
     app.connect("html-page-context", share_navigation, priority=400)
     app.connect("source-read", gallery_cards.write_cards)
     app.connect("build-finished", gallery_cards.save_thumbnails)
+    app.connect("build-finished", add_demo)
     app.connect("autodoc-process-docstring", adapt_to_napoleon, priority=400)
     app.connect("autodoc-process-docstring", escape_markup)
     app.connect("doctree-read", link_code)

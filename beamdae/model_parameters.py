@@ -538,14 +538,6 @@ def standardize_header(header: str) -> str:
     return f"{name} [{unit}]" if is_unit else text
 
 
-def suggest_header(header: str, cell: str) -> str:
-    """Return advice on a cell below a header that contains a unit, as in a row of units, or ""."""
-    unit = cell.strip(" []()")
-    if parse_unit(unit) is None:
-        return ""
-    return f"write units in the header, as in '{split_unit(header)[0]} [{unit}]', not in a row"
-
-
 def parse_value(part: str, name: str, text: str, unit: str) -> float | None:
     """Return the number of a text such as "850 mm" in the unit of the parameter.
 

@@ -100,7 +100,7 @@ def study_page():
         "cases": [
             build_case(2, "Ida(rtol=0.001)", 1e-3, 0.10),
             build_case(1, "Ida(rtol=1e-05)", 1e-5, 1.50),
-            build_case(0, "Ida(rtol=1e-07)", 1e-8, 3.00, below=True),
+            build_case(0, "Ida(rtol=1e-07)", 1e-6, 3.00, below=True),
             build_case(5, "GeneralizedAlpha(step=0.002)", 2e-3, 0.20),
             build_case(4, "GeneralizedAlpha(step=0.001)", 5e-4, 0.40),
             build_case(6, ODD_LABEL, 1e-2, 0.05, family="Ida"),

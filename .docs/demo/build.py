@@ -11,13 +11,14 @@ import json
 import re
 import shutil
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-# What a run and its animation import; numba, llvmlite and scikit-sundae are not needed.
-PACKAGES = ("casadi", "lazy-loader", "numpy", "pandas", "rich", "scipy", "threadpoolctl")
+# Dependencies that neither runs nor their animations need.
+OPTIONAL = ("llvmlite", "matplotlib", "numba", "scikit-sundae", "typer")
 RUNTIME = re.compile(r"pyodide\.(asm\.\w+|m?js)|python_stdlib\.zip|pyodide-lock\.json")
 LOCK = "pyodide-lock.json"
 
@@ -27,7 +28,7 @@ def build_page(distribution, out, wheels=None):
     lock = json.loads((distribution / LOCK).read_text("utf-8"))["packages"]
     by_name = {_normalize(name): entry for name, entry in lock.items()}
     extra = {_normalize(path.name.split("-")[0]): path for path in _list_wheels(wheels)}
-    files, queue = {}, list(PACKAGES)
+    files, queue = {}, _list_dependencies()
     while queue:
         name = _normalize(queue.pop())
         if name in files:
@@ -51,6 +52,13 @@ def build_page(distribution, out, wheels=None):
     (out / "index.html").write_text(page.replace("[/* WHEELS */]", json.dumps(names)), "utf-8")
     _write_package(out / "beamdae.zip")
     return names
+
+
+def _list_dependencies():
+    """Return the names of the packages that beamdae requires in a browser."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    names = [re.match(r"[\w.-]+", requirement)[0] for requirement in project["dependencies"]]
+    return [name for name in names if name not in OPTIONAL]
 
 
 def _list_wheels(folder):

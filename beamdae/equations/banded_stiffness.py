@@ -111,7 +111,7 @@ def _plan_operator(
         columns.append(np.tile(coordinate, len(coordinate)))
         sources.append(np.ravel((k * size + local[:, None]) * size + local))
         factors.append(np.ravel(np.outer(weight, weight)))
-    row, column = np.concatenate(rows).astype(np.int64), np.concatenate(columns)
+    row, column = np.concatenate(rows).astype(np.intp), np.concatenate(columns)
     bandwidth = int(np.max(np.abs(row - column)))
     entries = column * (3 * bandwidth + 1) + 2 * bandwidth + row - column
     return BandedStiffness(

@@ -603,7 +603,7 @@ class EquationsOfMotion:
     def nonholonomic_rows(self) -> Array:
         """Indices of the nonholonomic constraints."""
         rows = [term.rows.indices for term in self.joints if not term.kernel.is_holonomic]
-        return np.concatenate([np.zeros(0, np.int64), *rows])
+        return np.concatenate([np.zeros(0, np.intp), *rows])
 
     @cached_property
     def q_names(self) -> tuple[str, ...]:

@@ -58,7 +58,7 @@ def _find_bodies(equations: EquationsOfMotion, *matrices: sp.csc_array) -> tuple
     """Return the number of bodies that the matrices couple, and the body of each coordinate."""
     n = equations.n
     # The first coordinate of each part is coupled to the others.
-    first = np.zeros(n, np.int64)
+    first = np.zeros(n, np.intp)
     for part in equations.parts:
         first[part.rows] = part.rows.start
     entries = [(x.indices, column_indices(x), np.abs(x.data) > 0.0) for x in matrices]

@@ -7,6 +7,7 @@ import scipy.sparse as sp
 
 from beamdae.linear.fixed_order import FixedOrder
 from beamdae.linear.orderings import MAX_RELATIVE_COUPLINGS, order_along_band
+from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
@@ -45,8 +46,7 @@ def plan_elimination(pattern: sp.csc_array, n: int, first: int = 0, last: int = 
     whole = sp.csc_array(ones + sp.eye_array(size, format="csc"))
     whole.sort_indices()
     plan = FixedOrder.of(whole, order)
-    columns = np.repeat(np.arange(size), np.diff(whole.indptr))
-    key, known = columns * size + whole.indices, _keys(entries)
+    key, known = _keys(whole), _keys(entries)
     at = np.minimum(np.searchsorted(known, key), max(len(known) - 1, 0))
     source = np.where(known[at] == key, at, -1)[plan.sources]
     exists = source >= 0
@@ -59,5 +59,4 @@ def plan_elimination(pattern: sp.csc_array, n: int, first: int = 0, last: int = 
 
 
 def _keys(matrix: sp.csc_array) -> Array:
-    columns = np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
-    return columns * len(matrix.indptr[:-1]) + matrix.indices
+    return column_indices(matrix) * matrix.shape[1] + matrix.indices

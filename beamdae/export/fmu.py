@@ -102,7 +102,9 @@ class StepTimes(NamedTuple):
     Attributes
     ----------
     median, percentile, worst
-        Median, 99.9th percentile and maximum.
+        Median, 99.9th percentile and maximum, in which other processes may interrupt the step.
+    processor
+        Maximum of the processor time, without interruptions (on Windows, the same as `worst`).
     steps
         Number of measured steps.
     error
@@ -117,6 +119,7 @@ class StepTimes(NamedTuple):
     median: float
     percentile: float
     worst: float
+    processor: float
     steps: int
     error: float
     row_exchanges: int

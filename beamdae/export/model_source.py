@@ -335,8 +335,8 @@ class _SourceWriter:
         picked, pick_ends = local.locate_copies(plan.pick_targets, table[:, 2])
         gathered, gather_ends = local.locate_copies(plan.gather_targets, table[:, 3])
         is_picked, is_gathered = picked >= 0, gathered >= 0
-        add_sources = plan.add_sources.astype(np.int64)
-        weighted_sources = plan.weighted_sources.astype(np.int64)
+        add_sources = plan.add_sources.astype(np.intp)
+        weighted_sources = plan.weighted_sources.astype(np.intp)
         add_begin = weighted_begin = 0
         for k, batch in enumerate(plan.batches):
             add_end, weighted_end = table[k, 4:].tolist()

@@ -133,7 +133,7 @@ class InputJump:
                 motion=np.zeros(3 * n + m),
                 change=np.zeros(n + m),
                 weights=np.ones(n + m),
-                states=np.asarray(equations.states, np.int64),
+                states=np.asarray(equations.states, np.intp),
                 has_impulses=int(form.formulation.impulses),
                 max_iterations=_MAX_FRICTION_ITERATIONS if has_friction else 1,
             )

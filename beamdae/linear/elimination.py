@@ -149,7 +149,7 @@ class Factors(NamedTuple):
 def empty_plan() -> EliminationPlan:
     """Return the plan of a matrix without rows."""
     none = np.zeros(0, np.uint32)
-    batches, n_entries = np.zeros((0, 6), np.int64), np.array([N_EXTRA_ENTRIES])
+    batches, n_entries = np.zeros((0, 6), np.intp), np.array([N_EXTRA_ENTRIES])
     plan = EliminationPlan(*(none for _ in EliminationPlan._fields))
     return plan._replace(scale=np.zeros(0), batches=batches, n_entries=n_entries)
 
@@ -176,7 +176,7 @@ def allocate_factors(plan: EliminationPlan, dtype: Any) -> Factors:
         right=right,
         residual=residual,
         terms=np.zeros(len(plan.scale)),
-        refinements=np.zeros(1, np.int64),
+        refinements=np.zeros(1, np.intp),
     )
 
 

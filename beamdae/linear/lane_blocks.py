@@ -239,7 +239,7 @@ def _number_entries(pattern: sp.csc_array, groups: list[_Blocks]) -> BlockElimin
     is_rest = is_outside[row] & is_outside[column]
     counts = np.bincount(position_outside[column[is_rest]], minlength=len(outside))
     return BlockElimination(
-        batches=np.array(batches, np.int64),
+        batches=np.array(batches, np.intp),
         block_unknowns=np.concatenate(block_unknowns).astype(np.uint32),
         block_entries=np.concatenate(block_entries).astype(np.uint32),
         corner_entries=np.concatenate(corner_entries).astype(np.uint32),
@@ -273,4 +273,4 @@ def _sort_unique(keys: Array) -> Array:
 
 def _pair_keys(columns: Array, rows: Array, size: int) -> Array:
     """Return column * size + row for all pairs of each block, (blocks, column, row)."""
-    return columns[:, :, None].astype(np.int64) * size + rows[:, None, :]
+    return columns[:, :, None].astype(np.intp) * size + rows[:, None, :]

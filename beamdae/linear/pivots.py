@@ -97,12 +97,12 @@ class _PatternKey(NamedTuple):
     @classmethod
     def of(cls, starts: Array, indices: Array) -> _PatternKey:
         """Return the key of a CSC pattern."""
-        return cls(starts.astype(np.int64).tobytes(), indices.astype(np.int64).tobytes())
+        return cls(starts.astype(np.intp).tobytes(), indices.astype(np.intp).tobytes())
 
     @property
     def size(self) -> int:
         """Number of columns."""
-        return len(self.starts) // np.dtype(np.int64).itemsize - 1
+        return len(self.starts) // np.dtype(np.intp).itemsize - 1
 
     @property
     def is_cached(self) -> bool:
@@ -111,7 +111,7 @@ class _PatternKey(NamedTuple):
 
     def entry_numbers(self) -> sp.csc_array:
         """Return a matrix with this pattern whose entries are the indices of its non-zeros."""
-        starts, indices = (np.frombuffer(x, np.int64) for x in self)
+        starts, indices = (np.frombuffer(x, np.intp) for x in self)
         size = len(starts) - 1
         return sp.csc_array((np.arange(len(indices)), indices, starts), shape=(size, size))
 
@@ -179,7 +179,7 @@ def _scale_matrix(ordered: _OrderedPattern, nonzeros: Array, scale: Array) -> sp
 def _compute_row_scale(key: _PatternKey, nonzeros: Array) -> Array:
     """Return powers of two close to 1 / the largest magnitude in each row."""
     largest = np.zeros(key.size)
-    np.maximum.at(largest, np.frombuffer(key.indices, np.int64), np.abs(nonzeros))
+    np.maximum.at(largest, np.frombuffer(key.indices, np.intp), np.abs(nonzeros))
     return invert_to_power_of_two(largest)
 
 
@@ -211,7 +211,7 @@ def _plan_pivots(
     rows = ordered.order[np.argsort(factors.perm_r)]
     columns = ordered.order[np.argsort(factors.perm_c)]
     analyze = _cached_analyze_pattern if rest.is_cached else _analyze_pattern
-    starts, matrix_rows = (_to_unsigned(np.frombuffer(x, np.int64)) for x in key)
+    starts, matrix_rows = (_to_unsigned(np.frombuffer(x, np.intp)) for x in key)
     return analyze(rest, rows.tobytes(), columns.tobytes())._replace(
         scale=scale,
         matrix_starts=starts,
@@ -222,7 +222,7 @@ def _plan_pivots(
 
 def _analyze_pattern(key: _PatternKey, row_bytes: bytes, column_bytes: bytes) -> EliminationPlan:
     """Return the plan for pivots in these rows and columns, without matrix and scaling."""
-    rows, columns = (np.frombuffer(x, np.int64) for x in (row_bytes, column_bytes))
+    rows, columns = (np.frombuffer(x, np.intp) for x in (row_bytes, column_bytes))
     position = np.empty(len(rows), int)
     position[rows] = np.arange(len(rows))
     numbers = key.entry_numbers()

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from beamdae.csv_reader import parse_numbers, read_csv_table
+from beamdae.csv_reader import parse_numbers, read_csv_table, read_time_stamps
 from beamdae.errors import (
     BeamdaeError,
     InputWarning,
@@ -35,7 +35,6 @@ from beamdae.model_parameters import (
     parse_unit,
     split_unit,
     standardize_header,
-    suggest_header,
     suggest_unit,
 )
 from beamdae.read_only import read_only
@@ -920,6 +919,9 @@ def _find_unit_in_name(name: str) -> str:
 
 def _convert_column(label: str, header: str, cells: Mapping[int, str]) -> Array:
     """Return the numbers of a column, which is given by rows, in SI units."""
+    stamps = read_time_stamps(label, repr(header), cells.values())
+    if stamps is not None:
+        return stamps
     name, unit = _split_header(header)
     hidden = "" if unit else _find_unit_in_name(name)
     if hidden:
@@ -941,9 +943,7 @@ def _convert_column(label: str, header: str, cells: Mapping[int, str]) -> Array:
     for row, cell in cells.items():
         number = parse_numbers([cell])
         if not (isinstance(number, np.ndarray) and np.isfinite(number[0])):
-            hint = suggest_header(header, cell) if row == 1 else ""
             raise BeamdaeError(
-                f"{label}: row {row} of {header!r} must be a finite number, got {short_repr(cell)}"
-                f"{hint and f'; {hint}'}."
+                f"{label}: row {row} of {header!r} must be a finite number, got {short_repr(cell)}."
             )
     return np.asarray(parse_numbers([*cells.values()]), float) * float(parsed[0])

@@ -14,6 +14,7 @@ from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page.page_file import write_page
 from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.report.terminal.text_tables import format_headers, format_number
+from beamdae.results.columns import remove_unit
 
 if TYPE_CHECKING:
     from beamdae.analysis.fit.result import Fit
@@ -30,7 +31,7 @@ def write_fit_page(fit: Fit, path: Path) -> Path:
 def build_fit_page(fit: Fit, title: str) -> PageContent:
     """Return the page content of a fit for `beamdae.report.page.page_file.write_page`."""
     runs = fit.solutions
-    columns = sum(len(run.columns) for run in runs.values()) + len(fit.series)
+    columns = sum(len(run.columns) for run in runs.values()) + 2 * len(fit.series)
     limit = compute_row_limit(columns)
     cases: list[PageCase] = []
     for experiment, run in runs.items():
@@ -46,7 +47,12 @@ def build_fit_page(fit: Fit, title: str) -> PageContent:
     ends = np.cumsum([0, *(len(series.values) for series, _ in fit.series)])
     for k, (series, header) in enumerate(fit.series):
         shift, scale, offset = fit.sensor_of(k)
-        curve = {TIME: series.times - shift, header: (series.values - offset) / scale}
+        residuals = fit.residuals[ends[k] : ends[k + 1]]
+        curve = {
+            TIME: series.times - shift,
+            header: (series.values - offset) / scale,
+            _residual_header(header): residuals,
+        }
         cases.append(
             {
                 "id": f"data {k}",
@@ -56,7 +62,7 @@ def build_fit_page(fit: Fit, title: str) -> PageContent:
                 "points": True,
                 "values": {
                     "count": len(series.values),
-                    "rms": float(np.sqrt(np.mean(fit.residuals[ends[k] : ends[k + 1]] ** 2))),
+                    "rms": float(np.sqrt(np.mean(residuals**2))),
                 },
                 "curves": select_curves(curve, limit),
             }
@@ -85,7 +91,9 @@ def build_fit_page(fit: Fit, title: str) -> PageContent:
         ],
         "axes": None,
         "noun": "curves",
-        "featured": list(dict.fromkeys(header for _, header in fit.series)),
+        "featured": list(
+            dict.fromkeys(x for _, header in fit.series for x in (header, _residual_header(header)))
+        ),
         "tables": [
             {
                 "title": "Fit",
@@ -95,6 +103,10 @@ def build_fit_page(fit: Fit, title: str) -> PageContent:
         ],
         "cases": cases,
     }
+
+
+def _residual_header(header: str) -> str:
+    return f"residual of {remove_unit(header)} [sigma]"
 
 
 def describe_fit(fit: Fit) -> dict[str, str]:

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beamdae.studies.case_table import ACCURACY_COLUMNS, ERROR_COLUMN
-from beamdae.studies.references import RESOLUTION_FACTOR
+from beamdae.studies.case_table import ACCURACY_COLUMNS, BOUND_COLUMN, ERROR_COLUMN
 from beamdae.studies.run_values import (
     MAX_WALL_TIME_COLUMN,
     MIN_WALL_TIME_COLUMN,
@@ -25,8 +24,8 @@ def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
     """Return the fastest integrator per error level, observed orders and crossovers by group.
 
     Only successful cases with a known error are included. To find the fastest integrator, an error
-    that the reference cannot resolve is replaced by its upper bound, ten times the uncertainty of
-    the reference; orders and crossovers are computed without such errors.
+    that the reference cannot resolve is replaced by its bound; orders and crossovers are computed
+    without such errors.
 
     Case A is considered faster than case B only if the median wall time of A is below the shortest
     wall time of B. The shortest wall time of a case with a single run is estimated as its wall time
@@ -36,9 +35,8 @@ def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
     lines: list[dict[str, Any]] = []
     if ERROR_COLUMN in cases:
         for group, rows in cases[cases["status"] == "ok"].groupby("group", sort=False):
-            with_error = rows.dropna(subset=[ERROR_COLUMN])
-            resolved = with_error[~with_error["below resolution"]]
-            lines += _find_fastest(str(group), with_error)
+            resolved = rows.dropna(subset=[ERROR_COLUMN])
+            lines += _find_fastest(str(group), rows.dropna(subset=[BOUND_COLUMN]))
             lines += _fit_orders(str(group), resolved)
             lines += _find_crossovers(str(group), resolved)
     return pd.DataFrame(lines, columns=_COLUMNS)
@@ -55,7 +53,7 @@ def summarize_mesh_study(cases: pd.DataFrame, over: str) -> pd.DataFrame:
         return pd.DataFrame(lines, columns=_COLUMNS)
     for group, rows in cases[cases["status"] == "ok"].groupby("group", sort=False):
         resolved = rows.dropna(subset=[ERROR_COLUMN]).sort_values(over)
-        resolved = resolved[~resolved["below resolution"] & (resolved[ERROR_COLUMN] > 0.0)]
+        resolved = resolved[resolved[ERROR_COLUMN] > 0.0]
         size, error = resolved[over].to_numpy(float), resolved[ERROR_COLUMN].to_numpy()
         for k in range(1, len(resolved)):
             order = float(np.log(error[k - 1] / error[k]) / np.log(size[k] / size[k - 1]))
@@ -88,11 +86,9 @@ def _shortest_wall_times(rows: pd.DataFrame) -> pd.Series:
 
 
 def _find_fastest(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
-    upper_bound = RESOLUTION_FACTOR * rows["reference uncertainty [-]"]
-    error = rows[ERROR_COLUMN].where(~rows["below resolution"], upper_bound)
     lines = []
     for level in _ERROR_LEVELS:
-        accurate = rows[error <= level].sort_values(WALL_TIME_COLUMN)
+        accurate = rows[rows[BOUND_COLUMN] <= level].sort_values(WALL_TIME_COLUMN)
         if accurate.empty:
             continue
         fastest = accurate.iloc[0]
@@ -116,8 +112,8 @@ def _fit_orders(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
     lines = []
     for series, runs in rows.groupby("series", sort=False):
         error = runs[ERROR_COLUMN].to_numpy()
-        for name in ACCURACY_COLUMNS:
-            size = runs[name].to_numpy(float)
+        for name, column in ACCURACY_COLUMNS.items():
+            size = runs[column].to_numpy(float)
             if len(np.unique(size)) < 2 or np.isnan(size).any() or np.min(error) <= 0.0:
                 continue
             order = float(np.polyfit(np.log(size), np.log(error), 1)[0])

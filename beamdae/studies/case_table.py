@@ -7,8 +7,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from beamdae.results.columns import Header, remove_unit
 from beamdae.studies.case import Case, format_parameter
-from beamdae.studies.deviations import compute_deviations, select_reaction_columns
+from beamdae.studies.deviations import (
+    compute_amplitudes,
+    compute_deviations,
+    select_reaction_columns,
+)
 from beamdae.studies.references import Reference
 from beamdae.studies.run_values import (
     COUNT_COLUMNS,
@@ -20,8 +25,10 @@ from beamdae.studies.run_values import (
 from beamdae.studies.tasks import Outcome, shared_table
 
 ERROR_COLUMN = "error [-]"
-# Integrator settings that control the accuracy.
-ACCURACY_COLUMNS = ("rtol", "step")
+BOUND_COLUMN = "error bound [-]"
+_REACTION_ERROR, _REACTION_BOUND = "reaction error [-]", "reaction error bound [-]"
+# Columns of the integrator settings that control the accuracy, by name.
+ACCURACY_COLUMNS = {"rtol": "rtol", "step": "step [s]"}
 _PARAMETER_PREFIX = "parameter: "
 _MAX_INTEGER = 2**63  # larger integers do not fit into the columns of tables
 
@@ -44,7 +51,10 @@ def tabulate_case(
         "label": case.label,
         "series": case.series,
         "settings": ", ".join(f"{k}={v}" for k, v in case.changed.items()),
-        **{name: accuracy.value if accuracy.name == name else np.nan for name in ACCURACY_COLUMNS},
+        **{
+            column: accuracy.value if accuracy.name == name else np.nan
+            for name, column in ACCURACY_COLUMNS.items()
+        },
         "status": outcome.status.kind,
         "reason": "" if outcome.status.success else outcome.status.sentence,
         "reached [s]": np.nan,
@@ -56,28 +66,53 @@ def tabulate_case(
 
 
 def _error_columns(outcome: Outcome, reference: Reference) -> dict[str, Any]:
-    """Return the errors of columns, relative to their amplitudes, and of event times [s]."""
-    columns: dict[str, Any] = dict.fromkeys(
-        [ERROR_COLUMN, "below resolution", "reaction error [-]"], np.nan
-    )
+    """Return the errors of a case and of its event times [s].
+
+    "error [-]" and "reaction error [-]" are the largest errors of all columns, relative to half
+    their ranges; the errors by column are in its unit. Errors below the resolution of the reference
+    are NaN. A bound is the larger one of the error and the resolution.
+    """
+    columns: dict[str, Any] = dict.fromkeys([ERROR_COLUMN, BOUND_COLUMN], np.nan)
     columns["below resolution"] = False
+    columns |= dict.fromkeys([_REACTION_ERROR, _REACTION_BOUND], np.nan)
     columns["reference uncertainty [-]"] = reference.uncertainty
     # Without a step, the run contains only the initial state, which has no error.
     table = shared_table(outcome)
     if reference.table is None or table is None or not outcome.values.get("steps"):
         return columns
-    error = compute_deviations(table, reference.table, reference.columns)
-    columns[ERROR_COLUMN] = float(error.to_numpy().max())
     is_complete = outcome.status.success
-    columns["below resolution"] = bool(is_complete and columns[ERROR_COLUMN] < reference.resolution)
+
+    def bound(errors: pd.DataFrame) -> tuple[bool, float]:
+        """Return True if the largest error is below the resolution, and its bound."""
+        largest, resolution = (
+            float(errors.to_numpy().max()),
+            reference.resolution(list(map(str, errors))),
+        )
+        return bool(is_complete and largest < resolution), float(np.fmax(largest, resolution))
+
+    error = compute_deviations(table, reference.table, reference.columns)
+    columns["below resolution"], columns[BOUND_COLUMN] = bound(error)
+    if not columns["below resolution"]:
+        columns[ERROR_COLUMN] = float(error.to_numpy().max())
     forces = select_reaction_columns(reference.table)
     if forces:
         reaction_error = compute_deviations(table, reference.table, forces)
-        columns["reaction error [-]"] = float(reaction_error.to_numpy().max())
-    for name in reference.columns:
-        columns[f"error of {name}, end"] = float(error[name].iloc[-1]) if is_complete else np.nan
-        columns[f"error of {name}, max"] = float(error[name].max())
-        columns[f"error of {name}, rms"] = float(np.sqrt(np.mean(error[name] ** 2)))
+        is_below, columns[_REACTION_BOUND] = bound(reaction_error)
+        columns[_REACTION_ERROR] = np.nan if is_below else float(reaction_error.to_numpy().max())
+    amplitudes = compute_amplitudes(reference.table, reference.columns)
+    for name, amplitude in zip(reference.columns, amplitudes.tolist(), strict=True):
+        errors = amplitude * error[name]
+        is_below, relative_bound = bound(error[[name]])
+        measures = {
+            "end": errors.iloc[-1] if is_complete else np.nan,
+            "max": errors.max(),
+            "rms": np.sqrt(np.mean(errors**2)),
+        }
+        unit = Header.of(name).unit
+        for measure, value in measures.items():
+            column = f"error of {remove_unit(name)}, {measure} [{unit}]"
+            columns[column] = np.nan if is_below else float(value)
+        columns[f"error of {remove_unit(name)}, bound [{unit}]"] = amplitude * relative_bound
     columns |= compute_event_errors(outcome.values, reference.events)
     if is_complete and (mismatch := describe_event_mismatch(outcome.values, reference.events)):
         columns["warnings"] = " ".join(filter(None, [outcome.values.get("warnings"), mismatch]))

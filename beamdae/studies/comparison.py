@@ -78,7 +78,7 @@ def compare(
         One row per case. With a reference, "error [-]" is the largest difference over `columns` and
         all times that both runs have reached, relative to half the range of the column in the
         reference. Further columns contain the final, maximum and root mean square error of each
-        column in `columns`.
+        column in `columns`, in its unit.
 
     Raises
     ------

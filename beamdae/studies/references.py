@@ -16,7 +16,12 @@ from beamdae.read_only import read_only_data
 from beamdae.results.columns import remove_unit
 from beamdae.studies.case import Case, DigestCache
 from beamdae.studies.definition import Study
-from beamdae.studies.deviations import compute_deviations, count_common_rows, select_error_columns
+from beamdae.studies.deviations import (
+    compute_deviations,
+    count_common_rows,
+    select_error_columns,
+    select_reaction_columns,
+)
 from beamdae.studies.run_values import extrapolate_events
 from beamdae.studies.tasks import Outcome, Task
 from beamdae.studies.unique_names import number_duplicates
@@ -47,6 +52,9 @@ class Reference:
         Description of the reference, or the reason why it is missing.
     events
         Counts and first times of events, see `collect_event_values`; empty if there are none.
+    differences
+        Largest difference between the two methods in each compared column, force and moment,
+        relative to its amplitude [-]; empty if it is unknown.
     """
 
     methods: tuple[str, str]
@@ -55,11 +63,16 @@ class Reference:
     uncertainty: float
     sentence: str
     events: Mapping[str, Any] = field(default_factory=dict)
+    differences: Mapping[str, float] = field(default_factory=dict)
 
-    @property
-    def resolution(self) -> float:
-        """Smallest error that the reference can resolve: ten times its uncertainty; may be NaN."""
-        return RESOLUTION_FACTOR * self.uncertainty
+    def resolution(self, columns: Sequence[str] | None = None) -> float:
+        """Return the smallest error that the reference can resolve in columns, by default in all.
+
+        It is ten times the largest difference between the two methods; NaN if this is unknown.
+        """
+        if columns is None:
+            return RESOLUTION_FACTOR * self.uncertainty
+        return RESOLUTION_FACTOR * float(np.max([self.differences.get(x, np.nan) for x in columns]))
 
 
 def group_cases(
@@ -142,7 +155,9 @@ def build_reference(
     table, second_table = (_tabulate_method(tasks, outcomes) for tasks in methods)
     try:
         columns = select_error_columns(table, study.columns)
-        differences = compute_deviations(second_table, table, columns).to_numpy().max(axis=0)
+        compared = list(dict.fromkeys([*columns, *select_reaction_columns(table)]))
+        deviations = compute_deviations(second_table, table, compared).max()
+        differences = deviations[columns].to_numpy()
     except BeamdaeError as problem:
         return _missing_reference(labels, str(problem))
     # A column may differ because it nearly vanishes by symmetry; the others still have errors.
@@ -170,7 +185,8 @@ def build_reference(
     if disputed:
         sentence += f"; no errors of columns that differ by more ({disputed})"
     events = _collect_method_events(methods[0], outcomes)
-    return Reference(labels, table, tuple(columns), uncertainty, sentence, events)
+    by_column = {str(name): float(x) for name, x in deviations.items()}
+    return Reference(labels, table, tuple(columns), uncertainty, sentence, events, by_column)
 
 
 def _missing_reference(methods: tuple[str, str], sentence: str) -> Reference:

@@ -15,7 +15,7 @@ from beamdae.report.page.page_data import CurveBlock, compute_row_limit, select_
 from beamdae.results.columns import Header
 from beamdae.results.storage.files import versions
 from beamdae.studies.case import Case
-from beamdae.studies.case_table import ERROR_COLUMN
+from beamdae.studies.case_table import BOUND_COLUMN, ERROR_COLUMN
 from beamdae.studies.column_measures import MEASURES
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations, count_common_rows
@@ -57,6 +57,7 @@ _TABLE_COLUMNS = (
     (EVENTS_COLUMN, "events", "", "text"),
     (ERROR_COLUMN, "error", "-", "error"),
     ("reaction error [-]", "reaction error", "-", "number"),
+    ("reaction error bound [-]", "reaction error bound", "-", "number"),
     (WALL_TIME_COLUMN, "wall time", "s", "cost"),
     (MIN_WALL_TIME_COLUMN, "wall min", "s", "number"),
     (MAX_WALL_TIME_COLUMN, "wall max", "s", "number"),
@@ -251,7 +252,7 @@ def _create_group(group: str, reference: Reference, frames: dict[str, Any] | Non
         "label": group,
         "reference": {
             "methods": list(reference.methods),
-            "uncertainty": reference.resolution if accepted else None,
+            "uncertainty": reference.resolution() if accepted else None,
             "accepted": accepted,
             # The page adds these words.
             "sentence": reference.sentence.removeprefix("no reference, "),
@@ -289,7 +290,7 @@ def _create_cases(
                 "family": case.integrator.method,
                 "status": status,
                 "values": values | {"status": status},
-                "error": _as_json_value(row.get(ERROR_COLUMN)),
+                "error": _as_json_value(row.get(BOUND_COLUMN)),
                 "cost": _as_json_value(row.get(WALL_TIME_COLUMN)),
                 "below": bool(row.get("below resolution", False)),
                 "limited": row["status"] == "limited",

@@ -14,7 +14,7 @@ import pandas as pd
 from beamdae.report.pictures import figures as pictures
 from beamdae.report.pictures.time_plots import save_comparison_figure
 from beamdae.results.columns import observed_columns
-from beamdae.studies.case_table import ACCURACY_COLUMNS, ERROR_COLUMN
+from beamdae.studies.case_table import ACCURACY_COLUMNS, BOUND_COLUMN, ERROR_COLUMN
 from beamdae.studies.deviations import compute_deviations
 from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.run_values import (
@@ -124,23 +124,26 @@ def _draw_work_precision(results: StudyResults) -> list[Path]:
         for series, runs in panel_rows.groupby("series", sort=False):
             style = styles[str(series), ""]
             # Sort by setting: wall times scatter, so sorting by wall time would tangle the lines.
-            runs = runs.sort_values(list(ACCURACY_COLUMNS), ascending=False)
-            resolved, bounds = runs[~runs["is bound"]], runs[runs["is bound"]]
-            axis.loglog(resolved[WALL_TIME_COLUMN], resolved["height"], **style)
+            runs = runs.sort_values(list(ACCURACY_COLUMNS.values()), ascending=False)
+            is_bound = runs["below resolution"]
+            resolved, bounds = runs[~is_bound], runs[is_bound]
+            axis.loglog(resolved[WALL_TIME_COLUMN], resolved[ERROR_COLUMN], **style)
             axis.loglog(
-                bounds[WALL_TIME_COLUMN], bounds["height"], **style | {"mfc": "none", "ls": "none"}
+                bounds[WALL_TIME_COLUMN],
+                bounds[BOUND_COLUMN],
+                **style | {"mfc": "none", "ls": "none"},
             )
             repeated = runs[runs[MIN_WALL_TIME_COLUMN] < runs[MAX_WALL_TIME_COLUMN]]
             if len(repeated):
                 axis.hlines(
-                    repeated["height"],
+                    repeated[BOUND_COLUMN],
                     repeated[MIN_WALL_TIME_COLUMN],
                     repeated[MAX_WALL_TIME_COLUMN],
                     colors=style["color"],
                     lw=0.7,
                 )
-        low, high = _pad_limits(panel_rows["height"])
-        resolution = results.references[group].resolution
+        low, high = _pad_limits(panel_rows[BOUND_COLUMN])
+        resolution = results.references[group].resolution()
         if low / _BAND_DISTANCE < resolution < high:
             low = min(low, resolution / _BAND_HEIGHT)
             axis.axhspan(low, resolution, color="0.92", zorder=0)
@@ -155,16 +158,12 @@ def _draw_work_precision(results: StudyResults) -> list[Path]:
 
 
 def _select_rows_with_error(results: StudyResults) -> pd.DataFrame:
-    """Return the drawable rows, with the columns "height" (error or its bound) and "is bound"."""
+    """Return the rows whose wall time and bound of the error can be drawn."""
     table = results.table
     rows = table[table["status"] == "ok"]
-    is_bound = rows["below resolution"]
-    bounds = rows["group"].map({g: r.resolution for g, r in results.references.items()})
-    height = rows[ERROR_COLUMN].where(~is_bound, bounds)
-    rows = rows.assign(**{"is bound": is_bound, "height": height.astype(float)})
     for column in (MIN_WALL_TIME_COLUMN, MAX_WALL_TIME_COLUMN):
         rows[column] = rows.get(column, rows[WALL_TIME_COLUMN])
-    return rows[_is_drawable(rows[WALL_TIME_COLUMN]) & _is_drawable(rows["height"])]
+    return rows[_is_drawable(rows[WALL_TIME_COLUMN]) & _is_drawable(rows[BOUND_COLUMN])]
 
 
 def _is_drawable(values: pd.Series) -> pd.Series:

@@ -52,14 +52,25 @@ class ConstantOperator:
         return not any(array.flags.writeable for array in arrays)
 
 
+def _count(starts: np.ndarray) -> np.ndarray:
+    """Return the number of entries of each row or column, from the index pointers."""
+    # In 32 bits, np.repeat rejects counts of 64 bits, which index pointers may have.
+    return np.diff(starts).astype(np.intp)
+
+
+def _expand(starts: np.ndarray) -> np.ndarray:
+    """Return the number of the row or column of each entry, from the index pointers."""
+    return np.repeat(np.arange(len(starts) - 1), _count(starts))
+
+
 def column_indices(pattern: sp.csc_array) -> np.ndarray:
     """Return the column of each entry of a CSC matrix; `pattern.indices` are the rows."""
-    return np.repeat(np.arange(pattern.shape[1]), np.diff(pattern.indptr))
+    return _expand(pattern.indptr)
 
 
 def row_indices(operator: sp.csr_array) -> np.ndarray:
     """Return the row of each entry of a CSR matrix; `operator.indices` are the columns."""
-    return np.repeat(np.arange(operator.shape[0]), np.diff(operator.indptr))
+    return _expand(operator.indptr)
 
 
 def build_selection(indices: Sequence[int] | np.ndarray, size: int) -> sp.csr_array:
@@ -80,7 +91,7 @@ def stack_rows(operators: Sequence[sp.csr_array]) -> sp.csr_array:
 
 def select_rows(operator: sp.csr_array, rows: np.ndarray) -> sp.csr_array:
     """Return operator[rows]; four times as fast as indexing for few rows."""
-    starts, counts = operator.indptr[rows], np.diff(operator.indptr)[rows]
+    starts, counts = operator.indptr[rows], _count(operator.indptr)[rows]
     ends = np.cumsum(counts)
     indptr = np.concatenate([np.zeros(1, operator.indptr.dtype), ends])
     entries = np.arange(indptr[-1]) + np.repeat(starts - ends + counts, counts)
@@ -98,7 +109,7 @@ def pair_entries(
     left_entry, right_entry, k
         Numbers of the non-zeros of `left` and `right`, and k, shape (n_pairs,).
     """
-    left_counts, right_counts = np.diff(left.indptr)[row], np.diff(right.indptr)[column]
+    left_counts, right_counts = _count(left.indptr)[row], _count(right.indptr)[column]
     pair_counts = left_counts * right_counts
     k = np.repeat(np.arange(len(row)), pair_counts)
     number = np.arange(len(k)) - np.repeat(np.cumsum(pair_counts) - pair_counts, pair_counts)

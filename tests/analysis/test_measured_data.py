@@ -37,14 +37,39 @@ ACCEPTED = {
     ),
     "quotes": '"t [s]","tip.y [mm]"\n"0","1.5"\n"0.1","2.5"\n',
     "long table": "observable;t (ms);value;sigma\ntip.y (mm);0;1,5;1\ntip.y (mm);100;2,5;1\n",
+    "LabVIEW": (
+        "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t,\nDate\t2011/11/17\n"
+        "***End_of_Header***\t\n\t\nSamples\t2\t\nX0\t0,0\t\nTime\ttip.y [mm]\t\n"
+        "0,0\t1,5\n0,1\t2,5\n"
+    ),
+    "Catman": "CATMAN file\t2\nSR: 10 Hz\tSR: 10 Hz\nTime\ttip.y\ns\tmm\n0,0\t1,5\n0,1\t2,5\n",
+    "padded lines of a spreadsheet": (
+        "Title,,\nOperator,Smith,\n,,\nt,tip.y,\n[s],[mm],\n0,1.5,\n0.1,2.5,\n"
+    ),
+    "oscilloscope": "Model,X 20\nPoints,2\nTime (s),tip.y (mm)\n0.0E+00,1.5\n1.0E-01,2.5\n",
+    "units below a header in a comment": "# rig 3\n# t,tip.y\n# s,mm\n0,1.5\n0.1,2.5\n",
+    **{
+        f"time stamps as {first}": f"rig;3\nTime;tip.y [mm]\n{first};1.5\n{second};2.5\n"
+        for first, second in [
+            ("2011-11-17 21:25:10,000", "2011-11-17 21:25:10,100"),
+            ("2011-11-17T21:25:10.9Z", "2011-11-17T22:25:11+01:00"),
+            ("17.11.2011 23:59:59.9", "18.11.2011 00:00:00"),
+            ("11/17/2011 9:25:10.0 PM", "11/17/2011 9:25:10.1 PM"),
+            ("01/02/2011 9:25:10.0", "01/02/2011 9:25:10.1"),
+            ("17-Nov-2011 21:25:10:000", "17-Nov-2011 21:25:10:100"),
+            ("23:59:59.9", "00:00:00.0"),
+            ("25:10,9", "25:11,0"),
+        ]
+    },
 }
 REJECTED = {
     "before the trigger": ("t [s],y [m]\n-0.1,1\n0,2\n", "got -0.1 s in row 1; remove the rows"),
     "missing time": ("t [s],y [m]\n0,1\n,3\n0.1,2\n", "but row 2 has no time"),
     "unsorted": ("t [s],y [m]\n0.1,1\n,\n0,2\n", r"got 0 s after 0\.1 s in row 3; sort the rows"),
-    "row of units": (
-        "t [s],y\ns,m\n0,2\n",
-        r"got 's' in row 1; write units in the header, as in 't \[s\]', not",
+    "text between rows": ("t [s],y [m]\n0,1\nt [s],y [m]\n0,1\n1,2\n", r"got 't \[s\]' in row 2"),
+    "order of day and month": (
+        "t,y [m]\n01/02/2011 10:00,1\n02/02/2011 10:00,2\n",
+        "the order of day and month in the time stamps of 't' of .* is ambiguous; write dates as 2",
     ),
     "spaces": ("t y\n0 1\n", "no separators of columns in its header 't y'"),
     "decimal and column commas": ("t [s],y [m]\n0,0,1,5\n", "more cells than the header"),
@@ -146,6 +171,15 @@ def test_regression_strains_may_be_in_microstrain_and_times_name_their_unit():
     assert_allclose([x.values for x in series], [[1e-4, 2e-4], [1e-6, 2e-6]], rtol=1e-14)
     with pytest.raises(bd.BeamdaeError, match=r"got Milliseconds \(did you mean 'ms'\?\)\."):
         read_data({"t (Milliseconds)": [0.0, 1.0], "gauge": [1.0, 2.0]})
+
+
+def test_time_stamps_of_tables_in_memory_are_read():
+    times = pd.to_datetime(["2024-05-31 10:00:00.0", None, "2024-05-31 10:00:00.1"])
+    message = "the first time stamp of 't' of data, 2024-05-31.10:00:00.*, is taken as 0 s; if the"
+    for stamps in (times, times.tz_localize("Europe/Berlin"), times.to_pydatetime()):
+        with pytest.warns(bd.BeamdaeWarning, match=message):
+            (series,) = read_data(pd.DataFrame({"t": stamps, "y [m]": [1.0, np.nan, 2.0]})).series
+        assert_allclose(series.times, [0.0, 0.1], rtol=1e-12)
 
 
 def test_tables_in_memory_may_have_units_in_parentheses():

@@ -320,7 +320,7 @@ def test_compare_writes_tables_pictures_and_a_page(command):
     folder = Path("results/arm_compare_width=0.01")
     table = pd.read_csv(folder / "cases.csv")
     assert list(table["status"]) == ["ok"] * 5
-    assert table["error [-]"].between(0.0, 0.1).all()
+    assert table["error bound [-]"].between(0.0, 0.1).all()
     written = [line.split(": ")[1] for line in result.stdout.splitlines() if "written" in line]
     names = {Path(path).name for path in written}
     assert {"cases.csv", "summary.csv", "comparison.png", "report.html"} <= names

@@ -282,11 +282,12 @@ def test_styles_of_legend_and_curves_agree(tmp_path, saved_figures):
 def study(tmp_path, rows, over=None, uncertainty=1e-6):
     """Return results with these rows; missing entries are those of a successful run."""
     defaults = {"model": "arm", "group": "arm", "series": "Ida(rtol)", "label": "Ida(rtol=0.1)",
-             "status": "ok", "rtol": 0.1, "step": np.nan, "wall time [s]": 0.1, "error [-]": 1e-3,
-             "below resolution": False}  # fmt: skip
+             "status": "ok", "rtol": 0.1, "step [s]": np.nan, "wall time [s]": 0.1,
+             "error [-]": 1e-3, "below resolution": False}  # fmt: skip
     parameters = {k: v for row in rows for k, v in row.items() if k not in defaults}
     order = ["model", *parameters, *(k for k in defaults if k != "model")]
     cases = pd.DataFrame([defaults | row for row in rows])[order]
+    cases["error bound [-]"] = cases["error [-]"]
     reference = Reference(("", ""), pd.DataFrame(), (), uncertainty, "")
     return SimpleNamespace(
         table=cases,
@@ -342,7 +343,8 @@ def test_a_group_without_a_success_has_no_panel(tmp_path, figure_of):
 
 @pytest.mark.slow(reason="a figure")
 def test_work_precision_shows_errors_below_the_resolution(tmp_path, figure_of):
-    rows = [{"error [-]": e, "below resolution": True, "wall time [s]": e} for e in (1e-8, 1e-7)]
+    error = {"error [-]": 1e-5, "below resolution": True}
+    rows = [error | {"wall time [s]": time} for time in (1e-8, 1e-7)]
     results = study(tmp_path, rows)
     low, high = figure_of(results, "work_precision").axes[0].get_ylim()
     assert 1e-7 < low < 1e-5 < high < 1e-3

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pages import find_violations
 
 import beamdae as bd
@@ -31,7 +32,9 @@ def fit():
 
 def test_the_page_opens_on_the_measured_column(fit, show):
     page = build_fit_page(fit, "pendulum")
-    assert page["featured"] == ["bob.y_dot [m/s]"]
+    assert page["featured"] == ["bob.y_dot [m/s]", "residual of bob.y_dot [sigma]"]
+    data = page["cases"][1]["curves"]["observed"]
+    assert_allclose(data["residual of bob.y_dot [sigma]"], fit.residuals, rtol=1e-12)
     (estimates,) = (table for table in page["tables"] if table["title"] == "Estimates")
     assert estimates["rows"][0][0] == "length [m]"
     tab = show(page)
@@ -40,11 +43,11 @@ def test_the_page_opens_on_the_measured_column(fit, show):
     assert choice.input_value() == "bob.y_dot [m/s]"
     # One curve, and one element for the points of the data.
     points = panel.locator(".plot path.curve.data").get_attribute("d")
-    # Data that were drawn above the curve of the model hid it.
+    # The points of the data are above the curve of the model.
     classes = panel.locator(".plot path.curve").evaluate_all(
         "paths => paths.map((x) => x.classList.contains('data'))"
     )
-    assert classes == sorted(classes, reverse=True)
+    assert classes == sorted(classes)
     assert (panel.locator(".plot path.curve").count(), points.count("M")) == (2, len(TIMES))
     assert not tab.locator("#errors").is_visible()
 

@@ -53,7 +53,7 @@ def test_unresolved_errors_are_hollow_points_at_the_resolution(show):
     assert hollow.locator(".arrow").count() == 1
     height = float(tab.locator("#precision-plot .resolution").get_attribute("y1"))
     position = float(re.findall(r"[\d.]+", hollow.get_attribute("transform"))[1])
-    # Rounded to 0.1 pixels; the error itself, two decades smaller, would be far below.
+    # Rounded to 0.1 pixels.
     assert position == pytest.approx(height, abs=0.06)
     hollow.hover()
     assert "at most 1.0e-6" in tab.inner_text("#tooltip")

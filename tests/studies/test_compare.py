@@ -164,11 +164,11 @@ def test_given_columns_must_exist_and_move(fine):
 def test_errors_by_column_are_at_the_end_the_maximum_and_the_root_mean_square(fine):
     coarse = bd.Case(swing, {}, bd.GeneralizedAlpha(step=0.02))
     exact = fine.observed["end.x [m]"].to_numpy()
-    error = np.abs(coarse.solve().observed["end.x [m]"].to_numpy() - exact) / (0.5 * np.ptp(exact))
+    error = np.abs(coarse.solve().observed["end.x [m]"].to_numpy() - exact)
     (row,) = bd.compare([coarse], fine).to_dict("records")
-    assert row["error of end.x [m], end"] == pytest.approx(error[-1])
-    assert row["error of end.x [m], max"] == pytest.approx(error.max())
-    assert row["error of end.x [m], rms"] == pytest.approx(np.sqrt(np.mean(error**2)))
+    assert row["error of end.x, end [m]"] == pytest.approx(error[-1])
+    assert row["error of end.x, max [m]"] == pytest.approx(error.max())
+    assert row["error of end.x, rms [m]"] == pytest.approx(np.sqrt(np.mean(error**2)))
     assert row["reaction error [-]"] > 0.0
 
 
@@ -202,7 +202,7 @@ def test_failed_runs_are_compared_up_to_the_time_they_reached():
     assert row["reason"].startswith("stopped at t = 0.2 s")
     assert row["reached [s]"] == pytest.approx(0.2)
     assert 0.0 < row["error [-]"] < 1.0
-    assert np.isnan(row["error of bob.angle [rad], end"])
+    assert np.isnan(row["error of bob.angle, end [rad]"])
 
 
 def test_failed_references_raise():
@@ -285,8 +285,8 @@ def test_regression_columns_with_names_of_table_columns_are_compared():
     ]
     reference = bd.Case(drifting, {}, bd.GeneralizedAlpha(step=2.5e-4))
     table = bd.compare([bd.Case(drifting, {}, ALPHA)], reference)
-    for name in ("drift [-]", "energy.x [-]", "error [-]"):
-        assert table[f"error of {name}, max"][0] > 0.0
+    for name in ("drift", "energy.x", "error"):
+        assert table[f"error of {name}, max [-]"][0] > 0.0
 
 
 def test_observables_with_names_of_the_ledger_are_refused():

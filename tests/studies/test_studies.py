@@ -186,15 +186,30 @@ def test_errors_are_relative_to_a_reference_of_two_methods(swings):
         errors = rows["error [-]"].to_numpy()
         # Order 2, and above the resolution of the reference.
         assert_allclose(np.log2(errors[:-1] / errors[1:]), 2.0, atol=0.1)
-        assert errors.min() > reference.resolution
+        assert errors.min() > reference.resolution()
         assert (rows["reference uncertainty [-]"] == reference.uncertainty).all()
 
 
 @pytest.mark.slow(reason="half a second")
-def test_unresolved_errors_are_marked(tmp_path):
+def test_unresolved_errors_are_bounds(tmp_path):
+    """Plots showed them as errors; the largest difference of all columns was the limit of each."""
     cases = [bd.Case(swing, {}, method) for method in (bd.GeneralizedAlpha(0.02), bd.Radau(1e-9))]
-    table = run(create_study(cases, REFERENCES), tmp_path).table
+    results = run(create_study(cases, REFERENCES), tmp_path)
+    (reference,) = results.references.values()
+    table = pd.read_csv(results.folder / "cases.csv")
+    assert table["below resolution"].dtype == bool
+    assert ",TRUE," in (results.folder / "cases.csv").read_text()
     assert list(table["below resolution"]) == [False, True]
+    assert table["error bound [-]"][0] == table["error [-]"][0]
+    assert np.isnan(table["error [-]"][1])
+    assert_allclose(table["error bound [-]"][1], 10.0 * reference.uncertainty)
+    half_range = 0.5 * np.ptp(reference.table["end.x [m]"])
+    of_forces = [x for name, x in reference.differences.items() if name.endswith("N]")]
+    assert_allclose(table["reaction error bound [-]"][1], 10.0 * max(of_forces))
+    of_x = reference.differences["end.x [m]"]
+    assert_allclose(table["error of end.x, bound [m]"][1], 10.0 * half_range * of_x)
+    assert table["reaction error [-]"].isna().tolist() == [False, True]
+    assert table["error of end.x, max [m]"].isna().tolist() == [False, True]
 
 
 @bd.model(t_end=0.4)
@@ -217,7 +232,7 @@ def test_regression_columns_without_reference_do_not_hide_the_errors_of_others(t
     assert reference.columns == ("slow.x [m]",)
     assert " of the amplitude of slow.x, so errors below 10 times this are" in reference.sentence
     assert "no errors of columns that differ by more (fast.x [m] by " in reference.sentence
-    assert results.table["error of slow.x [m], max"].notna().all()
+    assert results.table["error of slow.x, max [m]"].notna().all()
     hidden = run(create_study(cases, columns=("fast.x",)), tmp_path / "fast")
     (reference,) = hidden.references.values()
     assert reference.table is None
@@ -234,11 +249,11 @@ def test_the_summary_has_orders_and_the_fastest_integrators(swings):
 
 def create_rows(series, step, order, cost, scatter=None):
     """Return rows with error = step^order and wall time = cost / step."""
-    rows = pd.DataFrame({"step": step})
+    rows = pd.DataFrame({"step [s]": step})
     rows = rows.assign(
         **{"group": "g", "status": "ok", "series": series, "rtol": np.nan},
-        **{"error [-]": rows["step"] ** order, "wall time [s]": cost / rows["step"]},
-        **{"below resolution": False, "reference uncertainty [-]": 0.0},
+        **{"error [-]": rows["step [s]"] ** order, "wall time [s]": cost / rows["step [s]"]},
+        **{"error bound [-]": rows["step [s]"] ** order, "below resolution": False},
         label=[f"{series}(step={h:g})" for h in step],
     )
     if scatter is None:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.csv_reader import parse_numbers, read_csv_table
+from beamdae.csv_reader import parse_numbers, read_csv_table, read_time_stamps
 from beamdae.equations import measures
 from beamdae.errors import (
     BeamdaeError,
@@ -33,7 +33,6 @@ from beamdae.model_parameters import (
     parse_unit,
     split_unit,
     standardize_header,
-    suggest_header,
     suggest_unit,
 )
 from beamdae.read_only import read_only_data
@@ -603,10 +602,9 @@ def _describe_text(part: str, values: Any, column: str, name: str) -> str:
             try:
                 float("nan" if value is None else value)
             except (TypeError, ValueError):
-                hint = suggest_header(column, as_text(value) or "") if k == 0 else ""
                 return (
                     f"{part}: the column {column!r} of {name} must contain numbers, got "
-                    f"{short_repr(value)} in row {k + 1}; {hint or 'leave missing values empty'}."
+                    f"{short_repr(value)} in row {k + 1}; leave missing values empty."
                 )
     except Exception:  # Of any kind in iterations over the user's objects.
         pass
@@ -661,7 +659,11 @@ def _is_time_unit(unit: str) -> bool:
 
 
 def _read_times(part: str, values: Any, time: str, unit: str, name: str) -> Array:
-    """Return the column of times in seconds."""
+    """Return the column of times in seconds, from the first one if they are time stamps."""
+    if np.asarray(values).dtype.kind in "MOUS":
+        stamps = read_time_stamps(part, f"{time!r} of {name}", map(str, values))
+        if stamps is not None:
+            return stamps
     numbers = _as_numbers(part, values, time, name)
     if not unit:
         warn_user(

@@ -315,7 +315,7 @@ def _arrange_parts(pattern: sp.csc_array, plan: SumPlan, n: int) -> sp.csr_array
     coordinates, see `reduce_kinematics`.
     """
     targets = np.unique(np.concatenate([plan.add_targets, plan.weighted_targets]))
-    sources = targets[targets < 3 * pattern.nnz].astype(np.int64)
+    sources = targets[targets < 3 * pattern.nnz].astype(np.intp)
     part, entry = np.divmod(sources, pattern.nnz)
     columns = part * pattern.shape[0] + column_indices(pattern)[entry]
     shape = (pattern.shape[0], 2 * pattern.shape[0] + n)

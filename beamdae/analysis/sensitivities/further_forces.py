@@ -42,7 +42,7 @@ class FurtherForces:
     @classmethod
     def none(cls, equations: EquationsOfMotion, count: int) -> FurtherForces:
         """Return an object for `count` directions without further forces."""
-        return cls(equations, np.zeros((count, len(equations.p))), np.zeros(count, np.int64))
+        return cls(equations, np.zeros((count, len(equations.p))), np.zeros(count, np.intp))
 
     @classmethod
     def of(
@@ -58,7 +58,7 @@ class FurtherForces:
             Equations and derivatives of their numbers for each direction. The `further_key` of all
             equations with further forces must be the same.
         """
-        is_present = np.array([x.structure != run.structure for x in models], np.int64)
+        is_present = np.array([x.structure != run.structure for x in models], np.intp)
         extended = next((x for x in models if x.structure != run.structure), run)
         rows = list(zip(numbers, is_present, strict=True))
         further = [x if y else np.zeros(len(extended.p)) for x, y in rows]

@@ -251,7 +251,7 @@ def _plan_bordered(
     union.sort_indices()
     size = union.shape[0]
     tangent_targets = np.arange(union.nnz) + column_indices(union)
-    keys = column_indices(union).astype(np.int64) * size + union.indices
+    keys = column_indices(union).astype(np.intp) * size + union.indices
     diagonal = np.searchsorted(keys, [k * (size + 1) for k in held])
     tangent_sources = np.zeros(union.nnz + 2 * size + 1, int)
     tangent_sources[tangent_targets] = np.arange(union.nnz)
@@ -263,7 +263,7 @@ def _plan_bordered(
     entries = (np.ones(len(indices)), indices, indptr)
 
     def plan(sums: StaticSums) -> PartPlan:
-        own = column_indices(sums.pattern).astype(np.int64) * size + sums.pattern.indices
+        own = column_indices(sums.pattern).astype(np.intp) * size + sums.pattern.indices
         targets = tangent_targets[np.searchsorted(keys, own)].astype(np.uint32)
         tangent = replace(
             sums.tangent,
@@ -280,7 +280,7 @@ def _plan_bordered(
         tangent_sources=tangent_sources,
         held_targets=tangent_targets[diagonal].astype(np.uint32),
         row_targets=row_targets,
-        part_rows=np.array(part_rows, np.int64),
+        part_rows=np.array(part_rows, np.intp),
         idle_loops=deque(maxlen=1),
     )
 
@@ -415,7 +415,7 @@ class BorderedSystem:
         self._tangent_sources = plan.tangent_sources
         self._held_targets, self._row_targets = plan.held_targets, plan.row_targets
         self._part_rows = plan.part_rows
-        self._held, size = np.array(held, np.int64), plan.pattern.shape[0]
+        self._held, size = np.array(held, np.intp), plan.pattern.shape[0]
         self._has_load_stiffness = any(map(_has_entries, (x.tangent for x in plan.sums[1:])))
         self._evaluated_x = np.full(size, np.nan)
         self._follows: bool | None = None
@@ -516,7 +516,7 @@ class BorderedSystem:
                 distance_weights=np.zeros(self._n),
                 path=np.zeros((rows + 1, size)),
                 path_factors=np.zeros(rows + 1),
-                path_iterations=np.zeros(rows + 1, np.int64),
+                path_iterations=np.zeros(rows + 1, np.intp),
                 direction=np.zeros(size + 1),
                 tangent=np.zeros(size + 1),
                 base=np.zeros(size),

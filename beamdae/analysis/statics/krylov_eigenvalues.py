@@ -63,7 +63,7 @@ class KrylovSpace:
         """Return an empty space for vectors of the size `n`."""
         size = min(n, _BLOCK_SIZE * _MAX_BLOCKS)
         basis, images = np.zeros((size, n)), np.zeros((size, n))
-        return cls(basis, images, np.zeros((_BLOCK_SIZE, n)), np.zeros(_MAX_BLOCKS, np.int64))
+        return cls(basis, images, np.zeros((_BLOCK_SIZE, n)), np.zeros(_MAX_BLOCKS, np.intp))
 
     def restart(self) -> None:
         """Remove all vectors; choose the first candidates."""

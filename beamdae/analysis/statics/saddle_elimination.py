@@ -195,8 +195,8 @@ class SaddlePoint:
         `part_rows` contains the first coordinate of each part, and the number of coordinates.
         """
         n, positions = int(part_rows[-1]), positions.astype(np.uint32)
-        indices = pattern.indices.astype(np.int64).tobytes()
-        saddle = _plan_saddle_point(n, pattern.indptr.astype(np.int64).tobytes(), indices)
+        indices = pattern.indices.astype(np.intp).tobytes()
+        saddle = _plan_saddle_point(n, pattern.indptr.astype(np.intp).tobytes(), indices)
         count, joint_count = len(saddle.entries), len(saddle.joint_entries)
         size, length = pattern.shape[0], len(saddle.plan.sources)
         longest = max(length, len(saddle.product_left))
@@ -363,7 +363,7 @@ def shift_diagonal(run: SaddlePoint, shift: float) -> None:
 @bounded_cache(_MAX_CACHED_BYTES, array_bytes)
 def _plan_saddle_point(n: int, starts: bytes, indices: bytes) -> SaddlePattern:
     """Return the saddle-point matrix of tangents (n + m, n + m) with this CSC pattern."""
-    indptr, rows = np.frombuffer(starts, np.int64), np.frombuffer(indices, np.int64)
+    indptr, rows = np.frombuffer(starts, np.intp), np.frombuffer(indices, np.intp)
     size = len(indptr) - 1
     columns = np.repeat(np.arange(size), np.diff(indptr))
     in_stiffness, in_joints = (rows < n) & (columns < n), (rows >= n) & (columns < n)

@@ -141,10 +141,10 @@ def _print_results(result: ExportedFmu, name: str) -> None:
     }
     times = result.step_times
     if times is not None:
-        median, percentile, worst = (_MICROSECONDS * x for x in times[:3])
+        median, percentile, worst, processor = (_MICROSECONDS * x for x in times[:4])
         facts["time per step"] = (
-            f"median {median:.3g} us, 99.9 % {percentile:.3g} us, worst {worst:.3g} us "
-            f"({times.steps} steps)"
+            f"median {median:.3g} us, 99.9 % {percentile:.3g} us, worst {worst:.3g} us, of the "
+            f"processor at most {processor:.3g} us ({times.steps} steps)"
         )
         if times.row_exchanges:
             facts["row exchanges"] = f"in {times.row_exchanges} matrices, which are slow"

@@ -142,7 +142,7 @@ def _scatter_operator(joint: ConstraintTerm, m: int, positions: Array) -> sp.csr
         joint.operator,
         copy * pattern.size2() + np.tile(column, joint.count),
     )
-    target = np.searchsorted(positions, j.astype(np.int64) * m + i)
+    target = np.searchsorted(positions, j.astype(np.intp) * m + i)
     return sp.csr_array((weight, (source, target)), shape=(len(copy), len(positions)))
 
 

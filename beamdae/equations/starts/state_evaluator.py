@@ -135,7 +135,7 @@ def plan_constraint_levels(structure: Structure) -> SumPlan:
 def _locate_force_block(pattern: sp.csc_array, n: int) -> ForceBlock:
     column = column_indices(pattern)
     (entries,) = np.nonzero((pattern.indices < n) & (column < n))
-    rows, columns = pattern.indices[entries].astype(np.int64), column[entries]
+    rows, columns = pattern.indices[entries].astype(np.intp), column[entries]
     starts = np.searchsorted(columns, np.arange(n + 1))
     block = sp.csc_array((np.ones(len(entries)), rows, starts), shape=(n, n))
     # The keys ascend because the entries are sorted by column and row.

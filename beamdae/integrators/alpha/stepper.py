@@ -126,7 +126,7 @@ class AlphaStepper:
                 tolerance=tolerance,
                 max_step=max_step,
                 min_step=min_step,
-                states=np.asarray(form.equations.states, np.int64),
+                states=np.asarray(form.equations.states, np.intp),
             )
 
         def matrices(run: AlphaWorkspace) -> list[tuple[Any, FactorizedMatrix]]:

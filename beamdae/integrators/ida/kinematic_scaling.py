@@ -62,7 +62,7 @@ class KinematicRowScaling:
             for row, column in zip(rows, columns, strict=True)
         ]
         weights = np.concatenate([extra_weights, -extra_weights])
-        return cls(n, rows, columns, np.array(entry_indices, np.int64), weights, np.ones(2 * n))
+        return cls(n, rows, columns, np.array(entry_indices, np.intp), weights, np.ones(2 * n))
 
 
 def scale_residual(scaling: KinematicRowScaling, y: Array, yp: Array, result: Array) -> None:

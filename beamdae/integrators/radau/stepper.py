@@ -456,7 +456,7 @@ def make_workspace(
         jacobian=np.zeros(3 * pattern.nnz + 1),
         real_nonzeros=real[1],
         complex_nonzeros=complex_[1],
-        entry_rows=pattern.indices.astype(np.int64),
+        entry_rows=pattern.indices.astype(np.intp),
         entry_columns=np.repeat(np.arange(reduced_size), np.diff(pattern.indptr)),
         error=np.zeros(size),
         difference=np.zeros(size),

@@ -43,8 +43,8 @@ def plot_fit(fit: Fit) -> Plot:
         name = column.removesuffix(f" [{unit}]")
         label = f"{name} in {experiment}" if experiment else name
         curves, residuals = axes[2 * k : 2 * k + 2]
-        curves.plot(time, rows["value"], **data_style)
         curves.plot(time, rows["model"], **model_style)
+        curves.plot(time, rows["value"], **data_style)
         format_axis(curves, shorten_text(label, _TITLE_LETTERS), f"[{unit}]")
         residuals.axhspan(-_BAND, _BAND, color="0.93", lw=0.0)
         residuals.plot(time, rows["residual"], **data_style)

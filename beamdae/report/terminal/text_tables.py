@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 # Values below this fraction of the largest comparable value are shown as zero (rounding noise).
 _ROUNDING = 1e-12
-# An error below this multiple of the uncertainty of the reference is shown as an upper bound.
-_RESOLUTION_FACTOR = 10.0
 _MIN_RATE = 1e-3  # of decay or growth [1/s]; those of free motions are rounding errors
 _HEADER_LINE_LETTERS = 12
 # These errors do not include those of the mesh.
@@ -242,8 +240,7 @@ def comparison_table(table: pd.DataFrame) -> ResponsiveTable:
     for _, row in table.iterrows():
         cells = {name: format_number(row[name]) for name in names}
         if row.get("below resolution", False):
-            resolution = _RESOLUTION_FACTOR * row["reference uncertainty [-]"]
-            cells["error [-]"] = f"< {format_number(resolution)}"
+            cells["error [-]"] = f"< {format_number(row['error bound [-]'])}"
         if "wall time max [s]" in cells:
             cells["wall time max [s]"] = _format_range(
                 row["wall time min [s]"], row["wall time max [s]"]

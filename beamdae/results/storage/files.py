@@ -228,18 +228,21 @@ def escape_table(table: pd.DataFrame) -> pd.DataFrame:
 
     escaped = table.rename(columns=escape_cell)
     for k, kind in enumerate(table.dtypes):
-        if not pd.api.types.is_numeric_dtype(kind):
+        if pd.api.types.is_bool_dtype(kind) or not pd.api.types.is_numeric_dtype(kind):
             escaped.isetitem(k, [escape_cell(value) for value in table.iloc[:, k]])
     return escaped
 
 
 def escape_cell(value: Any) -> Any:
-    """Escape a string that a spreadsheet would read as a formula; line breaks become spaces.
+    """Return a cell of a table that spreadsheets, R and pandas read as the value.
 
     Strings that begin with =, +, - or @ (half- or full-width), a tab or a carriage return, even
-    after apostrophes, and are neither numbers nor the unit "-" are prefixed with an apostrophe.
-    Values that are not strings are returned unchanged.
+    after apostrophes, and are neither numbers nor the unit "-" would be read as formulas and are
+    prefixed with an apostrophe; line breaks become spaces. R reads True and False as texts, so they
+    become TRUE and FALSE. Other values are returned unchanged.
     """
+    if isinstance(value, (bool, np.bool_)):
+        return str(value).upper()
     if not isinstance(value, str):
         return value
     is_formula = value != "-" and _FORMULA.match(value) and not _NUMBER.fullmatch(value)

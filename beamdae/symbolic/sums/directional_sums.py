@@ -83,7 +83,7 @@ def directional_plan(
 
     def locate(targets: Array) -> tuple[Array, Array, Array]:
         """Return the batch of local inputs, and the new positions of values and tangents."""
-        targets = targets.astype(np.int64)
+        targets = targets.astype(np.intp)
         batch = np.searchsorted(starts, targets, "right") - 1
         value = targets + starts[batch]
         return batch, value, value + sizes[batch]
@@ -92,7 +92,7 @@ def directional_plan(
     data_batch, data_value, data_tangent = locate(plan.data_targets)
     gather_batch, gather_value, gather_tangent = locate(plan.gather_targets)
     pick_source, gather_source = (
-        x.astype(np.int64) for x in (plan.pick_sources, plan.gather_sources)
+        x.astype(np.intp) for x in (plan.pick_sources, plan.gather_sources)
     )
     pick_order, pick_ends = group_by_batch(len(starts), pick_batch, pick_batch, data_batch)
     (moving,) = np.nonzero(gather_changes)
@@ -102,7 +102,7 @@ def directional_plan(
     # Values follow the derivatives in the outputs of a batch.
     value_start = np.array([b.kernel.n_out * b.lanes for b in plan.batches], int)
     weighted_order, weighted_ends = group_by_batch(len(starts), entry_batch, entry_batch[changed])
-    weighted_sources = plan.weighted_sources[:n_weighted].astype(np.int64)
+    weighted_sources = plan.weighted_sources[:n_weighted].astype(np.intp)
     weighted_sources = np.concatenate(
         [
             weighted_sources,
@@ -118,7 +118,7 @@ def directional_plan(
     )
     pick_targets = np.concatenate([pick_value, pick_tangent, data_tangent])
     pick_sources = np.concatenate(
-        [pick_source, pick_source + n_inputs, plan.data_sources.astype(np.int64) + 2 * n_inputs]
+        [pick_source, pick_source + n_inputs, plan.data_sources.astype(np.intp) + 2 * n_inputs]
     )
     gather_targets = np.concatenate([gather_value, gather_tangent, gather_tangent[moving]])
     gather_sources = np.concatenate(
@@ -181,7 +181,7 @@ def direction_inputs(plan: SumPlan, n_inputs: int, p: Array, numbers: Array) -> 
     local = aligned_zeros(len(numbers) * plan.n_local).reshape(len(numbers), plan.n_local)
     local[:, plan.data_targets] = p[plan.data_sources]
     is_data = plan.pick_sources >= 2 * n_inputs
-    sources = plan.pick_sources[is_data].astype(np.int64) - 2 * n_inputs
+    sources = plan.pick_sources[is_data].astype(np.intp) - 2 * n_inputs
     local[:, plan.pick_targets[is_data]] = numbers[:, sources]
     return local
 

@@ -423,14 +423,14 @@ class SumPlan:
         """Tiles of the inputs and of the outputs; their positions begin at 0 in each batch."""
         inputs = [BatchRows(x.kernel.n_local, x.lanes, x.copies) for x in self.batches]
         outputs = [BatchRows(x.kernel.n_out, x.lanes, x.copies) for x in self.batches]
-        targets, sources = (x.astype(np.int64) for x in (self.pick_targets, self.pick_sources))
+        targets, sources = (x.astype(np.intp) for x in (self.pick_targets, self.pick_sources))
         picks = find_tiles(inputs, targets, sources, fills_padding=True)
         n_add = int(self.batch_table[-1, ADD_END]) if len(self.batches) else 0
         batch = _entry_batches(self.batch_table[:, ADD_END], n_add)
-        sizes = np.array([x.height * x.lanes for x in outputs], np.int64)
+        sizes = np.array([x.height * x.lanes for x in outputs], np.intp)
         starts = np.cumsum(sizes) - sizes
-        positions = starts[batch] + self.add_sources[:n_add].astype(np.int64)
-        rows = self.add_targets[:n_add].astype(np.int64)
+        positions = starts[batch] + self.add_sources[:n_add].astype(np.intp)
+        rows = self.add_targets[:n_add].astype(np.intp)
         adds = find_tiles(outputs, positions, rows, fills_padding=False)
         for tiles, first in ((picks, self.batch_table[:, START]), (adds, starts)):
             counts = np.diff(tiles.ends, prepend=0)
@@ -445,7 +445,7 @@ class SumPlan:
         """
         picks = (np.ones(len(self.pick_targets)), self.pick_targets, self.pick_sources)
         gathers = (self.gather_weights, self.gather_targets, self.gather_sources)
-        sizes = np.array([b.kernel.n_out * b.lanes for b in self.batches], np.int64)
+        sizes = np.array([b.kernel.n_out * b.lanes for b in self.batches], np.intp)
         starts = np.cumsum(sizes) - sizes
         ends = self.batch_table[:, [ADD_END, WEIGHTED_END]].T
         entries = (
@@ -455,7 +455,7 @@ class SumPlan:
         adds = []
         for end, (targets, sources, weights) in zip(ends, entries, strict=True):
             count = int(end[-1]) if len(end) else 0
-            columns = starts[_entry_batches(end, count)] + sources[:count].astype(np.int64)
+            columns = starts[_entry_batches(end, count)] + sources[:count].astype(np.intp)
             adds.append((weights[:count], targets[:count], columns))
         return (
             _matrix(picks, gathers, height=self.n_local),
@@ -468,7 +468,7 @@ def _matrix(
 ) -> sp.csr_array:
     """Return the sum of entries (values, rows, columns), as large as necessary by default."""
     values, rows, columns = map(np.concatenate, zip(*entries, strict=True))
-    rows, columns = rows.astype(np.int64), columns.astype(np.int64)
+    rows, columns = rows.astype(np.intp), columns.astype(np.intp)
     height = int(rows.max(initial=-1)) + 1 if height is None else height
     width = int(columns.max(initial=-1)) + 1 if width is None else width
     return sp.csr_array((values, (rows, columns)), shape=(height, width))

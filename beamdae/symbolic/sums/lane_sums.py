@@ -162,11 +162,11 @@ def empty_lane_sum() -> LaneSum:
 
 def _lay_out_lanes(plan: SumPlan) -> dict[str, Array]:
     """Return the arrays of a `LaneSum` and, as `*_terms`, the indices of terms of the plan."""
-    starts = np.array([b.start for b in plan.batches], np.int64)
-    lanes, n_copies = (np.array([b[k] for b in plan.batches], np.int64) for k in (2, 3))
+    starts = np.array([b.start for b in plan.batches], np.intp)
+    lanes, n_copies = (np.array([b[k] for b in plan.batches], np.intp) for k in (2, 3))
     kernels = [b.kernel.with_local_time for b in plan.batches]
-    heights = np.array([kernel.n_local for kernel in kernels], np.int64)
-    is_timed = heights > np.array([b.kernel.n_local for b in plan.batches], np.int64)
+    heights = np.array([kernel.n_local for kernel in kernels], np.intp)
+    is_timed = heights > np.array([b.kernel.n_local for b in plan.batches], np.intp)
     batch_of_copy = np.repeat(np.arange(len(starts)), n_copies)
     first_copy = np.cumsum(n_copies) - n_copies
     copy_starts = np.cumsum(heights[batch_of_copy]) - heights[batch_of_copy]
@@ -178,7 +178,7 @@ def _lay_out_lanes(plan: SumPlan) -> dict[str, Array]:
 
     def locate_inputs(targets: Array) -> tuple[Array, Array]:
         """Return the entries of local inputs, and the indices of those that are not padding."""
-        targets = targets.astype(np.int64)
+        targets = targets.astype(np.intp)
         batch = np.searchsorted(starts, targets, "right") - 1
         copy, row, is_copy = locate(batch, targets - starts[batch])
         terms = np.flatnonzero(is_copy)
@@ -194,10 +194,10 @@ def _lay_out_lanes(plan: SumPlan) -> dict[str, Array]:
         (WEIGHTED_END, plan.weighted_targets, plan.weighted_sources),
     ):
         batch = np.searchsorted(plan.batch_table[:, column], np.arange(len(targets)), "right")
-        copy, row = np.full(len(targets), len(batch_of_copy)), columns.astype(np.int64)
+        copy, row = np.full(len(targets), len(batch_of_copy)), columns.astype(np.intp)
         of_copy = batch < len(starts)
         copy[of_copy], row[of_copy], _ = locate(batch[of_copy], row[of_copy])
-        rows.append(targets.astype(np.int64))
+        rows.append(targets.astype(np.intp))
         outputs.append(row)
         copies.append(copy)
     # By copies; within a copy, plain terms precede weighted ones.
@@ -215,10 +215,10 @@ def _lay_out_lanes(plan: SumPlan) -> dict[str, Array]:
     return {
         "copies": np.ascontiguousarray(table, np.int64),
         "input_targets": inputs[is_first],
-        "input_sources": sources[is_first].astype(np.int64),
+        "input_sources": sources[is_first].astype(np.intp),
         "input_terms": terms[is_first],
         "more_targets": inputs[~is_first],
-        "more_sources": sources[~is_first].astype(np.int64),
+        "more_sources": sources[~is_first].astype(np.intp),
         "more_terms": terms[~is_first],
         "time_targets": (copy_starts + heights[batch_of_copy] - 1)[is_timed[batch_of_copy]],
         "set_targets": target[is_set],

@@ -73,9 +73,9 @@ def find_tiles(
     count = len(positions)
     none = Tiles(
         np.zeros((0, 2 + LANE_WIDTH), np.int64),
-        np.zeros(len(batches), np.int64),
+        np.zeros(len(batches), np.intp),
         np.zeros(count, bool),
-        np.zeros(0, np.int64),
+        np.zeros(0, np.intp),
     )
     least = _MIN_COPIES if fills_padding else LANE_WIDTH
     if not count or max(batch.copies for batch in batches) < least:

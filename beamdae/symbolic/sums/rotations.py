@@ -105,7 +105,7 @@ def _factor_arrays(
 ) -> RotatedOperator:
     """Return `factor_operator` of a CSR matrix with these index pointers, indices and data."""
     indptr, indices, data = (np.frombuffer(text, kind) for kind, text in contents)
-    rows, lengths = shape[0] // count, np.diff(indptr)
+    rows, lengths = shape[0] // count, np.diff(indptr).astype(np.intp)
     copy, row = np.divmod(np.repeat(np.arange(shape[0]), lengths), rows)
     keys, column = np.unique(copy * shape[1] + indices, return_inverse=True)
     column_copy, global_column = np.divmod(keys, shape[1])

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.native.lane_kernels import pad_copies
-from beamdae.symbolic.sparse_operators import pair_entries, row_indices
+from beamdae.symbolic.sparse_operators import column_indices, pair_entries, row_indices
 from beamdae.symbolic.sums.kernel_sums import Batch, Kernel, SumPlan
 
 Array = np.ndarray
@@ -206,8 +206,8 @@ class SumBuilder:
         pattern = sp.csc_array(sp.coo_array((np.ones(len(i)), (i, j)), shape=shape))
         pattern.sort_indices()
         pattern.data[:] = 1.0
-        column_start = np.repeat(np.arange(shape[1]), np.diff(pattern.indptr)) * shape[0]
-        target = np.searchsorted(column_start + pattern.indices, j.astype(np.int64) * shape[0] + i)
+        column_start = column_indices(pattern) * shape[0]
+        target = np.searchsorted(column_start + pattern.indices, j.astype(np.intp) * shape[0] + i)
         return pattern, self._plan(target + which * pattern.nnz, source, *factors)
 
     def _collect_entries(self) -> tuple[Array, ...]:

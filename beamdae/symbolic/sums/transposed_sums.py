@@ -58,7 +58,7 @@ def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumP
 
     def locate(targets: Array) -> tuple[Array, Array, Array]:
         """Return the batch of local inputs, their new positions, and those among its outputs."""
-        targets = targets.astype(np.int64)
+        targets = targets.astype(np.intp)
         batch = np.searchsorted(starts, targets, "right") - 1
         return batch, targets + shifts[batch], targets - starts[batch]
 
@@ -66,7 +66,7 @@ def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumP
     gather_batch, gather_value, gather_output = locate(plan.gather_targets)
     data_batch, data_value, data_output = locate(plan.data_targets)
     pick_source, gather_source, data_source = (
-        x.astype(np.int64) for x in (plan.pick_sources, plan.gather_sources, plan.data_sources)
+        x.astype(np.intp) for x in (plan.pick_sources, plan.gather_sources, plan.data_sources)
     )
     # Rows of y per output. Entries beyond the last batch add shared numbers, which are constant.
     n_add, n_weighted = plan.batch_table[-1, [ADD_END, WEIGHTED_END]] if count else (0, 0)
@@ -79,7 +79,7 @@ def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumP
             for column, size in ((ADD_END, n_add), (WEIGHTED_END, n_weighted))
         ]
     )
-    row, target = row.astype(np.int64) + n_inputs, output + weight_starts[row_batch]
+    row, target = row.astype(np.intp) + n_inputs, output + weight_starts[row_batch]
     is_plain = (weight == 1.0) & (np.bincount(target, minlength=1)[target] == 1)
     rest = ~is_plain
 

@@ -5,7 +5,7 @@ const ROWS_PER_STEP = 100;
 const LONG_TEXT = 16; // texts with more characters have a column of a minimum width
 
 function listTableColumns() {
-  const getters = { error: displayedError, cost: (run) => run.cost };
+  const getters = { error: (run) => run.error, cost: (run) => run.cost };
   const label = page.columns.find((column) => column.key === "label") ?? { label: "case", unit: "" };
   const status = page.columns.find((column) => column.kind === "status") ?? { label: "status", unit: "" };
   const hasStatus = page.columns.some(({ kind }) => kind === "status") || page.cases.some(hasFailed);

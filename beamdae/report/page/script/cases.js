@@ -17,23 +17,15 @@ function referenceResolution() {
   return state.group.reference?.uncertainty || null;
 }
 
-// Errors below the resolution are drawn at the resolution.
-function displayedError(run) {
-  return run.below && referenceResolution() ? referenceResolution() : run.error;
-}
-
 function formatError(run) {
   if (!run.below) return formatValue(run.error);
-  const resolution = referenceResolution();
-  return resolution
-    ? `at most ${formatValue(resolution, 3)}, the resolution of the reference`
-    : "below the resolution of the reference";
+  return `at most ${formatValue(run.error, 3)}, the resolution of the reference`;
 }
 
 // Quantities that users can select for the axes of the scatter plot: wall time, error, numeric columns.
 function listQuantities() {
   const getters = {
-    error: displayedError,
+    error: (run) => run.error,
     cost: (run) => run.cost,
   };
   const numeric = page.columns.filter(({ kind }) => kind === "number" || getters[kind]);

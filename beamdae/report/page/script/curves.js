@@ -238,8 +238,7 @@ function describeCurveChart({ key, title, choice }, allLines) {
     drawClipped: (box, x, y) => {
       // Measured data are points already, and a single curve among them needs no markers.
       const marked = lines.filter(({ run }) => !run.points);
-      // Curves are drawn above data, which would hide them.
-      const ordered = [...lines.filter(({ run }) => run.points), ...marked];
+      const ordered = [...marked, ...lines.filter(({ run }) => run.points)];
       return ordered.map((line) => createCurve(line, x, y, spaceMarkers(box, marked.indexOf(line), marked.length)));
     },
     drawForeground: (box, _, y) => (key === "error" ? createResolutionLine(box, y) : []),

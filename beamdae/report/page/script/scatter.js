@@ -134,7 +134,7 @@ function describeScatter(cases, x, y) {
 
 // Range of the errors, extended to the resolution of the reference if that is close.
 function findErrorExtent(cases) {
-  const [low, high] = findExtent([cases.map(displayedError)]);
+  const [low, high] = findExtent([cases.map((run) => run.error)]);
   const resolution = referenceResolution();
   const isClose = resolution && resolution > low / RESOLUTION_SPAN;
   return isClose ? [Math.min(low, resolution), Math.max(high, resolution)] : [low, high];

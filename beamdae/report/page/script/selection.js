@@ -54,8 +54,8 @@ function selectInitialCases() {
   const inPage = groupCases().filter((run) => run.curves);
   const candidates = inPage.length ? inPage : groupCases().filter(mayHaveCurves);
   const byAccuracy = candidates
-    .filter((run) => !hasFailed(run) && displayedError(run) > 0 && run.cost > 0)
-    .sort((a, b) => displayedError(a) - displayedError(b) || a.cost - b.cost);
+    .filter((run) => !hasFailed(run) && run.error > 0 && run.cost > 0)
+    .sort((a, b) => a.error - b.error || a.cost - b.cost);
   state.slots = [];
   state.sliderSlot = null;
   state.hidden.cases.clear();
