@@ -513,7 +513,7 @@ def _split_at_rows(
     """Return a function of t that contains tables of time as a law with smooth pieces.
 
     The breakpoints are the times at which the argument of a table passes an end of the table, or
-    any row of a linear table.
+    a row at which its value or slope jumps.
     """
     times: set[float] = set()
     time_scales: list[float] = []
@@ -523,7 +523,7 @@ def _split_at_rows(
             rate, offset = _as_line(part, table, argument, t)
             if rate == 0.0:
                 continue
-            if table.is_repeated and table.kind == "linear":
+            if table.is_repeated and not table.is_smooth:
                 raise BeamdaeError(
                     f"{part}: {table.name} is repeated and linear, so that a law of time would "
                     "have breakpoints in each period; use kind='pchip', or repeat the rows of one "
@@ -535,7 +535,7 @@ def _split_at_rows(
 
             times.update(find_times(table.kinks(axis)))
             row_times = find_times(knots)
-            if table.kind != "linear":
+            if table.is_smooth:
                 shortest = float(np.min(np.diff(row_times)))
                 time_scales.append(MIN_STEPS_PER_TIME_SCALE * shortest)
             if table.outside == "error":

@@ -45,16 +45,17 @@ from beamdae.symbolic.statements import SX, Local
 from beamdae.symbolic.table_calls import (
     TableCall,
     is_inside_formula,
+    is_inside_time_law,
     record_call,
     uses_symbols_for_numbers,
 )
 
 Array = np.ndarray
 
-KINDS = ("linear", "pchip", "spline")
+KINDS = ("previous", "linear", "pchip", "spline")
 OUTSIDE = ("hold", "error", "repeat")
-_MIN_ROWS = {"linear": 2, "pchip": 2, "spline": 3}
-_DEGREES = {"linear": 1, "pchip": 3, "spline": 3}
+_MIN_ROWS = {"previous": 2, "linear": 2, "pchip": 2, "spline": 3}
+_DEGREES = {"previous": 0, "linear": 1, "pchip": 3, "spline": 3}
 _MAX_AXES = 2
 # Smaller jumps of the slope, relative to the steepest slope, are rounding errors of rows on a line.
 _MIN_SLOPE_JUMP = 1e-12
@@ -228,6 +229,11 @@ class Table:
         """Degree of the polynomials between the rows."""
         return _DEGREES[self.kind]
 
+    @property
+    def is_smooth(self) -> bool:
+        """True if the slope is continuous at the rows, but for the ends."""
+        return self.degree > 1
+
     def __call__(self, *arguments: Any) -> Any:
         """Return the interpolated value.
 
@@ -315,7 +321,7 @@ class Table:
         (knots,) = self.axes
         k = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
         depth = np.maximum(x - knots[k], 0.0)
-        rates = self.coefficients[1:].reshape(self.degree, -1)[:, k]
+        rates = self.coefficients[1:].reshape(self.degree, len(knots) - 1)[:, k]
         # Products: powers of NumPy round differently in arrays and in numbers.
         change = np.zeros_like(depth)
         for rate in rates[::-1]:
@@ -326,6 +332,11 @@ class Table:
         lock = _LOCK.get()
         if lock is not None:
             return self._express_piece(self._numbers, arguments, *lock)
+        if not self.degree and not is_inside_time_law():
+            raise BeamdaeError(
+                f"{self.name}: kind='previous' jumps at the rows, where integrators stop only in "
+                "time laws; use kind='linear' or 'pchip' in other formulas."
+            )
         if not is_inside_formula() and (signals := find_signals(*arguments)):
             return self._express_signals(arguments, signals)
         return record_call(self, arguments, self._express_value(self._numbers, arguments))
@@ -392,7 +403,7 @@ class Table:
         """Numbers of `_Numbers.corners`; values and slopes have small rounding errors."""
         arrays = [self.values]
         rounding = [_SLOPE_ROUNDING * np.abs(self.values)]
-        if self.kind != "linear":
+        if self.is_smooth:
             for axis, knots in enumerate(self.axes):
                 slopes = [
                     _differentiate_axis(knots, x, axis, self.kind, self.is_repeated) for x in arrays
@@ -414,6 +425,8 @@ class Table:
     def _interpolate(self, x: _Numbers, places: Sequence[_Place]) -> SX:
         """Return the value at a place on each axis."""
         first, *others = places
+        if not self.degree:
+            return pick_numbers(first.row, x.corners[0])
         if not others:
             return first.interpolate(*(pick_numbers(first.row, y, 2) for y in x.corners))
         (second,) = others
@@ -443,7 +456,7 @@ class Table:
             is_before, is_after = center < limits[0], center >= limits[1]
             if self.is_repeated:
                 is_before = is_after = SX(0.0)
-            row = find_row(center if self.kind == "linear" else argument, knots)
+            row = find_row(argument if self.is_smooth else center, knots)
             # The row is arbitrary outside the table.
             row = ca.if_else(is_after, knots.numel() - 2.0, ca.if_else(is_before, 0.0, row))
             place = _Place.find(argument, knots, row)
@@ -457,9 +470,11 @@ class Table:
         return ca.if_else(is_after, x.values[1], value)
 
     def kinks(self, axis: int) -> Array:
-        """Return the arguments on an axis, within its range, at which the slope jumps."""
+        """Return the arguments on an axis, within its range, at which value or slope jumps."""
         knots, values = self.axes[axis], np.moveaxis(self.values, axis, 0)
-        if self.kind != "linear":
+        if not self.degree:
+            return knots[1:][np.diff(values) != 0.0]
+        if self.is_smooth:
             return knots[[0, -1]] if not self.is_repeated else knots[:0]
         lengths = np.diff(knots).reshape(-1, *[1] * (values.ndim - 1))
         slopes = np.diff(values, axis=0) / lengths
@@ -518,6 +533,8 @@ def _bound_slopes(knots: Array, changes: Array, axis: int) -> Array:
 
 def _fit_axis(knots: Array, values: Array, kind: str, is_repeated: bool = False) -> Array:
     """Return the coefficients of the functions of `Table._evaluate` along the first axis."""
+    if kind == "previous":
+        return values[:1]
     if kind == "linear":
         lengths = np.diff(knots).reshape(-1, *[1] * (values.ndim - 1))
         return np.concatenate([values[:1], np.diff(values, axis=0) / lengths])
@@ -606,33 +623,36 @@ def table(
         Values, one for each entry of `x`; for two arguments, the rows belong to the first argument,
         shape (k, l).
     kind
-        "linear"; "pchip" (monotone between the rows, with a continuous slope; Fritsch & Butland,
-        SIAM J. Sci. Stat. Comput. 5, 1984, doi:10.1137/0905021), for one argument only; or "spline"
-        (cubic spline with a continuous second derivative and, at the second and the last but one
-        row, a continuous third one, "not a knot"; it may overshoot, most of all next to steps
-        between unequal intervals).
+        "previous" (the value of the last row at or before the argument, so that it jumps at the
+        rows), for one argument and time laws only; "linear"; "pchip" (monotone between the rows,
+        with a continuous slope; Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5, 1984,
+        doi:10.1137/0905021), for one argument only; or "spline" (cubic spline with a continuous
+        second derivative and, at the second and the last but one row, a continuous third one, "not
+        a knot"; it may overshoot, most of all next to steps between unequal intervals).
     outside
         Outside the range of `x`, "hold" keeps the value at the edge; with "error", runs stop where
         an argument leaves the range, with a reason that names the table, argument and value; and
         "repeat" continues the table periodically, for example over the turns of a crank, with the
         range of `x` as the period and splines that are smooth from period to period. Repeated
-        tables have one argument and equal first and last values; linear ones cannot be time laws.
+        tables have one argument, equal first and last values and not the kind "previous"; linear
+        ones cannot be time laws.
     name
         Name in messages. Defaults to "table".
 
     Returns
     -------
     Table
-        The table. As a time law, it has breakpoints at the first and the last time, and at each
-        time if it is linear; steps of adaptive integrators are at most the shortest interval
-        between times if it is not.
+        The table. As a time law, it has breakpoints at each time where its value or its slope
+        jumps; steps of adaptive integrators are at most the shortest interval between times if it
+        is a "pchip" or "spline".
 
     Raises
     ------
     BeamdaeError
         If the lists have different lengths, too few entries or entries that are not finite numbers,
-        `x` does not ascend, `kind` or `outside` is unknown, `kind` is "pchip" for two arguments, or
-        a repeated table has two arguments or different values at its ends.
+        `x` does not ascend, `kind` or `outside` is unknown, `kind` is "previous" or "pchip" for two
+        arguments, or a repeated table has two arguments, different values at its ends or the
+        kind "previous".
 
     Warns
     -----
@@ -676,9 +696,10 @@ def _create_table(label: str, x: Any, y: Any, kind: str, outside: str) -> Table:
                 f"{label}: y must have {len(axes[0])} rows of {len(axes[1])} values, got "
                 f"{len(numbers)} rows of lengths {lengths}."
             )
-        if kind == "pchip":
+        if kind in ("previous", "pchip"):
             raise BeamdaeError(
-                f"{label}: kind='pchip' is not defined for two arguments; use 'linear' or 'spline'."
+                f"{label}: kind={kind!r} is not defined for two arguments; use 'linear' or "
+                "'spline'."
             )
         if outside == "repeat":
             raise BeamdaeError(
@@ -690,6 +711,11 @@ def _create_table(label: str, x: Any, y: Any, kind: str, outside: str) -> Table:
     if axis.shape != values.shape:
         raise BeamdaeError(
             f"{label}: x and y must be lists of the same length, got {len(axis)} and {len(values)}."
+        )
+    if outside == "repeat" and kind == "previous":
+        raise BeamdaeError(
+            f"{label}: outside='repeat' is not defined for kind='previous'; repeat the rows of one "
+            "period for the whole run."
         )
     if outside == "repeat":
         first, last = values[[0, -1]].tolist()

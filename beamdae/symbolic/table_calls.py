@@ -67,6 +67,12 @@ def is_inside_formula() -> bool:
     return _RECORDER.get() is not None
 
 
+def is_inside_time_law() -> bool:
+    """Return True if symbols replace the values of tables, to find the breakpoints of a law."""
+    recorder = _RECORDER.get()
+    return recorder is not None and recorder.as_symbols
+
+
 @contextmanager
 def inside_formula() -> Iterator[None]:
     """Mark the evaluation of a formula, even if its tables are not recorded."""

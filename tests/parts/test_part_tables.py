@@ -7,9 +7,10 @@ import warnings
 import casadi as ca
 import numpy as np
 import pytest
+from conformance import integrators
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import CubicSpline, PchipInterpolator, RegularGridInterpolator
 
 import beamdae as bd
@@ -122,6 +123,56 @@ def test_tables_in_formulas_of_time_have_smooth_pieces(kind):
     h = 1e-3
     change = float(rate([after, inside])) - float(rate([times[1] - h, inside]))
     assert abs(change) < 0.2
+
+
+STAIRS, FORCES = [0.1, 0.25, 0.3, 0.4], [1.0, -2.0, -2.0, 5.0]
+
+
+def impulse(t, first=1.0):
+    """Return the integral of the staircase from zero to t."""
+    edges, values = np.array([0.0, 0.25, 0.4, np.inf]), np.array([first, -2.0, 5.0])
+    return np.sum(values * np.clip(np.subtract.outer(t, edges[:-1]), 0.0, np.diff(edges)), axis=1)
+
+
+def test_held_values_are_those_of_the_last_row():
+    table = bd.table(STAIRS, FORCES, "previous")
+    x = np.array([-1.0, 0.1, np.nextafter(0.25, 0.0), 0.25, 0.3, 0.39, 0.4, 9.0])
+    expected = [1.0, 1.0, 1.0, -2.0, -2.0, -2.0, 5.0, 5.0]
+    assert_array_equal(table(x), expected)
+    law = as_law("push", table)
+    # Rows without a jump are no breakpoints; nor is the first one.
+    assert law.breakpoints == (0.25, 0.4)
+    assert_array_equal([law.at(t) for t in x], expected)
+    later = as_law("push", lambda t: 3.0 * table(2.0 * t - 0.5))
+    assert_allclose(later.breakpoints, [0.375, 0.45], rtol=1e-15)
+    assert [later.at(t) for t in (0.37, 0.38, 0.46)] == [3.0, -6.0, 15.0]
+
+
+@integrators(rtol=1e-6, step=0.05)
+def test_held_forces_have_the_impulse_of_a_staircase(integrator):
+    solution = run(
+        bd.table(STAIRS, FORCES, "previous"), integrator, t_end=0.5, on="force", step=0.05
+    )
+    table = solution.table()
+    t = table["t [s]"].to_numpy()
+    # Rounding errors, since the speed is linear between breakpoints.
+    assert_allclose(table["ball.x_dot [m/s]"], 1.0 + impulse(t), atol=1e-9)
+    assert solution.status.success
+
+
+def test_held_values_end_a_run_where_the_table_ends():
+    solution = run(bd.table(STAIRS, FORCES, "previous", "error"), t_end=0.5, on="force")
+    assert "x = 0 leaves the range 0.1 to 0.4 of table" in solution.status.sentence
+    shifted = bd.table(np.subtract(STAIRS, 0.1), FORCES, "previous", "error")
+    solution = run(shifted, t_end=0.5, on="force")
+    assert_allclose(solution.trajectory.end, 0.3, rtol=1e-12)
+
+
+def test_held_values_are_read_from_csv_files(tmp_path):
+    path = tmp_path / "steps.csv"
+    path.write_text("time [ms],force [kN]\n0,1\n250,-2\n", "utf-8")
+    table = bd.table_from_csv(path, kind="previous")
+    assert_array_equal(table([0.0, 0.2, 0.25, 1.0]), [1e3, 1e3, -2e3, -2e3])
 
 
 def test_formulas_of_time_with_other_arguments_are_refused():
@@ -522,6 +573,18 @@ def test_regression_measured_loops_and_descending_tables_are_named(tmp_path, row
         (
             lambda: as_law("push", bd.table([0, 1, 2], [0, 1, 0], "linear", outside="repeat")),
             "push: table is repeated and linear, so that a law of time would have breakpoints",
+        ),
+        (
+            lambda: bd.table([0, 1, 2], [0, 1, 0], "previous", outside="repeat"),
+            "table: outside='repeat' is not defined for kind='previous'; repeat the rows of one",
+        ),
+        (
+            lambda: run(bd.table(X, Y, "previous")),
+            "table: kind='previous' jumps at the rows, where integrators stop only in time laws; ",
+        ),
+        (
+            lambda: bd.table((X, X), np.outer(Y, Y), "previous"),
+            "table: kind='previous' is not defined for two arguments; use 'linear' or 'spline'",
         ),
         (lambda: bd.table([0.0, 1.0], [0.0, 1.0]), "x must have at least 3 entries for kind='spl"),
         (
