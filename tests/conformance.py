@@ -166,6 +166,10 @@ NO_PARTS = ("LineSurface", "CircleSurface", "Friction", "positive_part", "smooth
 LOADS = catalog_parts("Loads and forces", "load", without=(*NO_PARTS, "Contact")) | {
     "follower force": lambda m, d, b: bd.Force("load", b.at(0.7), (swing, 3.0), axes="body"),
     "force on a rigid body": lambda m, d, b: bd.Force("load", d.at(1.0, 1.0), (swing, 1.0), "body"),
+    "moment on a rigid body": lambda m, d, b: bd.Moment("load", d.at(0.1, 0.2), swing),
+    "motor on a rigid body": lambda m, d, b: bd.Moment("load", b.end, swing, d.at(0.1, 0.2)),
+    "motor on the ground": lambda m, d, b: bd.Moment("load", b.at(0.7), 2.0, m.ground.at(0.0, 0.0)),
+    "moments within a beam": lambda m, d, b: bd.Moment("load", b.end, swing, b.start),
     "fixed mass": lambda m, d, b: bd.PointMass("load", 0.4, on=b.at(1.1)),
     "Rayleigh": lambda m, d, b: bd.RayleighDamping("load", b, mass=0.7, stiffness=0.02),
     "spring": lambda m, d, b: bd.Spring("load", d.at(0.3, -0.4), b.end, 3.0, 0.9, preload=0.3),

@@ -158,7 +158,12 @@ SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
         "law": (1.0, 0.0),
         "axes": "body",
     },
-    "Moment": lambda m: {"name": "load", "on": m.disk.at(0.1, 0.2), "law": 1.0},
+    "Moment": lambda m: {
+        "name": "load",
+        "on": m.disk.at(0.1, 0.2),
+        "law": 1.0,
+        "reaction_on": m.beam.start,
+    },
     "DistributedForce": lambda m: {
         "name": "load",
         "beam": m.beam,

@@ -380,6 +380,6 @@ class MovingForce(ObservablePower):
         """Return one load statement per node of the beam."""
         arc_lengths = self.beam.mesh.node_arc_lengths.tolist()
         return [
-            load_statement(self.name, self.beam.at(s), dead_load, laws)
+            load_statement(self.name, (self.beam.at(s),), dead_load, laws)
             for s, laws in zip(arc_lengths, self._nodal_laws, strict=True)
         ]

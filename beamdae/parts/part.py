@@ -92,10 +92,6 @@ class Part:
     # How to write a point of a body, in messages about a body in place of its point.
     point_syntax: ClassVar[str] = ""
 
-    # True if the forces depend only on the motion of the attachments relative to each other, so
-    # that a part between two points of one rigid body does nothing.
-    acts_between_attachments: ClassVar[bool] = False
-
     # True if the part loads its `beam` at an arc length that changes during a run.
     moves_along_beam: ClassVar[bool] = False
 
@@ -255,6 +251,14 @@ class Part:
     def gaps(self) -> Sequence[SurfaceGap]:
         """Gaps of penalty forces, for contact onsets and warnings about initial penetrations."""
         return ()
+
+    @property
+    def acts_between_attachments(self) -> bool:
+        """True if the forces do no work in a rigid motion of all attachments together.
+
+        A part between two points of one rigid body then does nothing.
+        """
+        return False
 
     @property
     def exerts_moments(self) -> bool:

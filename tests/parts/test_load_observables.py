@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import copy
 import pickle
+from functools import partial
 
 import casadi as ca
 import numpy as np
 import pytest
-from conformance import LOADS
+from conformance import LOADS, integrators
 from numpy.testing import assert_allclose
 from scipy.integrate import simpson
 from support import ARC, EXACT_VARIANT, UNEVEN_ELEMENTS, VARIANTS, NumericEquations
@@ -193,6 +194,126 @@ def test_moments_refer_to_the_loaded_point():
     assert_allclose(observe(mech, pull.force, q, v), [c - 2.0 * s, s + 2.0 * c], rtol=1e-14)
     # Rounding error of a force of order one with an arm of 640 m.
     assert_allclose(observe(mech, pull.load_on("on", axes="body"), q, v), [1, 2, 0], atol=3e-13)
+
+
+def two_bodies(torque, arm_inertia=0.02):
+    """Return a mechanism of a free base and arm, and a motor between them, with its power."""
+    mech = bd.Mechanism()
+    base = mech.add(bd.RigidBody("base", 2.0, 0.1, (0.0, 0.0)))
+    arm = mech.add(bd.RigidBody("arm", 0.5, arm_inertia, (0.4, 0.0)))
+    mech.observe("base", base.at(0.0, 0.0))
+    mech.observe("arm", arm.at(0.4, 0.0))
+    on, reaction_on = arm.at(0.1, 0.0), base.at(0.1, 0.0)
+    motor = mech.add(bd.Moment("motor", on, torque, reaction_on=reaction_on))
+    mech.observe("motor", motor.power)
+    mech.observe("torque", motor.moment)
+    mech.observe("reaction", motor.load_on("reaction_on"))
+    return mech
+
+
+@integrators(rtol=1e-6, step=0.02)
+@pytest.mark.parametrize(("torque", "arm_inertia"), [(0.3, 0.02), (-30.0, 2.0)])
+def test_motors_exchange_angular_momentum_and_supply_the_kinetic_energy(
+    integrator, torque, arm_inertia
+):
+    mech = two_bodies(torque, arm_inertia)
+    table = bd.simulate(mech, integrator, t_end=1.0, output_step=0.1).table()
+    t = table["t [s]"].to_numpy()
+    # Rounding errors: all columns are polynomials of degree two.
+    close = partial(assert_allclose, rtol=1e-9, atol=1e-9 * abs(torque))
+    close(table["arm.angle_dot [rad/s]"], torque / arm_inertia * t)
+    close(table["base.angle_dot [rad/s]"], -torque / 0.1 * t)
+    power = torque**2 * (1.0 / arm_inertia + 1.0 / 0.1) * t
+    close(table["motor.power [W]"], power)
+    close(table["torque.M [N m]"], torque)
+    close(table["reaction.M [N m]"], -torque)
+    close(table["reaction.Fx [N]"], 0.0)
+    close(table["energy.work_of_loads [J]"], 0.5 * power * t)
+    close(table["energy.kinetic [J]"], 0.5 * power * t)
+    close(table["energy.imbalance [J]"], 0.0)
+
+
+def motor_on_a_beam(as_motor):
+    """Return a cantilever that carries an arm, driven by a motor or by two opposite moments."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
+    strip = bd.Section.rectangle(alloy, width=0.03, height=0.0025, damping=1e-3)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), strip, elements=2))
+    arm = mech.add(bd.RigidBody("arm", 0.1, 1e-3, (0.6, 0.0)))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Revolute("hinge", beam.end, arm.at(0.5, 0.0)))
+    mech.observe("arm", arm.at(0.6, 0.0))
+    mech.observe("end", beam.end)
+    mech.observe("root", beam.section_forces(0.1))
+    law, opposite = bd.sine(0.05, 2.0), bd.sine(-0.05, 2.0)
+    if as_motor:
+        mech.add(bd.Moment("motor", arm.at(0.5, 0.0), law, reaction_on=beam.end))
+    else:
+        mech.add(bd.Moment("on arm", arm.at(0.5, 0.0), law))
+        mech.add(bd.Moment("on beam", beam.end, opposite))
+    return mech
+
+
+@pytest.mark.slow(reason="two runs of a beam")
+def test_a_motor_on_the_end_of_a_beam_equals_two_opposite_moments():
+    one, two = (
+        bd.simulate(motor_on_a_beam(x), bd.Radau(1e-7), t_end=0.3, output_step=0.05).table()
+        for x in (True, False)
+    )
+    # The same equations, up to the order of sums, at a tolerance of 1e-7.
+    assert_allclose(one, two, rtol=1e-6, atol=1e-6)
+
+
+def test_motors_with_laws_of_the_state_equal_torsion_dampers():
+    def speed(has_motor):
+        mech = bd.Mechanism()
+        wheel = mech.add(bd.RigidBody("wheel", 1.0, 0.1, (0.0, 0.0), angular_velocity=3.0))
+        frame = mech.add(bd.RigidBody("frame", 1.0, 0.2, (0.0, 0.0)))
+        ends = wheel.at(0.0, 0.0), frame.at(0.0, 0.0)
+        if has_motor:
+            a, b = (
+                mech.sensor(name, end.body.at(0.0, 0.0), "angle_dot")
+                for name, end in zip(("a", "b"), ends, strict=True)
+            )
+            mech.add(bd.Moment("brake", ends[0], -0.4 * (a - b), reaction_on=ends[1]))
+        else:
+            mech.add(bd.TorsionDamper("brake", *ends, damping=0.4))
+        mech.observe("wheel", ends[0])
+        table = bd.simulate(mech, bd.Radau(1e-9), t_end=0.2, output_step=0.1).table()
+        return table["wheel.angle_dot [rad/s]"].to_numpy()
+
+    t = np.array([0.0, 0.1, 0.2])
+    exact = 1.0 + 2.0 * np.exp(-0.4 * (1.0 / 0.1 + 1.0 / 0.2) * t)
+    assert_allclose(speed(True), exact, rtol=1e-7)
+    assert_allclose(speed(False), exact, rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("reaction_on", "message"),
+    [
+        (lambda body, ball: 3, "reaction_on must be an attachment such as beam.end, got 3"),
+        (lambda body, ball: body, "reaction_on must be an attachment .* pass a point of body: its"),
+        (lambda body, ball: ball.point, "ball at .* is a particle without an angle"),
+    ],
+)
+def test_motors_without_a_second_body_are_refused(reaction_on, message):
+    body, ball = bd.RigidBody("body", 1.0, 0.1, (0.0, 0.0)), bd.PointMass("ball", 1.0, at=(0, 1))
+    with pytest.raises(bd.BeamdaeError, match=f"^motor: {message}"):
+        bd.Moment("motor", body.at(0.0, 0.0), 1.0, reaction_on=reaction_on(body, ball))
+
+
+def test_motors_within_a_rigid_body_do_nothing_and_those_on_the_ground_are_moments():
+    mech = bd.Mechanism()
+    body = mech.add(bd.RigidBody("body", 1.0, 0.1, (0.0, 0.0)))
+    on, ground = body.at(0.0, 0.0), mech.ground.at(0.0, 0.0)
+    motor = mech.add(bd.Moment("motor", on, 2.0, reaction_on=ground))
+    v = np.array([0.1, 0.2, 0.4])
+    assert_allclose(observe(mech, motor.power, np.zeros(3), v), 0.8, rtol=1e-15)
+    with pytest.raises(bd.BeamdaeError, match=r"'reaction_on' belongs to the ground"):
+        motor.load_on("reaction_on")
+    mech.add(bd.Moment("inside", on, 2.0, reaction_on=body.at(0.1, 0.0)))
+    with pytest.warns(bd.BeamdaeWarning, match="inside: both ends are fixed to body, so the part"):
+        bd.simulate(mech, bd.Radau(), t_end=0.01)
 
 
 def test_loads_that_cannot_be_observed_are_refused_by_name():

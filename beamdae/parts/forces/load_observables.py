@@ -350,8 +350,8 @@ class ObservableLoad(ObservablePower):
         ----------
         place
             Name of the point: "a" or "b" for elements between two points and friction, "point" or
-            "surface" for a contact, "on" for a load at one point, "1", "2", ... for a force law
-            with several attachments.
+            "surface" for a contact, "on" for a load at one point, "reaction_on" for the second body
+            of a moment, "1", "2", ... for a force law with several attachments.
         axes
             "inertial", or "body" for axes that rotate with the body (or with the section of a
             beam); in the reference configuration, these are the inertial axes.

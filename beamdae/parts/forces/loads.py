@@ -48,22 +48,37 @@ def _moment_load(local: Local, on: Any, law: Callable[[SX], SX]) -> ForceKernel:
     return load_kernel(local, on(local.q)[1], law(local.time))
 
 
+@dataclass(frozen=True)
+class _MotorLoad:
+    """Moment between two points, of which the first has `size` local coordinates."""
+
+    size: int
+
+    def __call__(
+        self, local: Local, on: Any, reaction_on: Any, law: Callable[[SX], SX]
+    ) -> ForceKernel:
+        rotation = on(local.q[: self.size])[1] - reaction_on(local.q[self.size :])[1]
+        return load_kernel(local, rotation, law(local.time))
+
+
 def load_statement(
-    part: str, on: Attachment, kind: Callable[..., ForceKernel], laws: Sequence[Law]
+    part: str, on: Sequence[Attachment], kind: Callable[..., ForceKernel], laws: Sequence[Law]
 ) -> ForceStatement:
-    """Return the statement of a load on an attachment; `kind` builds the kernel from the laws."""
-    functions = (on.checked_kinematics, *(law.formula for law in laws))
-    kernel, data = build_formula_kernel(kind, functions, on.size)
-    return ForceStatement(part, kernel, (on.piece,), data)
+    """Return the statement of a load on attachments; `kind` builds the kernel from the laws."""
+    functions = (*(x.checked_kinematics for x in on), *(law.formula for law in laws))
+    kernel, data = build_formula_kernel(kind, functions, sum(x.size for x in on))
+    return ForceStatement(part, kernel, tuple(x.piece for x in on), data)
 
 
 def _user_formula(
-    on: Attachment, kind: Callable[..., ForceKernel], laws: Sequence[Law]
+    on: Sequence[Attachment], kind: Callable[..., ForceKernel], laws: Sequence[Law]
 ) -> UserFormula | None:
     """Return the formula of a load if a law is a function of the user; otherwise None."""
-    functions = (on.checked_kinematics, *(law.formula for law in laws))
+    functions = (*(x.checked_kinematics for x in on), *(law.formula for law in laws))
     expression, data = FormulaExpression.of(kind, functions)
-    return None if expression.is_shareable else UserFormula(expression, (on.piece,), data)
+    if expression.is_shareable:
+        return None
+    return UserFormula(expression, tuple(x.piece for x in on), data)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,12 +154,12 @@ class Force(ObservableLoad):
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the force as one statement."""
-        return [load_statement(self.name, self.on, self._kind, self.laws)]
+        return [load_statement(self.name, (self.on,), self._kind, self.laws)]
 
     @property
     def user_formula(self) -> UserFormula | None:
         """The formula if a component is a function of the user; otherwise None."""
-        return _user_formula(self.on, self._kind, self.laws)
+        return _user_formula((self.on,), self._kind, self.laws)
 
     @property
     def _kind(self) -> Callable[..., ForceKernel]:
@@ -153,7 +168,7 @@ class Force(ObservableLoad):
 
 @dataclass(frozen=True, eq=False)
 class Moment(ObservableLoad):
-    """Moment [N m] on an attachment that follows a time law; counter-clockwise is positive.
+    """Moment [N m] on a body, or between two bodies; counter-clockwise is positive.
 
     Parameters
     ----------
@@ -163,12 +178,24 @@ class Moment(ObservableLoad):
         Attachment on which the load acts.
     law
         Moment [N m]: a number, a function of t [s] or a `Law`.
+    reaction_on
+        Attachment on which the opposite moment acts, as that of a motor on its housing. Defaults to
+        none, so that the moment acts from outside.
 
     Raises
     ------
     BeamdaeError
-        If `name` is invalid, `on` is not an attachment, belongs to the ground or is a particle, or
-        `law` is invalid.
+        If `name` is invalid, `on` is not an attachment, belongs to the ground or is a particle,
+        `reaction_on` is not an attachment or is a particle, or `law` is invalid.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> base = mech.add(bd.RigidBody("base", mass=2.0, inertia=0.1, center=(0.0, 0.0)))
+    >>> arm = mech.add(bd.RigidBody("arm", mass=0.5, inertia=0.02, center=(0.3, 0.0)))
+    >>> hinge = mech.add(bd.Revolute("hinge", base.at(0.0, 0.0), arm.at(0.0, 0.0)))
+    >>> motor = bd.Moment("motor", arm.at(0.0, 0.0), 0.2, reaction_on=base.at(0.0, 0.0))
     """
 
     symbol = "moment"
@@ -176,12 +203,25 @@ class Moment(ObservableLoad):
     name: str
     on: Attachment
     law: Any
+    reaction_on: Attachment | None = None
 
     def __post_init__(self) -> None:
         set_fields(self, name=require_name("Moment", self.name))
         require_movable(self.name, require_attachment(self.name, "on", self.on))
-        require_angle(self.name, self.on)
+        if self.reaction_on is not None:
+            require_attachment(self.name, "reaction_on", self.reaction_on)
+        for attachment in self._points:
+            require_angle(self.name, attachment)
         _ = self.laws
+
+    @property
+    def _points(self) -> tuple[Attachment, ...]:
+        return (self.on,) if self.reaction_on is None else (self.on, self.reaction_on)
+
+    @property
+    def acts_between_attachments(self) -> bool:
+        """True if the opposite moment acts on a second point."""
+        return self.reaction_on is not None
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
@@ -199,14 +239,27 @@ class Moment(ObservableLoad):
 
     @property
     def loaded_points(self) -> dict[str, LoadedPoint]:
-        """The attachment, by the name "on"."""
-        return {"on": LoadedPoint(self.on, 0)}
+        """The attachments, by the names "on" and "reaction_on"."""
+        names = ("on", "reaction_on")
+        return {
+            name: LoadedPoint(x, k)
+            for k, (name, x) in enumerate(zip(names, self._points, strict=False))
+        }
+
+    @property
+    def observed_points(self) -> tuple[str, ...]:
+        """The point "on"."""
+        return ("on",)
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the moment as one statement."""
-        return [load_statement(self.name, self.on, _moment_load, self.laws)]
+        """Return the moment, and the opposite one, as one statement."""
+        return [load_statement(self.name, self._points, self._kind, self.laws)]
 
     @property
     def user_formula(self) -> UserFormula | None:
         """The formula if the law is a function of the user; otherwise None."""
-        return _user_formula(self.on, _moment_load, self.laws)
+        return _user_formula(self._points, self._kind, self.laws)
+
+    @property
+    def _kind(self) -> Callable[..., ForceKernel]:
+        return _moment_load if self.reaction_on is None else _MotorLoad(self.on.size)

@@ -58,10 +58,12 @@ def _rotate_to_inertial(
 
 
 def draw_moment(part: Moment, builder: SceneBuilder) -> None:
-    """Draw an arc-shaped arrow around the point of application."""
-    row = builder.add_attachment(part.on)
-    _draw_moment_arrow(builder, row, _evaluate_laws(part.laws, builder)[:, 0])
-    builder.add_name(row)
+    """Draw an arc-shaped arrow around each point of application."""
+    rows = [builder.add_attachment(attachment) for attachment in part.attachments]
+    moment = _evaluate_laws(part.laws, builder)[:, 0]
+    for row, sign in zip(rows, (1.0, -1.0), strict=False):
+        _draw_moment_arrow(builder, row, sign * moment)
+    builder.add_name(rows[0])
 
 
 def draw_force_law(part: ForceLaw, builder: SceneBuilder) -> None:
