@@ -641,9 +641,9 @@ def ripple(stiffness=1e4, speed=0.02):
 
 
 @pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize("rtol", [1e-3, 1e-4])
+@pytest.mark.parametrize("rtol", [2e-4, 2e-5])
 def test_regression_errors_of_adaptive_steps_are_reported(rtol, recwarn):
-    """Velocities and their derivatives; rtol=1e-3 damps the vibration, by 13 % in derivatives."""
+    """Velocities and their derivatives; rtol=2e-4 damps the vibration, by 13 % in derivatives."""
     result = bd.sensitivities(ripple, "stiffness", bd.Radau(rtol), output_step=0.01)
     stiffness = 1e4 + 1e-25j
     matrix = np.array([[40.0 + stiffness, -stiffness], [-stiffness, stiffness]])
@@ -653,11 +653,11 @@ def test_regression_errors_of_adaptive_steps_are_reported(rtol, recwarn):
     difference = result.sensitivity("second.x", "stiffness") - exact
     error = np.linalg.norm(difference) / np.linalg.norm(exact)
     sentences = [str(x.message) for x in recwarn]
-    assert len(sentences) == (error > 0.05) == (rtol == 1e-3)
+    assert len(sentences) == (error > 0.05) == (rtol == 2e-4)
     if sentences:
         start = "sensitivities: the error of d(second.x"
         assert sentences[0].startswith(start)
-        estimate = sentences[0].partition(" due to rtol=0.001 is estimated at ")[2]
+        estimate = sentences[0].partition(" due to rtol=0.0002 is estimated at ")[2]
         assert float(estimate.partition(" %")[0]) == pytest.approx(100.0 * error, rel=0.4)
 
 

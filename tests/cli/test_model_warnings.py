@@ -141,6 +141,7 @@ def test_regression_estimates_refute_warnings_about_suspected_errors(
     monkeypatch.chdir(tmp_path)
     Path("train.py").write_text(TRAIN, encoding="utf-8")
     command = ["run", "train.py", "--t-end", t_end, "--no-picture", "--output-step", "0.02"]
+    command += ["--rtol", "1e-5"]
     result = CliRunner().invoke(app, [*command, *options])
     assert result.exit_code == 0, result.output
     sentence = "amplitude of its parts"

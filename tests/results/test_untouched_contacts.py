@@ -128,7 +128,7 @@ def unpressed(mech: bd.Mechanism, t_end: float = 0.05) -> list[str]:
     [
         (0.0, 0.0, "during the run"),
         (-20.0, 0.0, "during the run"),
-        (-20.0, 1e-5, "after t = 0.000"),
+        (-20.0, 1e-5, "after t = "),
     ],
 )
 def test_regression_pads_that_are_lifted_at_once_have_a_warning(

@@ -308,9 +308,9 @@ def _find_drifting_state(run: PeriodRun) -> str:
 def _refine_multipliers(run: PeriodRun) -> tuple[Array, float, Array | None]:
     """Return the Floquet multipliers, an error estimate, and the monodromy matrix if known.
 
-    The estimate is the change of the largest modulus if the steps are halved, or that expected of
-    all further halvings. Of the matrix with twice the first steps, only the restriction to the
-    range of the next matrix is computed.
+    The estimate is the change of the largest modulus, or of the sum, if the steps are halved, or
+    that expected of all further halvings. Of the matrix with twice the first steps, only the
+    restriction to the range of the next matrix is computed.
     """
     multipliers, monodromy, persistent = np.zeros(0, complex), None, None
     change, error, is_resolved = np.inf, np.inf, False
@@ -331,7 +331,11 @@ def _refine_multipliers(run: PeriodRun) -> tuple[Array, float, Array | None]:
                 multipliers = _restricted_multipliers(run, monodromy, 2.0 * first / 2**refinement)
         if multipliers.size:
             last_change = change
-            change = abs(largest_modulus(refined) - largest_modulus(multipliers))
+            # The modulus of a pair near a double multiplier hides errors of its angle.
+            change = max(
+                abs(largest_modulus(refined) - largest_modulus(multipliers)),
+                abs(refined.sum() - multipliers.sum()),
+            )
             error = change * _remaining_share(change, last_change)
             least = max(_MAX_RELATIVE_CHANGE * largest_modulus(refined), _VANISHING_MULTIPLIER)
             is_resolved = change <= least

@@ -332,6 +332,11 @@ STATIC_CALLS: dict[str, WorkingCall] = {
         lambda box, result: result.table(),
         lambda box, **arguments: bd.equilibrium(_bar_on_torsion_spring(box), **arguments),
     ),
+    "equilibrium over the time": WorkingCall(
+        lambda box: {"over": "t", "from_": 0.0, "to": 1.0},
+        lambda box, result: result.table(),
+        lambda box, **arguments: bd.equilibrium(box.mech, **arguments),
+    ),
     "Equilibrium.__getitem__": WorkingCall(
         lambda box: {"name": "knee.x"},
         return_result,
