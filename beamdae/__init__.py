@@ -19,6 +19,7 @@ import lazy_loader
 
 from beamdae.argument_names import explain_arguments
 from beamdae.catalog import attributes_by_module
+from beamdae.errors import suggest
 from beamdae.garbage_collection import paused_collection
 from beamdae.interrupts import interruptible
 from beamdae.scipy_import import fast_scipy_import, shorten_thread_timeout
@@ -37,6 +38,6 @@ def __getattr__(name: str) -> Any:
         # Later accesses do not call this function.
         globals()[name] = value
         return value
-    # Python uses these two arguments to suggest the nearest public name.
-    module = sys.modules[__name__]
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=module)
+    hint = suggest(name, __all__)
+    # With `name`, Python would add the same suggestion to the traceback.
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}", name=None)

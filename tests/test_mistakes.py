@@ -1,5 +1,7 @@
 """Ordinary mistakes and hostile objects end in one sentence that names the part and the value."""
 
+import traceback
+
 import casadi as ca
 import pytest
 from robustness.inputs.bad_values import _HOSTILE_VALUES as HOSTILE_VALUES
@@ -70,6 +72,16 @@ MISTAKES = {
         for name in ("observe", "q", "trajectory", "section_forces")
     },
 }
+
+
+def test_misspelled_public_names_have_one_suggestion():
+    """Tracebacks suggested the name, but not the text of the error."""
+    with pytest.raises(AttributeError) as caught:
+        _ = bd.Revolut
+    assert str(caught.value).endswith("no attribute 'Revolut' (did you mean 'Revolute'?)")
+    (line,) = traceback.format_exception_only(caught.value)
+    assert line.endswith("'Revolute'?)\n")
+    assert not hasattr(bd, "__wrapped__")
 
 
 @pytest.mark.parametrize("name", list(MISTAKES))

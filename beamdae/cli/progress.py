@@ -13,6 +13,7 @@ import typer
 
 from beamdae.cli.output import create_progress_console, is_quiet
 from beamdae.errors import format_count, format_percent
+from beamdae.integrators.limits import followed_vibration
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -26,6 +27,7 @@ _MIN_BAR_WIDTH = 3
 _MIN_LABEL_WIDTH = 8
 # Interval between progress lines of a run without a terminal.
 _LINE_INTERVAL = 10.0  # s
+_LONG_TIME = 60.0  # remaining time [s] from which on a run that follows vibrations has advice
 # Smallest fraction of the range of a curve at which its remaining time is estimated: first steps
 # are short.
 _MIN_CURVE_FRACTION = 0.1
@@ -87,14 +89,17 @@ def show_run_progress(t_end: float, task: str = "") -> Iterator[Callable[[str, f
 
     `task` is the name of the computation if it is not the simulation.
     """
-    timer = _RunTimer(t_end)
+    estimate = _time_run(t_end)
     with _live_display() as show:
         show_line = show or _RunLines()
 
         def update(label: str, t: float) -> None:
-            label = ", ".join(filter(None, [task, label]))
-            done = f"{t:.3g}/{t_end:.3g} s"
-            show_line(ProgressLine(timer.fraction(t), done, timer.remaining(t), label))
+            done, remaining = f"{t:.3g}/{t_end:.3g} s", estimate(t)
+            advice = ""
+            if followed_vibration.get() and (remaining or 0.0) > _LONG_TIME:
+                advice = "vibrations hardly decay: set damping="
+            label = ", ".join(filter(None, [advice, task, label]))
+            show_line(ProgressLine(t / (t_end or 1.0), done, remaining, label))
 
         if show:
             show(ProgressLine(0.0, f"0/{t_end:.3g} s", None, task or "starting"))
@@ -108,7 +113,7 @@ def show_curve_progress(
     """Show the progress of a response curve; yield a function of each of its points."""
     from beamdae.model_parameters import format_with_unit
 
-    timer, count, (first, last) = _RunTimer(1.0), 0, ends
+    estimate, count, (first, last) = _time_run(1.0), 0, ends
     with _live_display() as show:
         show_line = show or _RunLines()
 
@@ -118,7 +123,7 @@ def show_curve_progress(
             fraction = (point.parameter - first) / (last - first)
             value = format_with_unit(float(f"{point.parameter:.4g}"), unit)
             done = format_count(count, "point")
-            remaining = timer.remaining(fraction)
+            remaining = estimate(fraction)
             if fraction < _MIN_CURVE_FRACTION:
                 remaining = None
             show_line(ProgressLine(fraction, done, remaining, f"{parameter} = {value}"))
@@ -189,25 +194,22 @@ def _live_display() -> Iterator[Callable[[ProgressLine], None] | None]:
         yield live.update
 
 
-class _RunTimer:
-    """Estimates the remaining time of a run from its mean speed since the start time."""
+def _time_run(t_end: float) -> Callable[[float], float | None]:
+    """Return a function of the simulated time [s] that estimates the remaining time [s].
 
-    def __init__(self, t_end: float) -> None:
-        self._t_end = t_end
-        # Simulated time [s] and clock time [s] at the start.
-        self._start: tuple[float, float] | None = None
+    It extrapolates the mean speed since the start time, and returns None before the first step.
+    """
+    start: tuple[float, float] | None = None  # simulated time and clock time [s]
 
-    def fraction(self, t: float) -> float:
-        return t / self._t_end if self._t_end > 0.0 else 1.0
-
-    def remaining(self, t: float) -> float | None:
-        """Return the remaining time [s], or None before the first step."""
+    def estimate(t: float) -> float | None:
+        nonlocal start
         # Computations before the first step, such as a pilot run, report the start time.
-        if self._start is None or t <= self._start[0]:
-            self._start = (t, monotonic())
+        if start is None or t <= start[0]:
+            start = t, monotonic()
             return None
-        t_start, clock_start = self._start
-        return (monotonic() - clock_start) * max(self._t_end - t, 0.0) / (t - t_start)
+        return (monotonic() - start[1]) * max(t_end - t, 0.0) / (t - start[0])
+
+    return estimate
 
 
 def _format_counts(progress: StudyProgress) -> str:

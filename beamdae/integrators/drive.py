@@ -27,7 +27,13 @@ from beamdae.integrators.error_control import count_periods
 from beamdae.integrators.events.force_peaks import ForcePeakDetector, detect_force_peaks
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
 from beamdae.integrators.integrator import DEFAULT_RTOL, Integrator, require_limits
-from beamdae.integrators.limits import PaceCheck, Progress, RunLimits, omit_guesses
+from beamdae.integrators.limits import (
+    PaceCheck,
+    Progress,
+    RunLimits,
+    followed_vibration,
+    omit_guesses,
+)
 from beamdae.integrators.method import (
     PROBE_SHARE,
     STEP_TOO_SMALL,
@@ -218,6 +224,7 @@ def _drive(
                 interval = plan.intervals[0][0], plan.intervals[-1][1]
                 relative_limit = run.method.steps_per_check / STEPS_PER_CHECK
                 limits.pace_check = PaceCheck(*interval, count_periods(plan), relative_limit)
+            followed_vibration.set("")
             trajectory, status = run.execute()
     except KeyboardInterrupt:
         if run is None:
@@ -678,9 +685,11 @@ class _RunInProgress:
                 self.growing_loop = next(growing_loop_warnings(self._equations, trajectory), "")
                 if self.growing_loop:
                     return check.describe_motion("")
-            if check.exceeds_limit and describe_followed_vibration(
+            vibration = check.is_steady and describe_followed_vibration(
                 self._equations, trajectory, check.end
-            ):
+            )
+            followed_vibration.set(vibration or "")
+            if vibration and check.exceeds_limit:
                 return check.describe_stall()
         return check.describe_stall(self._describe_singular_position()) if check.is_stalled else ""
 

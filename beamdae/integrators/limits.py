@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -32,6 +33,8 @@ _STEADY_PACE_RATIO = 1.1
 # that Radau takes over 100 steps per period of a free pendulum at rtol = 1e-4.
 _MANY_PERIODS = 100.0
 
+# Lasting vibration that the steps of the current run follow, or "", for progress displays.
+followed_vibration: ContextVar[str] = ContextVar("followed_vibration", default="")
 
 _GUESSES = ", possibly because of "
 _CONTINUE = "set max_steps to continue anyway"

@@ -482,7 +482,8 @@ class Equilibrium(HasPage):
             else:
                 free = (
                     f"{self.free}: this coordinate can move without stiffness, so the "
-                    "equilibrium position is arbitrary; add a spring or a joint."
+                    "equilibrium position is arbitrary; add a spring or a joint, or choose the "
+                    f"position with start={{{self.free!r}: ...}}."
                 )
         beams = () if self.has_compared_strains else range_warnings(self.validity)
         strains = strain_warnings(self.equations, self.validity, lambda: self._checked_positions)

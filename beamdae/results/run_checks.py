@@ -69,10 +69,10 @@ from beamdae.results.diagnostics.resolution.missed_parts import missed_part_warn
 from beamdae.results.diagnostics.resolution.missed_peaks import (
     StepExtremes,
     damping_peak_warnings,
+    list_unknown_peaks,
     missed_peak_warnings,
     remove_minor_peaks,
     select_peaks_of_damping,
-    unknown_peak_warnings,
 )
 from beamdae.results.diagnostics.resolution.small_motions import small_motion_warnings
 from beamdae.results.diagnostics.resolution.sudden_vibrations import sudden_vibration_warnings
@@ -308,7 +308,8 @@ def _missed_peaks(run: RunData) -> Iterable[str]:
     known = {x.peak for x in of_damping}
     others = {name: peak for name, peak in peaks.items() if peak not in known}
     others = remove_minor_peaks(others, run.step_extremes, run.equations.length)
-    yield from missed_peak_warnings(others, len(run.t), is_resolved=not _has_wrong_forces(run))
+    unknown = list_unknown_peaks(run.equations, run.trajectory)
+    yield from missed_peak_warnings(others, len(run.t), not _has_wrong_forces(run), unknown)
 
 
 def _observe_columns(run: RunData, times: np.ndarray) -> dict[str, np.ndarray]:
@@ -318,8 +319,7 @@ def _observe_columns(run: RunData, times: np.ndarray) -> dict[str, np.ndarray]:
 
 def _coarse_rows(run: RunData) -> Iterable[str]:
     # Long runs store only the rows, and few steps between them.
-    has_all_steps = all(x.record is None for x in run.trajectory.intervals)
-    if run._is_at_rest or not has_all_steps or _strains(run):
+    if run._is_at_rest or not run.trajectory.stores_all_steps or _strains(run):
         return ()
     coarse = coarse_row_warnings(
         run.t,
@@ -481,7 +481,7 @@ def _built_model(run: RunData) -> Iterable[str]:
 
 
 # Warnings about peaks and vibrations that the output rows do not show.
-ROW_CHECKS: tuple[Check, ...] = (_missed_peaks, _of_motion(unknown_peak_warnings), _coarse_rows)
+ROW_CHECKS: tuple[Check, ...] = (_missed_peaks, _coarse_rows)
 
 # Warnings about waves after fast changes of laws.
 FAST_LOADS: Check = _fast_loads

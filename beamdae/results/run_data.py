@@ -156,8 +156,7 @@ class RunData:
             self.t,
             lambda: self.columns,
         )
-        has_all_steps = all(x.record is None for x in self.trajectory.intervals)
-        if self._has_fixed_steps or not has_all_steps:
+        if self._has_fixed_steps or not self.trajectory.stores_all_steps:
             return extremes
         headers = list(self.equations.observed_headers)
         return refine_step_extremes(headers, extremes, self.t, self.trajectory, self._observe_at)

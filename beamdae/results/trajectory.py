@@ -600,6 +600,11 @@ class Trajectory:
         return sum(interval.grid.step_count for interval in self.intervals)
 
     @property
+    def stores_all_steps(self) -> bool:
+        """True unless a long run has been reduced to some of its steps."""
+        return all(interval.record is None for interval in self.intervals)
+
+    @property
     def mean_step(self) -> float:
         """Mean length of the steps [s]; infinite without a step or a duration."""
         duration = self.end - self.start
@@ -612,7 +617,7 @@ class Trajectory:
 
     def require_all_steps(self, caller: str) -> None:
         """Raise BeamdaeError if the run stores only some of its steps."""
-        if any(interval.record is not None for interval in self.intervals):
+        if not self.stores_all_steps:
             rows = sum(len(interval.nodes) for interval in self.intervals)
             raise BeamdaeError(
                 f"{caller}: all steps are needed, but this long run stores {rows} rows of its "

@@ -87,8 +87,37 @@ def test_motion_without_stiffness_is_named():
     assert len(falling.q) == 1
     mech = pendulum()
     mech.observe("bob", mech.parts["bob"].at(1.0, 0.0))
-    with pytest.warns(bd.BeamdaeWarning, match=r"bob\.angle is free to move without load"):
+    with pytest.warns(bd.BeamdaeWarning, match="check that the loads move the prescribed column"):
         assert len(bd.equilibrium(mech, to={"bob.y": -0.5}).q) == 1
+
+
+def test_start_chooses_a_position_that_no_load_determines():
+    mech = bd.Mechanism()
+    slide = mech.add(bd.RigidBody("slide", 1.0, 0.1, (0.3, 0.0)))
+    mech.add(bd.Prismatic("rail", mech.ground.at(0.0, 0.0), slide.at(0.0, 0.0)))
+    mech.add(bd.Force("push", slide.at(0.2, 0.0), (0.0, -3.0)))
+    mech.observe("slide", slide.at(0.3, 0.0))
+    with pytest.warns(bd.BeamdaeWarning, match=r"slide\.x is free .* start={'slide\.x': \.\.\.}"):
+        assert not bd.equilibrium(mech, to={"slide.x": 0.5}).status.success
+    with pytest.warns(bd.BeamdaeWarning, match=r"arbitrary; .* start={'slide\.x': \.\.\.}\.$"):
+        path = bd.equilibrium(mech, start={"slide.x": 0.5})
+    assert_allclose(path["slide.x"], 0.5, rtol=1e-12)
+
+
+@pytest.mark.parametrize("x", [0.401, 0.405, 0.41, 0.395])
+def test_displacements_are_prescribed_beyond_a_free_motion(x):
+    """A mechanism that is free to move without load had no path to a displacement."""
+    mech = bd.Mechanism()
+    slide = mech.add(bd.RigidBody("slide", 1.0, 0.1, (0.3, 0.0)))
+    mech.add(bd.Prismatic("rail", mech.ground.at(0.0, 0.0), slide.at(0.0, 0.0)))
+    mech.add(bd.Force("pull", slide.at(0.3, 0.0), (10.0, 0.0)))
+    stop = bd.LineSurface(mech.ground.at(0.4, 0.0), (0.0, 1.0))
+    mech.add(bd.Contact("stop", slide.at(0.3, 0.0), stop, stiffness=1e3, exponent=1.0))
+    mech.observe("slide", slide.at(0.3, 0.0))
+    path = bd.equilibrium(mech, to={"slide.x": x})
+    assert path.status.success
+    assert path["slide.x"].iloc[-1] == pytest.approx(x)
+    assert path.factor == pytest.approx(1e3 * max(x - 0.4, 0.0) / 10.0, rel=1e-6)
 
 
 def test_regression_corrections_that_overflow_are_infinite():

@@ -1,6 +1,7 @@
 """Stall detection, rejected inputs, and interrupts that keep the steps of a run."""
 
 import functools
+import itertools
 import os
 import signal
 import threading
@@ -12,6 +13,7 @@ import pytest
 from support import use_scikit_sundae
 
 import beamdae as bd
+from beamdae.cli import progress
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators import limits
 from beamdae.integrators.alpha.stepper import AdaptiveAlphaStepper, FixedAlphaStepper
@@ -586,6 +588,28 @@ def test_regression_runs_that_follow_vibrations_stop_early_and_name_a_sufficient
     for words in ("vibrations of rod", "rtol=0.0001, which keeps", "choose Radau", "more steps"):
         assert words in run.status.sentence
     assert bd.simulate(slow_slider_crank(), bd.Radau(1e-4), t_end=0.6).status.success
+
+
+@pytest.mark.slow(reason="ten thousand steps")
+@pytest.mark.parametrize(("damping", "advises"), [(0.0, True), (1e-6, False)])
+def test_progress_of_long_runs_that_follow_vibrations_suggests_damping(
+    damping, advises, capsys, monkeypatch
+):
+    """The line showed hours, without the remedy."""
+    clock = itertools.count(0.0, 20.0)
+    monkeypatch.setattr(progress, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(progress, "create_progress_console", lambda: None)
+    with progress.show_run_progress(0.1) as update:
+
+        def show(t):
+            update("Ida(rtol=1e-06)", t)
+            return "enough" if t > 4.2e-4 else None
+
+        bd.simulate(slow_slider_crank(damping), bd.Ida(1e-6), t_end=0.1, progress=show)
+    lines = capsys.readouterr().err.splitlines()
+    advised = [line.startswith("vibrations hardly decay: set damping=, Ida") for line in lines]
+    assert any(advised) == advises
+    assert not all(advised)
 
 
 @pytest.mark.slow(reason="half a second")

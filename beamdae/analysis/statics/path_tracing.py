@@ -592,8 +592,8 @@ def _follow_stage(
     if path.is_stuck and settings.control == LOAD and path.end is begin:
         # A slack cable or a bar without bending stiffness moves far under the smallest load, until
         # it is stretched.
-        remaining = targets[0] - begin.mu
-        first = begin.mu + float(np.sign(remaining)) * min(steps.max_load_step, abs(remaining))
+        most = steps.max_load_step
+        first = begin.mu + float(np.clip(targets[0] - begin.mu, -most, most))
         by_arc = replace(settings, control=ARC_LENGTH, step=None, targets=(first,))
         arc_steps = _choose_steps(corrector, begin, by_arc, control)
         stretched = StagePath([begin])
@@ -669,26 +669,24 @@ def _follow_from_mechanism(
     corrector: Corrector, path: StagePath, steps: ContinuationSettings, targets: Sequence[float]
 ) -> None:
     """Follow a path from an unloaded mechanism that can move freely, by relaxation under load."""
-    e, begin = corrector.system.equations, path.end
-    if not isinstance(steps.target_control, LoadControl):
-        path.status = Status(
-            "failed",
-            f"{free_coordinate(e, begin)} is free to move without load, so the path "
-            "has no defined start; restrict loads= to the loads to scale, or set to= "
-            "to a load factor",
-        )
-        return
+    e, by_load = corrector.system.equations, isinstance(steps.target_control, LoadControl)
     try:
-        for k, target in enumerate(targets):
-            remaining = target - path.end.mu
-            first = path.end.mu + np.sign(remaining) * min(steps.max_load_step, abs(remaining))
-            point = _relax(corrector, path.end.x[: e.n], float(first))
+        for k, target in enumerate(targets if by_load else [1.0]):
+            begin, most = path.end.mu, steps.max_load_step
+            first = begin + float(np.clip(target - begin, -most, most))
+            point = _relax(corrector, path.end.x[: e.n], first)
             if not point.free_count:
                 # The unloaded position is arbitrary, so the path begins at this loaded point
                 # instead.
                 path.points[-1] = point
                 follow_path(corrector, path, steps, targets[k:])
                 return
+            if not by_load:
+                free = free_coordinate(e, point)
+                raise BeamdaeError(
+                    f"{free} is free to move under the loads, which do not change it; choose its "
+                    f"value with start={{{free!r}: ...}}, and set to= to a load factor"
+                )
             path.points.append(_relax(corrector, path.end.x[: e.n], target))
     except BeamdaeError as error:
         path.status = Status("failed", str(error).rstrip("."))

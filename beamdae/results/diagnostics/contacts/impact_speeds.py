@@ -57,8 +57,7 @@ def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
         speed = max(_fastest_impact(gap, interval) for interval in trajectory.intervals)
         ratio = speed / contact.impact_speed
         # Faster impacts may lie between the stored steps of long runs.
-        is_thinned = any(interval.record is not None for interval in trajectory.intervals)
-        least = 0.0 if is_thinned else 1.0 / _MAX_SPEED_RATIO
+        least = 1.0 / _MAX_SPEED_RATIO if trajectory.stores_all_steps else 0.0
         if speed < slowest or least <= ratio <= _MAX_SPEED_RATIO:
             continue
         law = contact.restitution_or_elastic, contact.impact_speed

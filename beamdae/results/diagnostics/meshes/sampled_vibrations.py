@@ -51,10 +51,9 @@ MAX_TURN = 0.5
 
 def fastest_rate(trajectory: Trajectory) -> float | None:
     """Return the largest angular frequency [rad/s] that steps resolve; None for few steps."""
-    # Runs that store few of their steps do not contain fast vibrations.
-    is_stored = all(x.record is None for x in trajectory.intervals)
     n_steps = _count_steps(trajectory)
-    if n_steps < _MIN_STEPS or not is_stored:
+    # Runs that store few of their steps do not contain fast vibrations.
+    if n_steps < _MIN_STEPS or not trajectory.stores_all_steps:
         return None
     return 2.0 * np.pi * n_steps / (_STEPS_PER_PERIOD * (trajectory.end - trajectory.start))
 

@@ -442,18 +442,12 @@ def find_missed_parts(
     return ColumnDict({name: missed[name] for name in selected if name not in known})
 
 
-def unknown_peak_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
-    """Yield a warning if peaks between rows are unknown because steps have not been stored."""
-    if all(x.record is None for x in trajectory.intervals) or not may_have_short_peaks(equations):
-        return
+def list_unknown_peaks(equations: EquationsOfMotion, trajectory: Trajectory) -> list[str]:
+    """Return the columns with unknown peaks between rows, because steps have not been stored."""
+    if trajectory.stores_all_steps or not may_have_short_peaks(equations):
+        return []
     headers = equations.observed_headers
-    columns = [remove_unit(x) for x in headers if Header.of(x).unit not in _GRADUAL_UNITS]
-    if columns:
-        yield (
-            f"{list_first(columns, _MAX_NAMES)}: this long run stores only some of its steps, so "
-            "short peaks between the output rows are unknown; set keep_steps=True, or reduce "
-            "output_step= or the end time."
-        )
+    return [remove_unit(x) for x in headers if Header.of(x).unit not in _GRADUAL_UNITS]
 
 
 class DampingPeak(NamedTuple):
@@ -560,17 +554,29 @@ def remove_minor_peaks(
 
 
 def missed_peak_warnings(
-    peaks: Mapping[str, MissedPeak], n_rows: int, is_resolved: bool = True
+    peaks: Mapping[str, MissedPeak],
+    n_rows: int,
+    is_resolved: bool = True,
+    unknown: Sequence[str] = (),
 ) -> Iterator[str]:
     """Yield one warning about the missed peaks of a run, with values of the worst of each kind.
 
     Peaks of columns that are small compared with others of their kind come last. Peaks that differ
     from the rows by less than a thousandth of their value are omitted. All peaks are omitted if the
     `n_rows` of the run are only its start and its end. If `is_resolved` is False, elements do not
-    resolve an impact, so that the peaks are no remedy.
+    resolve an impact, so that the peaks are no remedy. `unknown` are the columns of
+    `list_unknown_peaks`.
     """
-    visible = [peak for peak in peaks.values() if peak.is_visible]
-    if not visible or n_rows < _MIN_ROWS:
+    visible = [peak for peak in peaks.values() if peak.is_visible and n_rows >= _MIN_ROWS]
+    remedy = "read these values from step_extremes, or reduce output_step="
+    if unknown:
+        remedy = (
+            "this long run stores only some of its steps, so larger peaks between the output rows "
+            "are unknown; set keep_steps=True, or reduce output_step= or the end time"
+        )
+    if not visible:
+        if unknown:
+            yield f"{list_first(unknown, _MAX_NAMES)}: {remedy}."
         return
     ordered = sorted(visible, key=lambda peak: -peak.importance)
     of_kinds: dict[str, MissedPeak] = {}
@@ -584,7 +590,6 @@ def missed_peak_warnings(
         peak.comparison if k < kinds else remove_unit(peak.column) for k, peak in enumerate(others)
     ]
     also = f", also in {list_first(names, max(_MAX_NAMES, kinds))}" if others else ""
-    remedy = "read these values from step_extremes, or reduce output_step="
     if not is_resolved:
         remedy = "these peaks contain vibrations of single elements, so resolve the impact first"
     yield f"{worst.description}{also}; {remedy}."

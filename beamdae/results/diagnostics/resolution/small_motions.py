@@ -164,7 +164,7 @@ def _may_be_inaccurate(
     through the range, and are estimated by the largest deviation times the swings squared. Errors
     are unknown if steps are not stored.
     """
-    if any(interval.record is not None for interval in trajectory.intervals):
+    if not trajectory.stores_all_steps:
         return True
     times, values = [], []
     for interval in trajectory.intervals:
