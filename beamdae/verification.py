@@ -10,7 +10,13 @@ import numpy as np
 
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError, format_percent, name_with_others, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    MissingPackageError,
+    format_percent,
+    name_with_others,
+    short_repr,
+)
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.integrators.limits import Progress
@@ -242,7 +248,10 @@ def _compare_second_run(
         for second in _second_runs(solution, integrator, max_steps):
             # With the same amplitudes, only the tolerance differs.
             motion = solution.trajectory
-            other = run_again(solution, second.integrator, progress, motion=motion)
+            try:
+                other = run_again(solution, second.integrator, progress, motion=motion)
+            except MissingPackageError:
+                continue  # Ida is one of several methods
             if other is None:
                 continue
             steps = solution.trajectory.steps, other.trajectory.steps

@@ -811,7 +811,7 @@ def test_repeated_tables_are_those_with_the_rows_of_all_periods(kind):
 @pytest.mark.filterwarnings("ignore:.*the spline reaches")
 def test_repeated_tables_give_the_runs_of_long_tables(kind):
     """A body passes several periods within a step unless the peaks of the table are found."""
-    tables, radau = repeated_and_long(kind), bd.Radau(1e-9)
+    tables, radau = repeated_and_long(kind), bd.Radau(1e-10)
     repeated, long = (run(table, radau, velocity=2.0, t_end=1.5) for table in tables)
     assert repeated.status.success
     assert not repeated.warnings
