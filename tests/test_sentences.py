@@ -556,9 +556,8 @@ def test_the_error_of_failing_kinematics_names_the_attachment(kinematics):
 
 def test_a_misspelled_public_name_raises_an_attribute_error():
     assert not hasattr(bd, "Beem")
-    with pytest.raises(AttributeError, match="no attribute 'Beem'") as problem:
+    with pytest.raises(AttributeError, match=r"no attribute 'Beem' \(did you mean 'Beam'"):
         _ = bd.Beem
-    assert (problem.value.name, problem.value.obj) == ("Beem", bd)
 
 
 # Constrained systems -----------------------------------------------------------------------------

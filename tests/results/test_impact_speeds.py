@@ -111,7 +111,12 @@ def test_long_runs_that_store_some_steps_are_not_called_too_slow(record, speed, 
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
     mech.add(bd.Contact("bounce", ball.point, floor, 8e6, restitution=0.6, impact_speed=SPEED))
     monkeypatch.setattr(impact_speeds, "_fastest_impact", lambda gap, interval: speed)
-    trajectory = SimpleNamespace(intervals=(SimpleNamespace(record=record),), start=0.0, end=1.0)
+    trajectory = SimpleNamespace(
+        intervals=(SimpleNamespace(record=record),),
+        stores_all_steps=record is None,
+        start=0.0,
+        end=1.0,
+    )
     equations = bd.equations_of_motion(mech)
     assert len(list(impact_speeds.impact_speed_warnings(equations, trajectory))) == count
 
