@@ -20,6 +20,9 @@ os.environ.pop("COLUMNS", None)
 # handler that a terminal sets.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+# The same for a closed terminal, which processes started by nohup ignore.
+if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 # No deadline, because the first example compiles kernels. Examples are the same on all machines,
 # so that a failure is caused by a change; `pytest --hypothesis-profile=explore` tries new ones.

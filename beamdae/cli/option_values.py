@@ -12,22 +12,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-# Settings of an option of Typer that restrict or change its value.
-_RULES = ("min", "max", "parser", "click_type", "exists", "resolve_path", "formats")
+# Settings of an option of Typer that restrict or change plain values, which parsers leave alone.
+_RULES = ("min", "max", "click_type", "exists", "resolve_path", "formats")
 
 
 def convert_plain_values(parameter: Any) -> None:
     """Make a parameter of Typer convert plain values by `PlainConversion`.
 
-    Versions of Typer without `get_runtime_param` do not use pydantic and are left alone, and so are
-    parameters with rules of their own, such as `min`.
+    Versions of Typer without `get_runtime_param` do not use pydantic and are left alone. Values of
+    parameters with rules of their own, such as `min`, are not plain.
     """
     create = getattr(parameter, "get_runtime_param", None)
-    if create is None or isinstance(create, PlainConversion):
-        return
-    rules = vars(parameter.type_descriptor.parameter_info)
-    if not any(rules.get(name) not in (None, False) for name in _RULES):
-        annotation = parameter.type_descriptor.annotation
+    if create is not None and not isinstance(create, PlainConversion):
+        descriptor = parameter.type_descriptor
+        rules = vars(descriptor.parameter_info)
+        has_rules = any(rules.get(name) not in (None, False) for name in _RULES)
+        annotation = None if has_rules else descriptor.annotation
         parameter.get_runtime_param = PlainConversion(annotation, create)
 
 
@@ -40,7 +40,7 @@ class PlainConversion:
     Attributes
     ----------
     annotation
-        Type of the option.
+        Type of the option; None if no value but an omitted one is plain.
     create_conversion
         Function that returns Typer's conversion.
     """

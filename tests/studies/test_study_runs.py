@@ -184,7 +184,7 @@ def test_regression_different_parameters_with_equal_labels_are_different_groups(
 def test_study_with_errors_of_some_cases(tmp_path):
     cases = [*MIXED, bd.Case(swing, {"mass": -1.0}, ALPHA)]
     results = study_run.run_study(bd.Study("mixed", tuple(cases)), tmp_path, SerialPool())
-    assert list(results.table["error [-]"].notna()) == [False, True, True, False]
+    assert list(results.table["error bound [-]"].notna()) == [False, True, True, False]
     assert not results.table["below resolution"][[0, 3]].any()
     assert set(results.summary["group"]) <= {"swing(mass=2.0)"}
     assert not results.failed
