@@ -451,7 +451,6 @@ def test_regression_one_column_in_two_units_needs_no_sigma():
     "times",
     [
         pd.to_timedelta(TIMES, unit="s"),
-        pd.to_datetime(TIMES, unit="s"),
         [np.timedelta64(k, "s") for k in range(1, 1 + len(TIMES))],
     ],
 )

@@ -308,9 +308,9 @@ def _find_drifting_state(run: PeriodRun) -> str:
 def _refine_multipliers(run: PeriodRun) -> tuple[Array, float, Array | None]:
     """Return the Floquet multipliers, an error estimate, and the monodromy matrix if known.
 
-    The estimate is the change of the largest modulus, or of the sum, if the steps are halved, or
-    that expected of all further halvings. Of the matrix with twice the first steps, only the
-    restriction to the range of the next matrix is computed.
+    The estimate is the change of the largest modulus if the steps are halved, or that expected of
+    all further halvings. Of the matrix with twice the first steps, only the restriction to the
+    range of the next matrix is computed.
     """
     multipliers, monodromy, persistent = np.zeros(0, complex), None, None
     change, error, is_resolved = np.inf, np.inf, False
@@ -331,11 +331,7 @@ def _refine_multipliers(run: PeriodRun) -> tuple[Array, float, Array | None]:
                 multipliers = _restricted_multipliers(run, monodromy, 2.0 * first / 2**refinement)
         if multipliers.size:
             last_change = change
-            # The modulus of a pair near a double multiplier hides errors of its angle.
-            change = max(
-                abs(largest_modulus(refined) - largest_modulus(multipliers)),
-                abs(refined.sum() - multipliers.sum()),
-            )
+            change = _modulus_change(refined, multipliers)
             error = change * _remaining_share(change, last_change)
             least = max(_MAX_RELATIVE_CHANGE * largest_modulus(refined), _VANISHING_MULTIPLIER)
             is_resolved = change <= least
@@ -343,6 +339,22 @@ def _refine_multipliers(run: PeriodRun) -> tuple[Array, float, Array | None]:
         if error <= _MULTIPLIER_TOLERANCE and is_resolved:
             break
     return multipliers, float(error), monodromy
+
+
+def _modulus_change(refined: Array, multipliers: Array) -> float:
+    """Return the change of the largest modulus between two sets of multipliers.
+
+    The modulus of a conjugate pair does not show an error of its angle, by which a pair near a
+    double multiplier becomes two real ones: the largest such modulus counts, too.
+    """
+    largest = largest_modulus(refined)
+    change = abs(largest - largest_modulus(multipliers))
+    for multiplier in refined[refined.imag > 0.0]:
+        half_sum = abs(multiplier.real) + np.min(np.abs(multipliers - multiplier))
+        split = np.sqrt(max(half_sum**2 - abs(multiplier) ** 2, 0.0))
+        if split:
+            change = max(change, half_sum + split - largest)
+    return float(change)
 
 
 def _remaining_share(change: float, last_change: float) -> float:
