@@ -1,0 +1,135 @@
+"""Mechanisms that many tests share.
+
+Each builder observes what a user of it would plot. Arguments are the numbers that tests vary; what
+else a test needs it adds to the mechanism, whose parts `mech.part(name)` returns.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+import beamdae as bd
+
+G = 9.81
+STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+ALLOY = bd.Material(E=70e9, nu=0.3, rho=2700.0)
+
+
+def strip(thickness=0.002, width=0.03, material=STEEL, damping=0.0):
+    return bd.Section.rectangle(material, width=width, height=thickness, damping=damping)
+
+
+def falling_ball(height=2.0, gravity=G, **ball):
+    """A ball of 1 kg above the origin."""
+    mech = bd.Mechanism(gravity=(0.0, -gravity))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height), **ball))
+    mech.observe("ball", ball.point)
+    return mech
+
+
+def bouncing_ball(restitution=0.8, height=0.3):
+    """A ball that impacts on the ground at y = 0."""
+    mech = falling_ball(height)
+    gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(mech.part("ball").point)
+    mech.observe("gap", gap)
+    mech.when("gap", 0.0, "down", bd.impact(gap, restitution), "bounce")
+    return mech
+
+
+def oscillator(stiffness=30.0, damping=0.5, mass=1.0, speed=0.2, load=0.0):
+    """A mass at x = 1 m on a rail, with a spring and damper to the origin."""
+    mech = bd.Mechanism()
+    body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0), velocity=(speed, 0.0)))
+    wall = mech.ground.at(0.0, 0.0)
+    mech.add(bd.PointOnLine("rail", wall, body.point, (1.0, 0.0)))
+    mech.add(bd.SpringDamper("spring", wall, body.point, stiffness, damping))
+    mech.add(bd.Force("load", body.point, (load, 0.0)))
+    mech.observe("mass", body.point)
+    return mech
+
+
+def rope_swing(length=0.5, mass=2.0):
+    """A mass on a rope, released at the height of its hook."""
+    mech = bd.Mechanism(gravity=(0.0, -G))
+    bob = mech.add(bd.PointMass("bob", mass, at=(length, 0.0)))
+    mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point))
+    mech.observe("bob", bob.point)
+    return mech
+
+
+def swing(mass=2.0, torque=0.0):
+    """A rigid body on a hinge, 1 m beside its center and 2 m beside its end, released at rest."""
+    mech = bd.Mechanism(gravity=(0.0, -G))
+    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
+    hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.add(bd.Moment("torque", on=bob.at(1.0, 0.0), law=torque))
+    mech.observe("end", bob.at(2.0, 0.0))
+    mech.observe("hinge", hinge.reaction)
+    return mech
+
+
+def double_pendulum(angle=np.pi / 2.0, lengths=(0.5, 0.5), gravity=G, **lower):
+    """Two rods of 1 kg in a line, released at an angle from the vertical."""
+    mech = bd.Mechanism(gravity=(0.0, -gravity))
+    joint, last = np.zeros(2), mech.ground.at(0.0, 0.0)
+    for name, length, settings in zip(("upper", "lower"), lengths, ({}, lower), strict=True):
+        end = joint + length * np.array([np.sin(angle), -np.cos(angle)])
+        rod = mech.add(bd.RigidBody.rod(name, tuple(joint), tuple(end), mass=1.0, **settings))
+        hinge = mech.add(bd.Revolute(f"{name} hinge", last, rod.at(*joint)))
+        mech.observe(f"{name} hinge", hinge.reaction)
+        last, joint = rod.at(*end), end
+        mech.observe(name, last)
+    return mech
+
+
+def truss(rise=0.2, stiffness=1000.0, load=1.0, span=1.0, damping=0.0):
+    """The von Mises truss: two springs from the sides to a crown, which a force presses."""
+    mech = bd.Mechanism()
+    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
+    for name, x in (("left", -span), ("right", span)):
+        foot = mech.ground.at(x, 0.0)
+        mech.add(bd.SpringDamper(name, foot, crown.point, stiffness, damping))
+    mech.add(bd.Force("press", crown.point, (0.0, -load)))
+    mech.observe("crown", crown.point)
+    return mech
+
+
+def cantilever(elements=4, curve=None, section=None, load=(0.0, 0.0), gravity=0.0, **settings):
+    """A beam from the origin, by default a straight strip of 1 m, with a force at its end."""
+    mech = bd.Mechanism(gravity=(0.0, -gravity))
+    curve = curve or bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("beam", curve, section or strip(), elements, **settings))
+    clamp = mech.add(bd.Weld("clamp", mech.ground.at(*beam.start.point), beam.start))
+    mech.add(bd.Force("load", beam.end, load))
+    mech.observe("tip", beam.end)
+    mech.observe("clamp", clamp.reaction)
+    return mech
+
+
+def beam_pendulum(elements=2, curve=None, section=None, gravity=G, **settings):
+    """A beam on a hinge at the origin, by default a straight strip of 1 m, released at rest."""
+    mech = bd.Mechanism(gravity=(0.0, -gravity))
+    curve = curve or bd.Line((0.0, 0.0), (1.0, 0.0))
+    section = section or strip(damping=1e-3)
+    beam = mech.add(bd.Beam("beam", curve, section, elements, **settings))
+    hinge = mech.add(bd.Revolute("hinge", mech.ground.at(*beam.start.point), beam.start))
+    mech.observe("tip", beam.end)
+    mech.observe("hinge", hinge.reaction)
+    return mech
+
+
+def driven_blade(speed=10.0, rise_time=0.0, hub=0.1, elements=2, section=None, **settings):
+    """A blade of 0.5 m on a hub, which a driver turns at constant speed or runs up."""
+    mech = bd.Mechanism()
+    disk = mech.add(bd.RigidBody.disk("hub", (0.0, 0.0), hub, mass=5.0))
+    line = bd.Line((hub, 0.0), (hub + 0.5, 0.0))
+    section = section or strip(0.005, damping=1e-4)
+    blade = mech.add(bd.Beam("blade", line, section, elements, **settings))
+    shaft = mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)
+    mech.add(bd.Revolute("bearing", *shaft))
+    clamp = mech.add(bd.Weld("clamp", disk.at(hub, 0.0), blade.start))
+    law = bd.run_up(speed, rise_time) if rise_time else lambda t: speed * t
+    mech.add(bd.Driver("motor", *shaft, law))
+    mech.observe("tip", blade.end)
+    mech.observe("clamp", clamp.reaction)
+    return mech
