@@ -32,20 +32,28 @@ settings.load_profile("beamdae")
 
 
 # Of fewer variants of a test, one is a default test and the others are slow ones. Of at least as
-# many, one of these numbers is a default test, or at least a slow one; the others are exhaustive.
+# many, one of these numbers is a default test, or at least a slow one; the others are left out.
 _MANY_VARIANTS = 4
 _VARIANTS_PER_DEFAULT_TEST = 16
 _VARIANTS_PER_SLOW_TEST = 4
-# Tests of models and external answers: the slow tests leave out no variant, except of the program
-# of robustness, of which CI runs a sample itself.
+# One of this many slow tests is run in folders that a change did not touch.
+_SLOW_PER_SAMPLE = 4
+# Tests of models and external answers leave out no variant.
 _COMPLETE_FOLDERS = ("models", "validation")
-_SAMPLED_PROGRAM = "test_robustness.py"
 _DOCTESTS = "test_docstrings.py"
 # Runs check their results only if some filter may show the warnings, which are ignored. This one
 # matches no message: slow tests thus check the results of every run, for errors in these checks.
 _CHECKS_RESULTS = "always:(?!):beamdae.errors.BeamdaeWarning"
 _WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")  # of xdist, such as "gw1"
 _COLLECTS_IN_REVERSE = _WORKER.endswith(("1", "3", "5", "7", "9"))
+
+
+def pytest_addoption(parser):
+    parser.addoption("--seed", default="", help="draw other variants of tests, and other samples")
+    parser.addoption(
+        "--touched",
+        help="of slow tests, run those of these folders (such as 'beams cli') and a quarter of all",
+    )
 
 
 @pytest.hookimpl(wrapper=True)
@@ -75,41 +83,55 @@ def pytest_make_collect_report(collector):
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     """Mark tests in a browser and most variants of a test as slow, whose runs are checked."""
     if _WORKER:
         items.sort(key=lambda item: item.path.parts)
     tests = defaultdict(list)
     for item in items:
         tests[item.nodeid.partition("[")[0]].append(item)
+    left_out = set()
     for name, variants in tests.items():
         if "browser" in variants[0].fixturenames:
             for item in variants:
                 item.add_marker(pytest.mark.slow(reason="starts a browser"))
         elif variants[0].path.name != _DOCTESTS:
-            _mark_variants(name, variants)
+            left_out |= _mark_variants(name, variants, config.option.seed)
+    touched = config.option.touched
     for item in items:
         if item.get_closest_marker("slow"):
             item.add_marker(pytest.mark.filterwarnings(_CHECKS_RESULTS))
+            is_untouched = touched is not None and item.path.parent.name not in touched.split()
+            # The last digits of the number have chosen among variants.
+            number = _draw(item.nodeid, config.option.seed) // _VARIANTS_PER_DEFAULT_TEST
+            if is_untouched and number % _SLOW_PER_SAMPLE:
+                left_out.add(item)
+    # Whoever names a variant wants it.
+    if left_out and not any("[" in argument for argument in config.args):
+        items[:] = [item for item in items if item not in left_out]
+        config.hook.pytest_deselected(items=list(left_out))
 
 
-def _mark_variants(name, variants):
-    """Mark variants as slow or exhaustive; a hash tries each parameter value in some test."""
+def _mark_variants(name, variants, seed):
+    """Mark variants as slow and return those to be left out, drawn by the seed."""
     if len(variants) < _MANY_VARIANTS:
         fast = [item for item in variants if not item.get_closest_marker("slow")]
-        default = crc32(name.encode()) % max(len(fast), 1)
+        default = _draw(name, seed) % max(len(fast), 1)
         for item in fast[:default] + fast[default + 1 :]:
             item.add_marker(pytest.mark.slow(reason="a further variant of a law"))
-        return
-    numbers = [crc32(item.nodeid.encode()) for item in variants]
-    # At least one variant is not exhaustive, so that CI tries every law.
-    smallest = min(numbers, key=lambda number: (number % _VARIANTS_PER_SLOW_TEST, number))
-    for item, number in zip(variants, numbers, strict=True):
+        return set()
+    numbers = {item: _draw(item.nodeid, seed) for item in variants}
+    # At least one variant is run, so that every law is tried.
+    smallest = min(
+        variants, key=lambda item: (numbers[item] % _VARIANTS_PER_SLOW_TEST, numbers[item])
+    )
+    for item, number in numbers.items():
         if number % _VARIANTS_PER_DEFAULT_TEST:
             item.add_marker(pytest.mark.slow(reason="one of many variants of a law"))
-        is_complete = (
-            item.path.parent.name in _COMPLETE_FOLDERS and item.path.name != _SAMPLED_PROGRAM
-        )
-        is_selected = number == smallest or number % _VARIANTS_PER_SLOW_TEST == 0
-        if not (is_selected or is_complete):
-            item.add_marker(pytest.mark.exhaustive(reason="one of many variants of a law"))
+    if variants[0].path.parent.name in _COMPLETE_FOLDERS:
+        return set()
+    return {x for x in variants if numbers[x] % _VARIANTS_PER_SLOW_TEST and x is not smallest}
+
+
+def _draw(name, seed):
+    return crc32(f"{seed}{name}".encode())

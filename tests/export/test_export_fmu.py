@@ -1090,7 +1090,6 @@ def test_communication_step_of_a_million_steps_is_rejected(tmp_path, compiled):
 
 
 @pytest.mark.slow(reason="compiles for other platforms")
-@pytest.mark.exhaustive
 def test_binaries_of_other_platforms(tmp_path):
     pytest.importorskip("ziglang")
     names = ["aarch64-linux", "x86_64-windows", "x86_64-darwin", "aarch64-darwin"]
