@@ -36,11 +36,10 @@ def estimate_fastest_modes(
     fastest body does not mask slower ones. Bodies without stiffness or inertia are omitted.
     """
     stiffness, damping, mass = solver.linearize_forces(time, state)
-    solve = solver.mass_solver(time, state)
     count, body = _find_bodies(solver.equations, stiffness, mass)
     x = np.cos(np.arange(solver.equations.n) ** 2.0)
     for _ in range(_POWER_ITERATIONS):
-        x = solve(stiffness @ x)
+        x = solver.solve_saddle(time, state.q, state.v, stiffness @ x, 0.0)[0]
         size = np.zeros(count)
         np.maximum.at(size, body, np.abs(x))
         x /= np.where(size > 0.0, size, 1.0)[body]

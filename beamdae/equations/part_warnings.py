@@ -537,7 +537,7 @@ def _is_balanced(
     if not _may_be_preloaded(x, solver.equations):
         return False
     try:
-        alone = solver.mass_solver(time, state)(x.force)
+        alone = solver.solve_saddle(time, state.q, state.v, x.force, 0.0)[0]
     except (BeamdaeError, SingularMatrixError):
         return False
     return abs(float(x.force @ state.a)) <= _MAX_IMBALANCE * abs(float(x.force @ alone))

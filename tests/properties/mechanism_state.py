@@ -9,7 +9,6 @@ from properties.similarity import ABSOLUTE_ANGLES, Similarity, base_name, transf
 from support import NumericEquations
 
 import beamdae as bd
-from beamdae.equations.equations_of_motion import State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.rank import build_constraint_jacobian
 
@@ -114,8 +113,7 @@ class MechanismState(NumericEquations):
         size = np.abs(self.q) + e.position_scales
         force = np.abs(self.stiffness(q=self.q, v=self.v, a=self.a)) @ size
         force *= rng.choice([-1.0, 1.0], self.n)
-        state = State(self.q, self.v, self.a, self.lam)
-        a = ConsistencySolver(e).mass_solver(self.time, state)(force)
+        a, _ = ConsistencySolver(e).solve_saddle(self.time, self.q, self.v, force, 0.0)
         return a, force - self.mass(q=self.q) @ a
 
     def relative_differences(self, other: MechanismState, frame: Similarity) -> dict[str, float]:

@@ -12,7 +12,6 @@ that strain.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -25,18 +24,17 @@ from scipy.sparse.linalg import splu
 from beamdae.equations.measures import balance_rows
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
 from beamdae.equations.starts.rigid_motions import DisplacementMeasure
-from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.equations.starts.state_evaluator import (
+    MASS_COEFFICIENTS,
+    Coefficients,
+    StateEvaluator,
+)
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
-# Coefficients (c0, c1, c2) of stiffness, damping and mass in the saddle-point matrix.
-Coefficients = tuple[float, float, float]
-# Solution of the saddle-point system at positions (n,), for a right-hand side (n + m,).
-SaddleSolution = Callable[[Array, Coefficients, Array], Array]
 
 _RIGID_TIME = 1.0  # [s]; closing joints hardly excites modes of angular frequency above 1 / this
 _CLOSING_COEFFICIENTS = (_RIGID_TIME**2, 0.0, 1.0)
-MASS_COEFFICIENTS = (0.0, 0.0, 1.0)
 _REGULARIZATION = 1e-13  # relative to 1 / largest weight; makes dependent rows solvable
 
 _POSITION_TOLERANCE = 1e-12  # permitted gap, relative to its scale
@@ -94,7 +92,6 @@ def close_joints(
     evaluator: StateEvaluator,
     time: Array,
     q: Array,
-    solve: SaddleSolution,
     selected: Array,
     values: Array,
 ) -> Array:
@@ -108,8 +105,6 @@ def close_joints(
         (t, branch).
     q
         Positions (n,), with unstrained beams.
-    solve
-        Solution of the saddle-point system.
     selected, values
         Indices of requested coordinates and their values, (k,) each.
 
@@ -118,10 +113,10 @@ def close_joints(
     BeamdaeError
         If constraints depend on each other, joints cannot be closed or values cannot be reached.
     """
-    path = _Path(evaluator, time, q, solve, selected[:0], values[:0])
+    path = _Path(evaluator, time, q, selected[:0], values[:0])
     if len(selected):
         leading = path.select_independent(selected)
-        path = _Path(evaluator, time, q, solve, selected[leading], values[leading])
+        path = _Path(evaluator, time, q, selected[leading], values[leading])
     closed_q, remaining = path.follow()
     if remaining:
         raise _describe_failure(path, selected, values, closed_q, remaining)
@@ -173,7 +168,7 @@ class _Path:
 
     Attributes
     ----------
-    evaluator, time, solve
+    evaluator, time
         See `close_joints`.
     drawn
         Positions (n,) at which the path begins, and whose forces F (elastic forces, weight and
@@ -185,7 +180,6 @@ class _Path:
     evaluator: StateEvaluator
     time: Array
     drawn: Array
-    solve: SaddleSolution
     selected: Array
     values: Array
 
@@ -221,15 +215,15 @@ class _Path:
             rotation = self._rotation(self._least_change(q, self.drawn_gaps))
             step = min(step, remaining, _MAX_PREDICTED_ROTATION / max(rotation, 1e-300))
             end = max(remaining - step, 0.0)
-            next_q = self._take_step(q, end, _MAX_CONTRACTION)
-            if next_q is None and step <= _MIN_STEP:
-                next_q = self._take_step(q, end, _MAX_LAST_CONTRACTION)
-                if next_q is None:
-                    return q, remaining
-            if next_q is None:
-                step /= _STEP_FACTOR
-            else:
+            is_smallest = step <= _MIN_STEP
+            contraction = _MAX_LAST_CONTRACTION if is_smallest else _MAX_CONTRACTION
+            next_q = self._take_step(q, end, contraction)
+            if next_q is not None:
                 q, remaining, step = next_q, end, step * _STEP_FACTOR
+            elif is_smallest:
+                break
+            else:
+                step /= _STEP_FACTOR
         return q, remaining
 
     def select_independent(self, selected: Array) -> Array:
@@ -255,12 +249,17 @@ class _Path:
     def _rotation(self, change: Array) -> float:
         return float(np.max(np.abs(change[self.evaluator.equations.is_angle]), initial=0.0))
 
+    def _solve(
+        self, q: Array, force: Array | float, gaps: Array | float, coefficients: Coefficients
+    ) -> Array:
+        return self.evaluator.solve_saddle(self.time, q, None, force, gaps, coefficients)[0]
+
     def _respond(self, q: Array, coefficients: Coefficients, selected: Array) -> Array:
         """Return the changes of positions due to unit forces on coordinates, (n, k)."""
-        n, m = self.evaluator.equations.n, self.evaluator.equations.m
-        forces = np.zeros((len(selected), n + m))
-        forces[np.arange(len(selected)), selected] = 1.0
-        return np.array([self.solve(q, coefficients, x)[:n] for x in forces]).reshape(-1, n).T
+        changes = np.zeros((len(q), len(selected)))
+        for k, force in enumerate(np.eye(len(q))[selected]):
+            changes[:, k] = self._solve(q, force, 0.0, coefficients)
+        return changes
 
     def _least_change(self, q: Array, gaps: Array, force: Array | float = 0.0) -> Array:
         """Return the x with x . W x / 2 - x . force minimal, W = M + T^2 K, by which gaps vanish.
@@ -268,8 +267,7 @@ class _Path:
         First-order states that are not selected do not change.
         """
         e = self.evaluator.equations
-        right = np.concatenate([np.zeros(e.n) + force, -gaps[: e.m]])
-        change = self.solve(q, _CLOSING_COEFFICIENTS, right)[: e.n]
+        change = self._solve(q, force, -gaps[: e.m], _CLOSING_COEFFICIENTS)
         if len(self.selected):
             responses = self._respond(q, _CLOSING_COEFFICIENTS, self.selected)
             missing = -gaps[e.m :] - change[self.selected]
@@ -317,6 +315,8 @@ class _Path:
         Newton's method solves M (q - begin) + T^2 (F(q) - F(drawn)) + R^T mu = 0, where R is the
         derivative of the gaps. The result is used only if it reduces the strain energy.
         """
+        if self._strain_energy(q) == 0.0:
+            return q
         e, evaluator = self.evaluator.equations, self.evaluator
         zeros, best = np.zeros(e.n), q
         drawn_force = evaluator.force(self.time, self.drawn, zeros, zeros)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy.linalg as la
@@ -13,18 +12,12 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.starts.closing import (
-    MASS_COEFFICIENTS,
-    Coefficients,
-    close_joints,
-    solve_least_change,
-)
+from beamdae.equations.starts.closing import close_joints, solve_least_change
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
-from beamdae.equations.starts.state_evaluator import Recent, StateEvaluator
+from beamdae.equations.starts.state_evaluator import MASS_COEFFICIENTS, StateEvaluator
 from beamdae.errors import BeamdaeError
 from beamdae.linear.factorizations import (
-    Factorization,
     SingularMatrixError,
     create_factorization,
 )
@@ -65,14 +58,6 @@ class ConsistencySolver(StateEvaluator):
     Times are arrays (t, branch) with t [s]. Do not share an instance between threads.
     """
 
-    @cached_property
-    def _solver(self) -> Factorization:
-        return create_factorization(self.sums.saddle_pattern)
-
-    @cached_property
-    def _recent_factors(self) -> Recent:
-        return Recent()
-
     def state(self, time: Array, q: Array, v: Array) -> State:
         """Return the consistent state nearest to (q, v).
 
@@ -98,13 +83,9 @@ class ConsistencySolver(StateEvaluator):
 
         `requested` are values of coordinates by index. See `close_joints`.
         """
-
-        def solve(q: Array, coefficients: Coefficients, right: Array) -> Array:
-            return self._factorize(time, q, np.zeros(len(q)), coefficients)[0].solve(right)
-
         values = requested or {}
         selected = np.array(list(values), int)
-        return close_joints(self, time, q, solve, selected, np.array(list(values.values()), float))
+        return close_joints(self, time, q, selected, np.array(list(values.values()), float))
 
     def with_state_rates(self, time: Array, q: Array, v: Array) -> Array:
         """Return velocities with the rates x' = f(t, q, v, x) of the first-order states."""
@@ -159,12 +140,6 @@ class ConsistencySolver(StateEvaluator):
         solution = solver.solve(np.concatenate([-force - change, gamma]))
         return solution[: e.n], solution[e.n :]
 
-    def mass_solver(self, time: Array, state: State) -> Callable[[Array], Array]:
-        """Return the map from forces (n,) to accelerations (n,) of the constrained mechanism."""
-        e = self.equations
-        solver, _ = self._factorize(time, state.q, state.v, MASS_COEFFICIENTS)
-        return lambda force: solver.solve(np.concatenate([force, np.zeros(e.m)]))[: e.n]
-
     def evaluate_normal_jerk(
         self, time: Array, state: State, delta: float, holonomic_only: bool = False
     ) -> Array:
@@ -187,8 +162,7 @@ class ConsistencySolver(StateEvaluator):
         rate = (accelerations[0] - accelerations[1]) / (2.0 * delta)
         if holonomic_only:
             rate[e.nonholonomic_rows] = 0.0
-        solver, _ = self._factorize(time, q, v, MASS_COEFFICIENTS)
-        return solver.solve(np.concatenate([np.zeros(e.n), -rate]))[: e.n]
+        return self.solve_saddle(time, q, v, 0.0, -rate)[0]
 
     def require_inertia(self) -> None:
         """Reject a mass matrix that is not symmetric or not positive semidefinite at the start.
@@ -318,55 +292,8 @@ class ConsistencySolver(StateEvaluator):
         return groups[:n], groups[n : n + m]
 
     def _project_velocities(self, time: Array, q: Array, v: Array) -> Array:
-        e = self.equations
         g_dot = self.constraint_levels(time, q, v)[1]
-        if e.m == 0 or not np.any(g_dot):
-            return v
-        solver, _ = self._factorize(time, q, v, MASS_COEFFICIENTS)
-        return v + solver.solve(np.concatenate([np.zeros(e.n), -g_dot]))[: e.n]
-
-    def _factorize(
-        self, time: Array, q: Array, v: Array, coefficients: Coefficients
-    ) -> tuple[Factorization, Array]:
-        """Factorize the saddle-point matrix; return the solver and F.
-
-        The solver keeps the factors of the last call if all arguments are the same.
-        """
-        force = self._recent_factors.get(
-            np.concatenate([time, q, v, coefficients]),
-            lambda: self._renew_factors(time, q, v, coefficients),
-        )
-        return self._solver, force
-
-    def _renew_factors(self, time: Array, q: Array, v: Array, coefficients: Coefficients) -> Array:
-        """Factorize the saddle-point matrix; return F."""
-        e, solver, pattern = self.equations, self._solver, self.sums.saddle_pattern
-        force = self.force(time, q, v)
-        nonzeros = self.saddle_matrix(time, q, v, None, coefficients)
-        if not np.all(np.isfinite(force)):
-            name = e.q_names[int(np.flatnonzero(~np.isfinite(force))[0])]
-            raise BeamdaeError(
-                f"{name}: the force on this coordinate is not finite at t = {time[0]:g} s; check "
-                "the laws and the start values."
-            )
-        if not np.isfinite(nonzeros).all():
-            entry = int(np.flatnonzero(~np.isfinite(nonzeros))[0])
-            row = int(pattern.indices[entry])
-            raise BeamdaeError(
-                f"{(*e.q_names, *e.lam_names)[row]}: a derivative of the forces or constraints "
-                f"is not finite at t = {time[0]:g} s; if an expression takes the square root of "
-                "zero, add a small positive number under the root."
-            )
-        try:
-            solver.factorize(nonzeros)
-        except SingularMatrixError:
-            matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), pattern.shape)
-            unresisted = la.svd(np.nan_to_num(matrix.toarray()))[2][-1, : e.n]
-            raise BeamdaeError(
-                f"{e.q_names[int(np.argmax(np.abs(unresisted)))]}: this coordinate has no inertia "
-                f"at t = {time[0]:g} s; add mass or a joint."
-            ) from None
-        return force
+        return v + self.solve_saddle(time, q, v, 0.0, -g_dot)[0] if np.any(g_dot) else v
 
     def _solve_with_friction(
         self, time: Array, q: Array, v: Array, change: Array, gamma: Array, stiff_time: float

@@ -112,43 +112,19 @@ class FlowStep(NamedTuple):
 
 
 @dataclass(frozen=True)
-class OpenJoints:
-    """Static equations whose joints are open by `gaps`, (n + m,), with zeros for the forces."""
-
-    static: StaticSystem
-    gaps: Array
-
-    @property
-    def equations(self) -> EquationsOfMotion:
-        """See `StaticSystem`."""
-        return self.static.equations
-
-    @property
-    def time(self) -> Array:
-        """See `StaticSystem`."""
-        return self.static.time
-
-    def residual(self, q: Array, lam: Array) -> Array:
-        """Return the residual, (n + m,)."""
-        return self.static.residual(q, lam) - self.gaps
-
-    def matrix(self, q: Array, lam: Array) -> sp.csc_array:
-        """Return the Jacobian, which does not depend on the gaps."""
-        return self.static.matrix(q, lam)
-
-
-@dataclass(frozen=True)
 class GradientFlow:
     """Implicit steps along the gradient flow of a mechanism from the positions `begin`, (n,).
 
     A step is one iteration of Newton's method for the implicit Euler method. A cautious flow, for
     forces that change abruptly within steps, such as those of contacts, iterates to convergence. It
     shortens each change until the next one is not larger (natural monotonicity test: Deuflhard,
-    Newton Methods for Nonlinear Problems, 2004, section 3.3).
+    Newton Methods for Nonlinear Problems, 2004, section 3.3). The joints are kept open by `gaps`,
+    (n + m,), with zeros for the forces.
     """
 
     static: StaticSystem
     begin: Array
+    gaps: Array | float
     solver: ConsistencySolver
     measure: DisplacementMeasure
     is_cautious: bool = False
@@ -168,14 +144,13 @@ class GradientFlow:
         `static.equations`. If the acceleration is zero, `begin` is an equilibrium with these
         multipliers.
         """
-        time, q, n = self.static.time, self.begin, len(self.begin)
-        mass = self.solver.mass_matrix(time, q)
-        gradient = self.solver.constraint_matrix(time, q)
-        no_reactions = np.zeros(gradient.shape[0])
-        force = self.static.residual(q, no_reactions)[:n]
-        saddle = sp.block_array([[mass, gradient.T], [gradient, None]], format="csc")
-        solution = splu(saddle).solve(np.concatenate([-force, no_reactions]))
-        return solution[:n], solution[n:]
+        q, rates = self.begin, np.zeros(self.static.equations.m)
+        force = self.static.residual(q, rates)[: len(q)]
+        return self.solver.solve_saddle(self.static.time, q, None, -force, rates)
+
+    def _residual(self, x: Array) -> Array:
+        n = len(self.begin)
+        return self.static.residual(x[:n], x[n:]) - self.gaps
 
     def try_step(self, q: Array, lam: Array, square: float) -> FlowStep | None:
         """Return a trial step of pseudo-time T with T^2 = `square`.
@@ -198,14 +173,13 @@ class GradientFlow:
             return float(np.max(self.measure.distances(change[:n]) / sizes))
 
         def unbalance(total: Array) -> Array:
-            x = origin + total
-            return static.residual(x[:n], x[n:]) + weight @ total
+            return self._residual(origin + total) + weight @ total
 
         x = origin = np.concatenate([q, lam])
         total = np.zeros(n + m)
         is_converged = not self.is_cautious
         for _ in range(_MAX_ITERATIONS if self.is_cautious else 1):
-            last, forces = x, static.residual(x[:n], x[n:])
+            last, forces = x, self._residual(x)
             try:
                 solve = splu(sp.csc_array(static.matrix(x[:n], x[n:]) + weight)).solve
             except RuntimeError:
@@ -226,9 +200,9 @@ class GradientFlow:
                 break
         if not is_converged:
             return None
-        perturbed = static.residual(last[:n] + self._perturbation, last[n:])
-        rounding = size(solve(perturbed - forces))
-        gaps = static.residual(x[:n], x[n:])
+        last = last + np.append(self._perturbation, np.zeros(m))
+        rounding = size(solve(self._residual(last) - forces))
+        gaps = self._residual(x)
         gaps[:n] = 0.0
         correction = -solve(gaps)
         x = x + correction
@@ -267,14 +241,14 @@ def relax_to_equilibrium(
     count = max(min(ceil(size / _CLOSING_STEP), _CLOSING_STEPS), ceil(size / _MAX_CLOSING_STEP))
     lam: Array | None = None
     for share in np.linspace(1.0, 0.0, count + 1)[:-1]:
-        q, lam, is_steady = _relax(OpenJoints(static, share * gaps), q, lam, solver, measure)
+        q, lam, is_steady = _relax(static, q, share * gaps, lam, solver, measure)
         if not is_steady:
             q = begin
             break
         if passed is not None:
             passed.append(q)
     q = begin = solver.state(static.time, q, np.zeros(e.n)).q
-    q, lam, is_steady = _relax(static, begin, None, solver, measure)
+    q, lam, is_steady = _relax(static, begin, 0.0, None, solver, measure)
     if is_steady:
         return q, np.zeros(e.m) if _is_unloaded(static, q) else lam
     displacement = np.abs(q - begin)
@@ -291,12 +265,13 @@ def relax_to_equilibrium(
 def _relax(
     static: StaticSystem,
     q: Array,
+    gaps: Array | float,
     lam: Array | None,
     solver: ConsistencySolver,
     measure: DisplacementMeasure,
 ) -> tuple[Array, Array, bool]:
     for is_cautious in (False, True):
-        flow = GradientFlow(static, q, solver, measure, is_cautious)
+        flow = GradientFlow(static, q, gaps, solver, measure, is_cautious)
         result = _follow(flow, lam)
         if result[2]:
             break

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -25,6 +26,12 @@ from beamdae.equations.formulations.sums import (
     create_matrix_sum,
 )
 from beamdae.equations.structure import Structure, share_plans
+from beamdae.errors import BeamdaeError
+from beamdae.linear.factorizations import (
+    Factorization,
+    SingularMatrixError,
+    create_factorization,
+)
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
 from beamdae.symbolic.local_symbols import C_A
 from beamdae.symbolic.sparse_operators import column_indices
@@ -33,7 +40,9 @@ from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
 # Coefficients (c0, c1, c2) of stiffness, damping and mass.
-_UNIT_COEFFICIENTS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+Coefficients = tuple[float, float, float]
+MASS_COEFFICIENTS = (0.0, 0.0, 1.0)
+_UNIT_COEFFICIENTS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), MASS_COEFFICIENTS)
 # Factors and shifts of the values in a second difference.
 SECOND_DIFFERENCE = ((1.0, 1.0), (-2.0, 0.0), (1.0, -1.0))
 
@@ -209,6 +218,14 @@ class StateEvaluator:
     def _saddle(self) -> SumEvaluator:
         return SumEvaluator.borrow(self.sums.saddle, self.equations.p, self)
 
+    @cached_property
+    def _solver(self) -> Factorization:
+        return create_factorization(self.sums.saddle_pattern)
+
+    @cached_property
+    def _recent_factors(self) -> Recent:
+        return Recent()
+
     def rest_state(self, q: Array) -> State:
         """Return the state at rest at positions `q`, with zero accelerations and multipliers."""
         zeros = np.zeros(self.equations.n)
@@ -289,7 +306,7 @@ class StateEvaluator:
         q: Array,
         v: Array,
         a: Array | None,
-        coefficients: tuple[float, float, float],
+        coefficients: Coefficients,
         lam: Array | None = None,
     ) -> Array:
         """Return the non-zeros of [[c0 K + c1 C + c2 M, G^T + dF/dlam], [G, 0]].
@@ -327,9 +344,70 @@ class StateEvaluator:
 
     def mass_matrix(self, time: Array, q: Array) -> sp.csc_array:
         """Return the mass matrix dF/da at rest at positions `q`, sparse (n, n)."""
-        rest = self.rest_state(q)
-        nonzeros = self.saddle_matrix(time, q, rest.v, rest.a, _UNIT_COEFFICIENTS[2])
+        nonzeros = self.saddle_matrix(time, *self.rest_state(q)[:3], MASS_COEFFICIENTS)
         return self.sums.block.matrix(nonzeros)
+
+    def solve_saddle(
+        self,
+        time: Array,
+        q: Array,
+        v: Array | None,
+        force: Array | float,
+        rates: Array | float,
+        coefficients: Coefficients = MASS_COEFFICIENTS,
+    ) -> tuple[Array, Array]:
+        """Return x, (n,), and mu, (m,), with W x + G^T mu = `force` and G x = `rates`.
+
+        W = c0 K + c1 C + c2 M, with the mass matrix alone by default; see `saddle_matrix`.
+        """
+        n, m = self.equations.n, self.equations.m
+        right = np.concatenate([np.zeros(n) + force, np.zeros(m) + rates])
+        solver, _ = self._factorize(time, q, np.zeros(n) if v is None else v, coefficients)
+        solution = solver.solve(right)
+        return solution[:n], solution[n:]
+
+    def _factorize(
+        self, time: Array, q: Array, v: Array, coefficients: Coefficients
+    ) -> tuple[Factorization, Array]:
+        """Factorize the saddle-point matrix; return the solver and F.
+
+        The solver keeps the factors of the last call if all arguments are the same.
+        """
+        force = self._recent_factors.get(
+            np.concatenate([time, q, v, coefficients]),
+            lambda: self._renew_factors(time, q, v, coefficients),
+        )
+        return self._solver, force
+
+    def _renew_factors(self, time: Array, q: Array, v: Array, coefficients: Coefficients) -> Array:
+        """Factorize the saddle-point matrix; return F."""
+        e, solver, pattern = self.equations, self._solver, self.sums.saddle_pattern
+        force = self.force(time, q, v)
+        nonzeros = self.saddle_matrix(time, q, v, None, coefficients)
+        if not np.all(np.isfinite(force)):
+            name = e.q_names[int(np.flatnonzero(~np.isfinite(force))[0])]
+            raise BeamdaeError(
+                f"{name}: the force on this coordinate is not finite at t = {time[0]:g} s; check "
+                "the laws and the start values."
+            )
+        if not np.isfinite(nonzeros).all():
+            entry = int(np.flatnonzero(~np.isfinite(nonzeros))[0])
+            row = int(pattern.indices[entry])
+            raise BeamdaeError(
+                f"{(*e.q_names, *e.lam_names)[row]}: a derivative of the forces or constraints "
+                f"is not finite at t = {time[0]:g} s; if an expression takes the square root of "
+                "zero, add a small positive number under the root."
+            )
+        try:
+            solver.factorize(nonzeros)
+        except SingularMatrixError:
+            matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), pattern.shape)
+            unresisted = la.svd(np.nan_to_num(matrix.toarray()))[2][-1, : e.n]
+            raise BeamdaeError(
+                f"{e.q_names[int(np.argmax(np.abs(unresisted)))]}: this coordinate has no inertia "
+                f"at t = {time[0]:g} s; add mass or a joint."
+            ) from None
+        return force
 
     def _evaluate(
         self,

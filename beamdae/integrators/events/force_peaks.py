@@ -259,10 +259,10 @@ def detect_force_peaks(plan: RunPlan, rtol: float) -> ForcePeakDetector | None:
     def weigh_at(t: float, branch: float, state: State) -> Callable[[Array], float]:
         if plan.equations.is_driven:
             return weigh_reactions
-        solve = plan.starter.mass_solver(np.array([t, branch]), state)
+        time = np.array([t, branch])
 
         def weigh(impulse: Array) -> float:
-            change = solve(impulse)
+            change, _ = plan.starter.solve_saddle(time, state.q, state.v, impulse, 0.0)
             change[states] = impulse[states]
             return float(np.max(np.abs(change) / (limits * rates)))
 
