@@ -130,9 +130,8 @@ def resolve_parameter(
     units = quantity_units(source, mechanism)
     parameters = source.parameters if isinstance(source, Model) else {}
     rebuild: Callable[[float], Any]
-    part = None if mechanism is None else mechanism.parts.get(over)
     drawn, is_affine = 0.0, True
-    if isinstance(part, DrivenJoint):
+    if mechanism is not None and isinstance(part := mechanism.parts.get(over), DrivenJoint):
         if isinstance(part, Distance):
             drawn = float(np.hypot(*np.subtract(part.b.point, part.a.point)))
         rebuild = partial(_prescribe, mechanism, part)
