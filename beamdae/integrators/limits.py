@@ -124,7 +124,7 @@ class PaceCheck:
         pace = "steps have shrunk to 0 s, so the run makes no progress"
         if self.pace > 0.0:
             pace = (
-                f"steps have shrunk to {self.pace:.2g} s, so the run would need "
+                f"steps have shrunk to {self.pace:.2g} s, at which the run would need "
                 f"{self.more_steps:.2g} more steps"
             )
         if cause:

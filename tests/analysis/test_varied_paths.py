@@ -11,7 +11,7 @@ TRUSS, RISE, REST = 1e4, 0.2, np.hypot(1.0, 0.2)  # N/m, m, m
 
 @bd.model(t_end=1.0)
 def pressed_truss(spring=200.0, travel=0.0):
-    """Shallow truss under a slide that presses on it through a spring."""
+    """Shallow truss under a slide at the depth `travel` [m] that presses through a `spring`."""
     mech = bd.Mechanism()
     crown = mech.add(bd.PointMass("crown", mass=1.0, at=(1.0, RISE)))
     mech.add(bd.Spring("left", mech.ground.at(0.0, 0.0), crown.point, TRUSS))
@@ -55,7 +55,7 @@ def check_path(path, values, spring):
         ("t", 5.0, 0.1, "t [s]"),
         ("drive", 0.5, 1.0, "drive [m]"),
         ("further", 0.5, 1.0, "further [m]"),
-        ("travel", 0.5, 1.0, "travel"),
+        ("travel", 0.5, 1.0, "travel [m]"),
     ],
 )
 def test_force_over_travel_does_not_depend_on_what_moves_the_slide(over, to, per_unit, header):
@@ -89,6 +89,7 @@ def test_a_parameter_changes_a_stiffness_along_the_path():
     for spring, height in zip(stiff.factors[:, 0], stiff["crown.y"], strict=True):
         assert travel_at(height, spring) == pytest.approx(0.15, abs=1e-7)
     assert mech.parts["tip"].stiffness == 200.0
+    assert stiff.table().columns[0] == "spring"  # the model states no unit
 
 
 def test_a_soft_spring_ends_at_the_limit_point_with_a_remedy():

@@ -34,10 +34,22 @@ def falling():
 """
 
 
+LOW_TRUSS = (
+    TRUSS
+    + '''
+
+@bd.model(t_end=1.0)
+def low_truss(height=200.0):
+    """Truss whose crown has the height `height` [mm]."""
+    return truss(rise=height / 1000.0)
+'''
+)
+
+
 @pytest.fixture
 def static(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    Path("truss.py").write_text(TRUSS)
+    Path("truss.py").write_text(LOW_TRUSS)
 
     def run(*arguments, model="truss"):
         return CliRunner().invoke(app, ["static", "truss.py", "--model", model, *arguments])
@@ -158,3 +170,19 @@ def test_another_quantity_varies(static):
     result = static("--over", "height", "--to", "2")
     assert result.exit_code == 2
     assert "--over must be 't' or the name" in result.stderr
+
+
+@pytest.mark.slow(reason="a quarter of a second")
+def test_regression_values_of_a_parameter_are_converted_to_its_unit(static):
+    """A text with a unit became a value in SI units: 0.25 mm for a height of 0.25 m."""
+    result = static("--over", "height", "--to", "0.25m", "--step", "1cm", model="low_truss")
+    assert result.exit_code == 0, result.output
+    table = pd.read_csv("results/low_truss_static.csv")
+    heights = table["height [mm]"].to_numpy()
+    assert heights[[0, -1]].tolist() == [200.0, 250.0]
+    assert np.max(np.diff(heights)) <= 10.0 * (1 + 1e-12)
+    # The force of 1 N lowers the crown by less than 0.01 m.
+    assert table["crown.y [m]"].iloc[-1] == pytest.approx(0.25, abs=0.01)
+    result = static("--over", "height", "--to", "3s", model="low_truss")
+    assert result.exit_code == 2
+    assert "--to height=3s: the unit s measures another quantity" in result.stderr

@@ -92,6 +92,24 @@ class PathParameter:
         return VariedEquations(statics_at, self.begin, self.end, step)
 
 
+def quantity_units(source: Any, mechanism: Mechanism | None) -> dict[str, str]:
+    """Return the units of the quantities that `over` of `equilibrium` can name; "" if unknown.
+
+    `source` is the model function or the mechanism.
+    """
+    units = {TIME: "s"}
+    if mechanism is not None:
+        for name, part in mechanism.parts.items():
+            if isinstance(part, DrivenJoint):
+                units[name] = "m" if isinstance(part, Distance) else part.inputs[0].unit
+        for name, signal in mechanism.inputs.items():
+            units.setdefault(name, signal.unit)
+    if isinstance(source, Model):
+        for name, parameter in source.parameter_info.items():
+            units.setdefault(name, parameter.unit)
+    return units
+
+
 def resolve_parameter(
     source: Any, equations: EquationsOfMotion, over: str, begin: Any, end: float, t: float
 ) -> PathParameter:
@@ -109,24 +127,20 @@ def resolve_parameter(
     if over == TIME:
         return PathParameter(TIME, "s", first or 0.0, end, None, lambda _: equations)
     mechanism = equations.mechanism
-    parts = {} if mechanism is None else mechanism.parts
-    inputs = {} if mechanism is None else mechanism.inputs
-    drivers = {name: part for name, part in parts.items() if isinstance(part, DrivenJoint)}
+    units = quantity_units(source, mechanism)
     parameters = source.parameters if isinstance(source, Model) else {}
     rebuild: Callable[[float], Any]
-    unit, drawn, is_affine = "", 0.0, False
-    if mechanism is not None and over in drivers:
-        part, is_affine = drivers[over], True
-        unit = "m" if isinstance(part, Distance) else part.inputs[0].unit
+    drawn, is_affine = 0.0, True
+    if mechanism is not None and isinstance(part := mechanism.parts.get(over), DrivenJoint):
         if isinstance(part, Distance):
             drawn = float(np.hypot(*np.subtract(part.b.point, part.a.point)))
         rebuild = partial(_prescribe, mechanism, part)
-    elif mechanism is not None and over in inputs:
-        law, is_affine = inputs[over].law, True
-        unit, drawn = inputs[over].unit, inputs[over].default if law is None else law.at(t)
+    elif mechanism is not None and over in mechanism.inputs:
+        signal = mechanism.inputs[over]
+        drawn = signal.default if signal.law is None else signal.law.at(t)
         rebuild = lambda value: mechanism.with_inputs({over: value})  # noqa: E731
     elif over in parameters:
-        drawn = parameters[over]
+        drawn, is_affine = parameters[over], False
         if not isinstance(drawn, float):
             raise BeamdaeError(
                 f"equilibrium: over={over!r} must name a parameter that is a decimal number, but "
@@ -135,15 +149,14 @@ def resolve_parameter(
             )
         rebuild = lambda value: source(**{over: value})  # noqa: E731
     else:
-        names = (TIME, *drivers, *inputs, *parameters)
         raise BeamdaeError(
             "equilibrium: over must be 't' or the name of a driver, an input or a parameter of the "
-            f"model, got {short_repr(over)}{suggest(over, names)}; use one of {', '.join(names)}."
+            f"model, got {short_repr(over)}{suggest(over, units)}; use one of {', '.join(units)}."
         )
     first = drawn if first is None else first
     equations_at = _vary_numbers(rebuild, over, (first, end), is_affine)
     time = time_on_branch(equations.breakpoints, t)
-    return PathParameter(over, unit, first, end, time, equations_at)
+    return PathParameter(over, units[over].strip("-"), first, end, time, equations_at)
 
 
 def _prescribe(mechanism: Mechanism, driver: DrivenJoint, value: float) -> Mechanism:

@@ -118,8 +118,8 @@ def static_command(
     if over is None:
         targets, size = _parse_targets(model, to, step, is_arc_length)
     else:
-        targets = [_parse_value("--to", x) for x in to or []] or None
-        size = None if step is None else _parse_value("--step", step)
+        targets = [_parse_value("--to", x, model, over) for x in to or []] or None
+        size = None if step is None else _parse_value("--step", step, model, over)
     initial_state = parse_start(start, model)
     from beamdae.analysis.statics.static_equilibrium import equilibrium
     from beamdae.report.pictures.path_plots import save_path_figure
@@ -137,7 +137,7 @@ def static_command(
             t,
             initial_state,
             over=over,
-            from_=None if begin is None else _parse_value("--from", begin),
+            from_=None if begin is None else _parse_value("--from", begin, model, over),
             partial="return",
         )
         tables = [result.to_csv(table), table.with_suffix(".json")]
@@ -156,8 +156,16 @@ def static_command(
     files.finish(result.status)
 
 
-def _parse_value(option: str, text: str) -> float:
-    return parse_named_number(option, "", text.strip(), dict)
+def _parse_value(option: str, text: str, model: Model, over: str | None) -> float:
+    """Return a value of the quantity `over` in its unit."""
+
+    def find_units() -> Mapping[str, str]:
+        from beamdae.analysis.statics.path_parameters import quantity_units
+        from beamdae.simulation import as_equations
+
+        return quantity_units(model, as_equations("static", model).mechanism)
+
+    return parse_named_number(option, over or "", text.strip(), find_units)
 
 
 def _require_plot(model: Model, names: list[str], x: str | None, is_drawn: bool) -> None:
