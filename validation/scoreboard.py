@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -25,8 +25,8 @@ from types import ModuleType
 from typing import Any
 
 HERE = Path(__file__).parent
-_PATHS = (HERE.parent, HERE.parent / "models", HERE, *(HERE / x for x in ("record", "performance")))
-sys.path[:0] = [str(path) for path in _PATHS]
+_FOLDERS = (".", "models", "tests", "validation", "validation/record", "validation/performance")
+sys.path[:0] = [str(HERE.parent / folder) for folder in _FOLDERS]
 
 import numpy as np
 import pandas as pd
@@ -86,6 +86,8 @@ class Board:
         Number of cases of `--quick`, spread evenly over all.
     time_limit
         Processor time limit of a case [s].
+    label
+        Label of the line; defaults to the name.
     """
 
     name: str
@@ -93,6 +95,7 @@ class Board:
     attempt: Callable[[str], Outcome | list[Outcome]]
     quick: int
     time_limit: float = 600.0
+    label: str = ""
 
     def select(self, quick: bool) -> list[str]:
         """Return the names of all cases, or of the sample."""
@@ -176,20 +179,22 @@ def _try_tolerance(name: str) -> Outcome:
 
 # Largest error of the record [half the range] that needs no warning.
 _RECORD_ERROR = 0.01
+_RECORD_SETTINGS = ("Auto", "Auto exact")
 
 
 def _list_mechanisms() -> list[str]:
     import record
 
-    return record.all_names()
+    return [f"{name}, {setting}" for name in record.all_names() for setting in _RECORD_SETTINGS]
 
 
 def _try_mechanism(name: str) -> Outcome:
     import record
     import scorer
 
-    problem, folder = record.load_problem(name), record.MECHANISMS / name
-    table, information = record.run_tool("beamdae", problem, "Auto", 8)
+    mechanism, _, setting = name.partition(", ")
+    problem, folder = record.load_problem(mechanism), record.MECHANISMS / mechanism
+    table, information = record.run_tool("beamdae", problem, setting, 8)
     steps = information.get("steps", len(table))
     if not information["success"]:
         return Outcome(name, MISSED, count=steps, reason=information["reason"])
@@ -413,10 +418,11 @@ BOARDS = (
     Board("bad inputs", partial(_list_trials, "inputs"), partial(_try_trial, "inputs"), 60, 60.0),
     Board("hostile files", partial(_list_trials, "files"), partial(_try_trial, "files"), 40, 60.0),
     Board(
-        "times beside peer" if _has_peer() else "peer (stored times)",
+        "times beside peer",
         _list_peer_runs,
         _time_beside_peer,
         quick=2,
+        label="" if _has_peer() else "peer (stored times)",
     ),
 )
 
@@ -502,7 +508,7 @@ def read_stored(path: Path) -> pd.DataFrame:
     """Return the stored rows; none if there is no file."""
     if not path.exists():
         return pd.DataFrame(columns=["board", *Outcome.__annotations__])
-    return pd.read_csv(path).fillna({"reason": ""})
+    return pd.read_csv(path, converters={"reason": str})
 
 
 def store(rows: pd.DataFrame, stored: pd.DataFrame, path: Path, quick: bool) -> None:
@@ -518,27 +524,20 @@ def store(rows: pd.DataFrame, stored: pd.DataFrame, path: Path, quick: bool) -> 
 
 
 def run_boards(
-    boards: Iterable[Board], quick: bool = False, workers: int = 1, stored: Path = STORED
-) -> tuple[pd.DataFrame, list[str]]:
-    """Run and print boards; return their rows and the sentences on what is worse."""
-    old, tables, losses = read_stored(stored), [], []
-    print(_HEADER, flush=True)
-    with isolation.ProcessPool(workers) as pool:
+    boards: Iterable[Board], quick: bool, workers: int
+) -> Iterator[tuple[Board, pd.DataFrame | str]]:
+    """Yield the rows of each board, or the reason why it failed."""
+    with isolation.ProcessPool(workers) as pool, warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
         for board in boards:
             try:
-                outcomes = run_board(board, pool, quick)
+                yield board, tabulate(board.name, run_board(board, pool, quick))
             except Exception as error:  # A board that fails is a line, not the end.
-                print(f"{board.name:<20}failed: {type(error).__name__}: {error}", flush=True)
-                losses.append(f"{board.name}: failed, {error}")
-                continue
-            tables.append(tabulate(board.name, outcomes))
-            losses += find_losses(tables[-1], old)
-            print(format_line(board.name, summarize(tables[-1])), flush=True)
-    return pd.concat(tables) if tables else old.iloc[:0], losses
+                yield board, f"failed: {type(error).__name__}: {error}"
 
 
 def main() -> int:
-    """Run the boards and return the exit code."""
+    """Run and print the boards, and return the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a fixed sample of each board")
     names = [board.name for board in BOARDS]
@@ -548,14 +547,24 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=1, help="number of processes")
     options = parser.parse_args()
     boards = [board for board in BOARDS if not options.only or board.name in options.only]
-    rows, losses = run_boards(boards, options.quick, options.workers)
-    if options.cases:
-        for row in rows[rows["verdict"] != RIGHT].itertuples():
-            print(f"{row.board}, {row.case}: {row.verdict}, {row.reason}")
-    if options.store:
-        store(rows, read_stored(STORED), STORED, options.quick)
-        return 0
-    print(*(["worse than stored:", *losses] if losses else ["nothing is worse"]), sep="\n")
+    losses: list[str] = []
+    print(_HEADER, flush=True)
+    for board, rows in run_boards(boards, options.quick, options.workers):
+        label = board.label or board.name
+        if isinstance(rows, str):
+            print(f"{label:<20}{rows}", flush=True)
+            losses.append(f"{board.name}: {rows}")
+            continue
+        print(format_line(label, summarize(rows)), flush=True)
+        if options.cases:
+            for row in rows[rows["verdict"] != RIGHT].itertuples():
+                print(f"  {row.case}: {row.verdict}, {row.reason}")
+        if options.store:
+            store(rows, read_stored(STORED), STORED, options.quick)
+        else:
+            losses += find_losses(rows, read_stored(STORED))
+    if not options.store or losses:
+        print(*(["worse than stored:", *losses] if losses else ["nothing is worse"]), sep="\n")
     return 1 if losses else 0
 
 

@@ -31,11 +31,11 @@ def summarize(table: pd.DataFrame) -> pd.DataFrame:
             "cases": len(group),
             "above 4 %": len(above),
             "detected": int((above["verdict"] != "missed").sum()),
-            "within a factor 2": int((above["verdict"] == "right").sum()),
-            "false alarms": int((group["verdict"] == "false").sum()),
+            "size right": int((above["verdict"] == "right").sum()),
+            "false": int((group["verdict"] == "false").sum()),
             "columns above 4 %": int(above["wrong"].sum()),
             "named": int(above["named"].sum()),
-            "named within a factor 2": int(above["sized"].sum()),
+            "of these, size right": int(above["sized"].sum()),
         }
     return pd.DataFrame(rows).T
 
