@@ -119,22 +119,24 @@ def compare(case: ErrorCase, solution: bd.Solution, statement: Statement) -> Com
 
     A column is wrong above 4 % (root mean square; in cases of coarse rows, of the peak), and
     accurate if no error exceeds 1 %. A stated error is right between half the smaller and twice the
-    larger of the errors of its column, because statements refer to either.
+    larger of the errors of its column, because statements refer to either. Errors above 100 % count
+    as 100 %.
     """
     if not solution.status.success:
         return Comparison("right", np.inf, np.inf, 0, 0, 0)
     table = measure_errors(solution.observed, case.reference)
     kind = "peak" if case.kind == "rows" else "rms"
     limit = (UNCERTAIN_SHARE * table[kind]).clip(UNCERTAIN, MOST_UNCERTAIN)
-    table = table[(table["uncertainty"] <= limit) & table[kind].notna()]
+    # Statements end at "more than 100 %".
+    table = table[(table["uncertainty"] <= limit) & table[kind].notna()].clip(upper=1.0)
     stated_errors = statement.peaks if kind == "peak" else statement.errors
-    stated = pd.Series(stated_errors, dtype=float).reindex(table.index)
+    stated = pd.Series(stated_errors, dtype=float).reindex(table.index).clip(upper=1.0)
     errors = table[["rms", "largest", "peak"]]
     smaller, larger = table[kind].clip(upper=table["largest"]), errors.max(axis=1)
     is_right = (stated >= smaller / FACTOR) & (stated <= larger * FACTOR)
     wrong, accurate = table[kind] > WRONG, larger < ACCURATE
     largest = float(table[kind].max()) if len(table) else 0.0
-    most = float(max(stated_errors.values(), default=0.0))
+    most = min(max(stated_errors.values(), default=0.0), 1.0)
     has_warned = bool(statement.peaks) if kind == "peak" else statement.has_warned
     if (accurate & (stated > WRONG)).any():
         verdict = "false"
