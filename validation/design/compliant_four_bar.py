@@ -14,7 +14,9 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +30,8 @@ CRANK, SIDE = 0.05, 0.2  # m
 STROKE = 0.7  # rad
 STATIONS = np.linspace(0.02, 0.98, 25)
 PATH = ("tracer.x", "tracer.y")
+STRESSES = [f"{name} stress {k}" for name in ("rocker", "coupler") for k in range(len(STATIONS))]
+TIMES = np.linspace(0.1, 1.0, 19)  # s
 # Weight of the changes of height between neighboring points, in units of 0.1 mm. Without it,
 # heights between integration points would be arbitrary.
 ROUGHNESS_WEIGHT = 2e-2
@@ -86,31 +90,40 @@ def _measure_roughness(coupler: tuple[float, ...], rocker: tuple[float, ...]) ->
     return sum(float(np.sum((np.diff(x) / 1e-4) ** 2)) for x in (coupler, rocker))
 
 
-def main() -> None:
-    """Optimize, and write the summary, the picture and the animation."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--evaluations", type=int, default=120)
-    options = parser.parse_args()
-    RESULTS.mkdir(exist_ok=True)
+class Design(NamedTuple):
+    """Result of the optimization, with the runs of the designs [m, Pa]."""
+
+    result: bd.Optimization
+    reference: bd.Solution
+    first: bd.Solution
+    limit: float
+    evaluations: int
+
+    def measure(self, run: bd.Solution) -> tuple[float, float]:
+        """Return the largest deviation from the path and the largest stress of a run."""
+        at, exact = run.at_times(TIMES), self.reference.at_times(TIMES)
+        errors = [at[name].to_numpy() - exact[name].to_numpy() for name in PATH]
+        return float(np.max(np.hypot(*errors))), _largest_stress(run)
+
+
+def _largest_stress(run: bd.Solution) -> float:
+    return max(float(run[name].abs().max()) for name in STRESSES)
+
+
+def optimize_heights(
+    evaluations: int = 120, progress: Callable[[int, float, float], None] | None = None
+) -> Design:
+    """Optimize the heights of coupler and rocker."""
     method = bd.GeneralizedAlpha(step=0.0125)
-    times = np.linspace(0.1, 1.0, 19)
-    reference = bd.simulate(four_bar(**_reference_heights()), method).at_times(times)
-    path = sum(
-        bd.SquaredErrors(name, times, reference[name].to_numpy(), DEVIATION) for name in PATH
-    )
-    columns = [f"{name} stress {k}" for name in ("rocker", "coupler") for k in range(len(STATIONS))]
+    reference = bd.simulate(four_bar(**_reference_heights()), method)
+    exact = reference.at_times(TIMES)
+    path = sum(bd.SquaredErrors(name, TIMES, exact[name].to_numpy(), DEVIATION) for name in PATH)
     roughness = ROUGHNESS_WEIGHT * bd.ParameterFunction(_measure_roughness, "roughness")
-    stress = bd.LargestOf([bd.SmoothMaximum(name, 100.0) for name in columns], 30.0)
-    limit = max(float(reference[name].abs().max()) for name in columns)
-    lines = [f"stress limit {1e-6 * limit:.1f} MPa, the largest stress of the reference design"]
+    stress = bd.LargestOf([bd.SmoothMaximum(name, 100.0) for name in STRESSES], 30.0)
+    limit = _largest_stress(reference)
     heights: dict[str, tuple[float, ...]] = {}
-    begin = time.process_time(), time.perf_counter()
-
-    def report(count: int, value: float, violation: float) -> None:
-        print(f"{count:4d} {value:12.5g} {violation:10.2g} {time.process_time() - begin[0]:8.1f} s")
-
     # Smooth maxima over time are below the maxima: the ratio of both corrects the limit.
-    correction, evaluations = 1.0, 0
+    correction, count = 1.0, 0
     for _ in range(ROUNDS):
         result = bd.optimize(
             four_bar,
@@ -120,36 +133,50 @@ def main() -> None:
             {"coupler": HEIGHT_RANGE, "rocker": HEIGHT_RANGE},
             method,
             parameters=heights,
-            max_evaluations=options.evaluations,
+            max_evaluations=evaluations,
             tolerance=1e-6,
-            progress=report,
+            progress=progress,
         )
-        evaluations += result.evaluations
-        largest = max(float(result.solution[name].abs().max()) for name in columns)
+        count += result.evaluations
+        largest = _largest_stress(result.solution)
         if largest <= limit:
             break
         correction = result.constraints[0].value / largest
         heights = dict(result.parameters)
+    return Design(result, reference, bd.simulate(four_bar(), method), limit, count)
+
+
+def main() -> None:
+    """Optimize, and write the summary, the picture and the animation."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--evaluations", type=int, default=120)
+    options = parser.parse_args()
+    RESULTS.mkdir(exist_ok=True)
+    begin = time.process_time(), time.perf_counter()
+
+    def report(count: int, value: float, violation: float) -> None:
+        print(f"{count:4d} {value:12.5g} {violation:10.2g} {time.process_time() - begin[0]:8.1f} s")
+
+    design = optimize_heights(options.evaluations, report)
+    result = design.result
     spent = time.process_time() - begin[0], time.perf_counter() - begin[1]
-    first = bd.simulate(four_bar(), method)
-    for label, run in (("first design", first), ("optimized design", result.solution)):
-        at = run.at_times(times)
-        errors = [at[name].to_numpy() - reference[name].to_numpy() for name in PATH]
-        deviation = np.max(np.hypot(*errors))
-        largest = max(float(run[name].abs().max()) for name in columns)
+    text = "the largest stress of the reference design"
+    lines = [f"stress limit {1e-6 * design.limit:.1f} MPa, {text}"]
+    for label, run in (("first design", design.first), ("optimized design", result.solution)):
+        deviation, largest = design.measure(run)
         lines.append(
             f"{label}: largest deviation {1e6 * deviation:.2f} um, "
             f"largest stress {1e-6 * largest:.1f} MPa"
         )
     lines.append(f"status: {result.status.kind}, {result.status.sentence}")
     lines.append(
-        f"evaluated designs: {evaluations}; heights at a bound: "
+        f"evaluated designs: {design.evaluations}; heights at a bound: "
         f"{len(result.at_bounds)} of {2 * COUNT}"
     )
     lines.append(f"processor time {spent[0]:.0f} s, wall time {spent[1]:.0f} s")
     print(*lines, sep="\n")
     (RESULTS / "compliant_four_bar.txt").write_text("\n".join(lines) + "\n", "utf-8")
-    _draw(reference, first, result)
+    _draw(design.reference.at_times(TIMES), design.first, result)
     result.solution.animate(RESULTS / "compliant_four_bar.gif", frames=30)
 
 

@@ -12,9 +12,10 @@ import argparse
 import multiprocessing
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple
 
 sys.path[:0] = [str(Path(__file__).parents[2] / "models"), str(Path(__file__).parents[1])]
@@ -112,11 +113,26 @@ def compute_tables(console: Console) -> Tables:
             future.result()
             elapsed = time.perf_counter() - begin
             console.print(f"{count:3d} of {len(jobs)}  {elapsed:4.0f} s  {futures[future]}")
-    parts: dict[str, list[pd.DataFrame]] = {}
-    for future in futures:
-        for name, table in future.result().items():
-            parts.setdefault(name, []).append(table)
-    return {name: join_tables(tables) for name, tables in parts.items()}
+    return join_parts(future.result() for future in futures)
+
+
+def join_parts(parts: Iterable[Tables]) -> Tables:
+    """Return the tables of all jobs, joined from their parts, and those that follow from them."""
+    by_name: dict[str, list[pd.DataFrame]] = {}
+    for tables in parts:
+        for name, table in tables.items():
+            by_name.setdefault(name, []).append(table)
+    joined = {name: join_tables(tables) for name, tables in by_name.items()}
+    if "table_2_errors" in joined:
+        joined["table_2"] = table_2.compute_table_2(joined["table_2_errors"])
+    return joined
+
+
+def judge_study(study: ModuleType, stored: Tables) -> pd.DataFrame:
+    """Return the claims of a study by its own jobs, run one by one, and other `stored` tables."""
+    jobs = [job for job in list_jobs() if job.function.__module__ == study.__name__]
+    tables = {**stored, **join_parts(job.function(*job.arguments) for job in jobs)}
+    return summarize_claims(study.CLAIMS, tables)
 
 
 def is_history(table: pd.DataFrame) -> bool:
@@ -145,7 +161,6 @@ def main() -> None:
     console = Console(highlight=False)
     begin = time.perf_counter()
     tables = compute_tables(console)
-    tables["table_2"] = table_2.compute_table_2(tables["table_2_errors"])
     # Measured while no other job runs, for comparison with the CPU times of the paper.
     tables["table_2_times"] = table_2.measure_times()
     tables["rod_readings"] = figures_9_10.judge_readings(tables)

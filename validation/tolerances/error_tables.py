@@ -137,7 +137,7 @@ def summarize_errors(table: pd.DataFrame) -> pd.DataFrame:
     for column in (f"r{heading}" for heading in KINDS):
         summary[f"median {column}"] = groups[column].median()
         summary[f"worst {column}"] = groups[column].max()
-    outside = _is_outside(table)
+    outside = is_outside(table)
     keys = [table["integrator"], table["rtol"]]
     summary["outside"] = outside.groupby(keys, sort=False).sum()
     summary["not ended"] = groups["r"].apply(lambda r: int(r.isna().sum()))
@@ -145,7 +145,7 @@ def summarize_errors(table: pd.DataFrame) -> pd.DataFrame:
     return summary
 
 
-def _is_outside(table: pd.DataFrame) -> pd.Series:
+def is_outside(table: pd.DataFrame) -> pd.Series:
     """Return the runs above their bound by more than the uncertainty of the reference."""
     excess = [
         table[f"r{kind}"] - table[f"r of reference{kind}"] > table["bound"] for kind in GUARANTEED
@@ -158,7 +158,7 @@ def summarize_auto_cost(table: pd.DataFrame) -> pd.DataFrame:
 
     Runs without a method within its bound are left out.
     """
-    within = table["r"].notna() & ~_is_outside(table)
+    within = table["r"].notna() & ~is_outside(table)
     methods = table[within & (table["integrator"] != "Auto")]
     best = methods.groupby(["case", "rtol"])["processor [s]"].min()
     auto = table[table["integrator"] == "Auto"].set_index(["case", "rtol"])["processor [s]"]

@@ -1,0 +1,33 @@
+"""Scoreboard of validation: a worse value is refused, and a case that raises is a line."""
+
+import pytest
+import scoreboard
+
+
+@pytest.mark.slow(reason="starts worker processes")
+def test_worse_values_are_refused(monkeypatch, tmp_path, capsys):
+    path = tmp_path / "scoreboard.csv"
+    modes = next(x for x in scoreboard.BOARDS if x.name == "modes")
+    names = list(modes.cases())[:2]
+    board = scoreboard.Board("modes", lambda: names, modes.attempt, quick=2)
+    broken = scoreboard.Board("broken", lambda: ["no number"], int, quick=1)
+    monkeypatch.setattr(scoreboard, "BOARDS", (board, broken))
+    monkeypatch.setattr(scoreboard, "STORED", path)
+    monkeypatch.setattr("sys.argv", ["scoreboard.py", "--store"])
+    assert scoreboard.main() == 0
+    rows = scoreboard.read_stored(path)
+    assert list(rows["verdict"]) == ["right", "right", "missed"]
+    assert rows["reason"].iloc[-1].startswith("ValueError")
+    # Worst digits of a board may decrease by less than 0.3.
+    assert not scoreboard.find_losses(rows[:2], rows.assign(digits=rows["digits"] + 0.2))
+    losses = scoreboard.find_losses(rows[:2], rows.assign(digits=rows["digits"] + 0.4))
+    assert losses[0].startswith("modes: digits ")
+    # What becomes better is no loss.
+    assert not scoreboard.find_losses(rows[:2], rows.assign(verdict="false"))
+    rows.assign(verdict="right").to_csv(path, index=False)
+    monkeypatch.setattr("sys.argv", ["scoreboard.py"])
+    capsys.readouterr()
+    assert scoreboard.main() == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-2] == "broken: right 1 -> 0, missed 0 -> 1"
+    assert lines[-1].startswith("  no number: missed, ValueError")

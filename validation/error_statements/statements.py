@@ -1,0 +1,152 @@
+"""Errors that beamdae states for the columns of a run, and their verdict beside the true ones."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+import beamdae as bd
+from error_statements.cases import ErrorCase, measure_errors
+
+WRONG, ACCURATE = 0.04, 0.01  # true errors [-]
+FACTOR = 2.0  # of a stated error from the true one
+# Columns are compared if the uncertainty is below 1 %, or below 10 % and a quarter of the error.
+UNCERTAIN, MOST_UNCERTAIN, UNCERTAIN_SHARE = 0.01, 0.1, 0.25
+_PERCENT = re.compile(r"(\d+(?:\.\d+)?)(?:e([+-]?\d+))? %")
+_NUMBER = r"(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?)"
+_PEAK = re.compile(rf"miss its (?:smallest|largest) value, {_NUMBER}.*?reach only {_NUMBER}")
+_OTHER_PEAK = re.compile(rf"^ \({_NUMBER} [^,]*, rows {_NUMBER}")
+_ROWS = "the output rows"
+# Sentences that state an error without a number, by the remedy.
+_REMEDY = re.compile(
+    r"use (at least |more than |about |twice |four times )?(shorter )?elements|elements=\d|rtol=\d"
+    r"|reduce (the step|rtol|output_step)|output_step=\d|an integrator with rtol|friction_speed"
+    r"|strain='exact'|step of \d"
+)
+
+
+class Statement(NamedTuple):
+    """Statement on a run.
+
+    Attributes
+    ----------
+    errors
+        Stated errors of columns at the rows [-].
+    peaks
+        Stated errors of the extremes of columns between rows [-].
+    has_warned
+        True if any sentence says that the rows are not accurate, perhaps without a number.
+    """
+
+    errors: dict[str, float]
+    peaks: dict[str, float]
+    has_warned: bool
+
+
+def read_statement(solution: bd.Solution) -> Statement:
+    """Return what the warnings of a run state; a run that does not end is a statement as well."""
+    sentences = list(solution.warnings)
+    observed = solution.observed
+    headers = {re.sub(r" \[[^]]*\]$", "", x): x for x in observed.columns if x != "t [s]"}
+    names = sorted(headers, key=len, reverse=True)
+    # Parts of names: "tip.x" is neither in "tip.x_dot" nor in "left tip.x".
+    pattern = re.compile(rf"(?<![\w.])({'|'.join(map(re.escape, names))})(?![\w.]*\w)")
+    errors: dict[str, float] = {}
+    peaks: dict[str, float] = {}
+
+    def state(stated: dict[str, float], name: str, error: float) -> None:
+        header = headers[name]
+        stated[header] = max(stated.get(header, 0.0), error)
+
+    for sentence in sentences:
+        found = list(pattern.finditer(sentence))
+        ends = [*(match.start() for match in found[1:]), len(sentence)][: len(found)]
+        percents = [_read_percent(match) for match in _PERCENT.finditer(sentence)]
+        for k, (match, end) in enumerate(zip(found, ends, strict=True)):
+            after = sentence[match.end() : end]
+            if _ROWS in sentence:
+                peak = _OTHER_PEAK.match(after) if k else _PEAK.search(sentence)
+                if peak:
+                    exact, reached = map(float, peak.groups())
+                    rows = observed[headers[match[1]]]
+                    half_range = 0.5 * (max(rows.max(), exact) - min(rows.min(), exact))
+                    state(peaks, match[1], abs(exact - reached) / half_range)
+                continue
+            own = _PERCENT.search(after)
+            if own:
+                state(errors, match[1], _read_percent(own))
+            elif percents:
+                state(errors, match[1], percents[0])
+    others = [x for x in sentences if _ROWS not in x]
+    has_warned = any(_PERCENT.search(x) or _REMEDY.search(x) for x in others)
+    return Statement(errors, peaks, has_warned or not solution.status.success)
+
+
+def _read_percent(match: re.Match[str]) -> float:
+    return float(match[1]) * 10.0 ** int(match[2] or 0) / 100.0
+
+
+class Comparison(NamedTuple):
+    """Verdict on the statement of a run.
+
+    Attributes
+    ----------
+    verdict
+        "right": every wrong run is detected with its size, every accurate run passes; "missed": a
+        wrong run without a statement; "false": a stated error of an accurate column; "size": a
+        wrong run is detected, but the largest stated error is not within a factor of two.
+    largest
+        Largest true error of the columns [-].
+    stated
+        Largest stated error [-].
+    wrong, named, sized
+        Number of wrong columns, of those with a statement, and of those within a factor of two.
+    """
+
+    verdict: str
+    largest: float
+    stated: float
+    wrong: int
+    named: int
+    sized: int
+
+
+def compare(case: ErrorCase, solution: bd.Solution, statement: Statement) -> Comparison:
+    """Compare the statement of a run with the true errors of its columns.
+
+    A column is wrong above 4 % (root mean square; in cases of coarse rows, of the peak), and
+    accurate if no error exceeds 1 %. A stated error is right between half the smaller and twice the
+    larger of the errors of its column, because statements refer to either. Errors above 100 % count
+    as 100 %.
+    """
+    if not solution.status.success:
+        return Comparison("right", np.inf, np.inf, 0, 0, 0)
+    table = measure_errors(solution.observed, case.reference)
+    kind = "peak" if case.kind == "rows" else "rms"
+    limit = (UNCERTAIN_SHARE * table[kind]).clip(UNCERTAIN, MOST_UNCERTAIN)
+    # Statements end at "more than 100 %".
+    table = table[(table["uncertainty"] <= limit) & table[kind].notna()].clip(upper=1.0)
+    stated_errors = statement.peaks if kind == "peak" else statement.errors
+    stated = pd.Series(stated_errors, dtype=float).reindex(table.index).clip(upper=1.0)
+    errors = table[["rms", "largest", "peak"]]
+    smaller, larger = table[kind].clip(upper=table["largest"]), errors.max(axis=1)
+    is_right = (stated >= smaller / FACTOR) & (stated <= larger * FACTOR)
+    wrong, accurate = table[kind] > WRONG, larger < ACCURATE
+    largest = float(table[kind].max()) if len(table) else 0.0
+    most = min(max(stated_errors.values(), default=0.0), 1.0)
+    has_warned = bool(statement.peaks) if kind == "peak" else statement.has_warned
+    if (accurate & (stated > WRONG)).any():
+        verdict = "false"
+    elif not wrong.any():
+        verdict = "right"
+    elif not has_warned:
+        verdict = "missed"
+    else:
+        worst = table[kind].idxmax()
+        is_sized = largest / FACTOR <= most <= FACTOR * larger[worst]
+        verdict = "right" if is_sized or is_right[worst] else "size"
+    counts = (int(x.sum()) for x in (wrong, wrong & stated.notna(), wrong & is_right))
+    return Comparison(verdict, largest, most, *counts)

@@ -1,0 +1,575 @@
+"""Run everything that must not get worse, print one line a board, and compare with stored values.
+
+    python validation/scoreboard.py                full boards (about an hour of processor time)
+    python validation/scoreboard.py --quick        a fixed sample of each (about three minutes)
+    python validation/scoreboard.py --only modes   one board; may be repeated
+    python validation/scoreboard.py --store        renew the values of the cases that were run
+
+The exit code is 1 if a line is worse than its cases in scoreboard.csv: fewer right, more missed or
+false, or the worst digits less by more than 0.3.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+HERE = Path(__file__).parent
+_FOLDERS = (".", "models", "tests", "validation", "validation/record", "validation/performance")
+sys.path[:0] = [str(HERE.parent / folder) for folder in _FOLDERS]
+
+import numpy as np
+import pandas as pd
+from robustness import isolation
+
+import beamdae as bd
+
+STORED = HERE / "scoreboard.csv"
+MAX_LOST_DIGITS = 0.3
+RIGHT, WRONG, MISSED, FALSE = VERDICTS = ("right", "wrong", "missed", "false")
+_HEADER = f"{'board':<20}{'cases':>6}{'right':>6}{'wrong':>6}{'missed':>7}{'false':>6}"
+_HEADER += f"{'digits':>7}{'seconds':>8}{'count':>9}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Outcome of a case.
+
+    Attributes
+    ----------
+    case
+        Name of the case.
+    verdict
+        One of `VERDICTS`: "missed" is an answer or a statement that is not given, "false" one that
+        should not be given, "wrong" another answer than expected.
+    digits
+        Decimal digits of the worst value of the case; NaN where values have none.
+    count
+        Unit-free cost, such as steps; NaN if there is none.
+    seconds
+        Processor time [s].
+    reason
+        Reason for a verdict other than "right".
+    """
+
+    case: str
+    verdict: str
+    digits: float = np.nan
+    count: float = np.nan
+    seconds: float = np.nan
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Board:
+    """A board: its cases by name, and the function that runs one in a worker process.
+
+    Attributes
+    ----------
+    name
+        Name of the board.
+    cases
+        Function that returns the names of all cases.
+    attempt
+        Maps the name of a case to its outcomes, of which there may be several.
+    quick
+        Number of cases of `--quick`, spread evenly over all.
+    time_limit
+        Processor time limit of a case [s].
+    label
+        Label of the line; defaults to the name.
+    """
+
+    name: str
+    cases: Callable[[], Sequence[str]]
+    attempt: Callable[[str], Outcome | list[Outcome]]
+    quick: int
+    time_limit: float = 600.0
+    label: str = ""
+
+    def select(self, quick: bool) -> list[str]:
+        """Return the names of all cases, or of the sample."""
+        names = list(self.cases())
+        if not quick or len(names) <= self.quick:
+            return names
+        return [names[(2 * k + 1) * len(names) // (2 * self.quick)] for k in range(self.quick)]
+
+
+def count_digits(error: float) -> float:
+    """Return the decimal digits of a relative error, from 0 to 16."""
+    return float(np.clip(-np.log10(max(error, 1e-16)), 0.0, 16.0))
+
+
+# Critical loads: mesh of 8 elements, thick and very slender.
+_SLENDERNESS = (1e2, 1e5)
+
+
+@cache
+def _load_structures() -> dict[str, Any]:
+    from benchmarks.critical_loads.cases import CASES
+
+    return {f"{case.group}, {case.name}": case for case in CASES}
+
+
+def _try_structure(name: str) -> Outcome:
+    case = _load_structures()[name]
+    settings = [x for x in case.settings() if x[0] in _SLENDERNESS and x[1] == 8]
+    rows = [row for x in settings or case.settings() for row in case.rows(*x)]
+    verdicts = {"missed": MISSED, "ended": MISSED, "invented": FALSE, "ok": RIGHT}
+    departures = [row for row in rows if row["verdict"] != "ok"]
+    worst = [verdicts.get(row["verdict"], WRONG) for row in rows]
+    digits = [count_digits(float(row["relative"])) for row in rows if "relative" in row]
+    verdict = next((x for x in (MISSED, FALSE, WRONG) if x in worst), RIGHT)
+    reason = str(departures[0]) if departures else ""
+    return Outcome(name, verdict, min(digits, default=np.nan), len(rows), reason=reason)
+
+
+@cache
+def _load_error_cases() -> dict[str, Any]:
+    from error_statements.cases import ALL
+
+    return {case.name: case for case in ALL}
+
+
+def _try_statement(name: str) -> Outcome:
+    from error_statements.statements import compare, read_statement
+
+    case = _load_error_cases()[name]
+    solution = case.run()
+    result = compare(case, solution, read_statement(solution))
+    verdict = WRONG if result.verdict == "size" else result.verdict
+    reason = f"true {result.largest:.2g}, stated {result.stated:.2g}, columns {result.wrong}"
+    reason += f", named {result.named}, within a factor of two {result.sized}"
+    return Outcome(name, verdict, count=solution.statistics.steps, reason=reason)
+
+
+_RTOL = 1e-4
+
+
+@cache
+def _load_tolerance_cases() -> dict[str, Any]:
+    from tolerances.cases import ALL
+
+    return {case.name: case for case in ALL}
+
+
+def _try_tolerance(name: str) -> Outcome:
+    from tolerances.error_tables import error_rows, is_outside
+
+    case = _load_tolerance_cases()[name]
+    table = pd.DataFrame(error_rows([case], ["Auto"], [_RTOL], estimate=False))
+    row = table.iloc[0]
+    if row["status"] != "ok":
+        return Outcome(name, MISSED, count=row["steps"], reason=row["status"])
+    error = row["r"] * _RTOL
+    reason = f"error over rtol {row['r']:.3g}, of deflections {row['r of deflections']:.3g}"
+    verdict = WRONG if is_outside(table)[0] else RIGHT
+    return Outcome(name, verdict, count_digits(error), row["steps"], reason=reason)
+
+
+# Largest error of the record [half the range] that needs no warning.
+_RECORD_ERROR = 0.01
+_RECORD_SETTINGS = ("Auto", "Auto exact")
+
+
+def _list_mechanisms() -> list[str]:
+    import record
+
+    return [f"{name}, {setting}" for name in record.all_names() for setting in _RECORD_SETTINGS]
+
+
+def _try_mechanism(name: str) -> Outcome:
+    import record
+    import scorer
+
+    mechanism, _, setting = name.partition(", ")
+    problem, folder = record.load_problem(mechanism), record.MECHANISMS / mechanism
+    table, information = record.run_tool("beamdae", problem, setting, 8)
+    steps = information.get("steps", len(table))
+    if not information["success"]:
+        return Outcome(name, MISSED, count=steps, reason=information["reason"])
+    reference, uncertainty = (
+        pd.read_csv(folder / f"{x}.csv") for x in ("reference", "uncertainty")
+    )
+    error = scorer.score_columns(reference, uncertainty, table)["error"].max()
+    has_warned = bool(information.get("warnings"))
+    verdict = RIGHT if error <= _RECORD_ERROR else WRONG if has_warned else MISSED
+    reason = f"error {error:.2g} of half the range, {'with a' if has_warned else 'no'} warning"
+    return Outcome(name, verdict, count_digits(error), steps, reason=reason)
+
+
+@cache
+def _load_benchmarks(board: str) -> dict[str, Any]:
+    from benchmarks.modes import MODE_CASES
+    from benchmarks.periodic_motions import PERIODIC_CASES
+    from benchmarks.section_forces import SECTION_FORCE_CASES
+    from benchmarks.static_cases import STATIC_CASES
+
+    cases = {
+        "modes": MODE_CASES,
+        "periodic motions": PERIODIC_CASES,
+        "section forces": SECTION_FORCE_CASES,
+        "equilibria": STATIC_CASES,
+    }
+    return {case.name: case for case in cases[board]}
+
+
+def _try_benchmark(board: str, name: str) -> Outcome:
+    case = _load_benchmarks(board)[name]
+    rows = list(case.rows())
+    errors = [float(row["relative"]) for row in rows]
+    worst = int(np.argmax(errors))
+    verdict = RIGHT if errors[worst] <= case.tolerance else WRONG
+    reason = f"{rows[worst]['quantity']}: {errors[worst]:.1e} instead of {case.tolerance:g}"
+    return Outcome(name, verdict, count_digits(errors[worst]), len(rows), reason=reason)
+
+
+# Errors of fitted values in standard deviations: one of 40 values exceeds 3.5 by chance in 2 %.
+_MAX_DEVIATION = 3.5
+# Largest deviation of a design from its path relative to that of the first design.
+_MAX_DESIGN_SHARE = 0.05
+_FITS = tuple(f"twin of a pendulum, noise {seed}" for seed in range(5))
+_DESIGN = "compliant four-bar"
+
+
+def _list_fits() -> list[str]:
+    return [*_FITS, *_SMALL_DESIGNS, _DESIGN]
+
+
+def _try_fit(name: str) -> Outcome:
+    if name in _SMALL_DESIGNS:
+        return _SMALL_DESIGNS[name](name)
+    if name == _DESIGN:
+        from design.compliant_four_bar import optimize_heights
+
+        design = optimize_heights()
+        deviation, stress = design.measure(design.result.solution)
+        first, _ = design.measure(design.first)
+        is_right = deviation < _MAX_DESIGN_SHARE * first and stress <= design.limit
+        digits = count_digits(deviation / first)
+        reason = f"{design.result.status.sentence}, deviation {deviation:.2g} m"
+        return Outcome(
+            name, RIGHT if is_right else WRONG, digits, design.evaluations, reason=reason
+        )
+    from calibration import twin
+
+    fit = twin.fit(twin.noisy_record(twin.exact_record(), _FITS.index(name)))
+    truth = np.array([*twin.TRUE.values(), twin.SHIFT, twin.SCALE, twin.OFFSET])
+    deviation = float(np.max(np.abs(fit.values - truth) / fit.standard_deviations))
+    verdict = RIGHT if deviation <= _MAX_DEVIATION else WRONG
+    if not fit.status.success:
+        verdict = MISSED
+    reason = f"{fit.status.sentence}, {deviation:.2g} standard deviations"
+    return Outcome(name, verdict, count=fit.evaluations, reason=reason)
+
+
+@bd.model(t_end=1.0)
+def _oscillator(stiffness=30.0, damping=0.5, mass=1.0):
+    mech = bd.Mechanism()
+    body = mech.add(bd.PointMass("body", mass, at=(1.0, 0.0)))
+    base = mech.ground.at(0.0, 0.0)
+    mech.add(bd.PointOnLine("guide", base, body.point, direction=(1.0, 0.0)))
+    spring = bd.SpringDamper("spring", base, body.point, stiffness, damping, free_length=0.8)
+    mech.add(spring)
+    mech.observe("body", body.point)
+    return mech
+
+
+def _oscillate(t: np.ndarray, stiffness: float, damping: float) -> np.ndarray:
+    """Return the position of the oscillator of 1 kg, released 0.2 m from its equilibrium."""
+    decay = 0.5 * damping
+    omega = np.sqrt(stiffness - decay**2)
+    return 0.8 + 0.2 * np.exp(-decay * t) * (np.cos(omega * t) + decay / omega * np.sin(omega * t))
+
+
+def _fit_oscillator(name: str) -> Outcome:
+    times, truth = np.linspace(0.0, 1.0, 51), np.array([37.0, 0.8])
+    data = {"t [s]": times, "body.x [m]": _oscillate(times, *truth)}
+    names, method = ["stiffness", "damping"], bd.Radau(1e-9)
+    fit = bd.fit(_oscillator, data, names, method, sigma=1e-4)
+    error = float(np.max(np.abs(fit.values / truth - 1.0)))
+    verdict = RIGHT if error < 1e-5 else WRONG
+    return Outcome(name, verdict, count_digits(error), fit.evaluations, reason=fit.status.sentence)
+
+
+def _design_oscillator(name: str) -> Outcome:
+    times = np.linspace(0.1, 1.0, 19)
+    goal = bd.SquaredErrors("body.x", times, _oscillate(times, 24.0, 0.5), 1e-3)
+    result = bd.optimize(
+        _oscillator,
+        goal,
+        ["stiffness"],
+        bounds={"stiffness": (10.0, 60.0)},
+        integrator=bd.Radau(1e-9),
+    )
+    error = abs(result.parameters["stiffness"] / 24.0 - 1.0)
+    verdict = RIGHT if error < 1e-4 else WRONG
+    reason = result.status.sentence
+    return Outcome(name, verdict, count_digits(error), result.evaluations, reason=reason)
+
+
+_SMALL_DESIGNS = {
+    "oscillator: stiffness and damping": _fit_oscillator,
+    "oscillator: stiffness of a motion": _design_oscillator,
+}
+
+
+def _list_studies() -> list[str]:
+    from pan_liu_2012.run import STUDIES
+
+    return [study.__name__ for study in STUDIES]
+
+
+def _try_study(name: str) -> list[Outcome]:
+    """Judge the claims of a study; a claim is right if its verdict is the stored one."""
+    from pan_liu_2012.run import STUDIES, judge_study
+
+    study: ModuleType = next(x for x in STUDIES if x.__name__ == name)
+    files = (HERE / "pan_liu_2012" / "results").glob("*.csv")
+    stored = {x.stem: pd.read_csv(x) for x in files}
+    stored = {k: x.set_index("t [s]") if x.columns[0] == "t [s]" else x for k, x in stored.items()}
+    expected = stored["summary"].set_index("name")["verdict"]
+    return [
+        Outcome(
+            row["name"],
+            RIGHT if row["verdict"] == expected[row["name"]] else WRONG,
+            reason=f"{row['verdict']}: {row['ours']}",
+        )
+        for _, row in judge_study(study, stored).iterrows()
+    ]
+
+
+_SAMPLES = {"inputs": 300, "files": 160}
+
+
+def _list_trials(name: str) -> list[str]:
+    from robustness.classes import load_class
+
+    return load_class(name).sample(_SAMPLES[name], seed=0)
+
+
+def _try_trial(class_name: str, name: str) -> list[Outcome]:
+    from robustness.classes import load_class
+    from robustness.trial_class import HOPELESS, SKIPPED
+
+    trial_class = load_class(class_name)
+    rows = trial_class.rows_of(name, trial_class.attempt(name))
+    counted = [row for row in rows if not row["ended"].startswith((HOPELESS, SKIPPED))]
+    return [
+        Outcome(name, WRONG if row["complaint"] else RIGHT, reason=row["complaint"])
+        for row in counted
+    ]
+
+
+def _has_peer() -> bool:
+    from importlib.util import find_spec
+
+    return find_spec("exudyn") is not None
+
+
+_PEER_RESULTS = HERE / "performance" / "results" / "beside_exudyn.csv"
+# Largest processor time relative to the peer's for the same elements and steps.
+_MAX_PEER_RATIO = 0.5
+
+
+def _list_peer_runs() -> list[str]:
+    return list(pd.read_csv(_PEER_RESULTS)["run"])
+
+
+def _time_beside_peer(name: str) -> Outcome:
+    table = pd.read_csv(_PEER_RESULTS)
+    if _has_peer():
+        import benchmark
+
+        peer = benchmark.start_exudyn(sys.executable)
+        with peer:
+            table = benchmark.compare_with_exudyn(peer, rounds=4)
+    ratio = float(table.set_index("run")["ratio"][name])
+    verdict = RIGHT if ratio <= _MAX_PEER_RATIO else WRONG
+    return Outcome(name, verdict, count=ratio, reason=f"{ratio:.2g} times the peer's time")
+
+
+def _benchmark_board(name: str, quick: int) -> Board:
+    cases, attempt = partial(_load_benchmarks, name), partial(_try_benchmark, name)
+    return Board(name, cases, attempt, quick)
+
+
+BOARDS = (
+    Board("critical loads", _load_structures, _try_structure, quick=8, time_limit=900.0),
+    Board("error statements", _load_error_cases, _try_statement, quick=28),
+    Board("tolerances", _load_tolerance_cases, _try_tolerance, quick=18),
+    Board("record", _list_mechanisms, _try_mechanism, quick=10),
+    _benchmark_board("equilibria", quick=6),
+    _benchmark_board("modes", quick=4),
+    _benchmark_board("periodic motions", quick=3),
+    _benchmark_board("section forces", quick=4),
+    Board("fits and designs", _list_fits, _try_fit, quick=3, time_limit=1800.0),
+    Board("claims of the paper", _list_studies, _try_study, quick=2, time_limit=3600.0),
+    Board("bad inputs", partial(_list_trials, "inputs"), partial(_try_trial, "inputs"), 60, 60.0),
+    Board("hostile files", partial(_list_trials, "files"), partial(_try_trial, "files"), 40, 60.0),
+    Board(
+        "times beside peer",
+        _list_peer_runs,
+        _time_beside_peer,
+        quick=2,
+        label="" if _has_peer() else "peer (stored times)",
+    ),
+)
+
+
+def run_case(attempt: Callable[[str], Outcome | list[Outcome]], name: str) -> list[Outcome]:
+    """Return the outcomes of a case; an exception is an outcome as well."""
+    begin = time.process_time()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", bd.BeamdaeWarning)
+            answer = attempt(name)
+    except Exception as error:
+        answer = Outcome(name, MISSED, reason=f"{type(error).__name__}: {error}")
+    outcomes = answer if isinstance(answer, list) else [answer]
+    share = (time.process_time() - begin) / max(len(outcomes), 1)
+    return [replace(outcome, seconds=share) for outcome in outcomes]
+
+
+def run_board(board: Board, pool: isolation.ProcessPool, quick: bool) -> list[Outcome]:
+    """Return the outcomes of a board in the order of its cases."""
+    names, answers = board.select(quick), {}
+    attempt = partial(run_case, board.attempt)
+    for name, answer in pool.run_trials(attempt, names, board.time_limit):
+        if answer is None or answer is ...:
+            ended = "crashed" if answer is None else f"took over {board.time_limit:g} s"
+            answer = [Outcome(name, MISSED, seconds=board.time_limit, reason=f"it {ended}")]
+        answers[name] = answer
+    return [outcome for name in names for outcome in answers[name]]
+
+
+def tabulate(board: str, outcomes: Iterable[Outcome]) -> pd.DataFrame:
+    """Return outcomes as rows of scoreboard.csv."""
+    rows = pd.DataFrame([asdict(x) for x in outcomes], columns=list(Outcome.__annotations__))
+    rows.insert(0, "board", board)
+    return rows
+
+
+def summarize(rows: pd.DataFrame) -> dict[str, float]:
+    """Return the line of a board."""
+    counts = {verdict: int((rows["verdict"] == verdict).sum()) for verdict in VERDICTS}
+    sums = rows[["seconds", "count"]].sum(min_count=1)
+    return {"cases": len(rows), **counts, "digits": rows["digits"].min(), **sums}
+
+
+def format_line(name: str, line: dict[str, float]) -> str:
+    """Return the line of a board as text."""
+    text = f"{name:<20}{line['cases']:>6}{line['right']:>6}{line['wrong']:>6}"
+    text += f"{line['missed']:>7}{line['false']:>6}"
+    for value, width, digits in (
+        (line["digits"], 7, ".1f"),
+        (line["seconds"], 8, ".0f"),
+        (line["count"], 9, ".0f" if line["count"] >= 10.0 else ".2f"),
+    ):
+        text += f"{'-' if np.isnan(value) else format(value, digits):>{width}}"
+    return text
+
+
+def find_losses(rows: pd.DataFrame, stored: pd.DataFrame) -> list[str]:
+    """Return sentences on what is worse than the stored rows of the same cases of a board."""
+    both = rows.merge(stored, on=["board", "case"], suffixes=("", " stored"))
+    if both.empty:
+        return []
+    before = both[[f"{x} stored" for x in ("verdict", "digits", "seconds", "count")]]
+    before.columns = [x.removesuffix(" stored") for x in before.columns]
+    now, then = summarize(both), summarize(before)
+    changed = both[(both["verdict"] != both["verdict stored"]) & (both["verdict"] != RIGHT)]
+    losses = []
+    for key, sign in ((RIGHT, -1), (MISSED, 1), (FALSE, 1)):
+        if sign * (now[key] - then[key]) > 0:
+            losses.append(f"{key} {then[key]} -> {now[key]}")
+    if now["digits"] < then["digits"] - MAX_LOST_DIGITS:
+        losses.append(f"digits {then['digits']:.1f} -> {now['digits']:.1f}")
+        worst = both.loc[both["digits"].idxmin()]
+        if worst["case"] not in set(changed["case"]):
+            changed = pd.concat([changed, worst.to_frame().T])
+    if not losses:
+        return []
+    cases = (f"  {x.case}: {x.verdict}, {x.reason}" for x in changed.itertuples())
+    return [f"{rows['board'].iloc[0]}: {', '.join(losses)}", *cases]
+
+
+def read_stored(path: Path) -> pd.DataFrame:
+    """Return the stored rows; none if there is no file."""
+    if not path.exists():
+        return pd.DataFrame(columns=["board", *Outcome.__annotations__])
+    return pd.read_csv(path, converters={"reason": str})
+
+
+def store(rows: pd.DataFrame, stored: pd.DataFrame, path: Path, quick: bool) -> None:
+    """Write the rows in place of those of the same boards or, if `quick`, of the same cases."""
+    keys = ["board", "case"] if quick else ["board"]
+    is_new = stored.set_index(keys).index.isin(rows.set_index(keys).index)
+    table = pd.concat([x for x in (stored[~is_new], rows) if len(x)])
+    order = {board.name: k for k, board in enumerate(BOARDS)}
+    table = table.sort_values("board", key=lambda x: x.map(order), kind="stable")
+    # Reasons of right cases would change with every run.
+    table["reason"] = table["reason"].where(table["verdict"] != RIGHT, "")
+    table.to_csv(path, index=False, float_format="%.3g")
+
+
+def run_boards(
+    boards: Iterable[Board], quick: bool, workers: int
+) -> Iterator[tuple[Board, pd.DataFrame | str]]:
+    """Yield the rows of each board, or the reason why it failed."""
+    with isolation.ProcessPool(workers) as pool, warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        for board in boards:
+            try:
+                yield board, tabulate(board.name, run_board(board, pool, quick))
+            except Exception as error:  # A board that fails is a line, not the end.
+                yield board, f"failed: {type(error).__name__}: {error}"
+
+
+def main() -> int:
+    """Run and print the boards, and return the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="a fixed sample of each board")
+    names = [board.name for board in BOARDS]
+    parser.add_argument("--only", action="append", choices=names, help="this board only")
+    parser.add_argument("--store", action="store_true", help="renew the stored values")
+    parser.add_argument("--cases", action="store_true", help="print each case that is not right")
+    parser.add_argument("--workers", type=int, default=1, help="number of processes")
+    options = parser.parse_args()
+    boards = [board for board in BOARDS if not options.only or board.name in options.only]
+    losses: list[str] = []
+    print(_HEADER, flush=True)
+    for board, rows in run_boards(boards, options.quick, options.workers):
+        label = board.label or board.name
+        if isinstance(rows, str):
+            print(f"{label:<20}{rows}", flush=True)
+            losses.append(f"{board.name}: {rows}")
+            continue
+        print(format_line(label, summarize(rows)), flush=True)
+        if options.cases:
+            for row in rows[rows["verdict"] != RIGHT].itertuples():
+                print(f"  {row.case}: {row.verdict}, {row.reason}")
+        if options.store:
+            store(rows, read_stored(STORED), STORED, options.quick)
+        else:
+            losses += find_losses(rows, read_stored(STORED))
+    if not options.store or losses:
+        print(*(["worse than stored:", *losses] if losses else ["nothing is worse"]), sep="\n")
+    return 1 if losses else 0
+
+
+if __name__ == "__main__":
+    # Trials that are killed leave files behind, which are deleted with this folder.
+    with tempfile.TemporaryDirectory(prefix="scoreboard-") as scratch:
+        os.environ["TMPDIR"] = scratch
+        sys.exit(main())
