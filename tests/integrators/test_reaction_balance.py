@@ -133,3 +133,26 @@ def test_unbounded_reactions_have_no_maximum():
     limit = bd.at_most(bd.SmoothMaximum("foot 0.Fx"), 100.0)
     with pytest.raises(bd.BeamdaeError, match=r"SmoothMaximum of foot 0\.Fx of unequal is nan"):
         bd.optimize(unequal, bd.Mass(), "mass", limit, {"mass": (0.6, 1.0)}, bd.Radau(1e-5))
+
+
+@pytest.mark.slow(reason="two fits")
+def test_fits_leave_out_unbounded_reactions():
+    """The estimate follows from the other data, whatever is recorded where forces are infinite."""
+
+    @bd.model(t_end=1.0)
+    def unequal(mass=0.8):
+        return parallelogram((0.5, mass))
+
+    column, method = "foot 0.Fx [N]", bd.GeneralizedAlpha(2e-3)
+    run = bd.simulate(unequal(), method, t_end=1.0, output_step=0.01).table()
+    is_unbounded = run[column].isna().to_numpy()
+    assert 0 < is_unbounded.sum() < 0.2 * len(run)
+    data = run[["t [s]", column]].fillna(1e3)
+    fit = bd.fit(unequal, data, "mass", method, parameters={"mass": 0.79})
+    assert fit.parameters["mass"] == pytest.approx(0.8, rel=1e-4)
+    left_out = fit.residual_table()["residual"].isna().to_numpy()
+    assert left_out.any()
+    # Rows beside the singular positions may have a value in one of both runs only.
+    assert not np.any(left_out & ~is_unbounded)
+    assert fit.degrees_of_freedom == len(data) - left_out.sum() - 1
+    assert any(f"leaves out {left_out.sum()} of {len(data)} data" in x for x in fit.warnings)

@@ -74,7 +74,8 @@ class Evaluation:
     runs
         Run with derivatives by experiment, at the times of the data.
     residuals
-        Weighted residuals (N,): (model - data) / sigma, with the best scales and offsets.
+        Weighted residuals (N,): (model - data) / sigma, with the best scales and offsets; 0 for
+        data that are left out.
     coefficients
         Best scales, then offsets, (L,).
     projected_jacobian
@@ -83,6 +84,8 @@ class Evaluation:
     jacobian
         Derivatives (N, K + L) of the weighted residuals with respect to `values` and
         `coefficients` as independent parameters.
+    is_omitted
+        True (N,) for data that are left out: reactions of the runs that grow without bounds there.
     """
 
     values: Array
@@ -91,6 +94,12 @@ class Evaluation:
     coefficients: Array
     projected_jacobian: Array
     jacobian: Array
+    is_omitted: Array
+
+    @property
+    def count(self) -> int:
+        """Number of compared data."""
+        return int(np.sum(~self.is_omitted))
 
     @property
     def chi_square(self) -> float:
@@ -345,16 +354,19 @@ class FitProblem:
         """
         times = self._shift_times(values)
         runs = {x: self._run(x, values, times) for x in self.data.experiments}
-        model, derivatives = self._compare(runs, times)
-        return self._project(values, runs, model, derivatives)
+        solutions = {x: run.solution for x, run in runs.items()}
+        model, is_omitted = self._read(solutions, times)
+        derivatives = self._differentiate(runs, times)
+        return self._project(values, runs, model, derivatives, is_omitted)
 
-    def _evaluate_residuals(
-        self, values: Array, change: Callable[[Any], Any] = lambda mechanism: mechanism
+    def _change_of_residuals(
+        self, evaluation: Evaluation, change: Callable[[Any], Any] = lambda mechanism: mechanism
     ) -> Array:
-        """Return the residuals (N,) at the given values (K,) without derivatives of the runs.
+        """Return the change of the residuals (N,) of an evaluation in runs without derivatives.
 
         `change` returns the mechanism that takes the place of that of the model.
         """
+        values = evaluation.values
         times = self._shift_times(values)
         method = require_differentiable_method(self.integrator)
         solutions = {}
@@ -367,13 +379,11 @@ class FitProblem:
                 if run.trajectory.end < t_end:
                     raise BeamdaeError(f"fit: the run was {run.status.sentence}.")
                 solutions[experiment] = run.at_times(self._needed_times(experiment, times))
-        model = np.empty(len(times))
-        for series, header, rows in self.rows_by_series():
-            run = solutions[series.experiment]
-            model[rows] = run.columns[header][_nearest_rows(run.t, times[rows])]
-        return self._project(
-            values, {}, model, np.zeros((len(times), len(self.variables)))
-        ).residuals
+        model, is_omitted = self._read(solutions, times)
+        derivatives = np.zeros((len(times), len(self.variables)))
+        other = self._project(values, {}, model, derivatives, is_omitted)
+        is_omitted = is_omitted | evaluation.is_omitted
+        return np.where(is_omitted, 0.0, other.residuals - evaluation.residuals)
 
     def _shift_times(self, values: Array) -> Array:
         """Return the times (N,) of the runs at which they are compared with the data."""
@@ -395,7 +405,7 @@ class FitProblem:
         return np.unique(np.clip(needed, 0.0, self._t_end[experiment]))
 
     def recorded_values(self, evaluation: Evaluation) -> Array:
-        """Return the recorded values (N,) that an evaluation predicts."""
+        """Return the recorded values (N,) that an evaluation predicts, or those left out."""
         return self._values + evaluation.residuals / self.weights
 
     def accepts(self, values: Array) -> bool:
@@ -422,7 +432,7 @@ class FitProblem:
             result[rows] = rates[series.experiment][header][at]
         for sensor, scale in zip(self.sensors.scales, evaluation.coefficients, strict=False):
             result[sensor.rows] *= scale
-        return result * self.weights
+        return np.where(evaluation.is_omitted, 0.0, result * self.weights)
 
     def step_errors(self, evaluation: Evaluation) -> Array:
         """Return how an evaluation changes the weighted residuals (N,) with more accurate runs.
@@ -434,7 +444,7 @@ class FitProblem:
         """
         finer = copy.copy(self)
         finer.integrator = refine(self.integrator)
-        return finer._evaluate_residuals(evaluation.values) - evaluation.residuals
+        return finer._change_of_residuals(evaluation)
 
     def beam_errors(self, evaluation: Evaluation, exact: bool, halved: bool) -> Array:
         """Return how exact strains or halved elements, or both, change the weighted residuals (N,).
@@ -453,7 +463,7 @@ class FitProblem:
                 raise BeamdaeError("fit: no beam can be more accurate.")
             return refined.mechanism
 
-        return self._evaluate_residuals(evaluation.values, make) - evaluation.residuals
+        return self._change_of_residuals(evaluation, make)
 
     def _run(self, experiment: str, values: Array, times: Array) -> Sensitivities:
         t_end = self._t_end[experiment]
@@ -478,27 +488,43 @@ class FitProblem:
                 )
             return run.at_times(needed)
 
-    def _compare(self, runs: Mapping[str, Sensitivities], times: Array) -> tuple[Array, Array]:
-        """Return the model at the times of the data, (N,), and its derivatives (N, K)."""
-        model = np.empty(len(times))
+    def _read(self, runs: Mapping[str, Solution], times: Array) -> tuple[Array, Array]:
+        """Return the model at the times of the data, (N,), and True (N,) for data to leave out."""
+        model, is_omitted = np.empty(len(times)), np.zeros(len(times), bool)
+        is_unbounded = {name: np.isnan(run.lam).any(axis=1) for name, run in runs.items()}
+        for series, header, rows in self.rows_by_series():
+            run = runs[series.experiment]
+            at = _nearest_rows(run.t, times[rows])
+            model[rows] = run.columns[header][at]
+            is_omitted[rows] = np.isnan(model[rows]) & is_unbounded[series.experiment][at]
+        return model, is_omitted
+
+    def _differentiate(self, runs: Mapping[str, Sensitivities], times: Array) -> Array:
+        """Return the derivatives (N, K) of the model at the times of the data."""
         derivatives = np.zeros((len(times), len(self.variables)))
         rates = {x: column_rates(run.solution) for x, run in runs.items() if self.sensors.shifts}
         for series, header, rows in self.rows_by_series():
             run = runs[series.experiment]
             at = _nearest_rows(run.t, times[rows])
-            model[rows] = run.solution.columns[header][at]
             for j, name in enumerate(self.names):
                 derivatives[rows, j] = run.sensitivity(header, name).to_numpy()[at]
             for j, shift in enumerate(self.sensors.shifts, len(self.names)):
                 if rows.start in shift.rows:
                     derivatives[rows, j] = -rates[series.experiment][header][at]
-        return model, derivatives
+        return derivatives
 
     def _project(
-        self, values: Array, runs: Mapping[str, Sensitivities], model: Array, derivatives: Array
+        self,
+        values: Array,
+        runs: Mapping[str, Sensitivities],
+        model: Array,
+        derivatives: Array,
+        is_omitted: Array,
     ) -> Evaluation:
         """Solve for scales and offsets, and differentiate the remaining residuals."""
-        weights, scales = self.weights, self.sensors.scales
+        weights, scales = np.where(is_omitted, 0.0, self.weights), self.sensors.scales
+        model = np.where(is_omitted, 0.0, model)
+        derivatives = np.where(is_omitted[:, None], 0.0, derivatives)
         matrix = np.zeros((len(model), len(self._linear)))
         is_scaled = np.zeros(len(model), bool)
         for j, sensor in enumerate(self._linear):
@@ -521,7 +547,7 @@ class FitProblem:
             rows = sensor.rows
             projected -= np.outer(inverse[j], weighted[rows].T @ residuals[rows])
         jacobian = np.hstack([scaled, matrix])
-        return Evaluation(values, runs, residuals, coefficients, projected, jacobian)
+        return Evaluation(values, runs, residuals, coefficients, projected, jacobian, is_omitted)
 
 
 class Scaling:

@@ -113,7 +113,8 @@ class Fit:
         experiment of data without names of experiments is "".
     residuals
         (model - data) / sigma of all data that are not missing, in the order of
-        `residual_table`.
+        `residual_table`; 0 where reactions of the model grow without bounds, which leaves these
+        data out.
     sigma
         Standard deviation of the errors of each fitted column, by header: as given, its root mean
         square if it varies, or estimated from the residuals if it was not given.
@@ -302,8 +303,8 @@ class Fit:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Number of data minus number of estimates."""
-        return self.residuals.size - len(self.names)
+        """Number of compared data minus number of estimates."""
+        return self._search.evaluation.count - len(self.names)
 
     @property
     def quantile(self) -> float:
@@ -448,16 +449,17 @@ class Fit:
         """Return a long table of data, model and residuals, one row per measured value.
 
         "model" contains the recorded values that the model and the sensors predict; "residual" is
-        (model - value) / sigma.
+        (model - value) / sigma. Both are NaN for data that are left out.
         """
         import pandas as pd
 
         # Estimated standard deviations are the given ones, 1, times the estimate.
         estimate = 1.0 if self.is_sigma_known else next(iter(self.sigma.values()))
+        whole = np.where(self._search.evaluation.is_omitted, np.nan, self.residuals)
         tables, end = [], 0
         for series, header in self.series:
             begin, end = end, end + len(series.values)
-            residuals, sigma = self.residuals[begin:end], estimate * series.sigma
+            residuals, sigma = whole[begin:end], estimate * series.sigma
             tables.append(
                 pd.DataFrame(
                     {
@@ -786,7 +788,7 @@ def create_fit(
     estimate = 1.0
     sigma = _column_sigma(problem)
     if not problem.data.is_sigma_known:
-        freedom = max(residuals.size - len(all_names), 1)
+        freedom = max(evaluation.count - len(all_names), 1)
         # Data computed by the model itself have no residuals, but rounding errors.
         largest = max(float(np.abs(x.values).max()) for x in problem.data.series)
         rounding = float(np.finfo(float).eps) * (largest or 1.0)
@@ -814,7 +816,8 @@ def create_fit(
             status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
     doubts: tuple[str, ...] = ()
     if not search.recording_error and (search.status.success or not search.rejected):
-        doubts = _check_residuals(problem, evaluation, residuals, len(all_names))
+        omitted = int(np.sum(evaluation.is_omitted))
+        doubts = _check_residuals(problem, evaluation, residuals, len(all_names) + omitted)
     count = len(problem.names)
     values = dict(zip(all_names, estimates.tolist(), strict=True))
     return Fit(
@@ -831,6 +834,7 @@ def create_fit(
         at_bounds=tuple(n for n, at in zip(names, search.at_bounds, strict=True) if at),
         _own_warnings=(
             *problem.duration_warnings,
+            *_check_omitted(evaluation),
             # Rejected values and bounds may be the cause of large residuals.
             *(
                 _check_rejected_values(search, values, np.sqrt(variances) * max(1.0, scatter))
@@ -946,6 +950,16 @@ def _check_rejected_values(
         f"The model rejected {' and '.join(sentences)} during the search; pass "
         f"bounds={{{', '.join(bounds)}}}, because searches next to invalid values may end early or "
         "elsewhere.",
+    )
+
+
+def _check_omitted(evaluation: Evaluation) -> tuple[str, ...]:
+    """Return a sentence on data that were left out."""
+    if evaluation.count == len(evaluation.residuals):
+        return ()
+    return (
+        f"The fit leaves out {np.sum(evaluation.is_omitted)} of {len(evaluation.residuals)} data, "
+        "at which reactions of the model grow without bounds.",
     )
 
 

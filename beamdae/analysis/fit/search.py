@@ -242,7 +242,7 @@ def search(
     begin = first[free]
     start = evaluate(begin)
     assert start is not None
-    if not np.isfinite(start.chi_square):
+    if not (start.count and np.isfinite(start.chi_square)):
         raise BeamdaeError(
             "fit: the first run has no finite sum of squared residuals; choose other first values "
             "in parameters, or check the data."
@@ -594,7 +594,7 @@ def _variance(problem: FitProblem, end: SearchResult) -> float:
     """Return the variance of the errors in units of the residuals."""
     if problem.data.is_sigma_known:
         return 1.0
-    freedom = end.evaluation.residuals.size - len(problem.variables) - len(problem.coefficients)
+    freedom = end.evaluation.count - len(problem.variables) - len(problem.coefficients)
     return end.chi_square / max(freedom, 1)
 
 
@@ -646,7 +646,7 @@ def _judge_end(
 
     They also become short in front of values at which runs fail or columns jump: the `cause`.
     """
-    freedom = max(end.residuals.size - jacobian.shape[1], 1)
+    freedom = max(end.count - jacobian.shape[1], 1)
     left = end.chi_square
     if left <= MIN_RELATIVE_RESIDUAL**2 * problem.weighted_square:
         return Status("ok", "converged")
