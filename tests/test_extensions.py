@@ -17,7 +17,7 @@ LAWS = (
     "integrators/test_integrators.py",
     "integrators/test_breakpoints.py",
 )
-MIN_TESTS = {"rod": 8, "dashpot": 2, "exact": 8, "plain_bathe": 10, "compiled_bathe": 10}
+MIN_TESTS = {"rod": 8, "dashpot": 2, "exact": 8, "bathe": 10}
 
 
 @pytest.mark.slow(reason="runs a test session in a separate process")

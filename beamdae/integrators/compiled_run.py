@@ -21,18 +21,6 @@ from beamdae.native.return_codes import NEW_PIVOTS
 Array = np.ndarray
 W = TypeVar("W")
 
-# Newton's iteration of the generalized-alpha family and of `FixedStepMethod` keeps its factors
-# while the rate of convergence, the ratio of successive corrections, is at most this value, ...
-KEEP_RATE = 0.05
-# ... and computes new factors within a step if the rate exceeds this value.
-SLOW_RATE = 0.2
-# The iteration has diverged if the correction grows by more than this factor.
-MAX_CORRECTION_GROWTH = 2.0
-# Lower bounds on the estimated rate of convergence from the second iteration on, and in the first.
-MIN_RATE = 1e-4
-MIN_FIRST_RATE = 1e-2
-MAX_ITERATIONS = 12
-
 
 class InterpretedSolver:
     """Linear solver of an interpreted loop, with the counters of the compiled `LinearSolver`.

@@ -17,14 +17,6 @@ from beamdae.equations.formulations.step_equations import (
 from beamdae.integrators.alpha.family import JERK_INTERVAL
 from beamdae.integrators.alpha.jerk import AdaptiveAlphaWorkspace, evaluate_normal_jerk
 from beamdae.integrators.alpha.workspace import AlphaWorkspace, Motion
-from beamdae.integrators.compiled_run import (
-    KEEP_RATE,
-    MAX_CORRECTION_GROWTH,
-    MAX_ITERATIONS,
-    MIN_FIRST_RATE,
-    MIN_RATE,
-    SLOW_RATE,
-)
 from beamdae.integrators.method import clip_step
 from beamdae.integrators.multiplier_tolerances import lower_weights
 from beamdae.native.loop_functions import combine, euclidean_norm, factorize, fill, max_norm, solve
@@ -63,6 +55,17 @@ _SAFETY = 0.8
 # Coordinates whose vectors fit into the fastest processor cache together: several operations on
 # them read each number from memory once.
 _CHUNK = 512
+# Newton's iteration keeps its factors while the rate of convergence, the ratio of successive
+# corrections, is at most this value, ...
+_KEEP_RATE = 0.05
+# ... and computes new factors within a step if the rate exceeds this value.
+_SLOW_RATE = 0.2
+# The iteration has diverged if the correction grows by more than this factor.
+_MAX_CORRECTION_GROWTH = 2.0
+# Lower bounds on the estimated rate of convergence from the second iteration on, and in the first.
+_MIN_RATE = 1e-4
+_MIN_FIRST_RATE = 1e-2
+_MAX_ITERATIONS = 12
 # Corrections that decrease by less than this factor are rounding errors ...
 _STAGNATION_RATE = 0.5
 # ... of positions, if they are at most this many times `min_correction_limit`, ...
@@ -385,7 +388,7 @@ def _solve_step(run: AlphaWorkspace, t: float) -> int:
     """
     x, n, current = run.x, run.current.q.size, run.current
     combine(run.first_multipliers, (1.0,), (x[n:],))
-    if run.rate <= KEEP_RATE:
+    if run.rate <= _KEEP_RATE:
         code = _iterate_newton(run, t, False)
         if code in (DONE, NOT_FINITE):
             return code
@@ -429,7 +432,7 @@ def _iterate_newton(run: AlphaWorkspace, t: float, may_renew: bool) -> int:
     x_change = change[: x.size]
     q_change, lam_change = change[:n], change[n : n + run.current.lam.size]
     previous = math.inf
-    for k in range(MAX_ITERATIONS):
+    for k in range(_MAX_ITERATIONS):
         evaluate_step_residual(run.form, t, run.branch, run.prediction, x, change)
         run.residuals += 1
         solve(run.linear, change)
@@ -442,11 +445,11 @@ def _iterate_newton(run: AlphaWorkspace, t: float, may_renew: bool) -> int:
             return NOT_FINITE
         # Corrections of reactions that remain after those of positions may grow.
         of_reactions = q_size < size < math.inf and q_size <= max(run.correction_limit, rounding)
-        if not (size <= rounding or of_reactions or size <= MAX_CORRECTION_GROWTH * previous):
+        if not (size <= rounding or of_reactions or size <= _MAX_CORRECTION_GROWTH * previous):
             return NOT_CONVERGED
         if k > 0:
-            run.rate = max(size / previous, MIN_RATE) if previous > 0.0 else 0.0
-        rate = run.rate if k > 0 else max(run.rate, MIN_FIRST_RATE)
+            run.rate = max(size / previous, _MIN_RATE) if previous > 0.0 else 0.0
+        rate = run.rate if k > 0 else max(run.rate, _MIN_FIRST_RATE)
         if rate < 1.0 and size * rate <= run.correction_limit * (1.0 - rate):
             return DONE
         if k > 0 and rate > _STAGNATION_RATE:
@@ -457,7 +460,7 @@ def _iterate_newton(run: AlphaWorkspace, t: float, may_renew: bool) -> int:
                 return DONE
             if of_reactions and not may_renew:
                 return NOT_CONVERGED
-        if may_renew and rate > SLOW_RATE:
+        if may_renew and rate > _SLOW_RATE:
             code = _factorize_step_matrix(run, t)
             if code != DONE:
                 return code

@@ -19,7 +19,6 @@ from beamdae.equations.formulations.first_order import (
     evaluate_jacobian,
     evaluate_residual,
 )
-from beamdae.integrators.compiled_method import store_row
 from beamdae.integrators.ida.kinematic_scaling import (
     KinematicRowScaling,
     scale_jacobian,
@@ -278,8 +277,20 @@ def take_ida_steps(run: IdaWorkspace) -> int:
         call_for_int(run.sundials.IDASetStopTime, (run.memory, stop))
         run.newton.age += 1
         _record_order_and_error(run)
-        store_row(run, run.newton.form.n, run.t[0])
+        _store_row(run, run.newton.form.n, run.t[0])
     return DONE
+
+
+def _store_row(run: IdaWorkspace, n: int, t: float) -> None:
+    """Append the row (t, q, v, a, lam) of a first-order form with `n` coordinates."""
+    row, y, yp = run.rows[run.filled], run.y, run.yp
+    m = row.size - 1 - 3 * n
+    row[0] = t
+    combine(row[1 : 1 + 2 * n], (1.0,), (y[: 2 * n],))
+    combine(row[1 + 2 * n : 1 + 3 * n], (1.0,), (yp[n : 2 * n],))
+    multipliers = yp if run.has_impulses == 1 else y
+    combine(row[1 + 3 * n :], (1.0,), (multipliers[2 * n : 2 * n + m],))
+    run.filled += 1
 
 
 def next_stop_time(before: float, t: float, end: float) -> float:
