@@ -145,69 +145,6 @@ def test_circles_from_outside_and_inside():
     assert np.all(np.isfinite(numeric.stiffness(np.zeros(2), v)))
 
 
-def test_contact_forces_of_a_pair_are_balanced():
-    """Forces on the point and on the body of the surface are opposite, in any rotation."""
-    mech = bd.Mechanism()
-    plate = mech.add(bd.RigidBody("plate", 1.0, 1.0))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(1.2, -0.1)))
-    surface = bd.LineSurface(plate.at(0.4, 0.0), (2.0, 0.3))
-    mech.add(
-        bd.Contact("c", ball.point, surface, 50.0, restitution=0.5, impact_speed=2.0, friction=0.4)
-    )
-    numeric = NumericEquations(mech)
-    rng = np.random.default_rng(1)
-    q = numeric.equations.q0 + 0.05 * rng.standard_normal(5)
-    force = numeric.force(q, rng.standard_normal(5))
-    assert np.linalg.norm(force) > 0.1
-    assert_allclose(force[:2] + force[3:], 0.0, atol=1e-13)
-    moment = force[2] + q[0] * force[1] - q[1] * force[0] + q[3] * force[4] - q[4] * force[3]
-    assert_allclose(moment, 0.0, atol=1e-13)
-    # A rigid rotation about the origin causes no slip and no penetration rate: force at rest.
-    spin = 0.7 * np.array([-q[1], q[0], 1.0, -q[4], q[3]])
-    assert_allclose(numeric.force(q, spin), numeric.force(q, np.zeros(5)), atol=1e-10)
-
-
-BALL = bd.PointMass("ball", 1.0, at=(0.0, 0.0)).point
-GROUND = bd.Mechanism().ground.at(0.0, 0.0)
-FLOOR = bd.LineSurface(GROUND)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: bd.Contact("c", 3.0, FLOOR, 1.0), "c: point must be an attachment"),
-        (lambda: bd.Contact("c", BALL, GROUND, 1.0), "c: surface must be a LineSurface or a Circ"),
-        (
-            lambda: bd.Contact("c", GROUND, FLOOR, 1.0),
-            "c: neither the point nor the surface can move",
-        ),
-        (lambda: bd.Contact("c", BALL, FLOOR, 0.0), "c: stiffness must be positive, got 0"),
-        (lambda: bd.Contact("c", BALL, FLOOR, 1.0, 0.5), r"c: exponent must lie in \[1, 10\], got"),
-        (
-            lambda: bd.Contact("c", BALL, FLOOR, 1.0, restitution=1.2, impact_speed=1.0),
-            r"c: restitution must lie in \[0.05, 1\], got 1.2",
-        ),
-        (
-            lambda: bd.Contact("c", BALL, FLOOR, 1.0, restitution=0.5),
-            "c: restitution=0.5 requires impact_speed=",
-        ),
-        (
-            lambda: bd.Contact("c", BALL, FLOOR, 1.0, friction_speed=0.0),
-            "c: friction_speed must be positive",
-        ),
-        (lambda: bd.Contact("c", BALL, FLOOR, 1.0, friction=-0.1), "c: friction must not be neg"),
-        (lambda: bd.LineSurface(BALL, (0.0, 0.0)), "LineSurface: direction must not be zero"),
-        (lambda: bd.LineSurface("floor"), "LineSurface: on must be an attachment"),
-        (lambda: bd.CircleSurface(BALL, -1.0), "CircleSurface: radius must be positive"),
-        (lambda: bd.CircleSurface(BALL, 1.0, "in"), "CircleSurface: side must be one of"),
-    ],
-)
-def test_error_messages(make, message):
-    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as problem:
-        make()
-    assert str(problem.value).endswith(".")
-
-
 BELT = {"mass": 1.0, "stiffness": 100.0, "weight": 10.0, "speed": 0.1}
 STRIBECK = {"friction": 0.2, "friction_speed": 1e-2, "static": 0.4, "stribeck": 0.15}
 
@@ -303,19 +240,3 @@ def test_derivatives_by_stribeck_parameters_are_those_of_differences():
         expected = (high - low) / (2e-4 * value)
         exact = run.sensitivity("block.x", name)
         assert_allclose(exact, expected, rtol=0.0, atol=1e-4 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"stribeck": None}, "static and stribeck must be given together"),
-        ({"static": None}, "static and stribeck must be given together"),
-        ({"static": 0.1}, "static must be at least friction, and friction must be positive"),
-        ({"friction": 0.0}, "friction must be positive, got 0.4 and 0"),
-        ({"stribeck": 0.0}, "stribeck must be positive"),
-        ({"static": "much"}, "static must be a number"),
-    ],
-)
-def test_invalid_stribeck_coefficients_are_refused(changes, message):
-    with pytest.raises(bd.BeamdaeError, match=f"sole: .*{message}"):
-        block_on_belt(**changes)

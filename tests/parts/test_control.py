@@ -9,7 +9,6 @@ import scipy.linalg as la
 from scipy.integrate import solve_ivp
 
 import beamdae as bd
-from beamdae.model_parameters import parse_unit
 
 INERTIA = 0.5
 INTEGRATORS = (bd.Ida(1e-8), bd.Radau(1e-8), bd.GeneralizedAlpha(1e-3))
@@ -535,22 +534,6 @@ def test_analyses_other_than_runs_reject_sampled_controllers():
     assert "inertia" not in str(check)
 
 
-def test_invalid_controllers_are_rejected():
-    mech = build_servo()
-    torque, sensor = mech.inputs["torque"], mech.sensor("again", mech.parts["wheel"].at(0, 0), "x")
-    with pytest.raises(bd.BeamdaeError, match="'torque' is already driven"):
-        mech.add(bd.Controller("second", 0.1, sensor, torque, servo_law))
-    with pytest.raises(bd.BeamdaeError, match="second: every must be positive"):
-        bd.Controller("second", 0.0, sensor, torque, servo_law)
-    with pytest.raises(bd.BeamdaeError, match="second: drives must be inputs"):
-        bd.Controller("second", 0.1, sensor, [sensor], servo_law)
-    with pytest.raises(bd.BeamdaeError, match="a controller drives the input 'torque'"):
-        bd.simulate(mech, t_end=1.0, inputs={"torque": 1.0})
-    pin = mech.parts["pin"]
-    with pytest.raises(bd.BeamdaeError, match="cannot read the reaction of a joint"):
-        mech.add(bd.Controller("third", 0.1, pin.reaction, mech.input("free"), servo_law))
-
-
 @pytest.mark.slow(reason="a fifth of a second")
 def test_step_response_of_a_transfer_function():
     mech = bd.Mechanism()
@@ -602,42 +585,6 @@ def test_saturated_pid_does_not_wind_up():
     # Without tracking, the integral winds up and the stage overshoots more than twice as far.
     winding = bd.simulate(build_stage(**limits, tracking_time=1e9), bd.Radau(), t_end=4.0)
     assert np.max(winding["x"]) - 0.1 > 2.0 * (np.max(run["x"]) - 0.1)
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_regression_rounding_of_gains_does_not_change_the_structure():
-    """Equal numbers in a formula are one number; ki (kp / ki) was kp or not, by rounding."""
-    options = {"filter_time": 0.01, "limits": (-1.0, 1.0)}
-    structures = {
-        bd.equations_of_motion(build_stage(kp=300.0 + 1e-3 * k, **options)).structure
-        for k in range(8)
-    }
-    assert len(structures) == 1
-
-
-def test_invalid_blocks_are_rejected():
-    mech = bd.Mechanism()
-    value = mech.input("value")
-    with pytest.raises(bd.BeamdaeError, match="time_constant must be positive"):
-        bd.low_pass(mech, "lag", value, 0.0)
-    with pytest.raises(bd.BeamdaeError, match="degree of the numerator must not exceed"):
-        bd.transfer_function(mech, "filter", value, [1.0, 0.0], [1.0])
-    for first in (5e-324, 1e-308, -1e-80):
-        with pytest.raises(bd.BeamdaeError, match="filter: the coefficients divided by the first"):
-            bd.transfer_function(mech, "filter", value, [1.0], [first, 1.0])
-    assert "filter 1" not in mech.parts
-    with pytest.raises(bd.BeamdaeError, match="the derivative requires rate= or filter_time="):
-        bd.pid(mech, "servo", value, 1.0, kd=1.0)
-    with pytest.raises(bd.BeamdaeError, match="limits must ascend"):
-        bd.pid(mech, "servo", value, 1.0, ki=1.0, limits=(1.0, 0.0))
-    with pytest.raises(bd.BeamdaeError, match="tracking_time must be positive"):
-        bd.pid(mech, "servo", value, 0.0, ki=1.0, limits=(0.0, 1.0), tracking_time=0.0)
-    # A controller without a proportional part has no kp / ki.
-    with pytest.raises(bd.BeamdaeError, match="tracking_time has no default with limits, kp = 0 "):
-        bd.pid(mech, "servo", value, 0.0, ki=1.0, limits=(0.0, 1.0))
-    assert not mech.parts
-    with pytest.raises(bd.BeamdaeError, match="pid: mechanism must be a Mechanism"):
-        bd.pid(None, "servo", value, 1.0)
 
 
 EVERY, UPRIGHT = 0.01, 0.5 * np.pi
@@ -794,9 +741,7 @@ def test_regression_blocks_with_a_name_in_use_leave_no_states():
     ("value", "unit", "expected"),
     [
         (lambda x, goal, push: 0.1 - x, None, ("m", "m s", "m s^2", "m s")),
-        (lambda x, goal, push: goal - x, None, ("m", "m s", "m s^2", "m s")),
         (lambda x, goal, push: goal - 2.0 * x, None, ("-", "-", "-", "-")),
-        (lambda x, goal, push: goal * x, None, ("-", "-", "-", "-")),
         (lambda x, goal, push: push - x, None, ("-", "-", "-", "-")),
         (lambda x, goal, push: goal - 2.0 * x, "rad/s", ("rad/s", "rad", "rad s", "rad")),
         (lambda x, goal, push: goal, "-", ("-", "s", "s^2", "s")),
@@ -825,6 +770,3 @@ def test_regression_integrals_of_quotients_have_their_unit():
         bd.pid(mech, f"pid {number}", signal, 1.0, ki=1.0, unit=unit)
     units = [mech.part(f"pid {number} integral").unit for number in range(len(expected))]
     assert units == list(expected.values())
-    # Behind a slash, a factor divides, so that "m/s^2 s" would be m/s^3.
-    for unit, integral in expected.items():
-        assert parse_unit(f"s {unit}") == parse_unit(integral)

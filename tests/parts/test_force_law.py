@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
@@ -167,68 +166,3 @@ def test_regression_vectors_of_a_law_multiply_arrays(name):
         mech.add(bd.ForceLaw("drag", bob.point, each))
         forces.append(NumericEquations(mech).force([0.8, 0.4], [0.5, -1.0]))
     assert_allclose(*forces, rtol=1e-13)
-
-
-BODY = bd.RigidBody("body", mass=1.0, inertia=1.0)
-ON, BOB = BODY.at(0.0, 0.0), bd.PointMass("bob", 1.0, at=(1.0, 0.0)).point
-GROUND = bd.Mechanism().ground.at(0.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: bd.ForceLaw("f", BODY, lambda a, t: (0, 0)), "f: on must be an attachment"),
-        (lambda: bd.ForceLaw("f", (), lambda t: (0, 0)), "f: on must be an attachment"),
-        (lambda: bd.ForceLaw("f", (ON, 3), lambda a, b, t: 0), "f: on must be an attachment .* 3"),
-        (
-            lambda: bd.ForceLaw("f", GROUND, lambda a, t: (0, 0)),
-            "f: none of the attachments can move",
-        ),
-        (lambda: bd.ForceLaw("f", ON, (1.0, 2.0)), r"f: law must be a function, got \(1.0, 2.0\)"),
-        (
-            lambda: bd.ForceLaw("f", ON, lambda t: (0, 0)),
-            "f: law must be a formula .*the call failed",
-        ),
-        (
-            lambda: bd.ForceLaw("f", ON, lambda a, t: 1.0),
-            r"f: each load returned by law must be \(Fx, Fy\)",
-        ),
-        (lambda: bd.ForceLaw("f", ON, lambda a, t: ("up", 0.0)), "f: law must return 2 numbers"),
-        (
-            lambda: bd.ForceLaw("f", (ON, BOB), lambda a, b, t: (1.0, 2.0, 3.0)),
-            "f: law must return a list of 2 loads",
-        ),
-        (
-            lambda: bd.ForceLaw("f", BOB, lambda a, t: (0.0, 0.0, 1.0)),
-            r"f: bob at \(1, 0\) is a particle without an angle; law must return \(Fx, Fy\)",
-        ),
-        (
-            lambda: bd.ForceLaw("f", ON, lambda a, t: (np.where(a.rate > 0, 1.0, 0.0), 0.0)),
-            "f: law must be continuous, but uses lt, if_else_zero; use bd.positive_part",
-        ),
-        (
-            lambda: bd.ForceLaw("f", ON, lambda a, t: (max(a.rate, 0.0), 0.0)),
-            "f: law must be a formula without branches on arguments",
-        ),
-        (
-            lambda: bd.ForceLaw("f", ON, lambda a, t: (float(a.rate), 0.0)),
-            "f: law must be a formula of numpy functions such as np.sin",
-        ),
-        (
-            lambda: bd.ForceLaw("f", ON, lambda a, t: a.velocity @ ca.vertcat(1.0, 2.0) * t),
-            "f: law must be a formula .* do not match. Use vectors of equal length, or write their",
-        ),
-        (
-            lambda: bd.ForceLaw("f", ON, lambda a, t: (0, 0), energy=lambda a: a.rate),
-            "f: energy must depend only on positions and angles",
-        ),
-        (
-            lambda: bd.ForceLaw("f", ON, lambda a, t: (0, 0), dissipative=1),
-            "f: dissipative must be True or False, got 1",
-        ),
-    ],
-)
-def test_error_messages(make, message):
-    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as problem:
-        make()
-    assert str(problem.value).endswith(".")

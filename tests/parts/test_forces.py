@@ -111,19 +111,6 @@ def test_point_mass_on_a_beam_has_the_inertia_and_weight_of_its_point(variant):
     assert_allclose(energy[2], -mass * gravity @ place(0.0), rtol=1e-12)
 
 
-def test_loads_follow_the_piece_of_their_law_that_the_branch_selects():
-    law = bd.piecewise((0.5, lambda t: 3.0 * t), -1.0)
-    mech = bd.Mechanism()
-    body = mech.add(bd.RigidBody("body", mass=1.0, inertia=1.0))
-    mech.add(bd.Force("push", body.at(0.0, 0.0), (law, bd.sine(2.0, 0.25))))
-    mech.add(bd.Moment("twist", body.at(0.0, 0.0), lambda t: t**2))
-    numeric = NumericEquations(mech)
-    for time, x in (([0.2, 0.2], 0.6), ([0.5, 0.2], 1.5), ([0.5, 0.7], -1.0), ([0.9, 0.9], -1.0)):
-        t = time[0]
-        expected = [-x, -2.0 * np.sin(0.5 * np.pi * t), -(t**2)]
-        assert_allclose(numeric.force(time=time), expected, rtol=1e-14)  # rounding
-
-
 def test_an_eccentric_force_rotates_a_rigid_body():
     mech = bd.Mechanism(gravity=(0.0, -10.0))
     body = mech.add(bd.RigidBody("body", mass=2.0, inertia=0.3, center=(1.0, 1.0)))
@@ -143,41 +130,3 @@ def test_an_eccentric_force_rotates_a_rigid_body():
     assert_allclose(gravity, 20.0, rtol=1e-14)
     assert_allclose(power, 4.0 * (-0.2 + 5.0 * 0.5) + 3.0 * (0.3 - 5.0 * 2.0), rtol=1e-14)
     assert (strain, dissipated) == (0.0, 0.0)
-
-
-BODY = bd.RigidBody("body", mass=1.0, inertia=1.0)
-ON = BODY.at(0.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: bd.Force("push", BODY, (1.0, 2.0)), "push: on must be an attachment .*RigidBody"),
-        (
-            lambda: bd.Force("push", ON, 3.0),
-            r"push: law must be a pair of laws \(Fx, Fy\), got 3.0",
-        ),
-        (lambda: bd.Force("push", ON, (1.0, 2.0, 3.0)), "push: law must be a pair of laws"),
-        (lambda: bd.Force("push", ON, (1.0, "up")), "push: law must be a number, got 'up'"),
-        (lambda: bd.Force("push", ON, (np.nan, 0.0)), "push: law must be finite, got nan"),
-        (
-            lambda: bd.Force("push", ON, (1.0, 2.0), axes="bdy"),
-            r"push: axes must be one of 'inertial', 'body', got 'bdy' \(did you mean 'body'\?\)",
-        ),
-        (lambda: bd.Force("", ON, (1.0, 2.0)), "Force: the name must be a non-empty string"),
-        (lambda: bd.Moment("twist", "hub", 1.0), "twist: on must be an attachment .*got 'hub'"),
-        (
-            lambda: bd.Moment("twist", ON, (1.0, 2.0)),
-            r"twist: law must be a number, got \(1.0, 2.0",
-        ),
-        (lambda: bd.Moment("twist", ON, lambda t: [t]), "twist: the law must return one number"),
-        (
-            lambda: bd.Moment("twist", bd.PointMass("bob", 1.0, at=(1.0, 2.0)).point, 1.0),
-            r"twist: bob at \(1, 2\) is a particle without an angle",
-        ),
-        (lambda: bd.Moment(3, ON, 1.0), "Moment: the name must be a non-empty string, got 3"),
-    ],
-)
-def test_error_messages(make, message):
-    with pytest.raises(bd.BeamdaeError, match=message):
-        make()

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from decimal import Decimal
-
-import casadi as ca
 import numpy as np
 import pytest
 from conformance import IDA_FORMS, integrators, tuned
 from numpy.testing import assert_allclose
-from support import NumericEquations, assert_derivative
+from support import NumericEquations
 
 import beamdae as bd
-from beamdae.parts.part import Part
-from beamdae.symbolic.statements import ForceKernel, ForceStatement, Local
 
 GRAVITY, MASS, COEFFICIENT = 9.81, 2.0, 0.3
 
@@ -25,32 +20,15 @@ def run(model, integrator, t_end, step=None):
     return solution
 
 
-class Spring(Part):
-    """Linear spring that pulls the x of a body to zero."""
-
-    def __init__(self, name, body, stiffness):
-        self.name, self.body, self.stiffness = name, body, stiffness
-
-    def forces(self, gravity):
-        point = self.body.at(*self.body.center)
-        local = Local(point.size)
-        x = point.position(local.q)[0]
-        energy = 0.5 * self.stiffness * x**2
-        force = ca.gradient(energy, local.q)
-        kernel = ForceKernel(local, force, ca.vertcat(0, energy, 0))
-        return [ForceStatement(self.name, kernel, (point.piece,), np.zeros((0, 1)))]
-
-
-def block(speed=2.0, turn=0.0, at=(0.0, 0.0), spring=None, start=0.0, **friction):
+def block(speed=2.0, turn=0.0, at=(0.0, 0.0), pull=0.0, **friction):
     """Return a block on an inclined guide, pressed onto it by its weight."""
     c, s = np.cos(turn), np.sin(turn)
     mech = bd.Mechanism(gravity=(GRAVITY * s, -GRAVITY * c))
-    center = (at[0] + c * start, at[1] + s * start)
+    center = at
     body = mech.add(bd.RigidBody("block", MASS, 0.5, center, (c * speed, s * speed)))
     guide = bd.PointOnLine("guide", mech.ground.at(*at), body.at(*center), (c, s))
     mech.add(guide)
-    if spring is not None:
-        mech.add(Spring("spring", body, spring))
+    mech.add(bd.Force("pull", body.at(*center), (c * pull, s * pull)))
     settings = {"coefficient": COEFFICIENT, "friction_speed": 1e-3} | friction
     rubbing = mech.add(bd.Friction("friction", guide, **settings))
     mech.observe("friction", rubbing.reaction)
@@ -95,12 +73,9 @@ def test_regression_reactions_below_a_millinewton_cause_friction(force):
 def test_a_force_below_the_friction_limit_makes_it_creep():
     """Under F < mu N it creeps with v = friction_speed atanh(F / (mu N))."""
     pull = 3.0
-    mech = block(speed=0.0, start=1.0, spring=pull)
-    solution = run(mech, bd.Radau(rtol=1e-8), 1.0, 0.5)
+    solution = run(block(speed=0.0, pull=pull), bd.Radau(rtol=1e-8), 1.0, 0.5)
     creep = 1e-3 * np.arctanh(pull / (COEFFICIENT * MASS * GRAVITY))
-    assert_allclose(
-        solution.columns["friction.v [m/s]"][1:], -creep, rtol=2e-3
-    )  # as the spring slackens
+    assert_allclose(solution.columns["friction.v [m/s]"][1:], creep, rtol=1e-6)
 
 
 @pytest.mark.parametrize("speed", [1e-4, 0.01, 0.05, 2.0])
@@ -141,29 +116,6 @@ def test_a_bearing_dissipates_the_energy_the_pendulum_loses(integrator):
     size = 0.3 + 0.1 * np.exp(-((slip / 0.05) ** 2))
     moment = -0.05 * bearing_force * size * np.tanh(slip / 0.01)
     assert_allclose(reference.columns["friction.M [N m]"], moment, rtol=1e-6, atol=1e-9)
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_results_do_not_depend_on_place_direction_and_order_of_points():
-    integrator = bd.Radau(rtol=1e-10)
-    plain = run(pendulum(), integrator, 2.0, 0.5)
-    displaced = run(pendulum(1.3, (4.0, -3.0)), integrator, 2.0, 0.5)
-    swapped = run(pendulum(swap=True), integrator, 2.0, 0.5)
-    # Rounding may change the steps: runs agree to their tolerance.
-    assert_allclose(displaced.q[:, 2], plain.q[:, 2], rtol=0.0, atol=1e-8)
-    assert_allclose(swapped.q[:, 2], plain.q[:, 2], rtol=0.0, atol=1e-8)
-    moments = [x.columns["friction.M [N m]"] for x in (plain, displaced, swapped)]
-    assert_allclose(moments[1], moments[0], rtol=0.0, atol=1e-6)
-    assert_allclose(moments[2], -moments[0], rtol=0.0, atol=1e-6)
-
-
-def test_a_coefficient_of_zero_has_no_effect():
-    frictionless = pendulum(coefficient=0.0)
-    bare = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    bar = bare.add(bd.RigidBody("bar", MASS, 0.2, (0.5, 0.0)))
-    bare.add(bd.Revolute("pin", bare.ground.at(0, 0), bar.at(0, 0)))
-    runs = [run(mech, bd.Radau(rtol=1e-8), 2.0, 0.5) for mech in (frictionless, bare)]
-    assert_allclose(runs[0].q, runs[1].q, rtol=0.0, atol=1e-9)
 
 
 def test_painleve_paradox_is_reported():
@@ -207,81 +159,6 @@ def test_regression_equilibria_state_that_friction_does_not_hold():
     mech.add(bd.Friction("rub", slope, 0.5, friction_speed=1e-3))
     words += ", because the friction of rub is zero at rest"
     assert bd.equilibrium(mech).status.sentence.partition(" (last")[0].endswith(words)
-
-
-def test_tangents_are_derivatives():
-    numeric = NumericEquations(
-        pendulum(friction_speed=0.5, static=0.4, stribeck=0.3, smoothing=0.7)
-    )
-    evaluator, q = numeric._evaluator, np.array([0.3, 0.2, 0.4])
-    v, lam = np.array([0.2, -0.4, 1.1]), np.array([0.8, -0.5])
-
-    def tangent(*c):
-        nonzeros = evaluator.saddle_matrix(numeric.time, q, v, None, c, lam)
-        pattern = evaluator.sums.saddle_pattern.copy()
-        pattern.data = nonzeros
-        return pattern.toarray()[:3]
-
-    damping, still = tangent(0.0, 1.0, 0.0), tangent(0.0, 0.0, 0.0)
-    assert_derivative(damping[:, :3], lambda x: evaluator.force(numeric.time, q, x, None, lam), v)
-    reactions = numeric.constraint_matrix(q).T
-    by_lam = still[:, 3:] - reactions
-    assert np.any(by_lam)
-    assert_derivative(by_lam, lambda x: evaluator.force(numeric.time, q, v, None, x), lam)
-    powers = numeric.energies(q, v, None, lam)
-    # The dissipated power is that of its forces.
-    free = numeric.force(q, v) @ v
-    assert_allclose(
-        powers[4], evaluator.force(numeric.time, q, v, None, lam) @ v - free, rtol=1e-12
-    )
-
-
-GROUND = bd.Mechanism().ground
-BODY = bd.RigidBody("body", 1.0, 0.1)
-ENDS = (GROUND.at(0, 0), BODY.at(0, 0))
-PIN, LINE = bd.Revolute("pin", *ENDS), bd.PointOnLine("line", *ENDS)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (
-            lambda: bd.Friction("f", PIN, 0.1, 1e-3),
-            "f: friction in pin requires radius= .radius of the bear",
-        ),
-        (lambda: bd.Friction("f", LINE, 0.1, 1e-3, radius=1.0), "f: radius does not apply to lin"),
-        (lambda: bd.Friction("f", LINE, -0.1, 1e-3), "f: coefficient must not be negative"),
-        (lambda: bd.Friction("f", LINE, 0.1, 0.0), "f: friction_speed must be positive, got 0"),
-        (lambda: bd.Friction("f", LINE, 0.1, 1e-3, smoothing=0), "f: smoothing must be positive"),
-        (lambda: bd.Friction("f", LINE, 0.1, 1e-3, 0.2), "f: static and stribeck must be given to"),
-        (
-            lambda: bd.Friction("f", LINE, 0.1, 1e-3, 0.05, 0.1),
-            "f: static must be at least coefficient, .* got 0.05 and 0.1",
-        ),
-        (
-            lambda: bd.Friction("f", bd.Weld("w", *ENDS), 0.1, 1e-3),
-            "f: joint must be a rotating or sliding joint .* got Weld",
-        ),
-        (lambda: bd.Friction("f", BODY.at(0, 0), 0.1, 1e-3), "f: joint must be a rotating"),
-    ],
-)
-def test_error_messages(make, message):
-    with pytest.raises(bd.BeamdaeError, match=message):
-        make()
-
-
-def test_numbers_of_any_type_are_converted_to_float():
-    settings = {name: Decimal("0.3") for name in ("static", "stribeck", "radius")}
-    friction = bd.Friction("f", PIN, 0.1, 1e-3, **settings)
-    assert all(type(getattr(friction, name)) is float for name in settings)
-
-
-def test_its_joint_must_be_part_of_the_mechanism():
-    mech = bd.Mechanism()
-    body = mech.add(bd.RigidBody("body", 1.0, 0.1))
-    line = bd.PointOnLine("line", mech.ground.at(0, 0), body.at(0, 0))
-    with pytest.raises(bd.BeamdaeError, match="'line' is not part"):
-        mech.add(bd.Friction("f", line, 0.1, 1e-3))
 
 
 @pytest.mark.slow(reason="a fifth of a second")

@@ -55,17 +55,3 @@ def test_a_pendulum_rotates_uniformly_after_gravity_ends(integrator):
     assert_allclose(0.5 * 2.5 * rate[6] ** 2, fall, rtol=1e-4)
     assert_allclose(solution.energies["energy.work_of_loads [J]"].iloc[-1], fall, rtol=1e-4)
     assert solution.quality.energy_imbalance < 1e-4
-
-
-@pytest.mark.parametrize(
-    ("gravity", "message"),
-    [
-        ((0.0, "down"), "Mechanism: gravity y must be a number, got 'down'"),
-        (9.81, "Mechanism: gravity must be a pair"),
-        ((0.0, lambda t: np.where(t > 1, 1.0, 0.0)), "Mechanism.gravity: the law must be smooth"),
-        ((lambda t: 0.0 * t, np.nan), "Mechanism.gravity: law must be finite"),
-    ],
-)
-def test_error_messages(gravity, message):
-    with pytest.raises(bd.BeamdaeError, match=f"^{message}"):
-        bd.Mechanism(gravity=gravity)

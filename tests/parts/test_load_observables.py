@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
 from functools import partial
 
 import casadi as ca
@@ -17,7 +15,6 @@ from support import ARC, EXACT_VARIANT, UNEVEN_ELEMENTS, VARIANTS, NumericEquati
 import beamdae as bd
 from beamdae.equations.measures import ObservedRows
 from beamdae.parts.forces.load_observables import ObservableBeamLoad, ObservableLoad
-from beamdae.symbolic.signal_pickling import pickle_with_signals
 
 CHORD = VARIANTS[2]
 TIME = (0.7, 0.7)
@@ -111,17 +108,6 @@ def test_loads_on_all_points_are_equivalent_to_the_generalized_forces(name):
 
 
 BEAM_LOADS = [name for name in NAMES if isinstance(mechanism(name)[1], ObservableBeamLoad)]
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_regression_mechanisms_with_observed_loads_can_be_copied_and_pickled(name):
-    # Certificates failed, because "ctypes objects containing pointers cannot be pickled".
-    mech, load = mechanism(name)
-    for statement in load.forces(np.zeros(2)):
-        statement.kernel.force_kernel.load_native()  # Machine code cannot be copied.
-    mech.observe("load", load.power)
-    for again in (copy.deepcopy(mech), pickle.loads(pickle_with_signals(mech))):
-        assert again.observables["load"].columns == mech.observables["load"].columns
 
 
 @pytest.mark.parametrize("variant", [CHORD, EXACT_VARIANT], ids=str)
@@ -233,75 +219,6 @@ def test_motors_exchange_angular_momentum_and_supply_the_kinetic_energy(
     close(table["energy.imbalance [J]"], 0.0)
 
 
-def motor_on_a_beam(as_motor):
-    """Return a cantilever that carries an arm, driven by a motor or by two opposite moments."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
-    strip = bd.Section.rectangle(alloy, width=0.03, height=0.0025, damping=1e-3)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), strip, elements=2))
-    arm = mech.add(bd.RigidBody("arm", 0.1, 1e-3, (0.6, 0.0)))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    mech.add(bd.Revolute("hinge", beam.end, arm.at(0.5, 0.0)))
-    mech.observe("arm", arm.at(0.6, 0.0))
-    mech.observe("end", beam.end)
-    mech.observe("root", beam.section_forces(0.1))
-    law, opposite = bd.sine(0.05, 2.0), bd.sine(-0.05, 2.0)
-    if as_motor:
-        mech.add(bd.Moment("motor", arm.at(0.5, 0.0), law, reaction_on=beam.end))
-    else:
-        mech.add(bd.Moment("on arm", arm.at(0.5, 0.0), law))
-        mech.add(bd.Moment("on beam", beam.end, opposite))
-    return mech
-
-
-@pytest.mark.slow(reason="two runs of a beam")
-def test_a_motor_on_the_end_of_a_beam_equals_two_opposite_moments():
-    one, two = (
-        bd.simulate(motor_on_a_beam(x), bd.Radau(1e-7), t_end=0.3, output_step=0.05).table()
-        for x in (True, False)
-    )
-    # The same equations, up to the order of sums, at a tolerance of 1e-7.
-    assert_allclose(one, two, rtol=1e-6, atol=1e-6)
-
-
-def test_motors_with_laws_of_the_state_equal_torsion_dampers():
-    def speed(has_motor):
-        mech = bd.Mechanism()
-        wheel = mech.add(bd.RigidBody("wheel", 1.0, 0.1, (0.0, 0.0), angular_velocity=3.0))
-        frame = mech.add(bd.RigidBody("frame", 1.0, 0.2, (0.0, 0.0)))
-        ends = wheel.at(0.0, 0.0), frame.at(0.0, 0.0)
-        if has_motor:
-            a, b = (
-                mech.sensor(name, end.body.at(0.0, 0.0), "angle_dot")
-                for name, end in zip(("a", "b"), ends, strict=True)
-            )
-            mech.add(bd.Moment("brake", ends[0], -0.4 * (a - b), reaction_on=ends[1]))
-        else:
-            mech.add(bd.TorsionDamper("brake", *ends, damping=0.4))
-        mech.observe("wheel", ends[0])
-        table = bd.simulate(mech, bd.Radau(1e-9), t_end=0.2, output_step=0.1).table()
-        return table["wheel.angle_dot [rad/s]"].to_numpy()
-
-    t = np.array([0.0, 0.1, 0.2])
-    exact = 1.0 + 2.0 * np.exp(-0.4 * (1.0 / 0.1 + 1.0 / 0.2) * t)
-    assert_allclose(speed(True), exact, rtol=1e-7)
-    assert_allclose(speed(False), exact, rtol=1e-7)
-
-
-@pytest.mark.parametrize(
-    ("reaction_on", "message"),
-    [
-        (lambda body, ball: 3, "reaction_on must be an attachment such as beam.end, got 3"),
-        (lambda body, ball: body, "reaction_on must be an attachment .* pass a point of body: its"),
-        (lambda body, ball: ball.point, "ball at .* is a particle without an angle"),
-    ],
-)
-def test_motors_without_a_second_body_are_refused(reaction_on, message):
-    body, ball = bd.RigidBody("body", 1.0, 0.1, (0.0, 0.0)), bd.PointMass("ball", 1.0, at=(0, 1))
-    with pytest.raises(bd.BeamdaeError, match=f"^motor: {message}"):
-        bd.Moment("motor", body.at(0.0, 0.0), 1.0, reaction_on=reaction_on(body, ball))
-
-
 def test_motors_within_a_rigid_body_do_nothing_and_those_on_the_ground_are_moments():
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("body", 1.0, 0.1, (0.0, 0.0)))
@@ -314,19 +231,6 @@ def test_motors_within_a_rigid_body_do_nothing_and_those_on_the_ground_are_momen
     mech.add(bd.Moment("inside", on, 2.0, reaction_on=body.at(0.1, 0.0)))
     with pytest.warns(bd.BeamdaeWarning, match="inside: both ends are fixed to body, so the part"):
         bd.simulate(mech, bd.Radau(), t_end=0.01)
-
-
-def test_loads_that_cannot_be_observed_are_refused_by_name():
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
-    force = mech.add(bd.Force("push", ball.point, (1.0, 0.0)))
-    spring = mech.add(bd.Spring("spring", ball.point, mech.ground.at(0.0, 0.0), 2.0))
-    with pytest.raises(bd.BeamdaeError, match=r"push: ball .* is a particle without an angle"):
-        _ = force.moment
-    with pytest.raises(bd.BeamdaeError, match=r"spring: the point 'b' .*observe load_on\('a'\)"):
-        spring.load_on("b")
-    with pytest.raises(bd.BeamdaeError, match="spring: place must be one of 'a', 'b', got 'c'"):
-        spring.load_on("c")
 
 
 def test_law_on_several_points_has_numbered_columns():
@@ -356,26 +260,6 @@ def test_observed_loads_follow_changes_of_inputs():
     mech.observe("push", push.force)
     solution = bd.simulate(mech, t_end=0.1, output_step=0.1, inputs={"thrust": 5.0})
     assert_allclose(solution.table()["push.Fx [N]"], 15.0, rtol=1e-14)
-
-
-def test_regression_an_observed_force_law_is_called_once():
-    """Each observed column called the law, which took half of the time to build a model."""
-    calls = []
-
-    def pull(block, t):
-        calls.append(t)
-        return (-block.position[0], 0.0)
-
-    mech = bd.Mechanism()
-    block = mech.add(bd.PointMass("block", 1.0, at=(1.0, 0.0)))
-    law = mech.add(bd.ForceLaw("pull", block.point, pull))
-    calls.clear()
-    mech.observe("force", law.force)
-    mech.observe("power", law.power)
-    mech.observe("load", law.load_on("on"))
-    assert not calls
-    bd.equations_of_motion(mech)
-    assert len(calls) == 1
 
 
 @pytest.mark.slow(reason="a fifth of a second")

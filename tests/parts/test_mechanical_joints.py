@@ -99,24 +99,6 @@ def test_rack_and_pinion(side):
     assert_allclose(on_pinion, -side * radius * force, rtol=1e-12)
 
 
-def test_a_wheel_rolls_down_a_slope():
-    """a = g sin(slope) / (1 + J / (m r^2)): a rack on the ground, with the wheel to its left."""
-    radius, mass, inertia, slope = 0.3, 2.0, 0.05, -0.4
-    along = np.array([np.cos(slope), np.sin(slope)])
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    center = (-radius * along[1], radius * along[0])
-    wheel = mech.add(bd.RigidBody("wheel", mass, inertia, center))
-    ground = mech.ground.at(0.0, 0.0)
-    mech.add(bd.PointOnLine("contact", mech.ground.at(*center), wheel.at(*center), tuple(along)))
-    mech.add(bd.RackAndPinion("rolling", wheel.at(*center), ground, radius, tuple(along)))
-    numeric, state = find_start(mech)
-    acceleration = 9.81 * np.sin(-slope) / (1.0 + inertia / (mass * radius**2))
-    first = numeric.index("wheel.x")
-    # Rounding error of a saddle-point solution.
-    assert_allclose(state.a[first : first + 2], acceleration * along, rtol=1e-12)
-    assert_allclose(state.a[first + 2], -acceleration / radius, rtol=1e-12)
-
-
 def double_pendulum(link):
     """Return two particles on links at 60 and -10 degrees from the vertical, at rest."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
@@ -192,18 +174,6 @@ def test_power_of_shortening_a_pendulum_is_that_of_its_energy(integrator):
     assert solution.quality.energy_imbalance < 1e-4
 
 
-def test_tension_of_a_link_is_positive():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.PointMass("bob", 0.8, at=(0.0, -1.5)))
-    rope = mech.add(bd.Distance("rope", bob.point, mech.ground.at(0.0, 0.0)))
-    mech.observe("rope", rope.reaction)
-    mech.observe("on bob", rope.reaction_on("a"))
-    numeric, state = find_start(mech)
-    weight = 0.8 * 9.81
-    assert_allclose(numeric.observed("rope", q=state.q, lam=state.lam), [weight], rtol=1e-12)
-    assert_allclose(numeric.observed("on bob", q=state.q, lam=state.lam), [0.0, weight], atol=1e-12)
-
-
 def test_force_and_power_of_a_prescribed_travel():
     """F = m a and P = F v of a prescribed travel along an inclined line."""
     mass, angle, t = 1.4, 0.6, 0.3
@@ -223,51 +193,3 @@ def test_force_and_power_of_a_prescribed_travel():
     # Rounding error; the start is closed to 1e-12.
     assert_allclose(motor, [force, force * rate], rtol=1e-11)
     assert_allclose(state.q[0] - 0.5, 0.4 * np.sin(np.pi * t) * along[0], atol=1e-11)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (
-            lambda m, d: bd.Distance("link", m.ground.at(0, 0), d.at(0, 0)),
-            "link: .* coincide in the reference configuration.* join the points by a Revolute",
-        ),
-        (
-            lambda m, d: bd.Distance("link", m.ground.at(3, 0), d.at(0, 0), length=2.9),
-            r"length must equal the distance .* \(3 m\) or be a time law, got 2.9 m",
-        ),
-        (
-            lambda m, d: bd.Distance("link", m.ground.at(3, 0), d.at(0, 0), lambda t: t - 1.0),
-            "link: length at t = 0 must be positive, got -1",
-        ),
-        (
-            lambda m, d: bd.Gear("gear", m.ground.at(0, 0), d.at(0, 0), 0.0),
-            "gear: ratio must not be zero",
-        ),
-        (
-            lambda m, d: bd.Gear("gear", m.ground.at(0, 0), d.at(0, 0), 2.0, carrier=d.at(1, 0)),
-            r"gear: the carrier must be a body other than the wheels, got disk at \(1, 0\)",
-        ),
-        (
-            lambda m, d: bd.RackAndPinion("rack", d.at(0, 0), m.ground.at(0, 0), 0.0),
-            "rack: radius must not be zero",
-        ),
-        (
-            lambda m, d: bd.TranslationalDriver("motor", m.ground.at(0, 0), d.at(0, 0)),
-            "motor: law= is missing; pass the travel",
-        ),
-        (
-            lambda m, d: bd.Prismatic("rail", m.ground.at(0, 0), d.at(0, 0), (0.0, 0.0)),
-            "rail: direction must not be zero",
-        ),
-        (
-            lambda m, d: bd.Revolute("pin", m.ground.at(0, 0), d.at(0, 0)).reaction_on("c"),
-            "pin: place must be .*'a', 'b'",
-        ),
-    ],
-)
-def test_error_messages(make, message):
-    mech = bd.Mechanism()
-    disk = mech.add(bd.RigidBody("disk", 1.0, 0.1))
-    with pytest.raises(bd.BeamdaeError, match=message):
-        make(mech, disk)

@@ -9,10 +9,6 @@ from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, NumericEquations, assert_derivative, directional_derivative
 
 import beamdae as bd
-from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.integrators.alpha.jerk import JerkEquations, evaluate_normal_jerk
-from beamdae.integrators.alpha.workspace import Motion
-from beamdae.native.return_codes import DONE
 
 
 def run(model, integrator, t_end, step=None):
@@ -117,19 +113,6 @@ def test_chaplygin_sleigh(integrator):
     assert solution.quality.max_position_drift == 0.0
 
 
-@pytest.mark.parametrize("name", ["ida", "radau", "alpha adaptive"])
-def test_results_do_not_depend_on_place_and_direction_of_the_sleigh(name):
-    turn, at = 1.1, (3.0, -2.0)
-    integrator = tuned(1e-9, 1e-3)[name]
-    plain = run(sleigh(), integrator, 3.0, 0.5).columns
-    displaced = run(sleigh(turn, at), integrator, 3.0, 0.5).columns
-    c, s = np.cos(turn), np.sin(turn)
-    x, y = plain["blade.x [m]"], plain["blade.y [m]"]
-    # Rounding may change the steps: runs agree to their tolerance.
-    assert_allclose(displaced["blade.x [m]"], at[0] + c * x - s * y, rtol=0.0, atol=1e-7)
-    assert_allclose(displaced["blade.y [m]"], at[1] + s * x + c * y, rtol=0.0, atol=1e-7)
-
-
 @integrators(1e-7, 1e-3)
 def test_knife_edge_on_an_inclined_plane(integrator):
     """There is no net motion downhill: x = (g / 2 w^2) sin^2 w t, Arevalo & Loetstedt 1995."""
@@ -173,63 +156,6 @@ def test_disk_rolls_down_an_incline(integrator):
         reactions = [MASS * gravity * np.cos(slope_angle), -INERTIA * rate / radius**2]
         forces = [solution.columns["r.Fn [N]"], solution.columns["r.Ft [N]"]]
         assert_allclose(along * np.array(forces).T, np.tile(reactions, (5, 1)), rtol=1e-5)
-
-
-def test_compiled_loops_compute_the_same_jerk():
-    numeric = jointed(NONHOLONOMIC["inside a ring"])
-    equations = numeric.equations
-    rng = np.random.default_rng(1)
-    starter = ConsistencySolver(equations)
-    state = starter.state(numeric.time, equations.q0, rng.normal(size=numeric.n))
-    expected = starter.evaluate_normal_jerk(numeric.time, state, 1e-4, holonomic_only=True)
-    jerk = JerkEquations.from_equations(equations).buffers(False)
-    at = Motion(state.q, state.v, state.a, state.a, state.lam)
-    assert evaluate_normal_jerk(jerk, *numeric.time, at, 1e-4) == DONE
-    # Rounding error, 1e-12, of differences over 1e-4 of accelerations of order one.
-    assert_allclose(jerk.unknowns[: numeric.n], expected, rtol=1e-6, atol=1e-6)
-
-
-GROUND = bd.Mechanism().ground
-DISK = bd.RigidBody("disk", 1.0, 0.1, center=(0.0, 1.0))
-CENTER = DISK.at(0.0, 1.0)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (
-            lambda: bd.RollingOnLine("r", GROUND.at(0, 0), CENTER, 0.9),
-            r"r: the disk must touch the line .* disk at \(0, 1\) is 1 m off .* radius is 0.9 m",
-        ),
-        (lambda: bd.RollingOnLine("r", GROUND.at(0, 0), CENTER), "r: radius must be positive"),
-        (
-            lambda: bd.RollingOnLine("r", GROUND.at(0, 0), CENTER, 1.0, (0.0, 0.0)),
-            "r: direction must not be zero",
-        ),
-        (
-            lambda: bd.RollingOnCircle("r", GROUND.at(0, 0), CENTER, (0.5, 0.4)),
-            r"r: the disk must touch the circle .* 1 m, is neither the sum nor the difference of "
-            "the radii 0.5 m and 0.4 m",
-        ),
-        (
-            lambda: bd.RollingOnCircle("r", GROUND.at(0, 0), CENTER, 0.5),
-            r"r: radii must be a pair \(of the circle, of the disk\), got 0.5",
-        ),
-        (
-            lambda: bd.RollingOnCircle("r", GROUND.at(0, 1), CENTER, (0.5, 0.5)),
-            "r: the disk must touch the circle",
-        ),
-        (
-            lambda: bd.Skate("s", bd.PointMass("p", 1.0, at=(0, 0)).point),
-            r"s: p at \(0, 0\) is a particle without an angle",
-        ),
-        (lambda: bd.Skate("s", GROUND.at(0, 0)), r"s: ground at \(0, 0\) belongs to the ground"),
-        (lambda: bd.Skate("s", CENTER, (0, 0)), "s: direction must not be zero"),
-    ],
-)
-def test_error_messages(make, message):
-    with pytest.raises(bd.BeamdaeError, match=message):
-        make()
 
 
 def test_two_perpendicular_skates_fix_a_point():

@@ -1,16 +1,9 @@
 """Inputs and sensors in laws and formulas, in all integrators, linear models and observables."""
 
-import gc
-import pickle
-
 import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.equations.formulations.first_order import formulate_first_order
-from beamdae.equations.formulations.step_equations import formulate_step
-from beamdae.native.lane_code import write_lane_module
-from beamdae.symbolic.signal_pickling import pickle_with_signals
 
 INERTIA, T_END = 0.5, 1.0
 
@@ -61,15 +54,6 @@ def test_run_replaces_the_value_of_an_input(driven, value, expected):
     assert bd.simulate(driven, bd.Radau(), t_end=T_END)["torque"].iloc[0] == 2.0
 
 
-def test_input_is_a_number_of_the_equations(driven):
-    (term,) = bd.equations_of_motion(driven).inputs
-    assert (term.name, term.unit, term.value, term.law) == ("torque", "N m", 2.0, None)
-    equations = bd.equations_of_motion(driven)
-    # The law of the motor and the observed column.
-    assert len(term.indices) == 2
-    np.testing.assert_array_equal(equations.p[list(term.indices)], 2.0)
-
-
 def test_signals_act_in_force_laws_springs_and_drivers():
     mech, wheel = build_wheel()
     gain = mech.input("gain", default=3.0, unit="N/m")
@@ -118,19 +102,6 @@ def test_constraint_with_a_sensor_is_rejected():
         bd.equations_of_motion(mech)
 
 
-def test_unknown_inputs_are_rejected(driven):
-    with pytest.raises(bd.BeamdaeError, match="there is no input 'torqe'"):
-        bd.simulate(driven, t_end=1.0, inputs={"torqe": 1.0})
-    with pytest.raises(bd.BeamdaeError, match="inputs require a mechanism"):
-        bd.simulate(bd.equations_of_motion(driven), t_end=1.0, inputs={"torque": 1.0})
-    other, wheel = build_wheel()
-    other.add(bd.Moment("motor", wheel.at(0.0, 0.0), driven.inputs["torque"]))
-    with pytest.raises(bd.BeamdaeError, match="torque: the input is not part of this mechanism"):
-        bd.equations_of_motion(other)
-    with pytest.raises(bd.BeamdaeError, match="the name 'torque' is in use"):
-        driven.input("torque")
-
-
 def test_inputs_of_linear_models_are_exact(driven):
     linear = bd.linearize(driven, inputs=["torque"])
     assert [x.header for x in linear.inputs] == ["torque [N m]"]
@@ -157,12 +128,6 @@ def test_input_of_a_driver_is_linearized_as_its_law():
         np.testing.assert_allclose(one, other, atol=1e-12)
 
 
-def test_mechanism_with_signals_can_be_pickled(driven):
-    copied = pickle.loads(pickle.dumps(driven.inputs["torque"]))
-    assert copied.value_symbol.element_hash() != driven.inputs["torque"].value_symbol.element_hash()
-    assert copied.default == 2.0
-
-
 def test_power_of_a_driver_that_follows_an_input():
     mech, wheel = build_wheel()
     level = mech.input("level", unit="rad")
@@ -183,16 +148,6 @@ def build_table_spring(moment=0.5, outside="hold", axis=(-0.2, 0.0, 0.2)):
     spring = bd.table(axis, [-3.0 * x for x in axis], kind="linear", outside=outside)(angle)
     mech.add(bd.Moment("motor", wheel.at(0.0, 0.0), moment + spring))
     return mech
-
-
-def test_regression_tables_of_sensors_have_machine_code():
-    """Equal numbers of a table were one number of the kernel; runs took 13 times as long."""
-    mech = build_table_spring(axis=(-0.2, -0.1, 0.0, 0.1, 0.2))
-    equations = bd.equations_of_motion(mech)
-    for form in (formulate_step(equations, False), formulate_first_order(equations, "index1")):
-        for total in form.sums:
-            for batch in total.batches:
-                assert write_lane_module(batch.kernel.function)
 
 
 @pytest.mark.slow(reason="a fifth of a second")
@@ -219,17 +174,6 @@ def test_regression_tables_of_sensors_are_linearized():
     """The value of the law was nan: "motor: law must be finite"."""
     model = bd.linearize(build_table_spring(moment=0.0, axis=(-0.3, -0.1, 0.2)))
     np.testing.assert_allclose(np.abs(model.poles), np.sqrt(3.0 / INERTIA), rtol=1e-9)
-
-
-@pytest.mark.slow(reason="a quarter of a second")
-def test_copies_of_mechanisms_keep_tables_of_sensors():
-    mech = pickle.loads(pickle_with_signals(build_table_spring()))
-    gc.collect()
-    with pytest.warns(bd.BeamdaeWarning, match="leaves the range"):
-        copied = bd.simulate(mech, bd.Radau(), t_end=1.0)
-    with pytest.warns(bd.BeamdaeWarning, match="leaves the range"):
-        run = bd.simulate(build_table_spring(), bd.Radau(), t_end=1.0)
-    np.testing.assert_array_equal(copied["angle"], run["angle"])
 
 
 def test_regression_sensors_of_reactions_name_the_work_of_drivers():

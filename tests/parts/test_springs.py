@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conformance import integrators
 from numpy.testing import assert_allclose
-from support import ARC, VARIANTS, NumericEquations
+from support import NumericEquations
 
 import beamdae as bd
 
@@ -114,58 +114,6 @@ def test_bushing_in_the_axes_of_its_first_body():
     assert_allclose(numeric.energies(q)[1], 0.05, rtol=1e-12)
 
 
-def test_springs_are_invariant_under_rigid_motions():
-    """Forces rotate with the drawing; energies and deformations stay equal."""
-    angle, shift = 1.1, np.array([3.0, -2.0])
-    c, s = np.cos(angle), np.sin(angle)
-    turn = np.array([[c, -s], [s, c]])
-
-    def numeric(is_moved):
-        def place(x, y):
-            return tuple(turn @ (x, y) + shift) if is_moved else (x, y)
-
-        mech = bd.Mechanism()
-        one = mech.add(bd.RigidBody("one", 1.0, 1.0, place(0.0, 0.0)))
-        other = mech.add(bd.RigidBody("other", 1.0, 1.0, place(2.0, 0.5)))
-        a, b = one.at(*place(0.3, 0.4)), other.at(*place(1.5, 0.2))
-        mech.add(bd.SpringDamper("spring", a, b, 3.0, 0.4, 0.7))
-        mech.add(bd.TorsionSpring("shaft", a, b, 2.0, 0.2))
-        angle_of_axes = angle if is_moved else 0.0
-        mech.add(bd.Bushing("bushing", a, b, 3.0, 1.0, 2.0, 0.2, 0.3, 0.1, angle_of_axes))
-        return NumericEquations(mech)
-
-    rng = np.random.default_rng(0)
-    step, v = 0.2 * rng.standard_normal(6), rng.standard_normal(6)
-    whole = np.kron(np.eye(2), np.block([[turn, np.zeros((2, 1))], [np.zeros((1, 2)), 1.0]]))
-    original, displaced = numeric(False), numeric(True)
-    force = original.force(original.equations.q0 + step, v)
-    again = displaced.force(displaced.equations.q0 + whole @ step, whole @ v)
-    assert_allclose(again, whole @ force, atol=1e-13)
-    energies = original.energies(original.equations.q0 + step, v)
-    others = displaced.energies(displaced.equations.q0 + whole @ step, whole @ v)
-    assert_allclose(others, energies, rtol=1e-12, atol=1e-13)
-    # Internal forces have no resultant, and no moment about the origin.
-    q = original.equations.q0 + step
-    assert_allclose(force[:2] + force[3:5], 0.0, atol=1e-13)
-    moments = [q[k] * force[k + 1] - q[k + 1] * force[k] + force[k + 2] for k in (0, 3)]
-    assert_allclose(sum(moments), 0.0, atol=1e-13)
-
-
-def _laws(k):
-    return {"law": lambda x, rate: (3.3 + k) * x**3}
-
-
-@pytest.mark.parametrize("settings", [lambda k: {"stiffness": 1.0 + k}, _laws])
-def test_many_springs_share_one_kernel(settings):
-    mech = bd.Mechanism()
-    body = mech.add(bd.RigidBody("body", 1.0, 1.0))
-    for k in range(64):
-        a, b = mech.ground.at(float(k), 2.0), body.at(0.1 * k, 0.0)
-        mech.add(bd.Spring(f"spring {k}", a, b, **settings(k)))
-    # The kernel of the body, and that of all springs.
-    assert sorted(term.count for term in bd.equations_of_motion(mech).forces) == [1, 64]
-
-
 @pytest.mark.slow(reason="a quarter of a second")
 def test_law_of_a_spring_counts_as_a_load_unless_its_energy_is_given():
     def run(**settings):
@@ -195,73 +143,3 @@ def test_law_of_a_spring_counts_as_a_load_unless_its_energy_is_given():
         atol=1e-9,
     )
     assert np.all(plain.energies["energy.strain [J]"] == 0.0)
-
-
-BODY = bd.RigidBody("body", mass=1.0, inertia=1.0)
-A, B, MET = BODY.at(0.0, 0.0), bd.PointMass("bob", 1.0, at=(1.0, 0.0)).point, BODY.at(1.0, 0.0)
-GROUND = bd.Mechanism().ground
-BEAM = VARIANTS[0].beam(ARC)
-
-
-def coupled_law(x, rate):
-    """Return a force whose third entry does not derive from the energy x[0]^2 / 2."""
-    return x[0], 0.0, 3.0 * x[2]
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: bd.Spring("s", BODY, B, 1.0), "s: first attachment must be an attachment"),
-        (lambda: bd.Spring("s", A, 3.0, 1.0), "s: second attachment must be an attachment"),
-        (lambda: bd.Spring("s", A, B, -1.0), "s: stiffness must not be negative, got -1"),
-        (lambda: bd.Spring("s", A, B, np.nan), "s: stiffness must be finite"),
-        (lambda: bd.Damper("s", A, B, "3"), "s: damping must be a number, got '3'"),
-        (lambda: bd.Spring("s", A, B, 1.0, -2.0), "s: free_length must not be negative"),
-        (lambda: bd.Spring("s", A, B, 1.0, preload=np.inf), "s: preload must be finite"),
-        (
-            lambda: bd.Spring("s", MET, B, 1.0, 1.0),
-            r"s: .* coincide in the reference configuration.*Bushing",
-        ),
-        (lambda: bd.Damper("s", MET, B, 1.0), "s: .* coincide in the reference configuration"),
-        (
-            lambda: bd.Spring("s", GROUND.at(0, 0), GROUND.at(1, 0), 1.0),
-            r"s: neither ground at \(0, 0\) nor ground at \(1, 0\) can move; attach one of",
-        ),
-        (lambda: bd.Spring("s", A, B, 1.0, law=lambda x, r: x), "s: give either a law or"),
-        (lambda: bd.Spring("s", A, B, 1.0, energy=lambda x: x), "s: energy requires law="),
-        (lambda: bd.Spring("s", A, B, law=3.0), "s: law must be a function, got 3.0"),
-        (
-            lambda: bd.Spring("s", A, B, law=lambda x: x),
-            "s: law must be a formula .*the call failed",
-        ),
-        (lambda: bd.Spring("s", A, B, law=lambda x, r: (x, r)), "s: law must return one number"),
-        (
-            lambda: bd.Spring("s", A, B, law=lambda x, r: x if x > 0 else 0.0),
-            r"s: law must be a formula without branches on .* use bd.positive_part\(x\)",
-        ),
-        (
-            lambda: bd.Spring("s", A, B, law=lambda x, r: np.sign(x)),
-            r"s: law must be continuous, but uses sign; .*bd.smooth_sign\(x, scale\)",
-        ),
-        (
-            lambda: bd.Spring("s", A, B, law=lambda x, r: x, energy=lambda x: x**2),
-            "s: the derivative of energy must equal law at zero rate, but at .* the values are",
-        ),
-        (lambda: bd.TorsionSpring("s", A, B, 1.0), "s: bob at .* without an angle"),
-        (lambda: bd.Bushing("s", A, B, 1.0), "s: bob at .* without an angle"),
-        (lambda: bd.Bushing("s", A, BEAM.end, kx=-1.0), "s: kx must not be negative, got -1"),
-        (
-            lambda: bd.Bushing("s", A, BEAM.end, law=lambda x, r: x[0]),
-            "s: law must return 3 numbers",
-        ),
-        (
-            lambda: bd.Bushing("s", A, BEAM.end, law=coupled_law, energy=lambda x: 0.5 * x[0] ** 2),
-            "s: the derivative of energy must equal law .* the values of entry 3 are 0 and ",
-        ),
-        (lambda: bd.Spring("", A, B, 1.0), "Spring: the name must be a non-empty string"),
-    ],
-)
-def test_error_messages(make, message):
-    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as problem:
-        make()
-    assert str(problem.value).endswith(".")

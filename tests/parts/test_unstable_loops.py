@@ -2,7 +2,6 @@
 
 import re
 import warnings
-from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.results.diagnostics import growing_loops
 
 STEP = 1e-3
 
@@ -129,23 +127,6 @@ def test_regression_unstable_loops_are_the_first_reason_of_runs_that_stop(gain, 
     cause = r"stopped at t = \S+ s: servo\S* (the command )?grows exponentially, by a factor of"
     assert re.match(cause, run.status.sentence)
     assert not any("its loop seems" in x for x in run.warnings)
-
-
-@pytest.mark.parametrize("rates", [(5.0, 9.0), (9.0, 5.0)])
-def test_regression_all_loops_that_grow_are_named_the_fastest_first(rates):
-    """The first loop was named alone, also if another one grew faster."""
-    times = np.linspace(0.0, 1.0, 401)
-    histories = [
-        growing_loops._History(
-            SimpleNamespace(name=f"servo {rate:g}"),
-            times,
-            np.exp(rate * times) * np.sin(60.0 * times),
-            np.zeros((len(times), 1)),
-        )
-        for rate in rates
-    ]
-    (sentence,) = growing_loops._swing_warnings(SimpleNamespace(mechanism=None), histories)
-    assert sentence.startswith("servo 9 (also servo 5) grows exponentially, by a factor of")
 
 
 def build_hard_stage(kp, kd, ki=0.0, goal=STEP, limits=None, damping=0.5):
@@ -456,13 +437,6 @@ def test_sampled_relays_have_no_gains(every):
     assert not loop_warnings(mech, 0.12, bd.GeneralizedAlpha(5e-4))
 
 
-def test_regression_growth_beyond_the_largest_number_does_not_overflow():
-    """Changes from 1e-160 to 1e160 overflowed an exponential: NumPy warned."""
-    values = 10.0 ** np.linspace(-160.0, 160.0, 1 + 40 * growing_loops._WINDOW_COUNTS[0])[:, None]
-    growth = growing_loops._exponential_growth(values, np.array([1e-160]))
-    assert growth[0] > 1e300
-
-
 @pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize(("steps", "is_named"), [(8, True), (1000, False)])
@@ -477,17 +451,3 @@ def test_regression_limit_cycles_of_quantization_have_a_warning(steps, is_named)
         assert found[0].startswith("digital: force alternates between ")
         step = float(found[0].split("rounds position in steps of ")[1].split(" m, ")[0])
         assert_allclose(step, STEP / steps, rtol=0.1)
-
-
-def test_rounding_steps_are_those_between_equal_jumps():
-    def find(evaluate, span=0.3):
-        law = growing_loops._Law(
-            lambda x: float(evaluate(x[0])), np.array([0.1]), np.zeros(1), (0.0, 0.0)
-        )
-        return growing_loops._find_rounding_step(law, 0, span)
-
-    assert_allclose(find(np.round), 1.0, rtol=0.1)
-    assert_allclose(find(lambda x: np.clip(0.2 * np.floor(x / 0.2), -9.0, 9.0)), 0.2, rtol=0.1)
-    # Laws without rounding, relays, dead zones and limits.
-    for law in (lambda x: x, np.sin, np.sign, lambda x: 0.0, lambda x: np.clip(1e3 * x, -1.0, 1.0)):
-        assert find(law) is None
