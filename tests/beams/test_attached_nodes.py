@@ -1,16 +1,12 @@
 """Element ends at the attachments of a beam: accuracy, order of the parts, warnings, limits."""
 
-import pickle
 import warnings
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.beams.mesh import Mesh
-from beamdae.symbolic.statements import Quantity, Variable
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 STRIP = bd.Section.rectangle(STEEL, width=0.02, height=0.01, damping=1e-3)
@@ -184,19 +180,6 @@ def test_observables_do_not_depend_on_the_order_of_the_parts(observe):
         assert_allclose(before[name], after[name], rtol=1e-12, err_msg=name)
 
 
-def test_quantities_that_cannot_be_rebuilt_keep_the_mesh():
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=4))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    own = Quantity((Variable("", "m"),), (beam.end.piece,), lambda local: local.q[0])
-    mech.observe("own", own)
-    plate = mech.add(bd.RigidBody("plate", 1.0, 1.0, (0.3, 0.0)))
-    mech.add(bd.Weld("bolts", beam.at(0.3), plate.at(0.3, 0.0)))
-    with pytest.warns(bd.BeamdaeWarning, match=r"^beam: bolts is attached at s = 0.3 m, inside an"):
-        bd.equations_of_motion(mech)
-    assert beam.mesh.bounds is None
-
-
 @pytest.mark.parametrize(
     ("start", "is_divided"),
     [
@@ -289,47 +272,6 @@ def test_no_warning_where_elements_end_at_the_attachments():
         bd.equations_of_motion(arm([0.0, 0.1, PIVOT, 0.55, 1.0]))
 
 
-@pytest.mark.parametrize(
-    ("elements", "message"),
-    [
-        ([0.0, 0.5, 0.5, 1.0], r"must ascend from 0 to 1 m, got \[0.0, 0.5, 0.5, 1.0\]"),
-        ([0.0, 0.5], "must ascend from 0 to 1 m"),
-        ([0.1, 1.0], "must ascend from 0 to 1 m"),
-        ([0.0], "must ascend from 0 to 1 m"),
-        ([], "must ascend from 0 to 1 m"),
-        ([0.0, float("nan"), 1.0], "elements must be finite, got nan"),
-        ("four", "elements must be a number or the arc lengths of the element ends, got 'four'"),
-    ],
-)
-def test_invalid_arc_lengths_of_element_ends(elements, message):
-    with pytest.raises(bd.BeamdaeError, match=f"^beam: .*{message}"):
-        bd.Beam("beam", LINE, STRIP, elements=elements)
-
-
-@pytest.mark.parametrize("nodes", [2, 3, 4])
-@pytest.mark.parametrize("shape", ["curved", "straight"])
-def test_uneven_meshes_have_consistent_geometry(nodes, shape):
-    curve = bd.Arc(radius=1.6, length=2.0, start=(0.3, -0.2), angle=0.4)
-    bounds = (0.0, 0.3, 0.45, 1.2, 2.0)
-    mesh = Mesh(curve, 4, nodes, shape).divided_at(bounds)
-    s = mesh.node_arc_lengths
-    assert_allclose(s[:: nodes - 1], bounds, rtol=1e-15)
-    for start, end in pairwise(range(0, mesh.node_count, nodes - 1)):
-        assert_allclose(np.diff(s[start : end + 1]), (s[end] - s[start]) / (nodes - 1), rtol=1e-12)
-    for place in np.linspace(0.0, 2.0, 41):
-        element, xi = mesh.locate(place)
-        assert_allclose(mesh.arc_lengths(np.array([element]), np.array([xi])), place, atol=1e-14)
-    for k, bound in enumerate(bounds[:-1]):
-        assert mesh.locate(bound) == (k, -1.0)
-    assert mesh.locate(2.0) == (3, 1.0)
-    weights, axis = mesh.gauss(4)
-    # Interpolation errors of an arc by elements that turn by half a radian.
-    assert weights.sum() == pytest.approx(2.0, rel=2e-2)
-    places = mesh.gauss_arc_lengths(4)
-    assert_allclose(axis.position, curve.point(places), atol=5e-2)
-    assert np.all(np.diff(places) > 0.0)
-
-
 @pytest.mark.slow(reason="a fifth of a second")
 @formulations
 def test_equal_lengths_given_as_ends_or_as_a_number_are_equivalent(formulation):
@@ -340,34 +282,6 @@ def test_equal_lengths_given_as_ends_or_as_a_number_are_equivalent(formulation):
     for name in columns[0]:
         # Both differ by rounding, which changes the steps within the tolerance.
         assert_allclose(*(c[name] for c in columns), atol=1e-5 * np.ptp(columns[0][name]))
-
-
-def bead_on_beam(elements, mass_at):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    strip = bd.Section.rectangle(STEEL, width=0.02, height=0.004, damping=1e-3)
-    beam = mech.add(bd.Beam("beam", LINE, strip, elements=elements))
-    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
-    mech.add(bd.PointOnLine("right", mech.ground.at(1.0, 0.0), beam.end))
-    mech.add(bd.PointMass("mass", 0.3, on=beam.at(mass_at)))
-    bead = mech.add(bd.PointMass("bead", 0.2, at=(0.2, 0.0), velocity=(0.6, 0.0)))
-    slider = mech.add(bd.SlidingOnBeam("slider", bead.point, beam))
-    mech.observe("bead", bead.point)
-    mech.observe("force", slider.reaction_on("beam", axes="body"))
-    mech.observe("s", slider.s)
-    return mech
-
-
-@pytest.mark.slow(reason="compiles large kernels of sliding points")
-def test_points_slide_along_beams_with_elements_of_different_lengths():
-    motion = {
-        name: bd.simulate(bead_on_beam(elements, 0.43), bd.Radau(1e-6), 0.8)
-        for name, elements in (("placed", 4), ("fine", 9))
-    }
-    fine = motion["fine"].columns
-    for name in ("bead.x [m]", "bead.y [m]", "s [m]"):
-        # The track is a smooth curve through the nodes, of which the coarse mesh has few.
-        error = np.abs(motion["placed"].columns[name] - fine[name]).max() / np.ptp(fine[name])
-        assert error < 5e-4, name
 
 
 @pytest.mark.slow(reason="half a second")
@@ -399,19 +313,3 @@ def test_section_forces_of_a_beam_divided_at_its_attachments():
     expected = force * np.maximum(0.37 - forces.s, 0.0)
     assert_allclose(np.ravel(forces.M), expected, atol=1e-6 * force)
     assert_allclose(np.ravel(forces.strained[2]), expected, atol=1e-6 * force)
-
-
-def test_quantities_are_rebuilt_only_if_the_mesh_may_have_changed():
-    mech = arm(2)
-    beam = mech.parts["arm"]
-    strain = beam.strain(s=0.45, offset=0.0)
-    assert strain.current is strain
-    bd.equations_of_motion(mech)
-    ((before,), (after,)) = strain.pieces, strain.current.pieces
-    assert before.operator.shape != after.operator.shape or np.any(
-        before.operator.toarray() != after.operator.toarray()
-    )
-    present = beam.strain(s=0.45, offset=0.0)
-    assert present.current is present
-    copied = pickle.loads(pickle.dumps(present))
-    assert copied.current is not copied

@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support import ARC, VARIANTS, NumericEquations
+from support import ARC, NumericEquations
 
 import beamdae as bd
 
@@ -118,40 +118,3 @@ def test_moving_force_acts_on_the_beam_only():
         assert_allclose(-numeric.force()[:2], acting * np.array([3.0, -2.0]), atol=1e-12)
         # Moment about the start of the beam.
         assert_allclose(-numeric.force()[2], acting * -2.0 * (2.0 * t - 1.0), atol=1e-12)
-
-
-BEAM = VARIANTS[0].beam(ARC)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: bd.DistributedForce("p", BEAM.end, (0, 1)), "p: beam must be a Beam, got beam at"),
-        (lambda: bd.DistributedForce("p", BEAM, 3.0), "p: law must be a pair of laws .* or a func"),
-        (lambda: bd.DistributedForce("p", BEAM, (1.0, "up")), "p: law must be a number, got 'up'"),
-        (
-            lambda: bd.DistributedForce("p", BEAM, lambda s, x, y, t: s),
-            "p: law must return 2 numbers",
-        ),
-        (lambda: bd.DistributedForce("p", BEAM, lambda t: (t, t)), "p: law must be a formula"),
-        (
-            lambda: bd.DistributedForce("p", BEAM, (0, 1), axes="normal"),
-            "p: axes must be one of 'inertial', 'section', got 'normal'",
-        ),
-        (lambda: bd.MovingForce("p", "beam", (0, 1), 1.0), "p: beam must be a Beam, got 'beam'"),
-        (lambda: bd.MovingForce("p", BEAM, 1.0, 1.0), "p: force must be a pair"),
-        (
-            lambda: bd.MovingForce("p", BEAM, (0, 1), 0.0),
-            r"p: speed must not be zero; for a force at rest, use a Force on beam\.at\(s\)",
-        ),
-        (
-            lambda: bd.MovingForce("p", BEAM, (0, 1), 5e-324),
-            "p: at speed = .* m/s, the force needs more than",
-        ),
-        (lambda: bd.MovingForce("p", BEAM, (0, 1), 1.0, np.nan), "p: start must be finite"),
-    ],
-)
-def test_invalid_loads_are_rejected(make, message):
-    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as problem:
-        make()
-    assert str(problem.value).endswith(".")

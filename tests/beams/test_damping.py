@@ -21,9 +21,6 @@ from support import (
     VARIANTS,
     NumericEquations,
     Variant,
-    assert_derivative,
-    directional_derivative,
-    finite_differences,
     free_beam,
     parametrize_variants,
     random_state,
@@ -63,19 +60,6 @@ def free(variant, law=None, curve=ARC):
     return NumericEquations(mech)
 
 
-def inertia_points_on_axis(beam, q):
-    """Return positions (k, 2) of the inertia points, section angles and weights [m]."""
-    mesh, n = beam.kinematics.mesh_in_frame, beam.mesh.nodes
-    xi, weight = np.polynomial.legendre.leggauss(n)
-    at, angle, _, ds = mesh.axis(np.repeat(np.arange(mesh.elements), n), np.tile(xi, mesh.elements))
-    row = np.vander(xi, n) @ np.linalg.inv(np.vander(np.linspace(-1.0, 1.0, n), n))
-    nodal = (beam.kinematics.operator @ q).reshape(mesh.elements, -1)[:, 3:].reshape(-1, n, 3)
-    u, v, phi = np.moveaxis(row @ nodal, -1, 0).reshape(3, -1)
-    mesh_in_frame = at + np.stack(rotate(angle, u, v), axis=-1)
-    place = q[:2] + np.stack(rotate(q[2], *mesh_in_frame.T), axis=-1)
-    return place, q[2] + angle + phi, np.tile(weight, mesh.elements) * ds
-
-
 def rotate(angle, x, y):
     return np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
 
@@ -92,24 +76,6 @@ def test_rayleigh_forces_are_mass_times_velocities_and_kelvin_voigt_forces(varia
         assert_allclose(damped.force(q, v, a) - bare.force(q, v, a), expected, atol=1e-12)
 
 
-@every_motion
-def test_drag_is_the_work_along_section_normals(variant):
-    damped, bare = free(variant, "drag"), free(variant)
-    beam = damped.mechanism.part("beam")
-    for seed in range(3):
-        q, v, a = random_state(damped, seed)
-        _, angle, weight = inertia_points_on_axis(beam, q)
-        normal = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
-        motion = finite_differences(lambda x: inertia_points_on_axis(beam, x)[0], q)
-        across = np.einsum("kc,kcn->kn", normal, motion)
-        speed = across @ v
-        expected = (DRAG * weight * np.abs(speed) * speed) @ across
-        # Five-point differences with a step of 1e-3, times forces of order 10.
-        assert_allclose(damped.force(q, v, a) - bare.force(q, v, a), expected, atol=1e-10)
-        power = DRAG * weight @ np.abs(speed) ** 3
-        assert_allclose(damped.energies(q, v)[4], power, rtol=1e-10)  # five-point differences
-
-
 @every_law
 @every_variant
 def test_dissipated_power_matches_the_forces_and_is_never_negative(variant, law):
@@ -122,37 +88,6 @@ def test_dissipated_power_matches_the_forces_and_is_never_negative(variant, law)
         assert_allclose(dissipated, v @ (damped.force(q, v, a) - bare.force(q, v, a)), rtol=1e-11)
         assert_allclose(damped.energies(q, v)[:4], bare.energies(q, v)[:4], rtol=1e-14)
     assert damped.energies(q, 0.0 * v)[4] == 0.0
-
-
-# Other tests cover the tangents of Kelvin-Voigt damping, as part of the element, in all variants;
-# here, only slow tests do.
-@pytest.mark.parametrize(
-    "law", ["Rayleigh", "drag", pytest.param("Kelvin-Voigt", marks=pytest.mark.slow)]
-)
-@parametrize_variants({v._replace(strain=""): v for v in BARE}.values())
-def test_tangents_are_derivatives(variant, law):
-    numeric = free(variant, law)
-    # The second derivative of the drag jumps at zero normal velocity; a wind from one side of the
-    # arc keeps all normal velocities away from zero.
-    for wind in (-15.0, 15.0):
-        q, v, a = random_state(numeric, seed=1, size=0.05)
-        v[:2] += rotate(0.4 + 0.5 * ARC.length / ARC.radius, 0.0, wind)
-        assert np.min(normal_velocities(numeric, q, v) * np.sign(wind)) > 1.0
-        assert_tangents(numeric, q, v, a)
-
-
-def normal_velocities(numeric, q, v):
-    """Return the velocities of the inertia points normal to the axis, in their sections."""
-    beam = numeric.mechanism.part("beam")
-    velocity = directional_derivative(
-        lambda t: inertia_points_on_axis(beam, q + t * v)[0], 0.0, 1.0
-    )
-    return rotate(-inertia_points_on_axis(beam, q)[1], *velocity.T)[1]
-
-
-def assert_tangents(numeric, q, v, a):
-    assert_derivative(numeric.stiffness(q, v, a), lambda x: numeric.force(x, v, a), q)
-    assert_derivative(numeric.damping(q, v, a), lambda x: numeric.force(q, x, a), v)
 
 
 @every_motion
@@ -462,27 +397,6 @@ def pendulum(E, drag, frame="chord", retardation=0.0):
     return mech, bar
 
 
-@pytest.mark.slow(reason="half a second and more")
-def test_energy_dissipated_by_drag_on_a_stiff_pendulum():
-    """I psi'' = m g L/2 cos(psi) - c L^4/4 psi'^2, linear in psi'^2 as a function of psi."""
-    stiff, ratio = 6e8, 1.0
-    section = pendulum(stiff, 0.0)[1].section
-    inertia = section.rhoA * LENGTH**3 / 3.0 + section.rhoI * LENGTH
-    weight = section.rhoA * LENGTH * GRAVITY
-    mech, _ = pendulum(stiff, drag=2.0 * ratio * inertia / LENGTH**4, retardation=1e-3)
-    solution = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), t_end=1.1, output_step=0.01)
-    assert solution.status.success, solution.status.sentence
-    psi = -solution.q[:, 2]
-    assert psi[-1] > 0.55 * np.pi
-    assert np.all(solution.v[1:, 2] < 0.0)
-    swing = ratio * np.cos(psi) + np.sin(psi) - ratio * np.exp(-ratio * psi)
-    kinetic = 0.5 * weight * LENGTH * swing / (ratio**2 + 1.0)
-    dissipated = 0.5 * weight * LENGTH * np.sin(psi) - kinetic
-    # Energies of order ten; the strain energy is 2e-6, and the error of the steps is 1e-5.
-    assert_allclose(solution.energies["energy.kinetic [J]"], kinetic, rtol=0.0, atol=5e-5)
-    assert_allclose(solution.energies["energy.dissipated [J]"], dissipated, rtol=0.0, atol=5e-5)
-
-
 @pytest.mark.parametrize("frame", [pytest.param("tangent", marks=pytest.mark.slow), "chord"])
 @pytest.mark.parametrize(
     ("integrator", "max_imbalance"),
@@ -508,48 +422,3 @@ def test_energy_balance_of_a_flexible_pendulum_with_all_dampings(integrator, max
 
 
 # Rejected arguments ---------------------------------------------------------------------------
-
-BEAM = VARIANTS[0].beam(ARC)
-BODY = bd.RigidBody("body", mass=1.0, inertia=1.0)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: bd.AirDrag("air", BODY, 1.0), "air: beam must be a Beam, got RigidBody"),
-        (lambda: bd.AirDrag("air", BEAM.end, 1.0), "air: beam must be a Beam, got beam at"),
-        (lambda: bd.AirDrag("air", BEAM, -1.5), "air: coefficient must not be negative, got -1.5"),
-        (lambda: bd.AirDrag("air", BEAM, np.nan), "air: coefficient must be finite, got nan"),
-        (lambda: bd.AirDrag("air", BEAM, "2"), "air: coefficient must be a number, got '2'"),
-        (lambda: bd.AirDrag("", BEAM, 1.0), "AirDrag: the name must be a non-empty string"),
-        (lambda: bd.RayleighDamping("oil", "beam"), "oil: beam must be a Beam, got 'beam'"),
-        (
-            lambda: bd.RayleighDamping("oil", BEAM, mass=-0.1),
-            "oil: mass must not be negative, got -0.1",
-        ),
-        (
-            lambda: bd.RayleighDamping("oil", BEAM, stiffness=-2e-3),
-            "oil: stiffness must not be negative, got -0.002",
-        ),
-        (
-            lambda: bd.RayleighDamping("oil", BEAM, stiffness=np.inf),
-            "oil: stiffness must be finite, got inf",
-        ),
-        (
-            lambda: bd.RayleighDamping(3, BEAM),
-            "RayleighDamping: the name must be a non-empty string",
-        ),
-        (
-            lambda: bd.Mechanism().add(bd.AirDrag("air", BEAM, 1.0)),
-            "air: 'beam' is not part of this mechanism",
-        ),
-        (
-            lambda: free_beam(VARIANTS[0]).add(bd.RayleighDamping("oil", BEAM)),
-            "oil: 'beam' is not part of this mechanism",
-        ),
-    ],
-)
-def test_invalid_damping_is_rejected(make, message):
-    with pytest.raises(bd.BeamdaeError, match=rf"^{message}") as problem:
-        make()
-    assert str(problem.value).endswith(".")

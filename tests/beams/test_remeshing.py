@@ -10,7 +10,6 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.beams.remeshing import with_meshes
-from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
 
 ALLOY = bd.Material(E=6.9e10, nu=0.3, rho=2700.0)
 METHOD = bd.GeneralizedAlpha(1e-3)
@@ -63,15 +62,6 @@ def build(add):
 
 
 SIGNALS = [sensor_in_law, global_sensor_in_formula, work_of_a_damper, servo, sampled, states]
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_copies_can_be_assembled():
-    for add in SIGNALS:
-        mech, beam = build(add)
-        copy = with_meshes(mech, {"rod": replace(beam.mesh, elements=3)}, {})
-        equations = bd.equations_of_motion(copy)
-        assert equations.n > bd.equations_of_motion(mech).n
 
 
 @pytest.mark.parametrize("add", SIGNALS)
@@ -142,23 +132,6 @@ def test_mechanisms_with_compiled_gravity_laws_are_copied():
     first = bd.equilibrium(mech)
     again = bd.equilibrium(with_meshes(mech, {}, {}))
     assert_allclose(again["tip.y"].iloc[-1], first["tip.y"].iloc[-1], rtol=1e-12)
-
-
-def test_regression_quantities_of_copies_with_sensors_are_recognized():
-    """Copied functions were other ones than those by which checks recognize strains of beams."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=1))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    gauge = mech.sensor("gauge", beam.largest_stress(), "largest")
-    mech.add(bd.Force("push", beam.end, (0.0, gauge / 1e6)))
-    mech.observe("stress", beam.largest_stress())
-    copied = with_meshes(mech, {"beam": beam.mesh}, {})
-    other = copied.parts["beam"]
-    for name in ("stress", "gauge"):
-        quantity, _ = measured_quantity(copied.observables[name])
-        owner, _ = bd.Beam.sections_of_strains(quantity)
-        assert owner is other
 
 
 def test_regression_laws_without_a_module_are_copied():

@@ -115,43 +115,6 @@ def test_energy_balance_of_a_swinging_closed_ring():
     assert solution.quality.energy_imbalance < 1e-5
 
 
-POINTS = {"A": (0.0, 0.0), "B": (1.0, 0.0)}
-
-
-def create_frame(points=None, members=("AB",), section=SLENDER):
-    return bd.frame(bd.Mechanism(), "f", POINTS if points is None else points, members, section)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: create_frame(points=[(0, 0)]), "f: points must be a dictionary of positions"),
-        (lambda: create_frame(members=["AC"]), "f: the member 'AC' names an unknown point 'C'"),
-        (lambda: create_frame(members=["ABA"]), "f A-B: section must be a Section"),
-        (lambda: create_frame(members=["A"]), "f: a member must be a pair of point names"),
-        (lambda: create_frame(members=["AB", "BA"]), "f: the member B-A is listed twice"),
-        (lambda: create_frame(members="AB"), "f: members must be a list"),
-        (lambda: create_frame(members=["AA"]), "Line: start and end must differ"),
-        (lambda: create_frame(section=None), "f: the member A-B has no section"),
-        (lambda: create_frame(points={"A": (0, 0), "B": 1.0}), "f: point B must be a pair"),
-        (lambda: bd.frame(3, "f", POINTS, ["AB"], SLENDER), "frame: mechanism must be a Mechanism"),
-        (
-            lambda: bd.welded_beams(bd.Mechanism(), "w", bd.Arc(1.0, 2.0), SLENDER, 3, closed=True),
-            "w: closed=True requires a curve whose ends meet, but the ends are 1.68 m apart",
-        ),
-        (
-            lambda: bd.welded_beams(
-                bd.Mechanism(), "w", bd.Arc(1.0, 2.0 * np.pi), SLENDER, 1, closed=True
-            ),
-            "w: closed=True requires at least 2 bodies, got 1",
-        ),
-    ],
-)
-def test_invalid_structures_are_rejected(make, message):
-    with pytest.raises(bd.BeamdaeError, match=message):
-        make()
-
-
 SECTION = bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05)
 
 
@@ -180,7 +143,7 @@ def test_bodies_are_parts_of_the_curve_in_order():
     assert_allclose(ends, ARC.point(np.linspace(0.0, ARC.length, 4)), atol=1e-14)
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow(reason="three equilibria")
 def test_static_deflection_does_not_depend_on_the_number_of_bodies():
     """The load is so small that quadratic strains do not matter."""
     tips = []
@@ -189,13 +152,10 @@ def test_static_deflection_does_not_depend_on_the_number_of_bodies():
         mech.add(bd.Weld("clamp", mech.ground.at(*ARC.start), beams[0].start))
         mech.add(bd.Force("load", beams[-1].end, (0.0, -1e-6)))
         mech.observe("tip", beams[-1].end)
-        for beam in beams:
-            mech.add(bd.RayleighDamping(f"{beam.name} damping", beam, mass=8.0, stiffness=0.5))
-        solution = bd.simulate(mech, bd.GeneralizedAlpha(0.1), t_end=60.0, output_step=60.0)
-        tips.append(solution.observed[["tip.x [m]", "tip.y [m]", "tip.angle [rad]"]].iloc[-1])
-    displacements = np.array(tips) - [*ARC.point(ARC.length), ARC.tangent_angle(ARC.length)]
+        tips.append(bd.equilibrium(mech).table()[["tip.x [m]", "tip.y [m]"]].iloc[-1])
+    displacements = np.array(tips) - ARC.point(ARC.length)
     # The elements are the same, and separate frames change nothing in the linear limit. Quadratic
-    # strains and the remaining motion after 60 s contribute 1e-8.
+    # strains contribute 1e-8.
     assert_allclose(displacements[1:], displacements[[0, 0]], rtol=1e-7)
 
 
