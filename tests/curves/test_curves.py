@@ -266,83 +266,52 @@ def test_segments_equal_their_part_of_the_curve(curve, percents):
 nan = float("nan")
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: bd.Line((1.0, 2.0), (1.0, 2.0)), r"Line: start and end must differ.*\(1.0, 2.0\)"),
-        (lambda: bd.Line((0.0, nan), (1.0, 0.0)), "Line: start y must be finite, got nan"),
-        (lambda: bd.Line(1.0, (1.0, 0.0)), r"Line: start must be a pair \(x, y\), got 1.0"),
-        (lambda: bd.Arc(0.0, 1.0), "Arc: radius must not be zero"),
-        (lambda: bd.Arc(nan, 1.0), "Arc: radius must be finite, got nan"),
-        (lambda: bd.Arc(1.0, 0.0), "Arc: length must be positive, got 0"),
-        (lambda: bd.Arc(1.0, -2.0), "Arc: length must be positive, got -2"),
-        (lambda: bd.Arc(1.0, 6.3), "Arc: a length of 6.3 m folds the curve onto itself.*6.28319 m"),
-        (lambda: bd.Arc(-1.0, 6.3), "Arc: a length of 6.3 m folds the curve onto itself"),
-        (lambda: bd.Arc(1.0, 1.0, angle="up"), "Arc: angle must be a number, got 'up'"),
-        (lambda: bd.Parabola(0.0, 1.0), "Parabola: span must be positive, got 0"),
-        (lambda: bd.Parabola(1.0, nan), "Parabola: rise must be finite, got nan"),
-        (lambda: bd.Curve(), "Curve: either function or points must be given"),
-        (
-            lambda: bd.Curve(np.sin, x=(0, 1), points=CIRCLE),
-            "Curve: either function or points",
-        ),
-        (
-            lambda: bd.Curve(np.sin),
-            r"Curve: a function requires an interval; pass x=\(x_start, x_end\)",
-        ),
-        (lambda: bd.Curve(np.sin, x=(1.0, 1.0)), r"Curve: the interval x must not be empty"),
-        (
-            lambda: bd.Curve(lambda x: 1.0 / x if x else nan, x=(0.0, 1.0)),
-            "Curve: the function is nan at x = 0 m; the value must be finite for every x in",
-        ),
-        (
-            lambda: bd.Curve(lambda x: 1.0 / (x - 0.5), x=(0.0, 1.0)),
-            r"Curve: the function must return a number .* failed at .*: .*division",
-        ),
-        (lambda: bd.Curve(lambda x: "high", x=(0, 1)), "Curve: the function must return a number"),
-        (lambda: bd.IntrinsicCurve(2.0, 1.0), "IntrinsicCurve: law must be a function of s, got 2"),
-        (lambda: bd.IntrinsicCurve(np.sin, 0.0), "IntrinsicCurve: length must be positive, got 0"),
-        (
-            lambda: bd.IntrinsicCurve(lambda s: 1 / s, 1.0),
-            "the call failed at s = 0 m: ZeroDivisionError",
-        ),
-        (lambda: bd.IntrinsicCurve(lambda s: nan, 1.0), "the curvature at s = 0 m must be finite"),
-        (lambda: bd.IntrinsicCurve(lambda s: 1e4, 1.0), "turns the tangent by 25 rad within 1/400"),
-        (lambda: bd.Curve(points=CIRCLE[:3]), "Curve: points must be at least 4 pairs"),
-        (lambda: bd.Curve(points="round"), "Curve: points must be at least 4 pairs"),
-        (
-            lambda: bd.Curve(points=[(0, 0), (1, nan), (2, 0), (3, 0)]),
-            "Curve: point 1 y must be finite",
-        ),
-        (
-            lambda: bd.Curve(points=[(0, 0), (1, 2), (1, 2), (3, 0)]),
-            r"Curve: the point \(1, 2\) m is repeated",
-        ),
-        (
-            lambda: bd.Curve(points=[(0, 0), (1, 0), (2, 0), (1.5, 0), (3, 0)]),
-            r"Curve: the curve folds onto itself at the point \(2, 0\) m",
-        ),
-        (
-            lambda: bd.Curve(lambda x: abs(x) ** (1.0 / 3.0), x=(-1.0, 1.0)),
-            "Curve: the curve folds onto itself",
-        ),
-        (
-            lambda: bd.Segment(CURVES["line"], 1.0, 1.0),
-            r"^Segment: start and end must ascend within \[0, 2.38537208838\] m, got 1 and 1 m\.$",
-        ),
-        (lambda: bd.Segment(CURVES["line"], 2.0, 1.0), r"Segment: .*must ascend.*got 2 and 1 m\.$"),
-        (lambda: bd.Segment(CURVES["line"], -0.1, 1.0), r"Segment: .*got -0.1 and 1 m\.$"),
-        (lambda: bd.Segment(CURVES["line"], 1.0, 2.4), r"Segment: .*got 1 and 2.4 m\.$"),
-        (lambda: bd.Segment(CURVES["line"], nan, 1.0), "Segment: start must be finite, got nan"),
-        (
-            lambda: bd.Segment(CURVES["line"], 0.0, "tip"),
-            "Segment: end must be a number, got 'tip'",
-        ),
-    ],
-)
-def test_invalid_curves_are_rejected(make, message):
-    with pytest.raises(bd.BeamdaeError, match=message):
-        make()
+SENTENCES = {
+    r"^Line: start and end must differ.*\(1.0, 2.0\)": lambda: bd.Line((1.0, 2.0), (1.0, 2.0)),
+    "^Arc: radius must not be zero": lambda: bd.Arc(0.0, 1.0),
+    "^Arc: a length of 6.3 m folds the curve onto itself.*6.28319 m": lambda: bd.Arc(-1.0, 6.3),
+    "^Curve: either function or points must be given": lambda: bd.Curve(),
+    r"^Curve: a function requires an interval; pass x=\(x_start, x_end\)": lambda: bd.Curve(np.sin),
+    "^Curve: the interval x must not be empty": lambda: bd.Curve(np.sin, x=(1.0, 1.0)),
+    "^Curve: the function is nan at x = 0 m; the value must be finite for every x": lambda: (
+        bd.Curve(lambda x: 1.0 / x if x else np.nan, x=(0.0, 1.0))
+    ),
+    "^Curve: the function must return a number .* failed at .*: .*division": lambda: bd.Curve(
+        lambda x: 1.0 / (x - 0.5), x=(0.0, 1.0)
+    ),
+    "^IntrinsicCurve: law must be a function of s, got 2": lambda: bd.IntrinsicCurve(2.0, 1.0),
+    "the call failed at s = 0 m: ZeroDivisionError": lambda: bd.IntrinsicCurve(
+        lambda s: 1 / s, 1.0
+    ),
+    "the curvature at s = 0 m must be finite": lambda: bd.IntrinsicCurve(lambda s: np.nan, 1.0),
+    "turns the tangent by 25 rad within 1/400": lambda: bd.IntrinsicCurve(lambda s: 1e4, 1.0),
+    "^Curve: points must be at least 4 pairs": lambda: bd.Curve(points=CIRCLE[:3]),
+    "^Curve: point 1 y must be finite": lambda: bd.Curve(
+        points=[(0, 0), (1, np.nan), (2, 0), (3, 0)]
+    ),
+    r"^Curve: the point \(1, 2\) m is repeated": lambda: bd.Curve(
+        points=[(0, 0), (1, 2), (1, 2), (3, 0)]
+    ),
+    r"^Curve: the curve folds onto itself at the point \(2, 0\) m": lambda: bd.Curve(
+        points=[(0, 0), (1, 0), (2, 0), (1.5, 0), (3, 0)]
+    ),
+    "^Curve: the curve folds onto itself": lambda: bd.Curve(
+        lambda x: abs(x) ** (1.0 / 3.0), x=(-1.0, 1.0)
+    ),
+    r"^Segment: start and end must ascend within \[0, 2.38\d+\] m, got 1 and 1 m": lambda: (
+        bd.Segment(CURVES["line"], 1.0, 1.0)
+    ),
+    "^Segment: .*got 1 and 2.4 m": lambda: bd.Segment(CURVES["line"], 1.0, 2.4),
+    "^Curve: noise must be positive, got 0": lambda: bd.Curve(points=CIRCLE, noise=0.0),
+    "^Curve: noise applies only to points": lambda: bd.Curve(np.sin, x=(0, 1), noise=1e-3),
+}
+
+
+def test_errors_of_curves_are_one_sentence():
+    for sentence, call in SENTENCES.items():
+        with pytest.raises(bd.BeamdaeError, match=sentence) as caught:
+            call()
+        assert str(caught.value).endswith("."), sentence
 
 
 def test_cusp_is_rejected():

@@ -108,21 +108,6 @@ def test_gentle_curves_do_not_warn():
     assert_allclose(beam.facts["largest curvature times section height"], 0.25)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (
-            lambda: bd.Curve(points=measured_points(0.0), noise=0.0),
-            "Curve: noise must be positive, got 0",
-        ),
-        (lambda: bd.Curve(np.sin, x=(0, 1), noise=1e-3), "Curve: noise applies only to points"),
-    ],
-)
-def test_invalid_noise_is_rejected(make, message):
-    with pytest.raises(bd.BeamdaeError, match=message):
-        make()
-
-
 @pytest.mark.parametrize("noise", [1e-60, 1e-12, 1.0, 1e60])
 def test_extreme_noise_gives_a_curve_or_an_error(noise):
     try:

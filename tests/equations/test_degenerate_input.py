@@ -1,6 +1,5 @@
 """Degenerate sizes and shapes, and models larger than memory, are rejected before assembly."""
 
-import math
 import time
 
 import casadi as ca
@@ -8,8 +7,6 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae import memory
-from beamdae.beams.mesh import Mesh
 
 ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
 STRIP = bd.Section.rectangle(ALLOY, width=0.03, height=0.0025)
@@ -29,30 +26,6 @@ def test_regression_more_elements_than_fit_into_memory_are_rejected_at_once(elem
     assert time.perf_counter() - begin < 1.0
 
 
-def test_the_suggested_number_of_elements_fits(monkeypatch):
-    monkeypatch.setattr(memory, "_free_physical_memory", lambda: 1e7)
-    with pytest.raises(bd.BeamdaeError, match=r"use at most elements=37\.$"):
-        bd.Beam("beam", LINE, STRIP, elements=38)
-    assert bd.Beam("beam", LINE, STRIP, elements=37).mesh.elements == 37
-
-
-def test_small_meshes_do_not_read_the_available_memory(monkeypatch):
-    monkeypatch.setattr(memory, "_free_physical_memory", None)
-    assert bd.Beam("beam", LINE, STRIP, elements=3).mesh.elements == 3
-
-
-def test_available_memory_is_known_or_unbounded():
-    assert memory.available_memory() > 1e6
-
-
-def test_a_memory_limit_of_the_process_is_respected(monkeypatch):
-    resource = pytest.importorskip("resource")
-    monkeypatch.setattr(resource, "getrlimit", lambda kind: (10**15, 10**15))
-    assert 1e14 < memory._free_address_space() < 1e15
-    monkeypatch.setattr(resource, "getrlimit", lambda kind: (1, 1))
-    assert memory._free_address_space() in (0.0, math.inf)
-
-
 @pytest.mark.parametrize("section", [STRIP, bd.Section.circle(ALLOY, 0.001)], ids=["strip", "wire"])
 def test_regression_a_circle_of_one_chord_is_rejected(section):
     """Its two nodes coincide: the chord has length zero."""
@@ -69,12 +42,6 @@ def test_regression_a_circle_of_one_chord_is_rejected(section):
 def test_a_circle_of_a_few_nodes_is_accepted(nodes, elements):
     ring = bd.Arc(radius=0.3, length=2.0 * np.pi * 0.3)
     assert bd.Beam("ring", ring, STRIP, elements=elements, nodes=nodes).mesh.nodes == nodes
-
-
-def test_three_quarters_of_a_circle_in_one_chord_are_rejected():
-    arc = bd.Arc(radius=0.3, length=1.5 * np.pi * 0.3)
-    with pytest.raises(bd.BeamdaeError, match="are too few for the curve"):
-        Mesh(arc, 1, 2, "curved").require_resolved_curve("arc")
 
 
 @pytest.mark.parametrize(

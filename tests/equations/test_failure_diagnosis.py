@@ -9,13 +9,6 @@ import pytest
 from conformance import integrators
 
 import beamdae as bd
-from beamdae.equations.assembly.assemble import equations_of_motion
-from beamdae.equations.equations_of_motion import State
-from beamdae.equations.failure_diagnosis import (
-    _describe_pole,
-    describe_singular_position,
-    diagnose_failure,
-)
 
 
 @integrators(1e-5, 1e-3)
@@ -85,42 +78,6 @@ def test_regression_forces_that_become_infinite_are_named(power, gap):
     assert "the force of electrode is infinite within" in status.sentence
 
 
-@pytest.mark.parametrize("law", [lambda x: 1.0 + 1e9 * x**3, lambda x: np.exp(-((x / 1e-4) ** 2))])
-def test_steep_forces_without_a_pole_are_not_infinite(law):
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("plate", 1.0, at=(-0.01, 0.0), velocity=(1.0, 0.0)))
-    mech.add(
-        bd.ForceLaw("spring", mass.point, lambda at, t: (-law(at.position[0] * (1.0 + 0.0 * t)), 0))
-    )
-    equations = bd.equations_of_motion(mech)
-    state = State(equations.q0, equations.v0, np.zeros(equations.n), np.zeros(equations.m))
-    assert "infinite" not in diagnose_failure(equations, np.array([0.0, 1.0]), state, 1e-9, 0.0)
-
-
-def test_regression_linkages_with_a_short_crank_are_not_near_a_singular_position():
-    """The smallest singular value of this linkage is below 0.05 in every position."""
-    mech = bd.Mechanism()
-    points = {"a": (0.0, 0.0), "b": (0.0, 0.035), "c": (0.2436, 0.0697), "d": (0.25, 0.0)}
-    bodies = {
-        name: mech.add(bd.RigidBody.rod(name, points[name[0]], points[name[1]], mass=1.0))
-        for name in ("ab", "bc", "dc")
-    }
-    for name, first, second in (("a", None, "ab"), ("b", "ab", "bc"), ("c", "bc", "dc")):
-        one = bodies[first] if first else mech.ground
-        mech.add(bd.Revolute(name, one.at(*points[name]), bodies[second].at(*points[name])))
-    pivot = (mech.ground.at(*points["d"]), bodies["dc"].at(*points["d"]))
-    mech.add(bd.Revolute("d", *pivot))
-    arm = mech.add(bd.RigidBody.rod("arm", points["d"], (0.25, 0.5), mass=1.0))
-    mech.add(bd.Weld("hub", bodies["dc"].at(*points["d"]), arm.at(*points["d"])))
-    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), bodies["ab"].at(0.0, 0.0), lambda t: t))
-
-    solution = bd.simulate(mech, bd.GeneralizedAlpha(1e-3), t_end=0.05)
-    trajectory = solution.trajectory
-    times, state = trajectory.at(np.array([0.05]))
-    phrase = describe_singular_position(solution.equations, times[0], State(*(x[0] for x in state)))
-    assert phrase == ""
-
-
 @pytest.mark.parametrize("is_contact", [True, False])
 def test_regression_fixed_steps_that_stop_at_sticking_name_friction_and_step(is_contact):
     """A foot that stuck was told to use a smaller step; the friction was not named."""
@@ -140,16 +97,3 @@ def test_regression_fixed_steps_that_stop_at_sticking_name_friction_and_step(is_
     assert "sole begins to stick, and its sliding speed changes by 0.0049 m/s" in status.sentence
     (step,) = re.findall("use a step of at most ([0-9.e-]+) s", status.sentence)
     assert bd.simulate(mech, bd.GeneralizedAlpha(step=float(step)), 0.25).status.success
-
-
-def test_regression_poles_are_sought_only_in_forces_that_the_state_determines():
-    """Forces that reuse results of other kernels raised a ValueError in place of the reason."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.002)
-    curve = bd.Arc(1.0, 0.5)
-    mech.add(bd.Beam("strip", curve, section, elements=4, velocity=(1.0, 0.0)))
-    equations = equations_of_motion(mech)
-    assert any(term.kernel.reused for term in equations.forces)
-    rest = np.zeros(equations.n)
-    state = State(equations.q0, equations.v0, rest, np.zeros(equations.m))
-    assert not _describe_pole(equations, np.array([0.0, 0.5]), state)

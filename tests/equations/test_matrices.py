@@ -4,20 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from chains import chain_of_beams
-from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, assert_derivative
 
 import beamdae as bd
 from beamdae.equations.formulations.first_order import (
     FIRST_ORDER,
-    evaluate_jacobian,
-    evaluate_jacobian_parts,
     formulate_first_order,
 )
 from beamdae.equations.formulations.step_equations import StepPrediction, formulate_step
-from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.state_evaluator import StateEvaluator
 
 TIME = np.array([0.3, 0.4])
 
@@ -68,12 +62,6 @@ def test_jacobian_of_first_order_forms(equations, form):
 
     jacobian = _full(system.pattern, system.jacobian(TIME, y, yp, c))
     assert_derivative(jacobian, residual, y)
-    apart = formulate_first_order(equations, form, apart=True)
-    parts = np.zeros((2, apart.pattern.nnz))
-    evaluate_jacobian_parts(apart.buffers(), *TIME, y, yp, parts.ravel())
-    whole = system.jacobian(TIME, y, yp, c)
-    assert (system.pattern != apart.pattern).nnz == 0
-    assert_allclose(parts[0] + c * parts[1], whole, rtol=1e-12, atol=1e-12)  # rounding
 
 
 @pytest.mark.slow(reason="a fifth of a second")
@@ -90,41 +78,3 @@ def test_jacobian_of_step_equations(equations, stabilized):
     x_rows, r_rows = slice(step.size), slice(step.size, None)
     jacobian = whole[x_rows, x_rows] - whole[x_rows, r_rows] @ whole[r_rows, x_rows]
     assert_derivative(jacobian, lambda z: step.residual(TIME, at, z), x)
-
-
-@pytest.mark.parametrize("form", FIRST_ORDER)
-def test_packed_states_solve_the_first_order_form(equations, form):
-    v = np.random.default_rng(11).standard_normal(equations.n)
-    state = ConsistencySolver(equations).state(TIME, equations.q0, v)
-    system = formulate_first_order(equations, form)
-    # Gaps are closed to 1e-12; forces are of order ten.
-    assert_allclose(system.residual(TIME, *system.pack(state)), 0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize("level", [0, 1])
-def test_consistent_start_satisfies_constraints_on_positions_and_velocities(equations, level):
-    rng = np.random.default_rng(12)
-    q = equations.q0 + 1e-3 * rng.standard_normal(equations.n)
-    v = rng.standard_normal(equations.n)
-    state = ConsistencySolver(equations).state(TIME, q, v)
-    assert_allclose(
-        StateEvaluator(equations).constraint_levels(TIME, *state[:3])[level], 0.0, atol=1e-11
-    )
-
-
-@pytest.mark.parametrize("name", FIRST_ORDER)
-def test_the_parts_of_the_jacobian_add_up(name):
-    equations = bd.equations_of_motion(chain_of_beams(2, elements=2))
-    whole, apart = (
-        formulate_first_order(equations, name),
-        formulate_first_order(equations, name, apart=True),
-    )
-    assert (whole.pattern != apart.pattern).nnz == 0
-    y, yp = np.random.default_rng(0).normal(size=(2, whole.size))
-    of_y, of_yp = parts = np.zeros((2, whole.pattern.nnz))
-    evaluate_jacobian_parts(apart.buffers(), 0.3, 0.5, y, yp, parts.ravel())
-    expected = np.zeros(whole.pattern.nnz)
-    for c in (0.0, 40.0):
-        evaluate_jacobian(whole.buffers(), 0.3, 0.5, c, y, yp, expected)
-        assert_allclose(of_y + c * of_yp, expected, rtol=1e-12, atol=1e-12 * abs(expected).max())
-    assert np.any(of_yp != 0.0)
