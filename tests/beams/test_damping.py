@@ -152,33 +152,6 @@ STRIP = bd.Section(
 )
 
 
-def speed_under_drag(v0, mass, drag):
-    """Return the speed as a function of time for v' = -mass v - drag v^2."""
-    if mass == 0.0:
-        return lambda t: v0 / (1.0 + drag * v0 * t)
-    return lambda t: mass * v0 * np.exp(-mass * t) / (mass + drag * v0 * (1.0 - np.exp(-mass * t)))
-
-
-@pytest.mark.slow(reason="half a second and more")
-@pytest.mark.parametrize(("mass", "drag"), [(0.8, 0.0), (0.0, 1.5), (0.8, 1.5)])
-def test_free_strip_decelerates_along_and_across_its_axis(mass, drag):
-    angle, along, across = 0.4, 0.7, 1.3
-    line = bd.Line((0.0, 0.0), rotate(angle, LENGTH, 0.0))
-    mech = bd.Mechanism()
-    velocity = rotate(angle, along, across)
-    beam = mech.add(bd.Beam("strip", line, STRIP, elements=2, velocity=velocity))
-    mech.add(bd.RayleighDamping("Rayleigh", beam, mass=mass, stiffness=0.1))
-    mech.add(bd.AirDrag("air", beam, coefficient=drag))
-    solution = bd.simulate(mech, bd.GeneralizedAlpha(step=2e-3), t_end=3.0, output_step=0.1)
-    assert solution.status.success, solution.status.sentence
-    velocities = rotate(-angle, *solution.v[:, :2].T)
-    # Error of second order in the step, 1/500 of the decay time: at most 2.4e-6. The loads are
-    # distributed like the mass, so the beam does not bend.
-    exact = [speed_under_drag(along, mass, 0.0), speed_under_drag(across, mass, drag / STRIP.rhoA)]
-    assert_allclose(velocities, [speed(solution.t) for speed in exact], rtol=0.0, atol=1e-5)
-    assert_allclose(solution.v[:, 2:], 0.0, atol=1e-11)
-
-
 def test_a_falling_strip_reaches_its_terminal_velocity():
     gravity, drag = 9.81, 1.5
     mech = bd.Mechanism(gravity=(0.0, -gravity))

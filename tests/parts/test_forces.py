@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 from support import (
     ARC,
@@ -21,63 +20,6 @@ import beamdae as bd
 every_variant = parametrize_variants(
     v for v in VARIANTS if v.strain == "nonlinear" and v.quadrature == "reduced" and v.damping > 0.0
 )
-# Rounding error, 1e-13, of five-point differences of step 1e-3 of positions of order one.
-DIFFERENCES = {"atol": 1e-11}
-PLACES = (0.0, 0.9, ARC.length)
-
-
-def with_load(variant, s, make):
-    """Return the equations with and without the load that `make` adds to a beam at s."""
-    numerics = []
-    for loaded in (True, False):
-        mech = bd.Mechanism()
-        # A given mesh, so that the load does not change the coordinates.
-        beam = mech.add(variant.beam(ARC, UNEVEN_ELEMENTS))
-        if loaded:
-            mech.add(make(beam.at(s)))
-        mech.observe("place", beam.at(s))
-        numerics.append(NumericEquations(mech, time=(0.4, 0.4)))
-    return numerics
-
-
-def rotation(angle):
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s], [s, c]])
-
-
-@pytest.mark.parametrize("s", PLACES)
-@every_variant
-def test_dead_force_works_on_the_displacement_of_its_point(variant, s):
-    force = np.array([1.7, -0.6])
-    loaded, bare = with_load(variant, s, lambda on: bd.Force("load", on, tuple(force)))
-    q, v, _ = random_state(loaded, seed=1)
-    work = finite_differences(lambda x: loaded.observed("place", q=x)[:2] @ force, q)
-    assert_allclose(bare.force(q) - loaded.force(q), work, **DIFFERENCES)
-    assert_allclose(loaded.energies(q, v)[3], work @ v, **DIFFERENCES)
-
-
-@pytest.mark.parametrize("s", PLACES)
-@every_variant
-def test_body_force_rotates_with_its_section(variant, s):
-    force = np.array([1.7, -0.6])
-    loaded, bare = with_load(variant, s, lambda on: bd.Force("load", on, tuple(force), "body"))
-    q, v, _ = random_state(loaded, seed=2)
-    angle = loaded.observed("place", q=q)[2]
-    drawn_angle = loaded.observed("place")[2]
-    rotated_force = rotation(angle - drawn_angle) @ force
-    work = finite_differences(lambda z: loaded.observed("place", q=z)[:2] @ rotated_force, q)
-    assert_allclose(bare.force(q) - loaded.force(q), work, **DIFFERENCES)
-    assert_allclose(loaded.energies(q, v)[3], work @ v, **DIFFERENCES)
-
-
-@pytest.mark.parametrize("s", PLACES)
-@every_variant
-def test_moment_works_on_the_rotation_of_its_section(variant, s):
-    loaded, bare = with_load(variant, s, lambda on: bd.Moment("load", on, 2.3))
-    q, v, _ = random_state(loaded, seed=3)
-    work = finite_differences(lambda x: 2.3 * loaded.observed("place", q=x)[2], q)
-    assert_allclose(bare.force(q) - loaded.force(q), work, **DIFFERENCES)
-    assert_allclose(loaded.energies(q, v)[3], work @ v, **DIFFERENCES)
 
 
 @every_variant

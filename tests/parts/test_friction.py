@@ -20,19 +20,17 @@ def run(model, integrator, t_end, step=None):
     return solution
 
 
-def block(speed=2.0, turn=0.0, at=(0.0, 0.0), pull=0.0, **friction):
+def block(speed=2.0, turn=0.0, at=(0.0, 0.0), pull=0.0, mass=MASS, **friction):
     """Return a block on an inclined guide, pressed onto it by its weight."""
     c, s = np.cos(turn), np.sin(turn)
     mech = bd.Mechanism(gravity=(GRAVITY * s, -GRAVITY * c))
-    center = at
-    body = mech.add(bd.RigidBody("block", MASS, 0.5, center, (c * speed, s * speed)))
-    guide = bd.PointOnLine("guide", mech.ground.at(*at), body.at(*center), (c, s))
-    mech.add(guide)
-    mech.add(bd.Force("pull", body.at(*center), (c * pull, s * pull)))
+    body = mech.add(bd.RigidBody("block", mass, 0.25 * mass, at, (c * speed, s * speed)))
+    guide = mech.add(bd.PointOnLine("guide", mech.ground.at(*at), body.at(*at), (c, s)))
+    mech.add(bd.Force("pull", body.at(*at), (c * pull, s * pull)))
     settings = {"coefficient": COEFFICIENT, "friction_speed": 1e-3} | friction
     rubbing = mech.add(bd.Friction("friction", guide, **settings))
     mech.observe("friction", rubbing.reaction)
-    mech.observe("block", body.at(*center))
+    mech.observe("block", body.at(*at))
     return mech
 
 
@@ -58,13 +56,7 @@ def test_block_on_a_plane_slows_down_by_mu_g(integrator, turn):
 @pytest.mark.parametrize("force", [1e-14, 1e-7, 1e-4, 1e2])
 def test_regression_reactions_below_a_millinewton_cause_friction(force):
     """Grains and blocks of a crane slow down alike; the default smoothing was 1e-3 and 1e-12 N."""
-    mass = force / GRAVITY
-    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    slider = mech.add(bd.PointMass("slider", mass, at=(0.0, 0.0), velocity=(2.0, 0.0)))
-    guide = mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), slider.point))
-    rubbing = mech.add(bd.Friction("rubbing", guide, COEFFICIENT, friction_speed=1e-3))
-    mech.observe("friction", rubbing.reaction)
-    solution = bd.simulate(mech, bd.Radau(1e-8), t_end=0.5, output_step=0.1)
+    solution = run(block(mass=force / GRAVITY), bd.Radau(1e-8), 0.5, 0.1)
     travel = 2.0 * solution.t - 0.5 * COEFFICIENT * GRAVITY * solution.t**2
     assert_allclose(solution.q[:, 0], travel, rtol=0.0, atol=2e-8)
     assert_allclose(solution.columns["friction.F [N]"], -COEFFICIENT * force, rtol=1e-6)

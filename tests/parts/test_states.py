@@ -95,21 +95,6 @@ def test_integrator_of_a_sine_and_two_states_against_a_spring(integrator):
     np.testing.assert_allclose(run["area"], (1.0 - np.cos(np.pi * run.t)) / np.pi, atol=tolerance)
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS[:2], ids=lambda x: x.method)
-def test_van_der_pol(integrator):
-    mech = bd.Mechanism()
-    x = mech.state("x", start=2.0)
-    y = mech.state("y", lambda y, t: 5.0 * (1.0 - x * x) * y - x)
-    x.follows(y)
-    run = bd.simulate(mech, integrator, t_end=4.0, output_step=0.1)
-
-    def rate(t, s):
-        return [s[1], 5.0 * (1.0 - s[0] ** 2) * s[1] - s[0]]
-
-    expected = solve_ivp(rate, (0.0, 4.0), [2.0, 0.0], rtol=1e-11, atol=1e-12, t_eval=run.t)
-    np.testing.assert_allclose(run["x"], expected.y[0], atol=1e-5)
-
-
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda x: x.method)
 def test_closed_loop_motion(integrator):
     run = bd.simulate(pid_stage, integrator, output_step=0.05)

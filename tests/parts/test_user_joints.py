@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 import pytest
+from conformance import integrators
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -265,3 +266,42 @@ def test_gaps_of_the_wrong_kind_are_rejected(gap, message):
     with pytest.raises(bd.BeamdaeError, match=f"^{message}"):
         bd.equations_of_motion(hanging(joint))
     assert signal.name == "signal"
+
+
+@dataclass(frozen=True, eq=False)
+class Conveyor(bd.Joint):
+    """Nonholonomic joint: b moves along x with 0.5 sin(3 t) m/s, or with the square of it."""
+
+    power: int = 1
+    multipliers = (Variable("drive", "N"),)
+    reactions = ("F",)
+
+    def slip(self, t, a, b):
+        return b.velocity[0] ** self.power - 0.5 * ca.sin(3.0 * t)
+
+
+@integrators(1e-8, 1e-3)
+def test_a_prescribed_velocity_does_work(integrator):
+    """The multiplier is g m - m x'', and its work the kinetic energy and the lift."""
+    mass, gravity = 1.3, 9.81
+    mech = bd.Mechanism(gravity=(gravity, 0.0))
+    body = mech.add(bd.RigidBody("body", mass, 0.4))
+    joint = mech.add(Conveyor("j", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
+    mech.observe("drive", joint.reaction)
+    solution = bd.simulate(mech, integrator, 2.0, 0.25)
+    assert solution.status.success, solution.status.sentence
+    x = 0.5 / 3.0 * (1.0 - np.cos(3.0 * solution.t))
+    pull = mass * (gravity - 0.5 * 3.0 * np.cos(3.0 * solution.t))
+    # Generalized-alpha is of second order in a step of 1e-3 s.
+    assert_allclose(solution.q[:, 0], x, rtol=0.0, atol=2e-6)
+    assert_allclose(solution["drive.F"], -pull, rtol=0.0, atol=2e-3)
+    work = 0.5 * mass * (0.5 * np.sin(3.0 * solution.t)) ** 2 - mass * gravity * x
+    assert_allclose(solution.energies["energy.work_of_drivers [J]"], work, rtol=0.0, atol=1e-4)
+
+
+def test_slips_must_be_linear_in_velocities():
+    mech = bd.Mechanism()
+    body = mech.add(bd.RigidBody("body", 1.0, 0.4))
+    mech.add(Conveyor("j", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0), power=2))
+    with pytest.raises(bd.BeamdaeError, match="must be linear in the velocities"):
+        bd.equations_of_motion(mech)
