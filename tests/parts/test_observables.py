@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from functools import cache
-from itertools import pairwise
-
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, NumericEquations, random_state
 
@@ -22,51 +17,6 @@ FIELDS = [v for v in VARIANTS if v.strain == "nonlinear" and v.damping > 0.0]
 def rotation(angle):
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s], [s, c]])
-
-
-def on_a_hub(variant, bodies):
-    """Return a beam cut into `bodies` and welded to a disk, with its displacements observed."""
-    mech = bd.Mechanism()
-    hub = mech.add(bd.RigidBody("hub", mass=1.1, inertia=0.4, center=CENTER))
-    root = previous = hub.at(*ARC.start)
-    cuts = np.linspace(0.0, ARC.length, bodies + 1)
-    for k, (start, end) in enumerate(pairwise(cuts)):
-        beam = mech.add(variant.beam(bd.Segment(ARC, start, end), name=f"beam {k}"))
-        mech.add(bd.Weld(f"weld {k}", previous, beam.start))
-        previous = beam.end
-        mech.observe(f"end {k}", bd.relative_displacement(of=previous, on=root))
-    return mech
-
-
-@cache
-def hub_of_three_beams(variant):
-    return NumericEquations(on_a_hub(variant, bodies=3))
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@given(
-    turn=st.floats(-7.0, 7.0),
-    shift=st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0)),
-    size=st.sampled_from([0.0, 0.15]),
-    variant=st.sampled_from(FIELDS),
-)
-def test_rigid_motions_rotate_relative_displacements(turn, shift, size, variant):
-    """There are none at rest, at any common place of the disk and the three beams."""
-    numeric = hub_of_three_beams(variant)
-    q, _, _ = random_state(numeric, seed=1, size=size)
-    shifted = q.copy()
-    for first in ("hub.x", "beam 0.x0", "beam 1.x0", "beam 2.x0"):
-        i = numeric.index(first)
-        shifted[i : i + 2] = rotation(turn) @ q[i : i + 2] + shift
-        shifted[i + 2] += turn
-    for k in range(3):
-        here, there = (numeric.observed(f"end {k}", q=x) for x in (q, shifted))
-        assert (np.abs(here).max() > 0.05) == (size > 0.0)
-        # Rounding error at places up to 16 m away.
-        assert_allclose(there[:2], rotation(turn) @ here[:2], atol=1e-13)
-        assert_allclose(there[2], here[2], atol=1e-14)
-        if size == 0.0:
-            assert_allclose(there, 0.0, atol=1e-13)
 
 
 def test_relative_displacement_of_disks_by_hand():
