@@ -163,25 +163,3 @@ def test_static_deflection_does_not_depend_on_the_number_of_bodies():
 def test_invalid_number_of_bodies_is_rejected(bodies):
     with pytest.raises(bd.BeamdaeError, match="rod: bodies must be a whole number of at least 1"):
         weld_rod(bodies)
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.5, 0.5 * np.pi, 3.0])
-def test_deformation_in_frame_axes_separates_bending_from_shortening(angle):
-    """In inertial axes, the bending of a vertical rod is u, not v."""
-    c, s = np.cos(angle), np.sin(angle)
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.002)
-    rod = mech.add(bd.Beam("rod", bd.Line((0.0, 0.0), (c, s)), section, elements=4, frame="chord"))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.start))
-    mech.add(bd.PointOnLine("guide", mech.ground.at(c, s), rod.end, direction=(c, s)))
-    mech.add(bd.Force("push", rod.at(0.5), (-0.5 * s, 0.5 * c)))
-    for axes in ("frame", "inertial"):
-        mech.observe(axes, rod.deformation(0.5, axes))
-    path = bd.equilibrium(mech)
-    u, v = (path[f"frame.{x}"].iloc[-1] for x in "uv")
-    # F L^3 / (48 E I) of a hinged beam, and the shear of a thin one.
-    bending = 0.5 / (48.0 * 210e9 * 0.02 * 0.002**3 / 12.0)
-    assert v == pytest.approx(bending, rel=1e-3)
-    assert abs(u) < 0.05 * v
-    inertial = [path[f"inertial.{x}"].iloc[-1] for x in "uv"]
-    assert_allclose(inertial, [c * u - s * v, s * u + c * v], atol=1e-12)

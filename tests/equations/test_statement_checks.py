@@ -143,10 +143,6 @@ def test_a_foreign_body_without_a_field_is_rejected_by_assembly():
             {"rows": 1},
             "push: the operators must have 1 x 3 rows, one per copy and local coordinate, got 4",
         ),
-        (
-            {"data": (3.0, 1.0)},
-            r"push: data must be an array of shape \(1, num",
-        ),
         ({"stated_name": "pull"}, "push: 'part' of a statement must be 'push', got 'pull'"),
     ],
 )
@@ -192,7 +188,6 @@ def stating(forces=lambda: [], constraints=lambda: []):
     ("part", "message"),
     [
         (stating(lambda: None), r"forces\(\) must be a list of ForceStatement, got None"),
-        (stating(force), r"forces\(\) must be a list of ForceStatement, got ForceStatement"),
         (stating(lambda: [force(ca.SX.zeros(2))]), r"force must have shape \(3, 1\), got \(2,"),
         (stating(lambda: [force([0, 0, 0])]), "force must be a CasADi SX column, got list"),
         (stating(lambda: [force(energies=ca.SX(1))]), r"energies must have shape \(3, 1\)"),
@@ -202,15 +197,7 @@ def stating(forces=lambda: [], constraints=lambda: []):
             "force must not depend on stray_0, stray_1, stray_2",
         ),
         (stating(lambda: [force(data=[1.0])]), r"data must be an array of shape \(1, number"),
-        (
-            stating(lambda: [force(data=np.zeros(1))]),
-            r"data must be an array of shape \(1, num",
-        ),
         (stating(lambda: [force(pieces=PIECE)]), "pieces must be a list of Piece, got Piece"),
-        (
-            stating(lambda: [force(pieces=(POINT,))]),
-            "pieces must contain only Piece, got RigidBody",
-        ),
         (
             stating(constraints=lambda: [constraint(multipliers=("x",))]),
             "multipliers must contain only Variable, got 'x'",
@@ -322,7 +309,6 @@ class Body(bd.Part):
             r"confused: forces\(\) must contain only ForceStatement, got Constraint",
         ),
         (Body(("x",)), "body: coordinates must contain only Variable, got 'x'"),
-        (Body(lambda: ()), "body: coordinates must be a list of Variable, got <function"),
         (Body((Variable("x", "deg"),)), "body: angles must be in 'rad', got 'deg'"),
         (
             Body((Variable("x", " m"),)),

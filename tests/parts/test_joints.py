@@ -131,27 +131,6 @@ def test_reactions_on_all_bodies_are_equivalent_to_the_constraint_forces(make, v
             assert_allclose(on_b[name], value, atol=1e-14)  # rounding
 
 
-def test_bead_on_a_rotating_line_has_centrifugal_and_coriolis_acceleration():
-    """A particle on a line that rotates at a constant rate: x'' = omega^2 x, F = 2 m omega x'."""
-    omega, mass, distance = 2.0, 0.4, 1.5
-    mech = bd.Mechanism()
-    rod = mech.add(bd.RigidBody("rod", mass=1.0, inertia=1.0))
-    bead = mech.add(bd.PointMass("bead", mass, at=(distance, 0.0)))
-    center = (mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0))
-    mech.add(bd.Revolute("pivot", *center))
-    mech.add(bd.Driver("motor", *center, law=lambda t: omega * t))
-    line = mech.add(bd.PointOnLine("slot", rod.at(0.0, 0.0), bead.point))
-    mech.observe("slot", line.reaction)
-    mech.observe("bead", bead.point)
-    run = bd.simulate(mech, bd.Radau(1e-9), t_end=0.5)
-    # At the start, the bead moves with the rod.
-    assert_allclose(
-        np.hypot(run["bead.x"], run["bead.y"]), distance * np.cosh(omega * run.t), rtol=1e-7
-    )
-    force = 2.0 * mass * omega**2 * distance * np.sinh(omega * run.t)
-    assert_allclose(run["slot.F"], force, rtol=1e-6, atol=1e-6)
-
-
 def test_hand_rounded_coordinates_meet():
     _, disk, beam = parts()
     x, y = TIP
