@@ -91,16 +91,6 @@ def test_dissipated_power_matches_the_forces_and_is_never_negative(variant, law)
 
 
 @every_motion
-def test_drag_and_its_tangents_are_zero_at_rest(variant):
-    numeric, bare = free(variant, "drag"), free(variant)
-    q, _, a = random_state(numeric, seed=2)
-    # The derivative of |v_n| v_n is continuous and zero at v_n = 0.
-    assert_allclose(numeric.force(q, None, a), bare.force(q, None, a), rtol=1e-15)
-    assert_allclose(numeric.damping(q, None, a), 0.0, atol=0.0)
-    assert_allclose(numeric.stiffness(q, None, a), bare.stiffness(q, None, a), rtol=1e-15)
-
-
-@every_motion
 def test_drag_of_a_straight_strip_in_rigid_motion(variant):
     length, angle, w, omega = 2.0, 0.4, -3.0, -1.7
     line = bd.Line((0.3, -0.2), (0.3 + length * np.cos(angle), -0.2 + length * np.sin(angle)))

@@ -5,52 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.testing import assert_allclose
 from support import (
-    ARC,
-    UNEVEN_ELEMENTS,
-    VARIANTS,
     NumericEquations,
-    finite_differences,
-    parametrize_variants,
-    random_state,
 )
 
 import beamdae as bd
-
-# Loads depend on the motion of a section alone, not on strain, quadrature and damping.
-every_variant = parametrize_variants(
-    v for v in VARIANTS if v.strain == "nonlinear" and v.quadrature == "reduced" and v.damping > 0.0
-)
-
-
-@every_variant
-def test_point_mass_on_a_beam_has_the_inertia_and_weight_of_its_point(variant):
-    mass, gravity = 0.8, np.array([0.5, -2.0])
-    numerics = []
-    for loaded in (True, False):
-        mech = bd.Mechanism(gravity=tuple(gravity))
-        # A given mesh, so that the load does not change the coordinates.
-        beam = mech.add(variant.beam(ARC, UNEVEN_ELEMENTS))
-        if loaded:
-            mech.add(bd.PointMass("tip mass", mass, on=beam.end))
-        mech.observe("tip", beam.end)
-        numerics.append(NumericEquations(mech))
-    loaded, bare = numerics
-    q, v, a = random_state(loaded, seed=4)
-
-    def place(t):
-        return loaded.observed("tip", q=q + t * v + 0.5 * t**2 * a)[:2]
-
-    h = 1e-3
-    near = place(h) - 2.0 * place(0.0) + place(-h)
-    far = place(2 * h) - 2.0 * place(0.0) + place(-2 * h)
-    acceleration = (16.0 * near - far) / (12.0 * h**2)
-    lever = finite_differences(lambda x: loaded.observed("tip", q=x)[:2], q)
-    expected = mass * (acceleration - gravity) @ lever
-    # Rounding error of second differences, 1e-16 / step^2.
-    assert_allclose(loaded.force(q, v, a) - bare.force(q, v, a), expected, atol=1e-8)
-    energy = loaded.energies(q, v) - bare.energies(q, v)
-    assert_allclose(energy[0], 0.5 * mass * np.sum((lever @ v) ** 2), rtol=1e-10)
-    assert_allclose(energy[2], -mass * gravity @ place(0.0), rtol=1e-12)
 
 
 def test_an_eccentric_force_rotates_a_rigid_body():

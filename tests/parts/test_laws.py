@@ -124,16 +124,3 @@ def test_time_scales():
 def test_numbers_and_numpy_formulas_are_laws(law, t, expected):
     expected_value = float(law(t)) if expected is None else expected
     assert_allclose(value(law, t), expected_value, rtol=1e-15)
-
-
-def test_equations_collect_the_breakpoints_of_drivers_and_loads():
-    mech = bd.Mechanism()
-    wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=1.0))
-    hub = wheel.at(0.0, 0.0)
-    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), hub))
-    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub, law=bd.run_up(1.0, 0.5)))
-    mech.add(bd.Moment("brake", hub, bd.piecewise((0.5, 0.0), (2.0, -1.0), 0.0)))
-    mech.add(bd.Force("push", hub, (bd.sine(1.0, 10.0), bd.piecewise((1.0, 1.0), 0.0))))
-    equations = bd.equations_of_motion(mech)
-    assert equations.breakpoints == (0.5, 1.0, 2.0)
-    assert equations.time_scale == 0.1

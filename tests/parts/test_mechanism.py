@@ -68,23 +68,6 @@ def test_free_and_fixed_point_masses():
     assert massless.coordinates == ()
 
 
-def test_characteristic_length_is_the_extent_of_the_drawing():
-    mech = bd.Mechanism()
-    body = mech.add(disk(center=(1.0, 1.0)))
-    assert bd.equations_of_motion(mech).length == 1.0
-    mech.add(bd.Revolute("pin", mech.ground.at(1.0, -3.0), body.at(1.0, -3.0)))
-    assert bd.equations_of_motion(mech).length == 4.0
-    mech.add(VARIANTS[0].beam(bd.Line((0.0, 0.0), (-6.0, 0.0))))
-    equations = bd.equations_of_motion(mech)
-    # From (1, -3) to (-6, 0).
-    extent = equations.length
-    assert extent == pytest.approx(58.0**0.5, rel=1e-15)
-
-    scales = dict(zip(equations.q_names, equations.position_scales, strict=True))
-    assert scales["disk.x"] == scales["beam.y0"] == scales["beam.u1"] == extent
-    assert scales["disk.angle"] == scales["beam.theta"] == scales["beam.phi3"] == 1.0
-
-
 def test_regression_models_without_an_end_time_are_explained():
     """The decorator without parentheses raised a TypeError."""
     for decorate in (lambda: bd.model(lambda: bd.Mechanism()), bd.model):

@@ -36,20 +36,6 @@ def test_relative_displacement_of_disks_by_hand():
     assert_allclose(numeric.observed("on ground", q=q), (0.0, 2.0, np.pi), atol=1e-14)
 
 
-DISK = bd.RigidBody("disk", mass=1.0, inertia=1.0)
-
-
-def test_a_particle_on_a_body_has_the_angle_of_its_body():
-    rider = bd.PointMass("rider", 1.0, on=DISK.at(2.0, 0.0))
-    mech = bd.Mechanism()
-    mech.add(DISK)
-    mech.add(rider)
-    mech.observe("rider", bd.relative_displacement(of=rider.point, on=DISK.at(0.0, 0.0)))
-    numeric = NumericEquations(mech)
-    # Rounding error; the body is rigid.
-    assert_allclose(numeric.observed("rider", q=np.array([3.0, -1.0, 2.0])), 0.0, atol=1e-14)
-
-
 @pytest.mark.parametrize("reference", [0.0, ARC.length])
 @pytest.mark.parametrize("variant", FIELDS, ids=str)
 def test_deflection_is_relative_to_the_section_at_the_reference(variant, reference):

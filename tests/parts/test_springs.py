@@ -83,7 +83,7 @@ def test_torsion_spring_and_damper_of_two_disks(integrator):
         for name, inertia, x, spin in (("one", 0.6, 0.0, 1.0), ("other", 0.3, 2.0, -0.4))
     ]
     a, b = (disk.at(*disk.center) for disk in disks)
-    mech.add(bd.TorsionSpring("shaft", a, b, 5.0))
+    mech.observe("shaft", mech.add(bd.TorsionSpring("shaft", a, b, 5.0)).angle)
     mech.add(bd.TorsionDamper("oil", a, b, 0.1))
     solution = bd.simulate(mech, integrator, t_end=1.5, output_step=0.01)
     reduced = 0.6 * 0.3 / 0.9
@@ -91,6 +91,7 @@ def test_torsion_spring_and_damper_of_two_disks(integrator):
     damped = w * np.sqrt(1.0 - ratio**2)
     t = solution.t
     twist = -1.4 / damped * np.exp(-ratio * w * t) * np.sin(damped * t)
+    assert_allclose(solution.observed.iloc[:, 0], twist, atol=1e-4 * 1.4 / w)
     assert_allclose(solution.q[:, 5] - solution.q[:, 2], twist, atol=1e-4 * 1.4 / w)
     spin = (0.6 * 1.0 - 0.3 * 0.4) / 0.9
     assert_allclose((0.6 * solution.q[:, 2] + 0.3 * solution.q[:, 5]) / 0.9, spin * t, atol=1e-9)
