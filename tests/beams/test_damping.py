@@ -379,6 +379,3 @@ def test_energy_balance_of_a_flexible_pendulum_with_all_dampings(integrator, max
     dissipated = first[energies].sum() - last[energies].sum()
     assert dissipated > 10.0
     assert_allclose(last["energy.dissipated [J]"], dissipated, rtol=10.0 * max_imbalance)
-
-
-# Rejected arguments ---------------------------------------------------------------------------

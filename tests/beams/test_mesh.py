@@ -1,4 +1,4 @@
-"""Nodes on the curve, errors of the interpolated axes, and floating frame operators."""
+"""Nodes on the curve, and errors of the interpolated axes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points sliding along deformed beams: interpolated track, exact solutions, balances."""
+"""Points sliding along deformed beams: exact solutions, reactions and balances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Energy balance at rows of states, in machine code and in plain Python."""
+"""Energies of the rows of a run."""
 
 import pytest
 from mechanisms import G, swing

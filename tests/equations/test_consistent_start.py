@@ -287,9 +287,6 @@ def test_infinite_forces_are_named():
         solve_start([[1, 0], [0, 1]], force=lambda t, q: ca.vertcat(1.0, 1.0 / (q[1] - 1.0)))
 
 
-# Jerk ------------------------------------------------------------------------------------------
-
-
 def test_dependent_constraints_are_named_among_many():
     """Beyond 100 constraints an SVD is computed only if they may be dependent."""
     mech = bd.Mechanism()

@@ -1,4 +1,4 @@
-"""Models that differ only in numbers share their structure and derived objects, not numbers."""
+"""Models that differ only in numbers are independent of each other, also in threads."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor

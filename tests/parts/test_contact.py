@@ -1,4 +1,4 @@
-"""Contact: times of impact, restitution, friction, invariance under rigid motions."""
+"""Contact: times of impact, restitution and friction."""
 
 from __future__ import annotations
 

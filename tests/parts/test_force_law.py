@@ -1,4 +1,4 @@
-"""ForceLaw: arguments, virtual work, energy balance and error messages."""
+"""ForceLaw: arguments, virtual work and energy balance."""
 
 from __future__ import annotations
 

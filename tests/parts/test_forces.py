@@ -1,4 +1,4 @@
-"""Loads, weights and point masses: generalized forces are derivatives of their work."""
+"""Forces on rigid bodies: moments of eccentric forces, energies and powers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Friction in joints: closed forms, tangents, energy balance, error messages."""
+"""Friction in joints: closed forms, energy balance and paradoxes."""
 
 from __future__ import annotations
 

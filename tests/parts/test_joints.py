@@ -1,4 +1,4 @@
-"""Joints: constraint levels along motions, virtual work of reactions, error messages."""
+"""Joints: constraint levels along motions and virtual work of reactions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mechanism: parts, observables and error messages."""
+"""Mechanism: order of parts, headers, point masses and end times."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Displacements of a section relative to another body."""
+"""Displacements, motions and accelerations, also relative to another body."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rolling disks and skates: closed forms, levels along motions, error messages."""
+"""Rolling disks and skates: closed forms and levels along motions."""
 
 from __future__ import annotations
 

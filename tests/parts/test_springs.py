@@ -1,4 +1,4 @@
-"""Springs, dampers and bushings: closed forms, energy balance, invariance."""
+"""Springs, dampers and bushings: closed forms and energy balance."""
 
 from __future__ import annotations
 

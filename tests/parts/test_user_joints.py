@@ -1,4 +1,4 @@
-"""Joints written by users: reactions, kernels, switching by events, drawings and messages."""
+"""Joints written by users: reactions, switching by events, drawings and messages."""
 
 from __future__ import annotations
 
