@@ -167,6 +167,18 @@ def test_default_quadrature_does_not_lock(nodes, shape, continuity, max_error, f
 
 
 @pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.parametrize("shape", ["curved", "straight"])
+def test_straight_elements_do_not_lock_with_four_points_and_curved_ones_do(shape):
+    thick, thin = (errors(r, 8, quadrature="full", shape=shape)[2, 2] for r in (4, 2500))
+    if shape == "straight":
+        assert abs(thin) < 1.01 * abs(thick)
+    else:
+        assert abs(thick) < 1e-6
+        # Membrane locking makes the arc too stiff by 0.4 %.
+        assert -5e-3 < thin < -4e-3
+
+
+@pytest.mark.slow(reason="a fifth of a second")
 def test_curved_elements_converge_with_fourth_order():
     # Measured with 1, 2, 4, 8 elements: radial 2.2e-3, 1.7e-4, 1.1e-5, 6.9e-7; tangential 6.4e-3,
     # 8.5e-5, 7.4e-7, 2.4e-8; moment 8.6e-4, 5.7e-5, 3.6e-6, 2.3e-7.

@@ -1,12 +1,11 @@
 """Ida: reactions outside the error test, and position corrections of nearly fixed parts."""
 
-import casadi as ca
 import numpy as np
 import pytest
 from benchmarks.systems import knife_edge
-from equations.test_nonholonomic_statements import GRAVITY, MASS, body_with
 from governor import governor
 from numpy.testing import assert_allclose
+from parts.test_user_joints import GRAVITY, PULLED_MASS, pull_of, pulled_body
 from quick_return import quick_return
 
 import beamdae as bd
@@ -77,12 +76,10 @@ def with_flexible_link():
 )
 def test_regression_the_reaction_of_a_driven_nonholonomic_row(formulation, rtol):
     """A pull of 30 N was off by 12 and 15 N where Newton's iteration ended at once."""
-    speed, rate = 0.5, 3.0
-    mech, _ = body_with(lambda local: local.v[0] - speed * ca.sin(rate * local.time[0]))
-    solution = bd.simulate(mech, bd.Ida(rtol, formulation=formulation), 2.0, 0.25)
-    pull = MASS * (GRAVITY - speed * rate * np.cos(rate * solution.t))
+    solution = bd.simulate(pulled_body(), bd.Ida(rtol, formulation=formulation), 2.0, 0.25)
     # Bound on the error of the iteration: a thousandth of the force.
-    assert_allclose(solution.lam[:, 0], pull, rtol=0.0, atol=1e-3 * MASS * GRAVITY)
+    bound = 1e-3 * PULLED_MASS * GRAVITY
+    assert_allclose(solution.lam[:, 0], pull_of(solution.t), rtol=0.0, atol=bound)
 
 
 @pytest.mark.slow(reason="half a second and more")
