@@ -1,0 +1,332 @@
+"""Sentences of wrong settings, events, laws and starts of runs, one row a sentence."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from mechanisms import falling_ball, swing
+
+import beamdae as bd
+
+
+def simulate(integrator=None, t_end=1.0, model=None, **settings):
+    return bd.simulate(model or falling_ball(), integrator or bd.Radau(), t_end, **settings)
+
+
+def fast_law():
+    mech = falling_ball()
+    mech.add(bd.Force("shaker", mech.part("ball").point, (bd.sine(1.0, 1e9), 0.0)))
+    return mech
+
+
+def event(**settings):
+    mech = falling_ball()
+    mech.when("ball.y", 0.0, "down", "record", name="impact")
+    mech.when(**{"what": "ball.y"} | settings)
+    return bd.equations_of_motion(mech)
+
+
+def motor():
+    mech = swing()
+    ends = mech.ground.at(0.0, 0.0), mech.part("bob").at(0.0, 0.0)
+    return mech, mech.add(bd.Driver("motor", *ends, law=0.0)), mech.part("torque")
+
+
+def contradiction(name):
+    mech, driver, torque = motor()
+    mech.when(
+        "end.x",
+        0.0,
+        name="both",
+        do={
+            "states": [bd.activate(torque), bd.deactivate(torque)],
+            "laws": [bd.change_law(driver, 1.0), bd.change_law(driver, lambda t: t)],
+        }[name],
+    )
+
+
+def foreign(name):
+    """Use a part of another mechanism with the same names and numbers."""
+    (mech, *_), (other, driver, torque) = motor(), motor()
+    gap = bd.LineSurface(other.ground.at(0.0, 0.0)).gap(other.part("bob").at(1.0, 0.0))
+    return {
+        "deactivate": lambda: mech.deactivate(torque),
+        "observe": lambda: mech.observe("r", driver.reaction),
+        "column": lambda: mech.when(driver.reaction, 1.0, do="record", name="e"),
+        "activate": lambda: mech.when("end.x", do=bd.activate(torque), name="e"),
+        "law": lambda: mech.when("end.x", do=bd.change_law(driver, 1.0), name="e"),
+        "impact": lambda: mech.when("end.x", do=bd.impact(gap), name="e"),
+    }[name]()
+
+
+def inactive_body():
+    mech = swing()
+    mech.deactivate(mech.part("bob"))
+    bd.equations_of_motion(mech)
+
+
+class Undecorated(bd.Integrator):
+    step, order = 0.1, 1
+
+
+Alpha, Ida, Radau = bd.GeneralizedAlpha, bd.Ida, bd.Radau
+NAN = float("nan")
+SENTENCES = [
+    (
+        lambda: Alpha(family="newmarks"),
+        "GeneralizedAlpha: family must be one of 'generalized-alpha', 'hht', 'newmark', got "
+        "'newmarks' (did you mean 'newmark'?).",
+    ),
+    (
+        lambda: Alpha(family=None),
+        "GeneralizedAlpha: family must be one of 'generalized-alpha', 'hht', 'newmark', got None.",
+    ),
+    (
+        lambda: Alpha(family="hht", rho_inf=0.4),
+        "GeneralizedAlpha: rho_inf must lie in [0.5, 1] for family 'hht', got 0.4.",
+    ),
+    (
+        lambda: Alpha(family="newmark", rho_inf=1.2),
+        "GeneralizedAlpha: rho_inf must lie in [0, 1], got 1.2.",
+    ),
+    (lambda: Alpha(rho_inf=-0.1), "GeneralizedAlpha: rho_inf must lie in [0, 1], got -0.1."),
+    (lambda: Alpha(rho_inf=NAN), "GeneralizedAlpha: rho_inf must be finite, got nan."),
+    (
+        lambda: Alpha(rtol=1e-4, family="newmark"),
+        "GeneralizedAlpha: rtol requires a method of second order, but family 'newmark' is of "
+        "first order with rho_inf = 0.8; set rho_inf = 1 or another family.",
+    ),
+    (
+        lambda: Alpha(max_steps=100),
+        "GeneralizedAlpha: max_steps = 100 requires rtol, because the end time and the step "
+        "determine the number of fixed steps; omit max_steps or set rtol.",
+    ),
+    (lambda: Alpha(step=0.0), "GeneralizedAlpha: step must be positive, got 0."),
+    (lambda: Alpha(step="small"), "GeneralizedAlpha: step must be a number, got 'small'."),
+    (
+        lambda: Alpha(start="cure"),
+        "GeneralizedAlpha: start must be one of 'cured', 'plain', got 'cure' (did you mean "
+        "'cured'?).",
+    ),
+    (
+        lambda: Alpha(newton_tolerance=0.0),
+        "GeneralizedAlpha: newton_tolerance must be positive, got 0.",
+    ),
+    (
+        lambda: Alpha(formulation="index-3"),
+        "GeneralizedAlpha: formulation must be one of 'index3', 'stabilized-index2', got "
+        "'index-3' (did you mean 'index3'?).",
+    ),
+    (
+        lambda: Ida(formulation="stabilised-index1"),
+        "Ida: formulation must be one of 'stabilized-index1', 'ggl', 'index2', 'index1', "
+        "'index3', got 'stabilised-index1' (did you mean 'stabilized-index1'?).",
+    ),
+    (lambda: Ida(max_order=6), "Ida: max_order must be one of 'auto', 1, 2, 3, 4, 5, got 6."),
+    (lambda: Ida(max_order=2.5), "Ida: max_order must be one of 'auto', 1, 2, 3, 4, 5, got 2.5."),
+    (lambda: Ida(max_step=-1.0), "Ida: max_step must be positive, got -1."),
+    (
+        lambda: Ida(linear_solver="dens"),
+        "Ida: linear_solver must be one of 'auto', 'dense', 'sparse', got 'dens' (did you mean "
+        "'dense'?).",
+    ),
+    (
+        lambda: Radau(error_control="all"),
+        "Radau: error_control must be one of 'auto', 'positions', 'rigid velocities', "
+        "'velocities', got 'all'.",
+    ),
+    (
+        lambda: Radau(error_control="position"),
+        "Radau: error_control must be one of 'auto', 'positions', 'rigid velocities', "
+        "'velocities', got 'position' (did you mean 'positions'?).",
+    ),
+    (lambda: Radau(time_limit=-2.0), "Radau: time_limit must be positive, got -2."),
+    (lambda: Radau(time_limit="10"), "Radau: time_limit must be a number, got '10'."),
+    (lambda: Radau(rtol=-1e-6), "Radau: rtol must be positive, got -1e-06."),
+    (lambda: Radau(rtol=np.inf), "Radau: rtol must be finite, got inf."),
+    (lambda: Radau(rtol="tight"), "Radau: rtol must be a number, got 'tight'."),
+    (lambda: Radau(rtol=True), "Radau: rtol must be a number, got True."),
+    (lambda: bd.Auto(rtol=0.5), "Auto: rtol must lie between 1e-14 and 0.1, got 0.5."),
+    (lambda: bd.Auto(max_steps=0), "Auto: max_steps must be a whole number of at least 1, got 0."),
+    (
+        lambda: bd.Auto(max_steps=1.5),
+        "Auto: max_steps must be a whole number of at least 1, got 1.5.",
+    ),
+    (
+        lambda: simulate(Alpha(step=1e-60)),
+        "GeneralizedAlpha: step of 1e-60 s requires 1e+60 steps in 1 s, more than the maximum "
+        "of 1e+08; use a longer step or an earlier end time.",
+    ),
+    (
+        lambda: simulate(Ida(max_step=1e-60)),
+        "Ida: max_step of 1e-60 s requires 1e+60 steps in 1 s, more than the maximum of 1e+08; "
+        "use a longer step or an earlier end time.",
+    ),
+    (
+        lambda: simulate(Alpha(rtol=1e-4), model=fast_law()),
+        "GeneralizedAlpha: the longest step (a quarter of the time scale of the laws) of "
+        "2.5e-10 s requires 4e+09 steps in 1 s, more than the maximum of 1e+08; use a longer "
+        "step or an earlier end time.",
+    ),
+    (
+        lambda: simulate(Ida),
+        "simulate: integrator must be Ida(...), Radau(...), GeneralizedAlpha(...) or another "
+        "Integrator, got <class",
+    ),
+    (
+        lambda: simulate(Undecorated()),
+        "simulate: Undecorated must be a dataclass whose fields are the settings.",
+    ),
+    (lambda: simulate(t_end=None), "simulate: the model has no end time; pass t_end=."),
+    (lambda: simulate(t_end=0), "simulate: t_end must be positive, got 0."),
+    (lambda: simulate(t_end="late"), "simulate: t_end must be a number, got 'late'."),
+    (lambda: simulate(t_end=1e-300), "simulate: t_end must be at least 1e-75, got 1e-300."),
+    (
+        lambda: simulate(t_end=1e101),
+        "simulate: t_end must not exceed 1e+75 in absolute value, got 1e+101.",
+    ),
+    (lambda: simulate(output_step=-1.0), "simulate: output_step must be positive, got -1."),
+    (
+        lambda: simulate(output_step=1e-20),
+        "simulate: output_step = 1e-20 s gives more than 1e+07 rows up to t = 1 s; use a longer"
+        " output_step.",
+    ),
+    (
+        lambda: simulate(start=3),
+        "simulate: start must be 'as drawn', 'equilibrium', bd.rotation(...) or a dict of "
+        "positions and velocities by name such as {'crank.angle': 0.3, 'crank.angle_dot': 5.0},"
+        " a solution, an equilibrium or the path of a checkpoint, got 3.",
+    ),
+    (
+        lambda: simulate(start="none.json"),
+        "none.json: the checkpoint cannot be read: No such file or directory; run the model "
+        "again from the start.",
+    ),
+    (lambda: simulate().checkpoint(3), "checkpoint: path must be the path of a file, got 3."),
+    (lambda: simulate().followed_by(3), "followed_by: later must be a solution, got 3."),
+    (
+        lambda: event(what="ball.z"),
+        "ball.z crosses 0: the column 'ball.z' is not observed (did you mean 'ball.y'?); "
+        "observe the column or pass a quantity.",
+    ),
+    (
+        lambda: event(what=3),
+        "event: the first argument must be the name of an observed column, such as 'tip.y', or "
+        "a quantity with one column, got 3.",
+    ),
+    (
+        lambda: event(direction="left"),
+        "event: direction must be one of 'up', 'down', 'both', got 'left'.",
+    ),
+    (
+        lambda: event(do="jump"),
+        "event: do must be 'stop', 'record', activate(...), deactivate(...), change_law(...) or"
+        " impact(...), got 'jump'.",
+    ),
+    (
+        lambda: event(do=[]),
+        "event: do must be 'stop', 'record', activate(...), deactivate(...), change_law(...) or"
+        " impact(...), got [].",
+    ),
+    (lambda: event(crosses=NAN), "event: crosses must be finite, got nan."),
+    (
+        lambda: event(name="impact"),
+        "event: the name 'impact' is in use; give every event a different name.",
+    ),
+    (lambda: event(name=""), "event: the name must be a non-empty string, got ''."),
+    (lambda: bd.deactivate("hinge"), "deactivate: expected joints and forces, got 'hinge'."),
+    (
+        lambda: bd.deactivate(),
+        "deactivate: expected joints and forces, got none; pass at least one part.",
+    ),
+    (
+        lambda: bd.Mechanism().deactivate(),
+        "Mechanism.deactivate: expected joints and forces, got none; pass at least one part.",
+    ),
+    (
+        lambda: bd.activate(motor()[2], as_is=True),
+        "torque: as_is=True requires a joint with a gap of positions or angles, got Moment",
+    ),
+    (
+        lambda: bd.activate(motor()[1], as_is=1),
+        "activate: as_is must be one of True, False, got 1.",
+    ),
+    (
+        lambda: bd.change_law("drive", 0.0),
+        "change_law: driver must be a Driver or a TranslationalDriver, got 'drive'.",
+    ),
+    (
+        lambda: bd.change_law(motor()[1], "fast"),
+        "change_law of motor: law must be a number, got 'fast'.",
+    ),
+    (
+        lambda: bd.impact(None),
+        "impact: on must be a gap, such as surface.gap(point), or a joint, got None.",
+    ),
+    (
+        lambda: bd.impact(falling_ball().part("ball")),
+        "impact: on must be a gap, such as surface.gap(point), or a joint, got PointMass",
+    ),
+    (
+        lambda: bd.impact(
+            bd.LineSurface(swing().ground.at(0, 0)).gap(swing().part("bob").at(0, 0)), 1.5
+        ),
+        "impact: restitution must lie in [0, 1], got 1.5.",
+    ),
+    (
+        lambda: bd.impact(
+            bd.LineSurface(swing().ground.at(0, 0)).gap(swing().part("bob").at(0, 0)), "a"
+        ),
+        "impact: restitution must be a number, got 'a'.",
+    ),
+    (
+        inactive_body,
+        "bob: a part with coordinates cannot be switched or inactive; switch joints and forces "
+        "instead.",
+    ),
+    (
+        lambda: contradiction("states"),
+        "both: the event activates and deactivates 'torque' at the same time; keep one of the "
+        "two actions.",
+    ),
+    (
+        lambda: contradiction("laws"),
+        "both: the event changes the law of 'motor' 2 times; pass one change_law per driver.",
+    ),
+    (
+        lambda: foreign("deactivate"),
+        "Mechanism.deactivate: 'torque' is not part of this mechanism; add this part first, or "
+        "use a part of the mechanism.",
+    ),
+    (
+        lambda: foreign("observe"),
+        "r: the joint 'motor' is not part of this mechanism; add the joint first.",
+    ),
+    (
+        lambda: foreign("column"),
+        "e: the joint 'motor' is not part of this mechanism; add the joint first.",
+    ),
+    (
+        lambda: foreign("activate"),
+        "e: 'torque' is not part of this mechanism; add this part first, or use a part of the "
+        "mechanism.",
+    ),
+    (
+        lambda: foreign("law"),
+        "e: 'motor' is not part of this mechanism; add this part first, or use a part of the "
+        "mechanism.",
+    ),
+    (
+        lambda: foreign("impact"),
+        "e: 'bob' is not part of this mechanism; add this part first, or use a part of the "
+        "mechanism.",
+    ),
+]
+
+
+def test_wrong_calls_are_rejected_with_one_sentence():
+    for call, sentence in SENTENCES:
+        with pytest.raises(bd.BeamdaeError, match=f"^{re.escape(sentence)}"):
+            call()
