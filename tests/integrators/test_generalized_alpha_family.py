@@ -361,8 +361,8 @@ def test_regression_pulse_that_vanishes_at_both_ends_is_not_stepped_over():
 @pytest.mark.parametrize(
     ("force", "rtol", "words"),
     [
-        (lambda t: np.sqrt(0.5 - t), 1e-3, "not finite"),
-        (lambda t: np.sqrt(0.5 - t), 1e-6, "not finite"),
+        (lambda t: ca.sqrt(0.5 - t), 1e-3, "not finite"),
+        (lambda t: ca.sqrt(0.5 - t), 1e-6, "not finite"),
         (lambda t: 1.0 / (0.5 - t) ** 2, 1e-3, "error test failed"),
     ],
 )
