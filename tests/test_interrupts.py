@@ -1,6 +1,5 @@
 """Interrupts of calls: none is lost, and partial results are attached."""
 
-import ast
 import ctypes
 import importlib
 import signal
@@ -8,15 +7,12 @@ import sys
 import textwrap
 import threading
 import time
-from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae import interrupts
 from beamdae.integrators.integrator import AdaptiveIntegrator
 from beamdae.interrupts import Interrupted, interruptible
 
@@ -159,47 +155,6 @@ def test_an_interrupted_sweep_has_its_results(partial, tmp_path):
     assert (tmp_path / "sweep.csv").exists()
 
 
-def interrupt_call(monkeypatch, owner, name, n):
-    """Send an interrupt in call number `n` of a function."""
-    function, interrupt = getattr(owner, name), InterruptAt(n)
-
-    def call(*arguments, **settings):
-        interrupt()
-        return function(*arguments, **settings)
-
-    monkeypatch.setattr(owner, name, call)
-
-
-@pytest.mark.parametrize("partial", ["raise", "return"])
-@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
-def test_an_interrupted_equilibrium_path_is_kept(monkeypatch, partial):
-    from beamdae.analysis.statics import continuation
-
-    interrupt_call(monkeypatch, continuation, "_take_step", 4)
-    # Machine code may take several steps of load control in one call.
-    options = {"control": "arc length", "step": 0.05}
-    if partial == "return":
-        path = bd.equilibrium(pendulum(), **options, partial=partial)
-    else:
-        with pytest.raises(Interrupted, match=r"^equilibrium: interrupted") as caught:
-            bd.equilibrium(pendulum(), **options)
-        path = caught.value.partial
-    assert path.status.kind == "interrupted"
-    assert len(path.q) > 1
-    assert 0.0 < path.factor < 1.0
-
-
-@pytest.mark.slow(reason="several periodic motions")
-def test_an_interrupted_frequency_response_keeps_its_points(monkeypatch):
-    from beamdae.analysis.periodic.periodic_continuation import ResponseCurve
-
-    model = bd.model(t_end=1.0)(pendulum)
-    interrupt_call(monkeypatch, ResponseCurve, "next_point", 3)
-    with pytest.raises(Interrupted, match=r"^frequency_response: interrupted at ") as caught:
-        bd.frequency_response(model, "frequency", (0.3, 0.35))
-    assert len(caught.value.partial.points) == 3
-
-
 @bd.model(t_end=1.0)
 def discarding(frequency=0.3):
     """Return a pendulum, after the interrupt has been discarded and raised again."""
@@ -263,41 +218,6 @@ def test_partial_results_of_inner_calls_are_removed():
     with pytest.raises(Interrupted, match=r"^compute: interrupted at t = ") as caught:
         compute()
     assert caught.value.partial is None
-
-
-@pytest.mark.slow(reason="half a second")
-def test_interrupts_after_a_call_are_not_repeated():
-    @interruptible
-    def compute():
-        send_interrupt()
-
-    with pytest.raises(Interrupted):
-        compute()
-    time.sleep(2.0 * interrupts._REPEAT_INTERVAL)
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
-def test_regression_repetitions_do_not_arrive_after_the_call(monkeypatch):
-    """A repetition on its way when the call ended was an interrupt for the code after it."""
-    is_repeated = threading.Event()
-
-    def send_late(number, send=interrupts._send_to_main_thread):
-        is_repeated.set()
-        time.sleep(0.05)
-        send(number)
-
-    @interruptible
-    def wait():
-        with suppress(KeyboardInterrupt):
-            send_interrupt()
-        assert is_repeated.wait(_MAX_WAIT)
-
-    monkeypatch.setattr(interrupts, "_REPEAT_INTERVAL", 0.01)
-    monkeypatch.setattr(interrupts, "_send_to_main_thread", send_late)
-    with pytest.raises(KeyboardInterrupt):
-        wait()
-    time.sleep(0.1)
-    assert not interrupts._state.is_repetition
 
 
 def test_handlers_of_the_user_are_called_and_restored():
@@ -364,24 +284,6 @@ def test_exceptions_of_progress_have_the_result_so_far(call, begin):
     assert solution.status.sentence.endswith("progress failed: BeamdaeError: the user stops")
     assert solution.trajectory.end > begin
     assert solution.model["t_end"] == 20.0
-
-
-@pytest.mark.slow(reason="one second")
-def test_interrupts_that_are_kept_are_acknowledged():
-    """Otherwise they would be raised again while the partial result is returned."""
-    package = Path(bd.__file__).parent
-    exempt = {"interrupts.py", "app.py", "__main__.py", "command_wrapper.py", "worker_processes.py"}
-    for path in package.rglob("*.py"):
-        if path.name in exempt:
-            continue
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ExceptHandler) and "KeyboardInterrupt" in ast.unparse(
-                node.type or ast.Constant("")
-            ):
-                body = ast.unparse(ast.Module(node.body, []))
-                is_kept = not isinstance(node.body[-1], ast.Raise)
-                has_policy = "acknowledge()" in body or "report_interrupt" in body
-                assert has_policy or not is_kept, f"{path}:{node.lineno}"
 
 
 def test_regression_last_step_of_an_inner_call_is_not_named():

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import dataclass, make_dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -19,7 +19,6 @@ import typer
 from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae import memory
 from beamdae.cli.command_wrapper import Command
 from beamdae.symbolic.statements import Variable
 
@@ -195,35 +194,6 @@ def test_compilers_that_write_nothing_are_named(script, folder, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("group", "files", "expected"),
-    [
-        ("0::/a/b", {"a/b": ("max", 100, 30), "a": (1000, 400, 50)}, 650),
-        ("0::/a/b", {"a/b": (300, 100, 0), "a": (1000, 400, 50)}, 200),
-        ("0::/outside/name", {"": (1000, 300, 0)}, 700),
-        ("0::/", {"": (1000, 1200, 0)}, 0),
-        ("4:memory:/a\n1:cpu:/\n0::/", {"memory/a": (1000, 400, 50)}, 650),
-        ("0::/", {}, np.inf),
-        ("nonsense", {}, np.inf),
-    ],
-)
-def test_memory_limits_of_containers_count(group, files, expected, folder, monkeypatch):
-    is_old = "memory" in group
-    names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
-    names = names if is_old else ("memory.max", "memory.current", "inactive_file")
-    Path("cgroup").write_text(f"{group}\n")
-    for place, (limit, used, cache) in files.items():
-        Path("groups", place).mkdir(parents=True, exist_ok=True)
-        for name, content in zip(names, (limit, used, f"anon 7\n{names[2]} {cache}"), strict=True):
-            file = "memory.stat" if name == names[2] else name
-            Path("groups", place, file).write_text(f"{content}\n")
-    monkeypatch.setattr(memory, "_GROUP_FILE", Path("cgroup").absolute())
-    monkeypatch.setattr(memory, "_GROUPS", Path("groups").absolute())
-    monkeypatch.setattr(memory, "_free_physical_memory", lambda: np.inf)
-    monkeypatch.setattr(memory, "_free_address_space", lambda: np.inf)
-    assert memory.available_memory() == expected
-
-
-@pytest.mark.parametrize(
     "array",
     [
         *("np.array([1, 2], 'm8[s]')", "np.array(['2020-01-01'], 'M8[D]')", "np.array(3.0)"),
@@ -292,18 +262,3 @@ def add_joint(kind):
 def test_mistakes_of_a_class_are_found_when_its_part_is_added(members, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         add_joint(create_joint(**members))
-
-
-def test_private_names_of_no_part_are_free():
-    kind = create_joint(symbol="hinge", _own=lambda self: 1, _values_of_mine=())
-    assert list(add_joint(kind).parts) == ["ball", "pin"]
-
-
-@pytest.mark.parametrize("base", [bd.Force, bd.Spring, bd.RigidBody, bd.PointMass, bd.Beam])
-def test_fields_with_private_names_of_a_base_are_refused(base):
-    field = make_dataclass("Mine", [("_values", object, 1)], bases=(), frozen=True)
-    kind = type("Mine", (field, base), {})
-    part = object.__new__(kind)
-    object.__setattr__(part, "name", "mine")
-    with pytest.raises(bd.BeamdaeError, match="Mine: the name _values replaces"):
-        bd.Mechanism().add(part)

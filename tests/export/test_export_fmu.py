@@ -13,17 +13,8 @@ from xml.etree import ElementTree
 import casadi as ca
 import numpy as np
 import pytest
-import scipy.sparse as sp
 
 import beamdae as bd
-from beamdae.equations.formulations.first_order import formulate_first_order
-from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
-from beamdae.export.c_code import format_number, format_string
-from beamdae.export.elimination_order import plan_elimination
-from beamdae.export.model_description import base_exponents
-from beamdae.integrators.radau.stepper import STABILIZED_FORM
-from beamdae.linear.fixed_order import FixedOrderFactors, eliminate, substitute
-from beamdae.simulation import as_equations
 
 STEP = 1e-3
 T_END = 0.1
@@ -241,43 +232,6 @@ def test_regression_defaults_at_limits_are_named(tmp_path):
 def test_round_limits_of_models_are_accepted(tmp_path):
     variable = export_limited(tmp_path, 0.02, 0.012, 0.03)
     assert (variable.get("min"), variable.get("max")) == ("0.012", "0.03")
-
-
-def test_units():
-    assert base_exponents("N m/rad") == {"kg": 1, "m": 2, "s": -2, "rad": -1}
-    assert base_exponents("m/s^2") == {"m": 1, "s": -2}
-    assert base_exponents("furlong") is None
-
-
-def test_literals():
-    assert format_number(-0.1) == "(-0.1)"
-    assert format_number(float("-inf")) == "(-INFINITY)"
-    assert format_string('a"?é') == '"a\\042\\077\\303\\251"'
-
-
-def test_elimination_with_diagonal_pivots():
-    # Chain of masses with rods: positive definite block, and multipliers without diagonal entries.
-    rng = np.random.default_rng(1)
-    n, m = 12, 4
-    block = sp.diags_array(
-        [np.ones(n - 1), 4.0 + rng.random(n), np.ones(n - 1)], offsets=[-1, 0, 1]
-    )
-    rows = sp.csr_array(
-        (
-            rng.random(2 * m) + 0.5,
-            np.repeat(3 * np.arange(m), 2) + [0, 2] * m,
-            2 * np.arange(m + 1),
-        ),
-        shape=(m, n),
-    )
-    matrix = sp.csc_array(sp.block_array([[block, rows.T], [rows, None]]))
-    matrix.sort_indices()
-    factors = FixedOrderFactors.of(plan_elimination(matrix, n))
-    assert eliminate(factors, matrix.data) == m
-    right = rng.random(n + m)
-    solution = right.copy()
-    substitute(factors, solution)
-    assert matrix @ solution == pytest.approx(right, rel=1e-12)
 
 
 # Compiled FMUs. Without optimization, the compiler takes a fifth of the time.
@@ -726,38 +680,6 @@ def test_regression_outputs_that_steps_do_not_resolve_have_a_warning(tmp_path):
 def test_radau_rejects_parameters_that_change_surfaces(tmp_path):
     with pytest.raises(bd.BeamdaeError, match="the surface of pin changes"):
         export(tmp_path, ball_and_pin, integrator="radau", parameters=["radius"])
-
-
-def test_radau_matrices_need_no_row_exchanges(tmp_path):
-    """Corrections and multipliers have diagonal pivots if velocities are eliminated first."""
-    form = formulate_first_order(as_equations("test", crane(), None), STABILIZED_FORM, apart=True)
-    pattern, _, reduction = reduce_kinematics(form)
-    n, m, corrected = form.equations.n, form.equations.m, len(reduction.corrected)
-    order = plan_elimination(pattern, n, first=corrected, last=m).order
-    assert sorted(order) == list(range(pattern.shape[0]))
-    assert set(order[:corrected]) == set(range(n, n + corrected))
-    assert set(order[-m:]) == set(range(pattern.shape[0] - m, pattern.shape[0]))
-
-
-def test_regression_nonholonomic_constraints_need_no_row_exchanges():
-    """Their rows did not belong to their multipliers: each step exchanged rows of full matrices."""
-    mech = bd.Mechanism()
-    sled = mech.add(bd.RigidBody("sled", mass=1.0, inertia=0.2))
-    other = mech.add(bd.RigidBody("other", mass=1.0, inertia=0.2))
-    mech.add(bd.Skate("blade", sled.at(0.3, 0.0)))
-    mech.add(bd.Revolute("pin", sled.at(0.0, 0.0), other.at(0.0, 0.0)))
-    form = formulate_first_order(as_equations("test", mech, None), STABILIZED_FORM, apart=True)
-    pattern, _, reduction = reduce_kinematics(form)
-    n, m, corrected = form.equations.n, form.equations.m, len(reduction.corrected)
-    plan = plan_elimination(pattern, n, first=corrected, last=m)
-    # A pivot is nonzero for almost all values of the entries, or zero for all of them.
-    factors, values = FixedOrderFactors.of(plan), np.random.default_rng(1).random(pattern.nnz)
-    eliminate(factors, values)
-    right = np.arange(1.0, 1.0 + pattern.shape[0])
-    solution = right.copy()
-    substitute(factors, solution)
-    matrix = sp.csc_array((values, pattern.indices, pattern.indptr), pattern.shape)
-    assert matrix @ solution == pytest.approx(right, rel=1e-6)
 
 
 @pytest.mark.slow(reason="compiles an FMU")

@@ -11,10 +11,8 @@ from tolerances.cases import ALL
 
 import beamdae as bd
 from beamdae.integrators import pilot_run
-from beamdae.integrators.drive import drive
 from beamdae.integrators.ida.stepper import IdaStepper
 from beamdae.integrators.method import StepError
-from beamdae.simulation import as_equations
 
 
 @pytest.mark.parametrize("rtol", [1e-3, 1e-6])
@@ -140,47 +138,10 @@ def test_radau_repeats_a_run_in_which_ida_fails(monkeypatch):
     assert "Ida failed at t = 0 s" in solution.integrator["note"]
 
 
-def test_the_repeated_run_shares_the_time_limit(monkeypatch):
-    settings = []
-
-    def record(integrator, *arguments):
-        settings.append(integrator)
-        return drive(integrator, *arguments)
-
-    monkeypatch.setattr("beamdae.integrators.auto.drive", record)
-    monkeypatch.setattr(IdaStepper, "advance", fail)
-    solution = bd.simulate(swing(), bd.Auto(1e-4, time_limit=60.0), t_end=0.5)
-    assert solution.status.success
-    assert len(settings) == 2
-    assert 0.0 < settings[1].time_limit < 60.0
-    assert solution.made_by == bd.Auto(1e-4, time_limit=60.0)
-    assert solution.integrator["time_limit"] == 60.0
-
-
-def test_an_interrupt_of_the_repeated_run_is_reported(monkeypatch):
-    """It was swallowed: the status was that of the failed first run."""
-
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(IdaStepper, "advance", fail)
-    for place in ("RadauStepper.advance", "RadauStepper.__init__"):
-        with monkeypatch.context() as patch:
-            patch.setattr(f"beamdae.integrators.radau.stepper.{place}", interrupt)
-            with pytest.raises(bd.Interrupted) as caught:
-                bd.Auto(1e-4).integrate(as_equations("test", swing()), np.array([0.0, 0.5]))
-        assert caught.value.solution.status.kind == "interrupted"
-
-
 def test_auto_is_the_default_integrator():
     solution = bd.simulate(hub_beam, t_end=0.1)
     assert solution.made_by == bd.Auto()
     assert np.isfinite(solution.q).all()
-
-
-def test_invalid_tolerance_is_rejected():
-    with pytest.raises(bd.BeamdaeError, match="Auto: rtol must lie"):
-        bd.Auto(0.5)
 
 
 def test_note_on_radau_requires_automatic_order():

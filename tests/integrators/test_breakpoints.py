@@ -103,10 +103,3 @@ def test_regression_drift_at_a_breakpoint_is_not_reported_as_a_jump():
     solution = bd.simulate(slider_crank(frame="chord"), drifting, t_end=0.6)
     assert solution.status.success
     assert solution.quality.max_position_drift > 1e-4
-
-
-@every_integrator
-def test_jump_error_names_joint_and_size(integrator):
-    solution = bd.simulate(driven_bar(bd.piecewise((0.3, 0.0), 0.8)), integrator, t_end=1.0)
-    assert "motor.angle" in solution.status.sentence
-    assert "by 0.8" in solution.status.sentence

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from types import SimpleNamespace
-
 import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
 from numpy.testing import assert_allclose
+from own_method import OwnMethod
 from scipy.special import ellipk
-from support import use_scikit_sundae
 
 import beamdae as bd
-from beamdae.integrators.method import clip_step
-from beamdae.results.outcome import Statistics
 
 # Fall from a height of 2 m; quarter swing of a pendulum of 1 m from the horizontal.
 FALL = np.sqrt(4.0 / 9.81)
@@ -50,35 +45,7 @@ def pendulum(*events):
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Ballistic(bd.Integrator):
-    """A user-defined method whose steps are exact for constant forces."""
-
-    step: float = 0.05
-    order = 1
-
-    def method_on(self, plan):
-        return _Ballistic(self.step)
-
-
-class _Ballistic:
-    steps_per_check, resolved_options, counts = 64, {}, Statistics()
-
-    def __init__(self, step):
-        self.at_most = step
-
-    def begin(self, start, end, branch, state):
-        self.t, self.end, self.state = start, end, state
-
-    def step(self):
-        h = clip_step(self.at_most, self.end - self.t)
-        self.t = self.end if h == self.end - self.t else self.t + h
-        q, v, a, _ = self.state
-        self.state = self.state._replace(q=q + h * v + 0.5 * h**2 * a, v=v + h * a)
-        return self.t, self.state
-
-
-ALL = integrators(1e-6, 1e-3, {"own": Ballistic()})
+ALL = integrators(1e-6, 1e-3, {"own": OwnMethod(0.05)})
 RUNS = integrators(1e-6, 1e-3)
 HIT = ("ball.y", {"direction": "down", "name": "impact"})
 
@@ -117,12 +84,6 @@ def test_regression_resumed_runs_at_rest_have_no_given_velocities():
     for integrator in (bd.Radau(), bd.GeneralizedAlpha(1e-3)):
         hanging = bd.simulate(mech, integrator, 0.03, start="equilibrium")
         assert bd.simulate(mech, integrator, 0.06, start=hanging).warnings == ()
-
-
-def test_fall_stops_at_the_impact_with_the_fallback_solver(monkeypatch):
-    use_scikit_sundae(monkeypatch)
-    solution = bd.simulate(falling(HIT), bd.Ida(1e-6), 5.0)
-    assert_allclose(solution.t[-1], FALL, atol=1e-6)
 
 
 @pytest.mark.slow(reason="a fifth of a second")
@@ -239,21 +200,16 @@ def test_nonfinite_observable_triggers_no_event():
 
 
 def test_event_before_nonfinite_states_stops_the_run():
-    class Breaking(_Ballistic):
-        def step(self):
-            t, state = super().step()
-            return t, state if t < 0.6 else state._replace(q=state.q * np.nan)
+    def breaks(t, state, k):
+        return t, state if t < 0.6 else state._replace(q=state.q * np.nan)
 
-    @dataclass(frozen=True)
-    class Breaks(Ballistic):
-        def method_on(self, plan):
-            return Breaking(self.step)
-
-    solution = bd.simulate(falling(("ball.y", {"crosses": 1.0})), Breaks(), 5.0)
+    solution = bd.simulate(
+        falling(("ball.y", {"crosses": 1.0})), OwnMethod(0.05, change=breaks), 5.0
+    )
     assert_allclose(solution.t[-1], np.sqrt(2.0 / 9.81), rtol=1e-9)
     assert solution.status.kind == "ok"
     with pytest.warns(bd.BeamdaeWarning, match="not finite"):
-        solution = bd.simulate(falling(HIT), Breaks(), 5.0)
+        solution = bd.simulate(falling(HIT), OwnMethod(0.05, change=breaks), 5.0)
     assert solution.status.kind == "failed"
     assert solution.event_records == ()
 
@@ -282,33 +238,6 @@ def test_table_ends_at_the_event(tmp_path):
     lines = path.read_text().splitlines()
     assert "status" not in lines[0]
     assert float(lines[-1].split(",")[0]) == solution.trajectory.end
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        ({"what": "ball.z"}, "the column 'ball.z' is not observed .did you mean"),
-        ({"what": 3}, "event: the first argument must be the name of an observed column"),
-        ({"what": "ball.y", "direction": "left"}, "direction must be"),
-        ({"what": "ball.y", "do": "jump"}, "do must be"),
-        ({"what": "ball.y", "crosses": np.nan}, "crosses must be"),
-        ({"what": "ball.y", "name": "impact"}, "the name 'impact' is in use"),
-        ({"what": "ball.y", "name": ""}, "the name must be"),
-    ],
-)
-def test_invalid_event_is_rejected(arguments, sentence):
-    def build():
-        mech = falling(HIT)
-        mech.when(**arguments)
-        return bd.equations_of_motion(mech)
-
-    with pytest.raises(bd.BeamdaeError, match=sentence):
-        build()
-
-
-def test_constrained_system_accepts_only_events():
-    with pytest.raises(bd.BeamdaeError, match=r"events must be Event\(...\)"):
-        particle(lambda t, x, v: 0.0, 0.0, 1.0, SimpleNamespace(what="x"))
 
 
 def test_regression_event_table_without_multipliers():

@@ -1,16 +1,10 @@
 """Adaptive steps do not pass over narrow peaks of forces that are formulas."""
 
-from collections import Counter
-
 import casadi as ca
 import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.equations.formula_forces import FormulaForceTerm, compile_formula_forces
-from beamdae.integrators.events.force_peaks import ForcePeakDetector
-from beamdae.results.trajectory import Interval
-from beamdae.simulation import as_equations
 
 METHODS = [bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(rtol=1e-5)]
 ENERGY = 0.05  # that the peak takes from a ball with the kinetic energy 0.5
@@ -94,58 +88,6 @@ def test_regression_pulses_between_frequent_samples_are_not_passed_over(method):
     mech.add(bd.Controller("controller", 0.015, [x], [force], lambda sample: 0.0))
     run = bd.simulate(mech, method, t_end=1.0)
     assert run["ball.y_dot"].iloc[-1] == pytest.approx(1.0, abs=2e-3)
-
-
-@pytest.mark.parametrize("method", METHODS[:2], ids=["ida", "radau"])
-@pytest.mark.parametrize(
-    "law",
-    [lambda x: -40.0 * ca.tanh(3.0 * x), lambda x: ca.fmin(3.1, 4.0 + ca.exp(x))],
-    ids=["smooth", "constant"],
-)
-def test_regression_forces_without_peaks_between_frequent_samples_take_few_evaluations(
-    law, method, monkeypatch
-):
-    """Each sample took a whole search, and rounding errors of constant forces were weighed."""
-    mech, ball, x = build_ball()
-    mech.add(bd.Force("spring", ball.point, (law(x), 0.0)))
-    force = mech.input("force", unit="N")
-    mech.add(bd.Force("control", ball.point, (0.0, force)))
-    mech.add(bd.Controller("controller", 0.01, [x], [force], lambda sample: sample.index % 2))
-    calls = Counter()
-
-    def count(owner, name):
-        function = getattr(owner, name)
-
-        def counted(*arguments):
-            calls[name] += 1
-            return function(*arguments)
-
-        monkeypatch.setattr(owner, name, counted)
-
-    count(ForcePeakDetector, "find_first")
-    count(FormulaForceTerm, "evaluate_local")
-    count(Interval, "weights_at")
-    bd.simulate(mech, method, t_end=1.0)
-    # Radau checks the steps of many samples at once.
-    assert calls["find_first"] >= (100 if isinstance(method, bd.Ida) else 1)
-    assert calls["evaluate_local"] <= calls["find_first"]
-    assert calls["weights_at"] == 0
-
-
-def test_smooth_formulas_take_the_same_steps(monkeypatch):
-    mech, ball, x = build_ball()
-    mech.add(bd.Force("spring", ball.point, (-40.0 * ca.tanh(3.0 * x), 0.0)))
-    steps = bd.simulate(mech, bd.Radau(), t_end=1.0).statistics.steps
-    monkeypatch.setattr("beamdae.integrators.drive.detect_force_peaks", lambda *_: None)
-    assert bd.simulate(mech, bd.Radau(), t_end=1.0).statistics.steps == steps
-
-
-def test_forces_without_narrow_peaks_are_not_sampled():
-    mech, ball, x = build_ball()
-    mech.add(bd.Force("spring", ball.point, (-(x**3), lambda t: ca.sin(30.0 * t))))
-    assert compile_formula_forces(as_equations("test", mech, None)) == ()
-    mech.add(bd.Force("brake", ball.point, (gauss(x), 0.0)))
-    assert len(compile_formula_forces(as_equations("test", mech, None))) == 1
 
 
 @pytest.mark.parametrize("method", [bd.Ida(1e-6), bd.Radau(1e-6)], ids=["ida", "radau"])

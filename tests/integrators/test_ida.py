@@ -1,86 +1,22 @@
 """IDA: vectors, memory and output of its solvers, pivots and the step report."""
 
-import _thread
-import gc
-import io
-import operator
 import sys
 import threading
-import weakref
 
 import numpy as np
 import pytest
 from benchmarks.cases import PENDULUM
 from hub_beam import hub_beam
 from numpy.testing import assert_allclose
-from sksundae.ida import IDA
 from spin_up import spin_up
 from support import use_scikit_sundae
 
 import beamdae as bd
 from beamdae.equations.formulations.first_order import formulate_first_order
-from beamdae.integrators import compiled_run
-from beamdae.integrators.ida import compiled_solver, ida, python_solver, stepper
-from beamdae.integrators.ida.python_solver import SksundaeCallbacks, suppress_stdout
-from beamdae.linear.factorizations import SingularMatrixError
-from beamdae.linear.pivots import propose_plans
+from beamdae.integrators.ida import ida
 from beamdae.native.object_code import is_native_enabled
-from beamdae.results.run_checks import skip_error_estimates
 
 compiled = pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
-
-
-class Copying(IDA):
-    """scikit-sundae's class with copies of IDA's vectors, copied back after each call."""
-
-    def __init__(self, residual, **options):
-        def copied(t, y, yp, out):
-            mine = np.array(out)
-            residual(t, np.array(y), np.array(yp), mine)
-            out[:] = mine
-
-        super().__init__(copied, **options)
-
-
-def test_regression_sksundae_with_copied_vectors_is_rejected(monkeypatch):
-    """Runs were off by 600 rtol, without any warning."""
-    use_scikit_sundae(monkeypatch)
-    monkeypatch.setattr(python_solver, "IDA", Copying)
-    with pytest.raises(bd.BeamdaeError, match=r"^Ida: scikit-sundae .* copies the vectors of IDA"):
-        bd.simulate(PENDULUM.equations, bd.Ida(rtol=1e-6), 1.0)
-
-
-@pytest.fixture
-def callbacks(monkeypatch):
-    """Callbacks of the runs, in order."""
-    callbacks = []
-
-    class Watched(SksundaeCallbacks):
-        def __init__(self, *arguments):
-            super().__init__(*arguments)
-            callbacks.append(self)
-
-    use_scikit_sundae(monkeypatch)
-    monkeypatch.setattr(python_solver, "SksundaeCallbacks", Watched)
-    return callbacks
-
-
-@pytest.mark.parametrize("formulation", ida.FIRST_ORDER)
-def test_installed_sksundae_shares_its_vectors(formulation, callbacks):
-    settings = bd.Ida(rtol=1e-6, formulation=formulation, error_control="positions")
-    assert bd.simulate(PENDULUM.equations, settings, 0.5).status.success
-    assert callbacks[0]._vectors_are_shared
-
-
-@pytest.mark.slow(reason="half a second")
-def test_regression_solver_memory_does_not_grow_with_the_run(callbacks):
-    """The time of every residual was stored, gigabytes in a long run."""
-    for t_end in (0.1, 2.0):
-        solution = bd.simulate(PENDULUM.equations, bd.Ida(rtol=1e-6), t_end)
-    assert solution.statistics.residual_calls > 200
-    # The first is the pilot run of the short run, the last is the long run.
-    short, long = ({k: np.size(v) for k, v in vars(callbacks[k]).items()} for k in (0, -1))
-    assert short == long
 
 
 def test_regression_overlapping_runs_restore_stdout():
@@ -109,27 +45,6 @@ def test_regression_overlapping_runs_restore_stdout():
     assert sys.stdout is before
 
 
-def test_stdout_is_suppressed_for_one_thread_only(monkeypatch):
-    stream = io.StringIO()
-    monkeypatch.setattr(sys, "stdout", stream)
-    entered, spoken = threading.Event(), threading.Event()
-
-    def quiet():
-        with suppress_stdout:
-            entered.set()
-            spoken.wait(5.0)
-            sys.stdout.write("unheard")
-
-    thread = threading.Thread(target=quiet)
-    thread.start()
-    entered.wait(5.0)
-    sys.stdout.write("heard")
-    spoken.set()
-    thread.join()
-    assert sys.stdout is stream
-    assert stream.getvalue() == "heard"
-
-
 def test_sundials_prints_nothing(capfd):
     mech = bd.Mechanism()
     body = mech.add(bd.PointMass("body", 1.0, at=(0.0, 0.0)))
@@ -137,34 +52,6 @@ def test_sundials_prints_nothing(capfd):
     solution = bd.simulate(mech, bd.Ida(rtol=1e-6), 1.0)
     assert solution.status.kind == "failed"
     assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.slow(reason="half a second and more")
-def test_regression_memory_of_large_systems_does_not_grow_with_their_square(monkeypatch):
-    """At 1024 elements a full matrix for the identity took 6 GB and most of the time."""
-    sizes = {}
-
-    def make_watched(residual, **options):
-        def jacobian(t, y, yp, res, c, out):
-            sizes[y.size] = out.size
-            options["jacfn"](t, y, yp, res, c, out)
-
-        return IDA(residual, **{**options, "jacfn": jacobian})
-
-    use_scikit_sundae(monkeypatch)
-    monkeypatch.setattr(python_solver, "IDA", make_watched)
-    for bodies in (2, 30):
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
-        before = mech.ground.at(0.0, 0.0)
-        for k in range(bodies):
-            rod = mech.add(bd.RigidBody(f"rod {k}", mass=1.0, inertia=0.1, center=(k + 0.5, 0.0)))
-            mech.add(bd.Revolute(f"pin {k}", before, rod.at(float(k), 0.0)))
-            before = rod.at(k + 1.0, 0.0)
-        solution = bd.simulate(mech, bd.Ida(rtol=1e-3), 0.01)
-        assert solution.status.success
-    (small, few), (large, many) = sorted(sizes.items())
-    assert few == small**2
-    assert many == large
 
 
 def test_unstable_max_order_does_not_affect_the_pilot_run():
@@ -228,12 +115,6 @@ def test_limiting_unknown_is_the_moving_coordinate():
     assert solution.integrator["limited_by"]["fast.x"] > 0.8
 
 
-@pytest.mark.parametrize("formulation", ida.FIRST_ORDER)
-def test_all_unknowns_have_names(formulation):
-    form = formulate_first_order(UNDAMPED, formulation)
-    assert len(set(form.names)) == form.size
-
-
 @compiled
 def test_failures_before_a_restart_are_counted():
     mech = bd.Mechanism()
@@ -246,147 +127,6 @@ def test_failures_before_a_restart_are_counted():
     failures = both.integrator["error_test_failures"]
     # The second interval is at rest.
     assert failures > 0.5 * first.integrator["error_test_failures"] > 10
-
-
-class CountedProposals:
-    """Pivot proposals whose first ones are unusable; counts the requests."""
-
-    def __init__(self, spoiled=0):
-        self.calls, self._spoiled = 0, spoiled
-
-    def __call__(self, pattern, nonzeros, in_blocks):
-        self.calls += 1
-        for plan in propose_plans(pattern, nonzeros, in_blocks):
-            if self._spoiled:
-                self._spoiled -= 1
-                yield plan._replace(scale=np.zeros_like(plan.scale))
-            yield plan
-
-
-@compiled
-def test_pivots_of_the_pilot_run_are_reused(monkeypatch):
-    proposals = CountedProposals()
-    monkeypatch.setattr(compiled_run, "propose_plans", proposals)
-    with skip_error_estimates():
-        solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.2)
-    assert solution.statistics.jacobian_calls > 2
-    assert proposals.calls == 1
-
-
-@pytest.mark.slow(reason="a quarter of a second")
-@compiled
-def test_failing_pivots_do_not_change_the_steps(monkeypatch):
-    expected = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.2)
-    proposals = CountedProposals(spoiled=1)
-    monkeypatch.setattr(compiled_run, "propose_plans", proposals)
-    with skip_error_estimates():
-        solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.2)
-    assert proposals.calls == 1
-    assert proposals._spoiled == 0
-    assert_allclose(solution.q, expected.q, rtol=0.0, atol=0.0)
-    assert solution.statistics.steps == expected.statistics.steps
-
-
-@pytest.mark.slow(reason="a quarter of a second")
-@compiled
-def test_pivots_are_replaced_during_a_run(monkeypatch):
-    settings = bd.Ida(1e-4, formulation="ggl")
-    expected = bd.simulate(DAMPED, settings, 0.2)
-    proposals, calls = CountedProposals(), []
-    monkeypatch.setattr(compiled_run, "propose_plans", proposals)
-    advance = compiled_solver.CompiledIda.advance
-
-    def spoiling(self, most):
-        calls.append(None)
-        if len(calls) == 5:
-            # An empty matrix cannot be eliminated; solutions with the current factors still work.
-            self._newton.linear.plan.starts[:] = 0
-        return advance(self, 8)
-
-    monkeypatch.setattr(compiled_solver.CompiledIda, "advance", spoiling)
-    with skip_error_estimates():
-        solution = bd.simulate(DAMPED, settings, 0.2)
-    assert solution.status.success
-    assert proposals.calls == 2
-    assert_allclose(solution.q, expected.q, rtol=0.0, atol=10.0 * settings.rtol)
-    assert_allclose(solution.statistics.steps, expected.statistics.steps, rtol=0.1)
-
-
-@compiled
-def test_singular_jacobian_shortens_the_step(monkeypatch):
-    failures = []
-
-    def singular_once(pattern, nonzeros, in_blocks):
-        if not failures:
-            failures.append(None)
-            raise SingularMatrixError("the matrix is singular")
-        return propose_plans(pattern, nonzeros, in_blocks)
-
-    monkeypatch.setattr(compiled_run, "propose_plans", singular_once)
-    solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1)
-    assert failures
-    assert solution.status.success
-
-
-@pytest.mark.slow(reason="half a second and more")
-@compiled
-def test_permanently_singular_jacobian_fails_the_run(monkeypatch):
-    def singular(*_):
-        raise SingularMatrixError("the matrix is singular")
-
-    monkeypatch.setattr(compiled_run, "propose_plans", singular)
-    solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1)
-    assert solution.status.kind == "failed"
-    assert solution.status.sentence.startswith("stopped at t = 0 s: ")
-
-
-@compiled
-@pytest.mark.parametrize("problem", [KeyboardInterrupt, MemoryError])
-def test_exception_in_the_jacobian_is_raised_by_the_run(problem, monkeypatch, capfd):
-    def raising(*_):
-        raise problem
-
-    monkeypatch.setattr(compiled_run, "propose_plans", raising)
-    solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1, partial="return")
-    kinds = {KeyboardInterrupt: "interrupted", MemoryError: "limited"}
-    assert solution.status.kind == kinds[problem]
-    assert capfd.readouterr() == ("", "")
-
-
-def test_pending_interrupt_is_caught_in_the_callback():
-    """Python raises it as soon as the interpreter is entered, before the first line."""
-    problems = []
-    renewing = compiled_solver._pivot_renewal(None, None, None, problems)
-    next(renewing)
-    renew = compiled_solver._RENEW_CALLBACK(renewing.__next__)
-    # No bytecode is executed between the two calls.
-    (_, renewal_code) = map(operator.call, [_thread.interrupt_main, renew])
-    assert renewal_code == 0
-    assert [type(problem) for problem in problems] == [KeyboardInterrupt]
-    renewing.close()
-
-
-@pytest.mark.slow(reason="half a second")
-@compiled
-def test_regression_solver_is_freed_with_its_last_reference():
-    """Memory of SUNDIALS is freed at once, not by the garbage collector."""
-    references = []
-    make_solver = stepper._make_solver
-
-    def make_watched(*arguments):
-        solver = make_solver(*arguments)
-        references.append(weakref.ref(solver._solver))
-        return solver
-
-    gc.disable()
-    try:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(stepper, "_make_solver", make_watched)
-            bd.simulate(UNDAMPED, bd.Ida(1e-3), 0.02)
-        assert references
-        assert all(reference() is None for reference in references)
-    finally:
-        gc.enable()
 
 
 @pytest.mark.slow(reason="half a second")

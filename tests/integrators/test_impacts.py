@@ -197,24 +197,6 @@ def test_moving_floor_reverses_the_relative_speed():
     assert solution.quality.energy_imbalance < 1e-9
 
 
-def test_invalid_impacts_are_rejected():
-    mech = bouncing(0.5)
-    gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(mech.part("ball").point)
-    for arguments, sentence in (
-        ((gap, 1.5), r"restitution must lie in \[0, 1\], got 1.5"),
-        ((gap, "a"), "impact: restitution must be"),
-        ((mech.part("ball"), 0.5), "impact: on must be a gap, such as surface.gap"),
-        (
-            (bd.parts.observables.motion_quantity(mech.part("ball").point), 0.5),
-            "a quantity with one column",
-        ),
-    ):
-        with pytest.raises(bd.BeamdaeError, match=sentence):
-            bd.impact(*arguments)
-    with pytest.raises(bd.BeamdaeError, match="is not part of this mechanism; add"):
-        bouncing(0.5).when("ball.y", do=bd.impact(gap), name="other")
-
-
 @pytest.mark.slow(reason="a quarter of a second")
 def test_regression_touching_balls_pass_an_impact_on():
     """A gap that was zero before an impact had no sign, and the next ball was passed through."""

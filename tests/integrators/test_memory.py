@@ -6,17 +6,11 @@ import sys
 import textwrap
 from pathlib import Path
 
-import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support import use_scikit_sundae
 
 import beamdae as bd
-from beamdae import memory
-from beamdae.equations.assembly import assemble
 from beamdae.integrators import step_history
-from beamdae.integrators.alpha.stepper import FixedAlphaStepper
-from beamdae.integrators.ida import python_solver
 from beamdae.results.solution import Solution
 
 GIGABYTE = 1e9
@@ -56,42 +50,6 @@ def test_full_memory_ends_a_run_and_keeps_its_steps(integrator, monkeypatch):
     assert_allclose(solution.q, whole.q[:row_count], atol=1e-6)
 
 
-def test_blocks_of_large_states_have_few_rows():
-    from beamdae.equations.equations_of_motion import State
-
-    state = State(*(np.zeros(50_000) for _ in range(4)))
-    history = step_history.StepHistory(0.0, state)
-    assert sum(block.nbytes for block in history._blocks) < 2e7
-    for k in range(20):
-        history.append(float(k + 1), state)
-    assert history.interval(0.5).rows.q.shape == (21, 50_000)
-
-
-def test_memory_error_in_a_step_keeps_the_steps(monkeypatch):
-    advance, remaining = FixedAlphaStepper.advance, iter(range(3))
-
-    def short(self, most):
-        if next(remaining, None) is None:
-            raise MemoryError
-        return advance(self, 10)
-
-    monkeypatch.setattr(FixedAlphaStepper, "advance", short)
-    solution = bd.simulate(pendulum(), bd.GeneralizedAlpha(step=0.01), 1.0)
-    assert solution.status.kind == "limited"
-    assert solution.status.sentence.startswith("stopped at t = 0.3 s: out of memory")
-    assert solution.statistics.steps == 30
-
-
-@pytest.mark.parametrize("problem", [MemoryError(), RuntimeError("std::bad_alloc")])
-def test_memory_error_before_a_run_is_a_beamdae_error(problem, monkeypatch):
-    def short(*arguments):
-        raise problem
-
-    monkeypatch.setattr("beamdae.integrators.drive.plan_run", short)
-    with pytest.raises(bd.BeamdaeError, match=r"^simulate: the run needs more memory than is"):
-        bd.simulate(pendulum(), bd.Ida(), 1.0)
-
-
 @pytest.mark.parametrize("problem", [MemoryError(), RuntimeError("std::bad_alloc")])
 def test_memory_error_after_a_run_keeps_it(problem, monkeypatch):
     def short(self):
@@ -103,15 +61,6 @@ def test_memory_error_after_a_run_keeps_it(problem, monkeypatch):
     assert solution.status.success
 
 
-def test_other_errors_are_not_reported_as_memory_errors(monkeypatch):
-    def wrong(*arguments):
-        raise RuntimeError("something else")
-
-    monkeypatch.setattr("beamdae.integrators.drive.plan_run", wrong)
-    with pytest.raises(RuntimeError, match="something else"):
-        bd.simulate(pendulum(), bd.Ida(), 1.0)
-
-
 def test_output_rows_that_exceed_memory_are_rejected(monkeypatch):
     monkeypatch.setattr("beamdae.memory._free_physical_memory", lambda: 1e6)
     with pytest.raises(
@@ -119,56 +68,6 @@ def test_output_rows_that_exceed_memory_are_rejected(monkeypatch):
         match=r"^simulate: output of 100001 rows needs about 0\.0088 GB of memory, but only 0\.001",
     ):
         bd.simulate(pendulum(), bd.Ida(), 1.0, output_step=1e-5)
-
-
-def beam(elements):
-    mech = bd.Mechanism()
-    alloy = bd.Material(E=7e10, nu=0.3, rho=2700.0)
-    strip = bd.Section.rectangle(alloy, width=0.03, height=0.03)
-    mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements=elements))
-    return bd.equations_of_motion(mech)
-
-
-def test_regression_ida_without_sparse_solver_checks_memory(monkeypatch):
-    """At 10 000 elements scikit-sundae asked for 241 GiB."""
-    solver = python_solver.IDA
-
-    def without(residual, **options):
-        if options["linsolver"] == "sparse":
-            raise ValueError("SuperLU_MT is not built in")
-        return solver(residual, **options)
-
-    equations = beam(40)
-    use_scikit_sundae(monkeypatch)
-    monkeypatch.setattr(python_solver, "IDA", without)
-    assert bd.simulate(equations, bd.Ida(), 1e-3).status.success
-    monkeypatch.setattr("beamdae.memory._free_physical_memory", lambda: 1e6)
-    with pytest.raises(
-        bd.BeamdaeError,
-        match=r"^Ida: the band solver of scikit-sundae for 726 unknowns needs about 0\.0042 GB",
-    ):
-        bd.simulate(equations, bd.Ida(), 1e-3, output_step=1e-3)
-
-
-def test_mechanism_that_exceeds_memory_is_rejected(monkeypatch):
-    monkeypatch.setattr(
-        "beamdae.memory._free_physical_memory",
-        lambda: 100.0 * assemble._BYTES_PER_COORDINATE,
-    )
-    mech = bd.Mechanism()
-    for k in range(100):
-        mech.add(bd.PointMass(f"ball {k}", 1.0, at=(float(k), 0.0)))
-    with pytest.raises(bd.BeamdaeError, match=r"^Mechanism: a run with 200 coordinates needs"):
-        bd.equations_of_motion(mech)
-
-
-def test_address_space_admits_only_the_memory_whose_mappings_fit(monkeypatch):
-    """A run of 10 000 elements maps 2.8 times the memory that it uses."""
-    resource = pytest.importorskip("resource")
-    if not Path("/proc/self/statm").exists():
-        pytest.skip("the system does not tell how much memory a process has")
-    monkeypatch.setattr(resource, "getrlimit", lambda kind: (280 * GIGABYTE, 280 * GIGABYTE))
-    assert 0.0 < 2.8 * memory._free_address_space() < 280 * GIGABYTE
 
 
 @pytest.mark.slow(reason="a process with a memory limit for each integrator")

@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.integrators.run_plan import plan_run
 
 STEEL = bd.Material(E=2e11, nu=0.3, rho=7800.0)
 # Offset from the origin [m] and rotation [degrees].
@@ -79,16 +78,3 @@ def test_radau_resolves_tight_tolerances_far_from_the_origin():
         driven_flexible_rod(place), bd.Radau(1e-6, max_steps=3000), t_end=0.02, output_step=0.001
     )
     assert run.status.kind == "ok"
-
-
-@pytest.mark.parametrize("degrees", [0.0, 37.0, 90.0])
-def test_fastest_modes_of_a_straight_beam_do_not_depend_on_its_orientation(degrees):
-    """Without rotation, axial and transverse deformations are not coupled."""
-    times = np.array([0.0, 1.0])
-
-    def modes(angle):
-        mech = lightly_loaded_cantilever(Placement((0.0, 0.0), angle))
-        return plan_run(bd.equations_of_motion(mech), times).fastest_modes()
-
-    assert len(modes(degrees)) == 1
-    assert_allclose(modes(degrees), modes(0.0), rtol=1e-6)

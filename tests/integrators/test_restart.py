@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,9 +11,6 @@ from numpy.testing import assert_allclose
 from test_events import FALL, HIT, falling, pendulum
 
 import beamdae as bd
-from beamdae.integrators import drive
-from beamdae.integrators.radau.stepper import RadauStepper
-from beamdae.results.storage.checkpoint import Checkpoint
 
 RUNS, COARSE = integrators(1e-7, 1e-4), integrators(1e-7, 1e-2)
 
@@ -171,31 +167,6 @@ def test_damaged_checkpoint_is_rejected(tmp_path, change, sentence):
         bd.simulate(slider(), bd.Radau(), 1.0, start=path)
 
 
-def test_checkpoint_without_end_state_is_rejected(tmp_path):
-    end = Checkpoint.of(bd.simulate(slider(), bd.Radau(), 0.1))
-    path = replace(end, t=float("nan")).write(tmp_path / "end.json")
-    with pytest.raises(bd.BeamdaeError, match=r"end\.json: t must be a finite number, got nan"):
-        bd.simulate(slider(), bd.Radau(), 1.0, start=path)
-
-
-def test_checkpoint_with_a_flipped_bit_is_rejected_or_equal(tmp_path):
-    path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
-    whole, original = path.read_bytes(), Checkpoint.read(path)
-    rejections, bits = 0, range(0, 8 * len(whole), 89)
-    for k in bits:
-        damaged = bytearray(whole)
-        damaged[k // 8] ^= 1 << k % 8
-        path.write_bytes(damaged)
-        try:
-            checkpoint = Checkpoint.read(path)
-        except bd.BeamdaeError:
-            rejections += 1
-        else:
-            assert checkpoint == original
-    # The others are in white space.
-    assert rejections > 0.69 * len(bits)
-
-
 def test_truncated_checkpoint_is_rejected(tmp_path):
     path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
     whole = path.read_bytes()
@@ -211,14 +182,6 @@ def test_regression_a_saved_run_as_start_is_named(tmp_path):
     with pytest.raises(bd.BeamdaeError, match="is a saved run, not a checkpoint; load it with its"):
         bd.simulate(slider(), bd.Radau(), 1.0, start=path)
     assert bd.simulate(slider(), bd.Radau(), 0.2, start=bd.load(path, slider())).status.success
-
-
-def test_unreadable_files_are_reported(tmp_path):
-    with pytest.raises(bd.BeamdaeError, match="cannot be read"):
-        bd.simulate(slider(), bd.Radau(), 1.0, start=tmp_path / "none.json")
-    solution = bd.simulate(slider(), bd.Radau(), 0.1)
-    with pytest.raises(bd.BeamdaeError, match="path must be the path of a file"):
-        solution.checkpoint(3)
 
 
 @pytest.mark.slow(reason="a quarter of a second")
@@ -321,35 +284,6 @@ def pushed_by_samples(law):
     mech.add(bd.Force("push", mass.point, (force, 0.0)))
     mech.add(bd.Controller("count", 0.1, [], [force], law, state=[0.0]))
     return mech
-
-
-@pytest.mark.parametrize("resumes", [True, False], ids=["resumed", "restarted"])
-@pytest.mark.parametrize("number", [0, 2])
-def test_regression_samples_before_an_interrupt_are_not_repeated(number, resumes, monkeypatch):
-    """A law that counts its samples: an interrupt before the next step counted one twice."""
-
-    def count(sample):
-        sample.state[0] += 1.0
-        return sample.state[0]
-
-    monkeypatch.setattr(drive._RunInProgress, "_let_method_sample", lambda _: False)
-    if not resumes:
-        monkeypatch.setattr(RadauStepper, "resume", lambda *_: None)
-    whole = bd.simulate(pushed_by_samples(count), bd.Radau(1e-7), 0.45, 0.05)
-    take_steps = drive._take_steps
-
-    def interrupt(method, history, most, end):
-        if end > 0.1 * (number + 0.5):
-            raise KeyboardInterrupt
-        return take_steps(method, history, most, end)
-
-    monkeypatch.setattr(drive, "_take_steps", interrupt)
-    with pytest.warns(bd.BeamdaeWarning, match="interrupted"):
-        first = bd.simulate(pushed_by_samples(count), bd.Radau(1e-7), 0.45, 0.05, partial="return")
-    monkeypatch.setattr(drive, "_take_steps", take_steps)
-    later = bd.simulate(pushed_by_samples(count), bd.Radau(1e-7), 0.45, 0.05, start=first)
-    assert first.trajectory.end == pytest.approx(0.1 * number)
-    assert_allclose(later.q[-1], whole.q[-1], rtol=1e-7, atol=1e-12)
 
 
 @pytest.mark.parametrize("method", [bd.Radau(1e-7), bd.GeneralizedAlpha(0.01)], ids=type)

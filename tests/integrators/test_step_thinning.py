@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import beamdae as bd
-from beamdae.equations.equations_of_motion import State
 from beamdae.integrators import step_history, step_thinning
 
 LIMIT = 2e4
@@ -114,24 +113,6 @@ def test_more_output_rows_than_fit_are_stored(small_memory):
     assert_array_equal(run.q, whole.q)
 
 
-def test_steps_take_little_memory_beside_many_output_rows(small_memory, monkeypatch):
-    """The limit was doubled: 0.9 GB of output rows were stored with 0.7 GB of other steps."""
-    sizes = []
-    enforce = step_thinning.StepThinning.enforce
-
-    def record(self, segments):
-        enforce(self, segments)
-        sizes.append((segments[-1].stored_bytes, segments[-1].output_bytes))
-
-    monkeypatch.setattr(step_thinning.StepThinning, "enforce", record)
-    run = bd.simulate(pendulum(), bd.GeneralizedAlpha(5e-4), 1.0, output_step=2.5e-3)
-    row_bytes = 8 * (1 + sum(x.shape[1] for x in run.trajectory.intervals[0].rows))
-    blocks = 4 * 40 * row_bytes  # not yet thinned
-    assert sizes[-1][1] > 1.5 * LIMIT
-    for stored, output in sizes:
-        assert stored <= max(LIMIT, 1.1 * output) + blocks
-
-
 @pytest.mark.parametrize(
     "integrator", [bd.GeneralizedAlpha(5e-4), bd.Radau(max_step=4e-3)], ids=lambda i: i.method
 )
@@ -201,23 +182,3 @@ def test_failed_runs_keep_their_rows(small_memory):
     assert run.trajectory.intervals[0].record is not None
     assert run.trajectory.end > 0.6
     assert_allclose(run.t, np.arange(7) * 0.1)
-
-
-def test_segments_of_one_row_and_ends_at_block_boundaries_are_thinned():
-    state = State(*(np.ones(2) for _ in range(4)))
-    for count in (0, 1, 7, 8, 9, 39, 40, 41):
-        history = step_history.StepHistory(0.0, state)
-        history._block_rows = 8
-        history._blocks = [history._blocks[0][:8].copy()]
-        for k in range(count):
-            history.append(float(k + 1), state)
-        history.release(count)
-        for is_final in (False, True, True):
-            if is_final:
-                history.close()
-            history.thin(4, 0.5, np.array([2.5]), lambda x: np.zeros((len(x.nodes), 11)), is_final)
-            assert history.end == count
-        interval = history.interval(0.5)
-        assert interval.grid.t[-1] == interval.nodes[-1] == count
-        assert_array_equal(interval.grid.t, np.arange(count + 1.0))
-        assert (2.5 in interval.nodes) == (count > 2)

@@ -8,7 +8,6 @@ from tolerances import error_tables
 from tolerances.cases import ALL, CASES, NEW, WIDE
 from tolerances.mechanisms import STEEL, cantilever
 from tolerances.modal import solve_small_vibrations
-from tolerances.random_cases import random_case, random_cases
 from tolerances.references import SUMMARY
 from tolerances.tolerance_case import FOLDER
 
@@ -78,103 +77,6 @@ def test_small_vibrations_decay_to_the_static_deflection():
     # Cubic elements are exact for an end load; after 400 s the vibration has decayed.
     assert_allclose(columns["tip.y [m]"][[0, -1]], [0.0, deflection], rtol=1e-6, atol=1e-15)
     assert columns["root.M [N m]"][-1] == pytest.approx(-0.1, rel=1e-6)
-
-
-def test_random_mechanisms_are_reproducible():
-    first, again, other = (random_case(seed) for seed in (9, 9, 10))
-    mechanisms = [case.model(**case.parameters) for case in (first, again, other)]
-    descriptions = [
-        [(part.name, type(part)) for part in mech.parts.values()] for mech in mechanisms
-    ]
-    starts = [bd.equations_of_motion(mech).q0 for mech in mechanisms]
-    assert descriptions[0] == descriptions[1]
-    assert_allclose(starts[0], starts[1], rtol=0.0)
-    assert len(starts[2]) != len(starts[0]) or np.any(starts[2] != starts[0])
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_random_cases_cover_both_bounds():
-    cases = list(random_cases())
-    assert len(cases) >= 60
-    assert {case.bound for case in cases} == {30.0, 100.0}
-    for case in cases:
-        assert case.reference.shape == (case.rows, len(case.columns))
-        assert np.all(np.isfinite(case.reference))
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_error_rows_contain_error_over_rtol_and_status():
-    case = BY_NAME["arevalo"]
-    (row,) = error_tables.error_rows([case], ["Radau"], [1e-4])
-    solution = case.run(bd.Radau(1e-4))
-    assert row["r"] == pytest.approx(case.errors(solution).max() / 1e-4)
-    assert row["status"] == "ok"
-    assert row["steps"] == solution.statistics.steps
-    table = error_tables.pivot_errors(pd.DataFrame([row]))
-    assert float(table.loc[("arevalo", 100.0), ("Radau", "1e-04")]) == pytest.approx(
-        row["r"], rel=1e-2
-    )
-
-
-def test_summaries_of_a_table_with_known_errors():
-    rows = [
-        ("a", "Ida", 40.0, 1.0, 1.0),
-        ("a", "Radau", 2.0, 50.0, 2.0),
-        ("a", "GeneralizedAlpha", 3.0, 4.0, 3.0),
-        ("a", "Auto", 3.0, 4.0, 6.0),
-        ("b", "Ida", np.nan, np.nan, 9.0),
-        ("b", "Radau", 5.0, np.nan, 4.0),
-        ("b", "GeneralizedAlpha", 99.0, np.nan, 1.0),
-        ("b", "Auto", 5.0, np.nan, 4.0),
-    ]
-    columns = ["case", "integrator", "r", "r of deflections", "processor [s]"]
-    table = pd.DataFrame(rows, columns=columns).assign(rtol=1e-4, bound=30.0)
-    table[["r of rates", "r of reactions"]] = np.nan
-    # The deflection of Auto misses the bound by less than the uncertainty of the reference.
-    table[["r of reference", "r of reference of deflections"]] = 0.1, 2.0
-    table.loc[3, "r of deflections"] = 31.0
-    summary = error_tables.summarize_errors(table).xs(1e-4, level="rtol")
-    # Ida misses the bound in positions, Radau in deflections.
-    assert summary["outside"].to_dict() == {
-        "Ida": 1,
-        "Radau": 1,
-        "GeneralizedAlpha": 1,
-        "Auto": 0,
-    }
-    assert summary["not ended"].to_dict() == {
-        "Ida": 1,
-        "Radau": 0,
-        "GeneralizedAlpha": 0,
-        "Auto": 0,
-    }
-    assert summary.loc["Radau", "median r"] == 3.5
-    assert summary.loc["Radau", "worst r of deflections"] == 50.0
-    # The best methods within the bound are GeneralizedAlpha for a and Radau for b.
-    cost = error_tables.summarize_auto_cost(table).loc[1e-4]
-    assert (cost["cases"], cost["worst"], cost["share up to 1.5"]) == (2, 2.0, 0.5)
-
-
-@pytest.mark.slow(reason="half a second")
-def test_error_rows_without_estimates_list_kinds_of_columns():
-    case = BY_NAME["cart_mast"]
-    (row,) = error_tables.error_rows([case], ["Radau"], [1e-3], estimate=False)
-    solution = case.run(bd.Radau(1e-3))
-    for heading, names in (("", case.columns), (" of deflections", case.deflections)):
-        expected = case.errors(solution, columns=names).max() / 1e-3
-        assert row[f"r{heading}"] == pytest.approx(expected)
-        assert row[f"r of reference{heading}"] < 1e-2
-    assert row["r of rates"] > 0.0
-    assert row["r of reactions"] > 0.0
-    assert row["processor [s]"] > 0.0
-    assert "covered" not in row
-
-
-@pytest.mark.slow(reason="half a second and more")
-def test_every_flexible_case_of_the_newer_set_compares_deflections():
-    for case in NEW:
-        mechanism = case.build()
-        if any(isinstance(part, bd.Beam) for part in mechanism.parts.values()):
-            assert case.deflections, case.name
 
 
 def test_references_are_small():
