@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conformance import integrators
+from mechanisms import falling_ball
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -276,37 +277,26 @@ def test_regression_simultaneous_impacts_that_close_each_other(restitution):
         assert_allclose(alone["left.y"].iloc[-1], height, atol=1e-6)
 
 
-@pytest.mark.parametrize("speed", [-1.0, 0.0])
-def test_regression_bodies_that_touch_at_the_start_have_a_warning(speed):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(0.0, speed)))
-    mech.observe("ball", ball.point)
-    gap = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0)).gap(ball.point)
-    mech.when("ball.y", crosses=0.0, direction="down", do=bd.impact(gap))
-    (warning,) = bd.simulate(mech, t_end=0.1).warnings
-    assert warning.startswith("ball.y crosses 0: this column starts at its threshold")
-
-
-@pytest.mark.parametrize("monitors_gap", [True, False])
-def test_regression_balls_that_leave_the_floor_at_the_start_have_no_warning(monitors_gap):
+@pytest.mark.parametrize(
+    ("speed", "monitors_gap", "direction", "events"),
+    [
+        (-1.0, False, "down", None),
+        (0.0, False, "down", None),
+        (1.0, False, "down", 1),
+        (1.0, False, "both", 1),
+        # The ball returns after 0.2 s; its gap tells the side before.
+        (1.0, True, "both", 1),
+    ],
+)
+def test_regression_bodies_that_touch_at_the_start(speed, monitors_gap, direction, events):
     """Events in both directions, the default, were said to pass through the floor."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(0.0, 1.0)))
-    mech.observe("ball", ball.point)
-    gap = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0)).gap(ball.point)
+    mech = falling_ball(0.0, velocity=(0.0, speed))
+    gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(mech.part("ball").point)
     what = gap if monitors_gap else "ball.y"
-    mech.when(what, crosses=0.0, do=bd.impact(gap), name="impact")
-    # The ball returns after 0.2 s. Until then, the side of an open gap is known from gaps only.
-    solution = bd.simulate(mech, t_end=0.1 if monitors_gap else 0.3)
-    assert solution.warnings == ()
-
-
-def test_a_ball_thrown_up_from_the_floor_has_no_warning():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(0.0, 1.0)))
-    mech.observe("ball", ball.point)
-    gap = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0)).gap(ball.point)
-    mech.when("ball.y", crosses=0.0, direction="down", do=bd.impact(gap))
+    mech.when(what, crosses=0.0, direction=direction, do=bd.impact(gap), name="impact")
     solution = bd.simulate(mech, t_end=0.3)
-    assert solution.warnings == ()
-    assert len(solution.events) == 1
+    if events is None:
+        assert solution.warnings[0].startswith("impact: this column starts at its threshold")
+    else:
+        assert solution.warnings == ()
+        assert len(solution.events) == events
