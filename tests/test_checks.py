@@ -15,7 +15,6 @@ from slider_crank import slider_crank
 from support import falling_portal
 
 import beamdae as bd
-from beamdae import checks
 
 
 def linkage(bars, lean=0.3, height=1.0, **settings):
@@ -308,30 +307,6 @@ def test_sound_mechanism_has_no_findings():
     assert 1e2 < findings.prediction.steps < 1e6
     for topic in ("mobility", "frequencies", "mesh of rod", "predicted cost", "verdict"):
         assert f"\n{topic}" in str(findings)
-
-
-@pytest.mark.slow(reason="half a second and more")
-def test_regression_a_stopped_run_predicts_the_method_and_steps_of_the_complete_run(monkeypatch):
-    """The pilot runs of the prediction were shorter: it named another error control."""
-    monkeypatch.setattr(checks, "_MAX_MEASURED_TIME", 0.0)
-    model = bd.load_model("example:shallow_arch")
-    prediction = bd.check(model).prediction
-    run = bd.simulate(model)
-    assert 0.0 < prediction.covered_share < 1.0
-    assert prediction.method == f"{run.integrator['method']}, {run.integrator['auto']}"
-    assert prediction.steps == pytest.approx(run.statistics.steps, rel=0.5)
-
-
-@pytest.mark.slow(reason="half a second")
-def test_long_runs_of_beams_without_damping_have_a_warning(monkeypatch):
-    def count_warnings(damping):
-        warnings = bd.check(bd.load_model("example:hub_beam")(elements=2, damping=damping)).warnings
-        return len([x for x in warnings if x.startswith("beam: without damping")])
-
-    assert count_warnings(0.0) == 0
-    monkeypatch.setattr(checks, "_MIN_STEPS_OF_LONG_RUN", 10.0)
-    assert count_warnings(0.0) == 1
-    assert count_warnings(1e-6) == 0
 
 
 def test_lowest_frequency_of_a_hinged_beam_is_that_of_a_pendulum():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from isolated_trials import run_trial
 from robustness import mechanisms
+from robustness.inputs import catalog
 from robustness.isolation import ProcessPool
 from robustness.judge import (
     MAX_SENTENCE_LENGTH,
@@ -93,3 +94,8 @@ def test_run_balances_its_energy_and_is_accurate_or_warns(row, complaint):
     )
     assert complaint in message
     assert bool(message) == bool(complaint)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_every_public_name_and_argument_has_a_working_call():
+    assert catalog.list_uncovered_names() == []
