@@ -5,7 +5,6 @@ import re
 import pytest
 
 import beamdae as bd
-from beamdae.model_parameters import parse_quantity
 
 LINE = bd.Line((0.0, 0.0), (0.4, 0.0))
 
@@ -130,12 +129,3 @@ def test_regression_limits_may_have_units(limit, bounds):
 def test_limits_in_units_of_other_quantities_are_rejected(limit, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         optimize(limit())
-
-
-def test_texts_are_numbers_with_units():
-    assert parse_quantity("100 MPa") == (1e8, "MPa")
-    assert parse_quantity("-0.1mm") == (-1e-4, "mm")
-    assert parse_quantity("2") == (2.0, "")
-    assert parse_quantity("mm") is None
-    assert parse_quantity("1 parrot") is None
-    assert parse_quantity("1e400 km") is None

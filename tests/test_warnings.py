@@ -11,7 +11,6 @@ import pytest
 import beamdae as bd
 from beamdae.errors import (
     InputWarning,
-    merge_alike,
     record_messages,
     warn_of_result,
     warn_user,
@@ -291,10 +290,3 @@ def test_regression_alike_beams_have_one_warning_of_the_model():
     (sentence,) = equations.build_warnings
     assert [str(x.message) for x in caught] == [sentence]
     assert sentence.startswith("leaf 1 (also leaf 0, leaf 2): `damping` is a time [s]; 0.02 s")
-
-
-def test_alike_warnings_name_the_part_with_the_largest_number():
-    messages = ["a: off by 2 % of 10 m.", "b: off by 3 % of 10 m.", "c: off.", "a: off by -1 m."]
-    merged = ["b (also a): off by 3 % of 10 m.", "c: off.", "a: off by -1 m."]
-    assert list(merge_alike(messages)) == merged
-    assert list(merge_alike(["a: off.", "b: off.", "no part"])) == ["a (also b): off.", "no part"]

@@ -370,6 +370,16 @@ def call_refused(*actions):
 """
 
 
+def run_fmu(script, fmu, *arguments):
+    """Return the lines that a script about an FMU prints."""
+    return run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP, *arguments)
+
+
+def require_refusals(lines, expected):
+    assert len(lines) == len(expected), lines
+    assert all(words in line for words, line in zip(expected, lines, strict=True)), lines
+
+
 @pytest.mark.slow(reason="compiles an FMU")
 def test_equality_with_simulate(fmu):
     from fmpy.validation import validate_fmu
@@ -386,7 +396,7 @@ def test_equality_with_simulate(fmu):
     print(json.dumps([outputs, rows]))
     """
     values = json.dumps({**VALUES, "torque": TORQUE})
-    (line,) = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP, values)
+    (line,) = run_fmu(script, fmu, values)
     names, rows = json.loads(line)
     results = np.array(rows)
     method = bd.GeneralizedAlpha(STEP, newton_tolerance=NEWTON_TOLERANCE)
@@ -431,7 +441,7 @@ def test_radau_equals_simulate(radau_fmu):
         rows.append(a.get(*outputs))
     print(json.dumps([outputs, rows]))
     """
-    lines = run_without_beamdae(ADAPTER + textwrap.dedent(script), radau_fmu.path, STEP)
+    lines = run_fmu(script, radau_fmu)
     model = damped_crane(mass=1.5)
     compare_with_radau(lines, model, T_END, inputs={"torque": 0.1})
 
@@ -468,7 +478,7 @@ def test_regression_reactions_of_driven_mechanisms_are_resolved(tmp_path, compil
         rows += a.get("drive.F")
     print(json.dumps(rows))
     """
-    (line,) = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, 1e-3)
+    (line,) = run_fmu(script, fmu)
     t = 1e-3 * np.arange(1, 1001)
     velocity = -amplitude * rate * np.sin(rate * t)
     exact = -mass * amplitude * rate**2 * np.cos(rate * t) - force * (1 - np.tanh(velocity / speed))
@@ -485,8 +495,7 @@ def test_radau_steps_do_not_depend_on_communication_steps(radau_fmu, communicati
         a.fmu.doStep(currentCommunicationPoint=k * length, communicationStepSize=length)
     print(json.dumps([x.hex() for x in a.get(*outputs)]))
     """
-    arguments = radau_fmu.path, STEP, communication_step
-    (line,) = run_without_beamdae(ADAPTER + textwrap.dedent(script), *arguments)
+    (line,) = run_fmu(script, radau_fmu, communication_step)
     values = np.array([float.fromhex(x) for x in json.loads(line)])
     table = bd.simulate(damped_crane, bd.Radau(1e-9), output_step=T_END).table()
     names = [x.rpartition(" [")[0] for x in table.columns]
@@ -508,7 +517,7 @@ def test_radau_with_changing_inputs(radau_fmu):
         rows.append(a.get("tip.x", "tip.y", "tip.angle"))
     print(json.dumps([["tip.x", "tip.y", "tip.angle"], rows]))
     """
-    lines = run_without_beamdae(ADAPTER + textwrap.dedent(script), radau_fmu.path, STEP)
+    lines = run_fmu(script, radau_fmu)
     controlled = damped_crane()
     angle = controlled.sensor("angle", controlled.parts["arm"].end, "angle")
     drives = [controlled.inputs["torque"]]
@@ -538,7 +547,7 @@ def test_radau_finds_contacts_that_steps_pass_over(tmp_path, compiled):
         a.step()
     print(json.dumps(a.get("ball.y", "ball.y_dot")))
     """
-    (line,) = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP)
+    (line,) = run_fmu(script, fmu)
     table = bd.simulate(ball_and_pin, bd.Radau(RADAU_RTOL), output_step=0.5).table()
     expected = [table[x].iloc[-1] for x in ("ball.y [m]", "ball.y_dot [m/s]")]
     assert expected[1] > 5e-3
@@ -721,7 +730,7 @@ def test_states_and_derivatives(any_fmu):
     rows.append(go_on(a, 2.0))
     print(json.dumps([rows, derivatives]))
     """
-    (line,) = run_without_beamdae(ADAPTER + textwrap.dedent(script), any_fmu.path, STEP)
+    (line,) = run_fmu(script, any_fmu)
     rows, derivatives = json.loads(line)
     assert rows[1:] == [rows[0]] * 3
     for exact, difference in derivatives:
@@ -742,15 +751,14 @@ def test_errors_are_statuses_with_a_sentence(any_fmu):
         lambda: (a.set(torque=1e300), a.step()),
     )
     """
-    lines = run_without_beamdae(ADAPTER + textwrap.dedent(script), any_fmu.path, STEP)
+    lines = run_fmu(script, any_fmu)
     expected = (
         "torque: the value must be finite.",
         "Directional derivatives exist after the first step, not at t = 0 s.",
         "The communication point is not the end of the last step.",
         "t = 0 s",
     )
-    assert len(lines) == len(expected), lines
-    assert all(words in line for words, line in zip(expected, lines, strict=True)), lines
+    require_refusals(lines, expected)
 
 
 @pytest.mark.slow(reason="compiles an FMU")
@@ -767,7 +775,7 @@ def test_regression_changed_inputs_match_sampled_controllers(fmu):
         rows.append(a.get(*outputs))
     print(json.dumps([outputs, rows]))
     """
-    (line,) = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP)
+    (line,) = run_fmu(script, fmu)
     names, rows = json.loads(line)
     controlled = crane()
     angle = controlled.sensor("angle", controlled.parts["arm"].end, "angle")
@@ -839,7 +847,7 @@ def test_regression_late_times_do_not_restart_the_method(fmu):
 
     print(json.dumps([steps(0.06), steps(1e6)]))
     """
-    (line,) = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP)
+    (line,) = run_fmu(script, fmu)
     early, late = json.loads(line)
     assert late == pytest.approx(early, rel=1e-10)
 
@@ -884,7 +892,7 @@ def test_regression_wrong_calls_are_errors(any_fmu):
         begin,
     )
     """
-    lines = run_without_beamdae(ADAPTER + textwrap.dedent(script), any_fmu.path, STEP)
+    lines = run_fmu(script, any_fmu)
     expected = (
         "no saved state to restore",
         "not a state of this FMU",
@@ -896,8 +904,7 @@ def test_regression_wrong_calls_are_errors(any_fmu):
         "is terminated",
         "is not initialized",
     )
-    assert len(lines) == len(expected), lines
-    assert all(words in line for words, line in zip(expected, lines, strict=True)), lines
+    require_refusals(lines, expected)
 
 
 @pytest.mark.slow(reason="compiles an FMU")
@@ -928,10 +935,9 @@ def test_regression_times_of_the_experiment_are_enforced(any_fmu):
 
     call_refused(a.step, start_later, set_after_the_end)
     """
-    lines = run_without_beamdae(ADAPTER + textwrap.dedent(script), any_fmu.path, STEP)
+    lines = run_fmu(script, any_fmu)
     expected = ("t = 0.003 s, after the stop time", "start time must be 0", "is terminated")
-    assert len(lines) == len(expected), lines
-    assert all(words in line for words, line in zip(expected, lines, strict=True)), lines
+    require_refusals(lines, expected)
 
 
 @pytest.mark.slow(reason="compiles an FMU")
@@ -1004,7 +1010,7 @@ def test_communication_step_of_a_million_steps_is_rejected(tmp_path, compiled):
     a.step()
     assert a.get(*outputs) == b.get(*outputs)
     """
-    lines = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP)
+    lines = run_fmu(script, fmu)
     assert ["more than 1e6 internal steps" in line for line in lines] == [True], lines
 
 

@@ -108,15 +108,6 @@ def test_ida_notes_that_its_order_is_limited():
     assert notes[1] == ""
 
 
-def test_adaptive_generalized_alpha_notes_what_rtol_does_not_control():
-    adaptive, fixed = (
-        bd.simulate(swing(), bd.GeneralizedAlpha(1e-3, rtol=rtol), t_end=0.1).integrator
-        for rtol in (1e-4, None)
-    )
-    assert "errors of deflections, reactions and positions" in adaptive["note"]
-    assert "note" not in fixed
-
-
 def fail(*_):
     raise StepError("no step is possible")
 
@@ -142,12 +133,6 @@ def test_auto_is_the_default_integrator():
     solution = bd.simulate(hub_beam, t_end=0.1)
     assert solution.made_by == bd.Auto()
     assert np.isfinite(solution.q).all()
-
-
-def test_note_on_radau_requires_automatic_order():
-    solution = bd.simulate(hub_beam(elements=2), bd.Ida(1e-7, max_order=1, max_steps=5), t_end=2.0)
-    assert solution.integrator["max_order"] == 1
-    assert "note" not in solution.integrator
 
 
 @pytest.mark.slow(reason="a quarter of a second")

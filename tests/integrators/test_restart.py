@@ -149,11 +149,7 @@ def test_checkpoint_of_another_model_is_rejected(tmp_path):
     ("change", "sentence"),
     [
         (lambda record: record | {"version": 1}, "version must be 3, got 1; run the model again"),
-        (lambda record: record | {"version": 7}, "version must be 3, got 7"),
         (lambda record: [1], "not a complete checkpoint"),
-        (lambda record: record | {"events": "bounce"}, "wrong checksum"),
-        (lambda record: {k: x for k, x in record.items() if k != "states"}, "wrong checksum"),
-        (lambda record: record | {"t": float("nan")}, "wrong checksum"),
         (
             lambda record: record | {"t": 0.05},
             r"has changed since it was written \(wrong checksum\)",

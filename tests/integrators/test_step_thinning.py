@@ -104,15 +104,6 @@ def test_stored_rows_are_limited(small_memory):
         whole.at_times(times)
 
 
-def test_more_output_rows_than_fit_are_stored(small_memory):
-    run = bd.simulate(pendulum(), bd.GeneralizedAlpha(5e-4), 1.0, output_step=1e-3)
-    assert len(run.trajectory.intervals[0].nodes) < 1100
-    whole = bd.simulate(
-        pendulum(), bd.GeneralizedAlpha(5e-4), 1.0, output_step=1e-3, keep_steps=True
-    )
-    assert_array_equal(run.q, whole.q)
-
-
 @pytest.mark.parametrize(
     "integrator", [bd.GeneralizedAlpha(5e-4), bd.Radau(max_step=4e-3)], ids=lambda i: i.method
 )

@@ -1,13 +1,10 @@
 """Programs of validation/performance with short runs: they end and return tables."""
 
-import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
-from numpy.testing import assert_allclose
 
 FOLDER = Path(__file__).parents[2] / "validation" / "performance"
 sys.path.insert(0, str(FOLDER))
@@ -44,35 +41,6 @@ def test_cost_of_small_sizes(tmp_path):
     assert set(scaling.time_motions(1, 2)["model"]) == {"exact", "beam"}
 
 
-def test_slopes_of_times():
-    import scaling
-
-    sizes = np.array([2, 4, 8])
-    table = pd.DataFrame({"beam": sizes, **dict.fromkeys(scaling.TIME_COLUMNS, sizes**1.5)})
-    slopes = scaling.fit_slopes(table, "beam", 2)
-    assert list(slopes["sizes"]) == ["2 to 4", "4 to 8", "from 2 on"]
-    assert_allclose(slopes[list(scaling.TIME_COLUMNS)], 1.5, rtol=1e-12)
-
-
-def test_regression_negative_differences_of_times_have_no_slope():
-    import scaling
-
-    table = pd.DataFrame({"beam": [2, 4, 8], **dict.fromkeys(scaling.TIME_COLUMNS, 1.0)})
-    table.loc[1, "step [us]"] = -1.0
-    slopes = scaling.fit_slopes(table, "beam", 2)
-    assert slopes["step [us]"].isna().all()
-    assert_allclose(slopes[list(scaling.TIME_COLUMNS[:-1])], 0.0, atol=1e-12)
-
-
-def test_time_of_mechanisms_relative_to_their_size(monkeypatch):
-    import mechanisms
-
-    monkeypatch.setattr(mechanisms, "STEPS", 200)
-    table = mechanisms.compare_cases(1)
-    assert list(table["four-bar"]) == list(mechanisms.CASES)
-    assert (table[["step [us]", "predicted [us]", "ratio by residual"]] > 0.0).all(axis=None)
-
-
 def test_errors_against_the_stored_reference(tmp_path):
     import work_precision as wp
 
@@ -88,14 +56,6 @@ def test_errors_against_the_stored_reference(tmp_path):
     assert table["error [mm]"].between(0.005, 0.1).all()
     assert wp.select_fastest(table)["beamdae"].notna().any()
     wp.draw_work_precision(table, tmp_path / "picture.png")
-
-
-def test_missing_exudyn_is_reported():
-    code = "import sys, workers; print(workers.start_exudyn(sys.argv[1]))"
-    command = [sys.executable, "-c", code, str(FOLDER / "no interpreter")]
-    process = subprocess.run(command, cwd=FOLDER, capture_output=True, text=True, check=True)
-    assert process.stdout.strip() == "None"
-    assert "so its runs are skipped; run pip install exudyn." in process.stderr
 
 
 def test_cost_of_gradients():
