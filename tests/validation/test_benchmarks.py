@@ -22,12 +22,9 @@ import beamdae as bd
 
 _TABLE = pd.read_csv(SUMMARY)
 STORED = _TABLE[_TABLE["setting"].isin(INTEGRATORS)]
-MODEL_ERRORS = {case.name: case.model_error for case in CASES}
 # Beam cases take as long as all others together.
 BEAM_CASES = ("moving load", "follower load")
 ADAPTIVE = [bd.Ida(1e-6), bd.Radau(1e-6), bd.GeneralizedAlpha(rtol=1e-6)]
-# It ends at a change point, where the constraints are singular to the tolerance.
-UNFINISHED = {("parallelogram linkage", "Ida rtol 1e-08")}
 
 
 @pytest.mark.parametrize(

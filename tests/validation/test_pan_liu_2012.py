@@ -29,9 +29,6 @@ JOBS += [
 UNSTEADY = ("wall time", "against IDA", "late rms", "energy lost")
 
 
-STRAINS = ("nonlinear", "linear")
-
-
 @cache
 def stored(name):
     table = pd.read_csv(RESULTS / f"{name}.csv")

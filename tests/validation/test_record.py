@@ -1,6 +1,5 @@
 """Benchmark of record: data, scorer and second code; a few mechanisms by beamdae."""
 
-import json
 import sys
 from pathlib import Path
 
@@ -18,11 +17,6 @@ import record  # noqa: E402
 import scorer  # noqa: E402
 
 MECHANISMS = FOLDER / "mechanisms"
-CONFIRMED = [
-    name
-    for name in record.all_names()
-    if json.loads((MECHANISMS / name / "confirmation.json").read_text())["status"] == "confirmed"
-]
 
 
 def read(name, table="reference"):
