@@ -6,21 +6,13 @@ import sys
 
 import numpy as np
 import pytest
+from study_models import swing
 
 import beamdae as bd
 from beamdae.studies.tasks import Limits
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
 REFERENCES = (bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3))
-
-
-@bd.model(t_end=0.1)
-def swing(mass=2.0, extra=None):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
-    mech.observe("end", bob.at(2.0, 0.0))
-    return mech
 
 
 # Names ----------------------------------------------------------------------------------------
@@ -123,6 +115,10 @@ WRONG_STUDIES = {
     "over a number": {"over": 5},
     "over a list": {"over": ["mass"]},
     "over unknown": {"over": "elements"},
+    "over a parameter that cases do not set": {"over": "mass"},
+    "references of one method": {"references": (bd.Ida(1e-6), bd.Ida(1e-7))},
+    "parameter unknown": {"cases": (bd.Case(swing, {"mas": 1.0}),)},
+    "repetitions none": {"repetitions": 0},
 }
 
 
@@ -135,7 +131,7 @@ def test_regression_wrong_cases_are_rejected(name):
 @pytest.mark.parametrize("name", WRONG_STUDIES)
 def test_regression_wrong_studies_are_rejected(name):
     valid = {"name": "made", "cases": (CASE,), "references": REFERENCES}
-    with pytest.raises(bd.BeamdaeError, match=r"^(made|study): .*\.$") as error:
+    with pytest.raises(bd.BeamdaeError, match=r"^(made|study|swing): .*\.$") as error:
         bd.Study(**(valid | WRONG_STUDIES[name]))
     assert "\n" not in str(error.value)
 
