@@ -47,12 +47,6 @@ def test_bode_writes_a_table_with_the_peak(bode, tmp_path):
     assert len(document["response"]) == len(table)
 
 
-def test_command_counts_the_peaks_that_it_does_not_show(bode, monkeypatch):
-    monkeypatch.setattr("beamdae.cli.commands.bode._MAX_SHOWN_PEAKS", 0)
-    result = bode("--input", "push", "--output", "mass.x", "--no-page", "--no-picture")
-    assert "not shown: 1 peak beyond the 0 largest of a transfer function" in result.stdout
-
-
 LOOP = """
 import beamdae as bd
 

@@ -139,15 +139,6 @@ def test_failures_and_usage_errors_keep_their_code_and_message(here, option):
             assert result.stdout.replace("printed by the model\n", "") == ""
 
 
-def test_a_wrong_value_is_reported_with_its_option(here):
-    result = invoke("run", "model.py", "--rtol", "abc")
-    assert result.exit_code == 2
-    (line,) = result.stderr.splitlines()
-    assert "'--rtol'" in line
-    assert "'abc'" in line
-    assert "beamdae run --help" in line
-
-
 @pytest.mark.slow(reason="starts a process that imports everything")
 def test_a_file_that_fails_to_import_is_a_row_of_the_list(here):
     Path("bad.py").write_text("from beamdae import study\n1 / 0\n", encoding="utf-8")

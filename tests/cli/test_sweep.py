@@ -132,20 +132,6 @@ def test_regression_sweeps_name_the_columns_that_the_terminal_omits(tmp_path):
     assert "end.y max" in one
 
 
-@pytest.mark.slow(reason="runs a sweep")
-def test_regression_the_folder_of_curves_is_a_written_file(tmp_path, monkeypatch):
-    """Only the page was listed, which is incomplete without the folder."""
-    monkeypatch.setattr("beamdae.studies.sweeps.sweep_results.MAX_CURVES", 1)
-    path = tmp_path / "model.py"
-    path.write_text(MODEL)
-    arguments = ["sweep", str(path), "--over", "speed=1,2", "--jobs", "1", "--no-picture"]
-    arguments += ["--integrator", "generalized-alpha", "--step", "5e-3", "--out", str(tmp_path)]
-    document = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
-    folder = tmp_path / "swing_sweep_speed" / "report_curves"
-    assert str(folder) in document["files"]
-    assert folder.is_dir()
-
-
 @pytest.mark.slow(reason="starts worker processes")
 def test_sweep_of_a_file_runs_and_resumes(tmp_path):
     path = tmp_path / "sweep.py"

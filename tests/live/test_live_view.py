@@ -1,6 +1,5 @@
 """Live view: answers to requests of its page, refusals of all other requests, and the command."""
 
-import contextlib
 import http.client
 import json
 import re
@@ -8,7 +7,6 @@ import signal
 import subprocess
 import sys
 import threading
-from typing import Literal
 
 import pytest
 from terminals import process
@@ -79,32 +77,6 @@ def test_the_page_contains_controls_and_drawing(live):
     assert live.url in live._repr_html_()
 
 
-@bd.model(t_end=0.1)
-def rope(shape: Literal["a", "b c"] = "b c", mode="fast", size: Literal[1, 2] = 1, plain="x"):
-    """Hang a rope; `mode="slow"` and `mode='exact'` take longer than `mode="fast"`."""
-    return swing(length=0.5 if shape == "a" else 1.0)
-
-
-def test_texts_have_choices_from_annotations_and_docstrings():
-    controls = {x["name"]: x for x in create_controls(rope)}
-    assert controls["shape"]["kind"] == "choice"
-    assert controls["shape"]["choices"] == ["a", "b c"]
-    assert (controls["mode"]["kind"], controls["mode"]["choices"]) == (
-        "text",
-        ["fast", "slow", "exact"],
-    )
-    assert controls["size"]["kind"] == "integer"
-    assert "choices" not in controls["plain"]
-
-
-def test_annotations_that_cannot_be_evaluated_are_ignored():
-    def build(shape: "Unknown" = "a"):  # noqa: F821
-        return swing()
-
-    (control,) = create_controls(bd.model(t_end=1.0)(build))
-    assert control["kind"] == "text"
-
-
 def test_regression_the_page_shows_no_earlier_error(tmp_path):
     """The page kept an error of its first drawing until the view was closed."""
     file = tmp_path / "length.txt"
@@ -118,29 +90,6 @@ def test_regression_the_page_shows_no_earlier_error(tmp_path):
     file.write_text("0.5")
     assert '"first":{"frames":' in send(live, "")[1]
     live.close()
-
-
-def test_regression_requests_at_the_same_time_have_different_numbers(live):
-    """Two threads could read and write the number of the last request at the same time."""
-    barrier = threading.Barrier(2)
-
-    class SlowNumber(int):
-        def __add__(self, other):
-            with contextlib.suppress(threading.BrokenBarrierError):
-                barrier.wait(0.1)  # of both threads, unless one waits for the other
-            return int(self) + other
-
-    session = live.session
-    session._latest = SlowNumber(0)
-    numbers = []
-    threads = [
-        threading.Thread(target=lambda: numbers.append(session._count_request())) for _ in range(2)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sorted(numbers) == [1, 2]
 
 
 def test_the_drawing_follows_the_parameters(live):
