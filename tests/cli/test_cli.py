@@ -89,16 +89,6 @@ def assert_usage_error(result, *words):
 
 
 MODEL_ERRORS = {
-    "unknown parameter": (ARM, ["--set", "elemnts=4"], "'elemnts'", "did you mean 'elements'?"),
-    "setting without value": (ARM, ["--set", "elements"], "--set elements", "name=value"),
-    "repeated setting": (
-        ARM,
-        ["--set", "elements=1", "--set", "elements=2"],
-        "--set elements=2: elements already has the value 1; omit one of them.",
-    ),
-    "setting without name": (ARM, ["--set", "=4"], "--set =4", "name=value"),
-    "no elements": (ARM, ["--set", "elements=0"], "beam", "elements", "at least 1", "got 0"),
-    "negative stiffness": (ARM, ["--set", "E=-1"], "E must be positive", "got -1"),
     "open joint": (
         with_line("mech.add(bd.Revolute('far', mech.ground.at(3.0, 0.0), beam.end))"),
         [],
@@ -120,7 +110,6 @@ MODEL_ERRORS = {
         "ZeroDivisionError",
         "line 17",
     ),
-    "no such model": (ARM, ["--model", "arn"], "'arn'", "did you mean 'arm'?"),
     "several models": (
         ARM + "\n\n@bd.model(t_end=1.0)\ndef leg():\n    return None\n",
         [],
@@ -137,35 +126,6 @@ MODEL_ERRORS = {
 def test_model_error_is_one_line(command, source, arguments, words):
     assert_usage_error(command("run", source, *arguments), *words)
     assert not Path("results").exists()
-
-
-OPTION_ERRORS = {
-    "integrator": (["--integrator", "idaa"], "--integrator", "'ida'", "'generalized-alpha'"),
-    "foreign option": (["--step", "0.1"], "--step", "auto", "generalized-alpha"),
-    "rtol": (["--rtol", "0"], "rtol must be positive"),
-    "formulation": (
-        ["--integrator", "ida", "--formulation", "index9"],
-        "formulation",
-        "'index9'",
-        "'ggl'",
-    ),
-    "max_order": (["--integrator", "ida", "--max-order", "7"], "--max-order", "7"),
-    "columns": (["--columns", "beam"], "--columns requires --accuracy"),
-    "columns of accuracy": (["--accuracy", "1%", "--columns", "no such"], "no such", "observe"),
-    "t_end": (["--t-end", "-1"], "--t-end must be positive", "-1"),
-    "output_step": (["--output-step", "0"], "--output-step must be positive"),
-    "characters of --out": (
-        ["--out", "a\nb"],
-        "--out: 'a\\nb' is not a valid folder name; use printable characters.",
-    ),
-}
-
-
-@pytest.mark.parametrize(("arguments", "words"), [
-    pytest.param(arguments, words, id=name) for name, (arguments, *words) in OPTION_ERRORS.items()
-])  # fmt: skip
-def test_wrong_setting_is_one_line(command, arguments, words):
-    assert_usage_error(command("run", ARM, *arguments), *words)
 
 
 @pytest.mark.slow(reason="half a second")
@@ -410,12 +370,6 @@ def test_run_starts_as_requested(command):
         ("rotation=30mm", "rad/s"),
     ):
         assert_usage_error(command("run", ARM, "--start", state), sentence)
-
-
-@pytest.mark.parametrize("state", ["rotation=30rpm", "equilibrium", "as drawn"])
-def test_states_are_not_combined_with_values_of_coordinates(command, state):
-    result = command("run", ARM, "--start", "beam.theta=1", "--start", state)
-    assert_usage_error(result, f"--start {state}: this state determines all positions")
 
 
 @pytest.mark.parametrize("name", ["dependent constraints", "impossible start", "open joint"])

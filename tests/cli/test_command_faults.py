@@ -272,43 +272,6 @@ def test_a_run_at_its_time_limit_keeps_its_results(here):
     assert Path("results/arm.csv").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--out", "model.py"], "is not a folder"),
-        (["--out", "model.py/below"], "is not a folder"),
-        (["--out", "x" * 300], "File name too long"),
-        (["--set", "mass=[/b]"], "[/b]"),
-        (["--set", "mass=\ud800"], r"\ud800"),
-        (["--set", "mass=1e400"], "must be finite"),
-        (["--output-step", "1e-300"], "--output-step"),
-        (["--checkpoint", "model.py/end.json"], "--checkpoint model.py: the folder"),
-        (["--checkpoint", "/proc/nowhere/end.json"], "--checkpoint /proc/nowhere: the folder"),
-        (["--checkpoint", "results"], "the path is the folder of other results"),
-        (["--checkpoint", "results/arm.csv"], "--out writes the same file"),
-        (["--checkpoint", "x" * 300], "File name too long"),
-        (["--checkpoint", ""], "is not a valid file name"),
-        (["--time-limit", "0"], "--time-limit must be positive"),
-    ],
-)
-def test_unusual_options_are_refused_in_one_line(here, arguments, words):
-    result = CliRunner().invoke(app, ["run", "model.py", *arguments])
-    assert result.exit_code == 2, result.output
-    (line,) = result.stderr.splitlines()
-    assert words in line
-    assert not Path("results").exists()
-
-
-@pytest.mark.parametrize("command", ["run", "draw", "static", "modes", "compare"])
-@pytest.mark.parametrize("out", ["/proc/nowhere", "model.py"])
-def test_outputs_are_checked_before_every_command(here, command, out):
-    """`draw` ended with exit code 1, and `run` wrote some of its files."""
-    result = CliRunner().invoke(app, [command, "model.py", "--out", out])
-    assert result.exit_code == 2, result.output
-    (line,) = result.stderr.splitlines()
-    assert line.startswith(f"error: --out {out}")
-
-
 @pytest.mark.slow(reason="starts processes")
 def test_listing_does_not_wait_for_scripts(here):
     """`list` executed a script without a guard for 120 s, also after SIGTERM."""
@@ -335,11 +298,6 @@ def test_little_memory_is_reported_in_one_sentence(here, limit):
     (line,) = errors.splitlines()
     assert "beamdae needs" in line
     assert "(ulimit -v)" in line
-
-
-def test_too_many_workers_are_refused(here):
-    result = CliRunner().invoke(app, ["compare", "model.py", "--workers", str(10**9)])
-    assert (result.exit_code, "--jobs must be at most" in result.stderr) == (2, True)
 
 
 # Studies.

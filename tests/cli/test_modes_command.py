@@ -91,39 +91,3 @@ def test_an_immobile_model_has_an_empty_table(modes, tmp_path):
     assert result.exit_code == 0
     assert "there are no modes because joints and drivers fix every coordinate" in result.stdout
     assert len(pd.read_csv(tmp_path / "results/cross_modes.csv")) == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--about", "rest"], "--about must be"),
-        (
-            ["--about", "equilibrium", "--speed", "1"],
-            "--about equilibrium and --speed are mutually exclusive; omit one.",
-        ),
-        (
-            ["--speed", "1", "--multiple", "6"],
-            "--multiple requires several speeds; repeat --speed or give START:STOP:COUNT.",
-        ),
-        (
-            ["--speed", "1", "--speed", "2", "--animate", "1"],
-            "--animate does not support several speeds",
-        ),
-        (["--animate", "9"], "--animate must be"),
-        (["--animate", "9", "--set", "weight=9.81"], "--animate must be"),
-        (["--speed", "0:12000rpm:x"], "values must have the form START:STOP:COUNT"),
-        (["--speed", "10:3000rpm:4"], "one end has a unit and the other has none"),
-        (["--speed", "0:5:1"], "COUNT must be a whole number of at least 2"),
-        (["--speed", "0:5:1001"], "COUNT must be at most 1000, got 1001"),
-        (["--speed", "5:5:3"], "the ends of a range of 3 values must differ"),
-        (["--speed", "0:5mm:3"], "the unit mm measures another quantity"),
-        (["--speed", "1", "--set", "weight=9.81"], "do not rotate with the mechanism"),
-        (["-n", "0"], "--number must be"),
-    ],
-)
-def test_usage_errors_are_one_line_and_write_nothing(modes, tmp_path, arguments, message):
-    result = modes(*arguments)
-    assert result.exit_code == 2
-    assert message in result.stderr
-    assert len(result.stderr.splitlines()) == 1
-    assert not (tmp_path / "results").exists()

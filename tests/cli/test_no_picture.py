@@ -128,29 +128,6 @@ def test_run_draws_the_selected_columns_over_another_one_and_measured_data(tmp_p
     assert "data of tip.x [m]" in (tmp_path / "out/column.html").read_text()
 
 
-@pytest.mark.parametrize(
-    ("command", "options", "message"),
-    [
-        ("run", "--plot tip.z", "there is no column 'tip.z' (did you mean"),
-        ("run", "--x tip", "'tip' selects several columns"),
-        ("run", "--data none.csv", "'none.csv' cannot be read"),
-        ("run", "--x tip.x --no-picture", "run: --x requires the picture; omit --no-picture."),
-        ("run", "--plot tip.x --no-picture --no-page", "require the picture or the page;"),
-        ("static", "--x tip.z", "there is no column 'tip.z'"),
-        ("static", "--plot tip.x_dot", "there is no column 'tip.x_dot'"),
-        ("static", "--x tip", "static: 'tip' selects several columns"),
-        ("static", "--plot tip.y --no-picture", "static: --plot and --x require the picture"),
-    ],
-)
-def test_invalid_options_of_the_picture_are_refused_before_the_run(
-    tmp_path, command, options, message
-):
-    result, kinds = call(tmp_path, command, *options.split())
-    assert result.exit_code == 2
-    assert message in " ".join(result.output.split())
-    assert not kinds
-
-
 @pytest.mark.slow(reason="a fifth of a second")
 def test_static_draws_columns_over_another_one(tmp_path):
     result, kinds = call(tmp_path, "static", "--plot", "tip.y", "--x", "tip.x", "--no-page")

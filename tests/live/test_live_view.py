@@ -10,10 +10,8 @@ import threading
 
 import pytest
 from terminals import process
-from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae.cli.app import app
 from beamdae.live import session as live_session
 from beamdae.live.controls import create_controls
 
@@ -252,22 +250,6 @@ def test_mistakes_in_settings(settings, message):
 def test_a_used_port_is_an_error(live):
     with pytest.raises(bd.BeamdaeError, match=f"view: port {live.port} cannot be used"):
         bd.view(swing, port=live.port)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--range", "radius=3"], "--range radius=3: the range must have the form FIRST:LAST."),
-        (["--range", "radius=1 N:2"], "the unit N measures another quantity"),
-        (["--range", "radius=50cm:2"], "one end has a unit and the other has none"),
-        (["--set", "radius=1 N"], "the unit N measures another quantity"),
-        (["--port", "70000"], "view: port must be an integer from 0 to 65535, got 70000"),
-    ],
-)
-def test_mistakes_on_the_command_line(arguments, message):
-    result = CliRunner().invoke(app, ["view", "example:pendulum", "--no-browser", *arguments])
-    assert result.exit_code == 2
-    assert message in result.stderr
 
 
 @pytest.mark.slow(reason="starts a process")

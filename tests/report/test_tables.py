@@ -164,22 +164,6 @@ def test_markup_in_names_is_printed_literally(markup):
         assert literal in render(renderable, 200, markup=markup)
 
 
-def test_summary_shows_values_with_units():
-    lines = [
-        ("arm", "fastest", "error <= 1e-02", "Ida", 0.25, "s", 0.2, 0.4, "Radau"),
-        ("arm", "fastest", "error <= 1e-03", "Auto", 0.3, "s", np.nan, np.nan, ""),
-        ("arm", "order", "", "I", 2, "", np.nan, np.nan, ""),
-    ]
-    names = ["group", "what", "at", "answer", "value", "unit", "min", "max", "as fast"]
-    table = pd.DataFrame(lines, columns=names)
-    rows = render(terminal.summary_table(table), 50).splitlines()
-    assert [r.split()[-5:] for r in rows if "Ida" in r] == [["0.25", "s", "(0.2", "to", "0.4)"]]
-    assert [r.split()[-2:] for r in rows if "Auto" in r] == [["0.3", "s"]]
-    assert [r.split()[-1] for r in rows if "order" in r] == ["2"]
-    assert "Radau" in render(terminal.summary_table(table), 100)
-    assert "as fast" not in render(terminal.summary_table(table.iloc[1:]), 100)
-
-
 def test_regression_sweep_tables_show_rounding_errors_as_zero():
     """A smallest force was -0, and -2.8002e-20 was shown beside values of order 1."""
     table = pd.DataFrame(

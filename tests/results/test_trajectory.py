@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from beamdae.equations.equations_of_motion import State
 from beamdae.integrators.radau.coefficients import C
@@ -47,31 +47,6 @@ def test_orders_of_the_dense_output(nodes_per_step, orders):
             )
         )
     assert_allclose(np.log2(np.divide(*errors)), orders, rtol=0.0, atol=0.2)
-
-
-@pytest.mark.parametrize(("nodes", "nodes_per_step"), [(STEPS, 1), (STAGES, 3)])
-def test_states_at_steps_are_returned_unchanged(nodes, nodes_per_step):
-    interval = make_interval(
-        nodes, [polynomial(7, k) for k in range(4)], nodes_per_step=nodes_per_step
-    )
-    assert_allclose(interval.t, STEPS, rtol=0.0, atol=1e-15)
-    for column, row in zip(interval.at(STEPS[1:]), interval.state, strict=True):
-        assert_array_equal(column, row[1:])
-    # The integral of v is corrected to meet q, up to rounding.
-    assert_allclose(interval.positions_at(STEPS), interval.state.q, rtol=0.0, atol=1e-14)
-    for column, row in zip(
-        interval.at(np.append(BETWEEN[1:2], STEPS)), interval.state, strict=True
-    ):
-        assert_allclose(column[1:], row, rtol=0.0, atol=1e-14)
-
-
-@pytest.mark.parametrize(("nodes", "nodes_per_step"), [(STEPS, 1), (STAGES, 3)])
-def test_integrals_of_cubics_are_exact(nodes, nodes_per_step):
-    rate = polynomial(3)
-    interval = make_interval(nodes, [rate] * 4, nodes_per_step=nodes_per_step)
-    to_steps = interval.integrate_to_steps(interval.rows.q)
-    integrals = interval.integrate_to(BETWEEN, interval.rows.q, to_steps)
-    assert_allclose(integrals[:, 0], rate.integ()(BETWEEN), rtol=0.0, atol=1e-14)
 
 
 @pytest.mark.parametrize("nodes_per_step", [1, 3])

@@ -141,19 +141,6 @@ def test_the_command_measures(here):
     assert "frequency 1" in result.output
 
 
-def test_mistakes_on_the_command_line(here):
-    over = ["--over", "height=50cm,1"]
-    for options, message in (
-        (["--modes", "1"], "sweep: --modes and --buckling require --over NAME=VALUES."),
-        ([*over, "--modes", "0"], "sweep: --modes must be"),
-        ([*over, "--modes", "1", "--t-end", "2"], "sweep: --t-end is an option of runs"),
-        ([*over, "--buckling", "1", "--of", "x"], "sweep: --of is an option of runs"),
-    ):
-        result = measure(*options)
-        assert result.exit_code == 2
-        assert message in result.stderr
-
-
 READER = """
 import sys
 from pathlib import Path
