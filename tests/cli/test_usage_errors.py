@@ -215,6 +215,33 @@ def column(height=0.002):
     mech.add(bd.Force("press", beam.end, (0.0, -section.EI)))
     return mech
 """
+LOOSE_MASS = """
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def oscillator(stiffness=30.0, damping=0.5, mass=1.0):
+    "A mass on a spring."
+    mech = bd.Mechanism()
+    body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0), velocity=(0.2, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, damping))
+    mech.observe("mass", body.point)
+    return mech
+"""
+GUIDED_MASS = """
+import beamdae as bd
+
+
+@bd.model(t_end=0.1)
+def oscillator(stiffness=40.0, mass=bd.param(1.0, "kg", "mass on the spring")):
+    "A mass on a spring along a rail."
+    mech = bd.Mechanism()
+    body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), body.point))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness))
+    mech.observe("mass", body.point)
+    return mech
+"""
 LONG = 300 * "x"
 # Models, and command lines without the name of the file, with a part of the message.
 ERRORS = {
@@ -502,20 +529,113 @@ ERRORS = {
             ("buckling --load pres", "pres"),
         ],
     ),
+    "loose mass": (
+        LOOSE_MASS,
+        [
+            ("fit data.csv --by stiff --step 0.002", "has no parameter 'stiff'"),
+            (
+                "fit data.csv --by stiffness --bounds stiffness=1 --step 0.002",
+                "must have the form LOW:HIGH",
+            ),
+            (
+                "fit data.csv --by stiffness --sigma a --step 0.002",
+                "sigma must be a number, got 'a'",
+            ),
+            (
+                "fit data.csv --by stiffness --sigma mass.x=a --step 0.002",
+                "of mass.x [m] must be a number, got 'a'",
+            ),
+            (
+                "fit data.csv --by stiffness --experiment mass=2 --step 0.002",
+                "EXPERIMENT:NAME=VALUE",
+            ),
+            (
+                "fit data.csv --by stiffness --shift mass.x=a --step 0.002",
+                "must have the form LOW:HIGH",
+            ),
+            (
+                "fit data.csv --by stiffness --shift mass.x=-5:5ms --step 0.002",
+                "one end has a unit",
+            ),
+            (
+                "fit data.csv --by stiffness --shift mass.x=-5mm:5mm --step 0.002",
+                "the unit mm measures another",
+            ),
+            (
+                "fit data.csv --by stiffness --data-column Laser=mass.x --step 0.002",
+                "data_columns contains 'Laser'",
+            ),
+            (
+                "fit data.csv --by stiffness --data-column x=mass.x --data-column x=mass.y",
+                "--data-column x=mass.y: x already has the value mass.x; omit one of them.",
+            ),
+            (
+                "fit data.csv --by stiffness --shift mass.x --shift mass.x=-5ms:5ms --step 0.002",
+                "--shift mass.x=-5ms:5ms: mass.x is given twice; omit one of them.",
+            ),
+            (
+                "fit data.csv --by stiffness --starts 2 --step 0.002",
+                "several starts need finite bounds",
+            ),
+            (
+                "fit data.csv --by stiffness --integrator ida --step 0.002",
+                "--step is not supported by ida",
+            ),
+            ("fit none.csv --by stiffness", "'none.csv' cannot be read: No such file or directory"),
+            (
+                "fit data.csv --by k --t-end 1ms",
+                "error: beamdae fit: --t-end is not needed, because ",
+            ),
+            (
+                "fit data.csv --by k --output-step 1ms",
+                "error: beamdae fit: --output-step is not needed, because ",
+            ),
+        ],
+    ),
+    "guided mass": (
+        GUIDED_MASS,
+        [
+            ("optimize --by mass", "either --minimize or --maximize"),
+            ("optimize --by mass --minimize masss", "must be one of mass, frequency:NUMBER"),
+            ("optimize --by mass --minimize frequency:x", "must be one of mass"),
+            ("optimize --by mass --minimize frequency:1:drawn", "must be one of mass"),
+            ("optimize --by mass --minimize mass --at-most mass", "QUANTITY=LIMIT"),
+            ("optimize --by mass --minimize mass --bounds mass=1", "LOW:HIGH"),
+            ("optimize --by mass --minimize mass --bounds 'mass=1:2 m'", "the unit m measures"),
+            ("optimize --by mass --minimize mass --bounds mass=500:3kg", "one end has a unit"),
+            ("optimize --by mass --minimize mass --bounds mas=1g:2g", "has no parameter mas"),
+            ("optimize --by mass --minimize mass --at-most mass=2m", "limit of mass is in m"),
+            ("optimize --by mas --minimize mass", "did you mean 'mass'"),
+            (
+                "optimize --by mass --minimize mass --t 1s",
+                "--t 1: no quantity is of the kind equilibrium:COLUMN",
+            ),
+            (
+                "optimize --by mass --minimize mass --bounds mass=",
+                "the form LOW:HIGH, LOW: or :HIGH",
+            ),
+        ],
+    ),
 }
 
 
-@pytest.mark.parametrize("name", ERRORS)
-def test_usage_errors_are_one_line_and_write_nothing(tmp_path, monkeypatch, name):
-    source, errors = ERRORS[name]
-    monkeypatch.chdir(tmp_path)
-    Path("model.py").write_text(source, encoding="utf-8")
-    for line, sentence in errors:
-        command, *arguments = shlex.split(line.replace("LONG", LONG))
-        model = "model.py" if source else "example:pendulum"
-        result = CliRunner().invoke(app, [command, model, *arguments])
-        assert (result.exit_code, result.stdout) == (2, ""), line
-        (message,) = result.stderr.splitlines()
-        assert message.startswith("error: "), line
-        assert sentence in message, line
-        assert {path.name for path in Path().iterdir()} <= {"model.py", "__pycache__"}, line
+@pytest.mark.parametrize(
+    "names", [["truss"], pytest.param(list(ERRORS), marks=pytest.mark.slow(reason="six seconds"))]
+)
+def test_usage_errors_are_one_line_and_write_nothing(tmp_path, monkeypatch, names):
+    for name in names:
+        source, errors = ERRORS[name]
+        folder = tmp_path / name
+        folder.mkdir()
+        monkeypatch.chdir(folder)
+        Path("model.py").write_text(source, encoding="utf-8")
+        Path("data.csv").write_text("t [s],mass.x [m]\n0.1,1.02\n0.2,1.03\n", encoding="utf-8")
+        for line, sentence in errors:
+            command, *arguments = shlex.split(line.replace("LONG", LONG))
+            model = "model.py" if source else "example:pendulum"
+            result = CliRunner().invoke(app, [command, model, *arguments])
+            assert (result.exit_code, result.stdout) == (2, ""), line
+            (message,) = result.stderr.splitlines()
+            assert message.startswith("error: "), line
+            assert sentence in message, line
+            assert {path.name for path in folder.iterdir()} <= {"model.py", "data.csv"}, line
