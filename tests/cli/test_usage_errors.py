@@ -507,6 +507,12 @@ ERRORS = {
     "example": (
         "",
         [
+            *(
+                (f"sweep --over 'radius={values}'", "the unit N measures another quantity")
+                for values in ("1 N:2:3", "1:2 N:3", "1N,2")
+            ),
+            ("sweep --over 'radius=1 m:x:3'", "values must have the form"),
+            ("sweep --over 'radius=1 m:1000mm:3'", "values must differ"),
             (
                 "view --no-browser --range radius=3",
                 "--range radius=3: the range must have the form FIRST:LAST.",

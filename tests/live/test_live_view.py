@@ -9,6 +9,7 @@ import sys
 import threading
 
 import pytest
+from mechanisms import rope_swing
 from terminals import process
 
 import beamdae as bd
@@ -21,11 +22,7 @@ def swing(length=0.5, mass=2.0, copies=1, tilt=0.0, color="red", is_fast=False, 
     """Release a mass of `mass` [kg] on a rope of `length` [m] at `tilt` [rad]."""
     if color == "broken":
         raise ZeroDivisionError("division by zero")
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.PointMass("bob", mass, at=(length, 0.0)))
-    mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point))
-    mech.observe("bob", bob.point)
-    return mech
+    return rope_swing(length, mass)
 
 
 @pytest.fixture
