@@ -146,7 +146,7 @@ def test_references_that_no_case_can_be_compared_with_are_refused(case, referenc
     ("columns", "message"),
     [
         (["end.z [m]"], r"'end.z \[m\]'.*did you mean 'end.y \[m\]'"),
-        (["bob.x"], r"the reference is constant in bob\.x"),
+        (["end.x", "bob.x"], r"the reference is constant in bob\.x"),
     ],
 )
 def test_compared_columns_must_exist_and_move(columns, message):
