@@ -55,25 +55,6 @@ def test_the_budget_is_printed_and_on_the_page():
     assert "theory as written" in page.replace("\\n", " ")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--accuracy", "good"], "--accuracy must be a number such as 1% or 0.01, got 'good'"),
-        (["--accuracy", "nan"], "--accuracy must be a number such as 1% or 0.01, got 'nan'"),
-        (["--accuracy", "0"], "accuracy must lie between 1e-06 and 0.1, got 0"),
-        (["--accuracy=-1"], "accuracy must lie between 1e-06 and 0.1, got -1"),
-        (["--accuracy", "200%"], "accuracy must lie between 1e-06 and 0.1, got 2"),
-        (["--accuracy", "1%", "--rtol", "1e-4"], "--rtol is not supported with --accuracy"),
-        (["--accuracy", "1%", "--integrator", "ida"], "--integrator is not supported"),
-        (["--accuracy", "1%", "--verify"], "--verify is not supported with --accuracy"),
-    ],
-)
-def test_invalid_options_are_rejected(arguments, message):
-    result = invoke(*arguments)
-    assert result.exit_code == 2
-    assert message in result.stderr
-
-
 @pytest.mark.slow(reason="a quarter of a second")
 def test_a_refused_certificate_writes_the_run_and_exits_with_1():
     # The pendulum passes its unstable equilibrium with hardly any speed.

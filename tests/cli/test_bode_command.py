@@ -47,12 +47,6 @@ def test_bode_writes_a_table_with_the_peak(bode, tmp_path):
     assert len(document["response"]) == len(table)
 
 
-def test_command_counts_the_peaks_that_it_does_not_show(bode, monkeypatch):
-    monkeypatch.setattr("beamdae.cli.commands.bode._MAX_SHOWN_PEAKS", 0)
-    result = bode("--input", "push", "--output", "mass.x", "--no-page", "--no-picture")
-    assert "not shown: 1 peak beyond the 0 largest of a transfer function" in result.stdout
-
-
 LOOP = """
 import beamdae as bd
 
@@ -108,20 +102,3 @@ def test_spaced_frequencies_are_used_as_given(bode, tmp_path):
     assert result.exit_code == 0, result.output
     table = pd.read_csv(tmp_path / "results/shaker_bode.csv")
     assert_allclose(table["frequency [Hz]"], [1.0, 4.0, 7.0, 10.0])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--frequencies", "5"], "must have the form FIRST:LAST"),
-        (["--frequencies", "0:5"], "must be positive and ascend"),
-        (["--frequencies", "1:5m"], "measures"),
-        (["--output", "mas.x"], "did you mean 'mass.x'"),
-        (["--input", "pull"], "no input 'pull'"),
-        (["--about", "equilibrium", "--speed", "3"], "mutually exclusive"),
-    ],
-)
-def test_usage_errors(bode, arguments, message):
-    result = bode(*arguments)
-    assert result.exit_code == 2
-    assert message in result.stderr

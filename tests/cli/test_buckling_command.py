@@ -47,10 +47,3 @@ def test_json_contains_the_factors(buckling):
     document = json.loads(result.stdout)
     assert document["loads"] == ["press"]
     assert document["modes"][0]["load factor [-]"] == pytest.approx(2.467, rel=1e-3)
-
-
-def test_an_unknown_load_is_one_line(buckling):
-    result = buckling("--load", "pres")
-    assert result.exit_code == 2
-    assert "pres" in result.stderr
-    assert not Path("results/column_buckling.csv").exists()

@@ -58,19 +58,3 @@ def test_regression_warnings_of_the_trial_run_are_printed(here):
     arguments = ["--set", "stiffness=4e5", "--set", "stretch=0.01", "--integrator", "alpha"]
     message = "the error with fixed steps of 0.001 s is estimated at more than 100 %"
     assert message in run(*arguments).stderr.replace("\n", " ")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--integrator", "ida"], "integrator must be one of"),
-        (["--inputs", "pull"], "the model has no input 'pull'"),
-        (["--platforms", "pdp11-unix"], "platforms must be one of"),
-        (["--real-time", "0"], "--real-time must be a whole number of at least 1"),
-    ],
-)
-def test_messages(here, arguments, message):
-    result = run(*arguments)
-    assert result.exit_code == 2
-    assert message in result.stderr
-    assert not Path("model.fmu").exists()

@@ -100,37 +100,6 @@ def test_a_search_that_does_not_converge_ends_with_1(here):
     assert Path("results/oscillator_fit.csv").is_file()
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--by", "stiff"], "has no parameter 'stiff'"),
-        (["--by", "stiffness", "--bounds", "stiffness=1"], "must have the form LOW:HIGH"),
-        (["--by", "stiffness", "--sigma", "a"], "sigma must be a number, got 'a'"),
-        (["--by", "stiffness", "--sigma", "mass.x=a"], "of mass.x [m] must be a number, got 'a'"),
-        (["--by", "stiffness", "--experiment", "mass=2"], "EXPERIMENT:NAME=VALUE"),
-        (["--by", "stiffness", "--shift", "mass.x=a"], "must have the form LOW:HIGH"),
-        (["--by", "stiffness", "--shift", "mass.x=-5:5ms"], "one end has a unit"),
-        (["--by", "stiffness", "--shift", "mass.x=-5mm:5mm"], "the unit mm measures another"),
-        (["--by", "stiffness", "--data-column", "Laser=mass.x"], "data_columns contains 'Laser'"),
-        (
-            ["--by", "stiffness", "--data-column", "x=mass.x", "--data-column", "x=mass.y"],
-            "--data-column x=mass.y: x already has the value mass.x; omit one of them.",
-        ),
-        (
-            ["--by", "stiffness", "--shift", "mass.x", "--shift", "mass.x=-5ms:5ms"],
-            "--shift mass.x=-5ms:5ms: mass.x is given twice; omit one of them.",
-        ),
-        (["--by", "stiffness", "--starts", "2"], "several starts need finite bounds"),
-        (["--by", "stiffness", "--integrator", "ida"], "--step is not supported by ida"),
-    ],
-)
-def test_usage_errors(here, options, message):
-    result = run("wide.csv", *options)
-    assert result.exit_code == 2
-    assert message in result.stderr
-    assert not Path("results").exists()
-
-
 @pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize(
     "options", [[], ["--bounds", "stiffness=20:80", "--starts", "2", "--jobs", "1"]]
@@ -166,23 +135,3 @@ def test_columns_of_data_may_have_other_names(here):
     shown = CliRunner().invoke(app, [*mapped, "--set", "stiffness=40", "--set", "damping=0"])
     assert shown.exit_code == 0, shown.output
     assert "mass.x [m]" in shown.output
-
-
-def test_missing_data(here):
-    result = run("none.csv", "--by", "stiffness")
-    assert result.exit_code == 2
-    assert "'none.csv' cannot be read: No such file or directory" in result.stderr
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize("option", ["--t-end", "--output-step"])
-def test_options_that_the_data_replace_are_refused_with_the_reason(option):
-    """The parser proposed --seed and --step instead."""
-    result = CliRunner().invoke(app, ["fit", "model.py", "data.csv", "--by", "k", option, "1ms"])
-    assert result.exit_code == 2
-    message = " ".join(result.output.split())
-    assert message.startswith(f"error: beamdae fit: {option} is not needed, because ")
-    assert message.endswith("; see beamdae fit --help.")
-    assert "--seed" not in message
-    text = CliRunner().invoke(app, ["fit", "--help"]).output
-    assert "The data determine the end time" in " ".join(text.split())

@@ -10,7 +10,6 @@ from typer.testing import CliRunner
 
 import beamdae as bd
 from beamdae.cli.app import app
-from beamdae.studies.execution.executors import SerialPool
 
 MODEL = '''
 from dataclasses import dataclass
@@ -188,22 +187,6 @@ def test_unknown_name_and_unsupported_option_are_refused(run, arguments, message
 def test_the_model_file_is_executed_once(run):
     Path("model.py").write_text(MODEL + "print('executed')\n", encoding="utf-8")
     assert run("--integrator", "euler").stdout.count("executed") == 1
-
-
-@pytest.mark.slow(reason="starts processes that run cases")
-def test_sweep_with_an_integrator_of_the_model_file(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(
-        "beamdae.studies.execution.executors.LocalPool", lambda workers: SerialPool()
-    )
-    Path("model.py").write_text(MODEL, encoding="utf-8")
-    fixed = ["sweep", "model.py", "--over", "mass=1,2", "--integrator"]
-    result = CliRunner().invoke(app, [*fixed, "ImplicitEuler", "--step", "0.002", "--json"])
-    assert result.exit_code == 0, result.output
-    assert [case["status"] for case in json.loads(result.stdout)["cases"]] == ["ok", "ok"]
-    result = CliRunner().invoke(app, [*fixed, "ImplicitEuler", "--rtol", "1e-3"])
-    assert result.exit_code == 2
-    assert "sweep: --rtol is not supported by ImplicitEuler (only auto, ida" in result.stderr
 
 
 @pytest.mark.slow(reason="a sweep in worker processes, which get the class of the file")

@@ -9,8 +9,6 @@ import pytest
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app
-from beamdae.cli.output import CommandOutput, hold_warnings, use_output
-from beamdae.errors import warn_user
 
 MODEL = """
 import beamdae as bd
@@ -91,25 +89,6 @@ def test_regression_overshoots_of_tables_are_printed_before_the_run(folder):
     """A run of 17 s gave up before the table that caused it was named."""
     result = run("run")
     assert result.output.index(SENTENCE) < result.output.index("tip.y"), result.output
-    started = []
-
-    def interrupt(*_, **__):
-        started.append(True)
-        raise KeyboardInterrupt
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("beamdae.integrators.auto.Auto.integrate", interrupt)
-        assert SENTENCE in run("run").stderr
-    assert started
-
-
-def test_regression_warnings_of_all_parts_are_printed():
-    """The warning of a second part was dropped for that of the first one."""
-    output = CommandOutput()
-    with use_output(output), hold_warnings(output):
-        warn_user("left: the element is too long.")
-        warn_user("right: the element is too long.")
-    assert [x.partition(":")[0] for x in output.warnings] == ["left", "right"]
 
 
 TRAIN = """

@@ -10,8 +10,6 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app
-from beamdae.cli.commands.modes import parse_speeds
-from beamdae.report.terminal.text_tables import campbell_table, resonances_table
 
 MODEL = """
 import beamdae as bd
@@ -71,25 +69,6 @@ def test_several_speeds_make_a_campbell_diagram(modes, tmp_path):
     assert (tmp_path / "results/cross_modes.html").stat().st_size > 10_000
 
 
-def test_speeds_may_be_a_range():
-    assert parse_speeds("5.5") == ([5.5], "rad/s")
-    assert parse_speeds("0:6:3") == ([0.0, 3.0, 6.0], "rad/s")
-    speeds, unit = parse_speeds("0:3000rpm:3")
-    assert_allclose(speeds, np.array([0.0, 50.0, 100.0]) * np.pi)
-    assert unit == "rpm"
-    assert_allclose(parse_speeds("-30rpm:30rpm:3")[0], [-np.pi, 0.0, np.pi], rtol=1e-11)
-    assert parse_speeds("1:100:3:log") == ([1.0, 10.0, 100.0], "rad/s")
-
-
-def test_regression_modes_without_oscillation_have_no_frequency_in_campbell_tables():
-    """An overdamped mode was shown as 0 Hz, like a motion without stiffness."""
-    columns = {"speed [rad/s]": [0.0, 1.0], "mode 1 [Hz]": [0.0, 2.0], "mode 2 [Hz]": [0.0, 0.0]}
-    rates = {"growth rate 1 [1/s]": [1e-9, -0.1], "growth rate 2 [1/s]": [-1.7e5, 0.2]}
-    table = campbell_table(pd.DataFrame(columns | rates))
-    rows = [["0", "0", "0", "decay"], ["1", "9.5493", "2", "growth"]]
-    assert [list(row) for row in table.texts][1:] == rows
-
-
 @pytest.mark.slow(reason="half a second and more")
 def test_regression_campbell_diagrams_print_and_write_their_resonances(modes, tmp_path):
     """They were only on the page; speeds had three digits, such as 1.26e+03 rad/s for 12000 rpm."""
@@ -101,9 +80,10 @@ def test_regression_campbell_diagrams_print_and_write_their_resonances(modes, tm
     assert set(table["multiple"]) <= {1, 2}
     # The mass of 2 kg on springs of 50 N/m in the rotating frame: (w - W) (w + W) ... = 0.
     assert_allclose(2.0 * np.pi * table["frequency [Hz]"], table["multiple"] * table.iloc[:, 0])
-    printed = resonances_table(table).texts
-    assert len(printed) == 1 + len(table) > 1
-    assert printed[1][1] == f"{table.iloc[0, 0] * 30.0 / np.pi:.6g}"
+    assert len(table) > 0
+    assert (
+        f"{table.iloc[0, 0] * 30.0 / np.pi:.6g}" in modes(*speeds, "--no-picture", "-n", "2").stdout
+    )
 
 
 def test_an_immobile_model_has_an_empty_table(modes, tmp_path):
@@ -111,39 +91,3 @@ def test_an_immobile_model_has_an_empty_table(modes, tmp_path):
     assert result.exit_code == 0
     assert "there are no modes because joints and drivers fix every coordinate" in result.stdout
     assert len(pd.read_csv(tmp_path / "results/cross_modes.csv")) == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--about", "rest"], "--about must be"),
-        (
-            ["--about", "equilibrium", "--speed", "1"],
-            "--about equilibrium and --speed are mutually exclusive; omit one.",
-        ),
-        (
-            ["--speed", "1", "--multiple", "6"],
-            "--multiple requires several speeds; repeat --speed or give START:STOP:COUNT.",
-        ),
-        (
-            ["--speed", "1", "--speed", "2", "--animate", "1"],
-            "--animate does not support several speeds",
-        ),
-        (["--animate", "9"], "--animate must be"),
-        (["--animate", "9", "--set", "weight=9.81"], "--animate must be"),
-        (["--speed", "0:12000rpm:x"], "values must have the form START:STOP:COUNT"),
-        (["--speed", "10:3000rpm:4"], "one end has a unit and the other has none"),
-        (["--speed", "0:5:1"], "COUNT must be a whole number of at least 2"),
-        (["--speed", "0:5:1001"], "COUNT must be at most 1000, got 1001"),
-        (["--speed", "5:5:3"], "the ends of a range of 3 values must differ"),
-        (["--speed", "0:5mm:3"], "the unit mm measures another quantity"),
-        (["--speed", "1", "--set", "weight=9.81"], "do not rotate with the mechanism"),
-        (["-n", "0"], "--number must be"),
-    ],
-)
-def test_usage_errors_are_one_line_and_write_nothing(modes, tmp_path, arguments, message):
-    result = modes(*arguments)
-    assert result.exit_code == 2
-    assert message in result.stderr
-    assert len(result.stderr.splitlines()) == 1
-    assert not (tmp_path / "results").exists()

@@ -6,7 +6,6 @@ import pytest
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app
-from beamdae.cli.output import WrittenFiles
 from beamdae.errors import BeamdaeError
 
 MODEL = """
@@ -95,29 +94,6 @@ def test_regression_skipped_pictures_of_earlier_results_are_removed(
     assert curves.exists() == (old[0].suffix != ".html")
 
 
-def test_regression_curves_of_a_page_that_was_removed_by_hand_are_removed(tmp_path):
-    """Without the page, its files of curves stayed."""
-    curves = tmp_path / "report_curves" / f"curves_{16 * '0'}.js"
-    curves.parent.mkdir()
-    curves.touch()
-    WrittenFiles([tmp_path / "new.csv"], (tmp_path / "report.html",)).print_paths()
-    assert not curves.parent.exists()
-
-
-def test_earlier_results_that_cannot_be_removed_are_reported(tmp_path, monkeypatch, capsys):
-    def fail(path):
-        raise PermissionError(13, "Permission denied")
-
-    picture = tmp_path / "old.png"
-    picture.touch()
-    monkeypatch.setattr("pathlib.Path.unlink", fail)
-    files = WrittenFiles([tmp_path / "new.csv"], (picture, tmp_path / "none.html"))
-    files.print_paths()
-    assert files.failed
-    reason = "the file shows earlier results and cannot be removed (Permission denied); remove it."
-    assert capsys.readouterr().err == f"failed: {picture}: {reason}\n"
-
-
 @pytest.mark.slow(reason="starts a process")
 def test_a_study_prints_its_results_before_it_writes_page_and_pictures(tmp_path, monkeypatch):
     def fail(*arguments):
@@ -152,49 +128,8 @@ def test_run_draws_the_selected_columns_over_another_one_and_measured_data(tmp_p
     assert "data of tip.x [m]" in (tmp_path / "out/column.html").read_text()
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--plot", "tip.z"], "there is no column 'tip.z' (did you mean"),
-        (["--x", "tip"], "'tip' selects several columns"),
-        (["--data", "none.csv"], "'none.csv' cannot be read"),
-        (["--x", "tip.x", "--no-picture"], "run: --x requires the picture; omit --no-picture."),
-        (["--plot", "tip.x", "--no-picture", "--no-page"], "require the picture or the page;"),
-    ],
-)
-def test_invalid_options_of_the_picture_are_refused_before_the_run(tmp_path, options, message):
-    path = tmp_path / "column.py"
-    path.write_text(MODEL)
-    arguments = ["run", str(path), *options, "--out", str(tmp_path / "out")]
-    result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == 2
-    assert message in " ".join(result.output.split())
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.slow(reason="a fifth of a second")
 def test_static_draws_columns_over_another_one(tmp_path):
     result, kinds = call(tmp_path, "static", "--plot", "tip.y", "--x", "tip.x", "--no-page")
     assert result.exit_code == 0, result.output
     assert ".png" in kinds
-    result, _ = call(tmp_path, "static", "--x", "tip.z")
-    assert result.exit_code == 2
-    assert "there is no column 'tip.z'" in " ".join(result.output.split())
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--plot", "tip.x_dot"], "there is no column 'tip.x_dot'"),
-        (["--x", "tip"], "static: 'tip' selects several columns"),
-        (["--plot", "tip.y", "--no-picture"], "static: --plot and --x require the picture"),
-    ],
-)
-def test_regression_options_of_the_picture_are_refused_before_a_static_analysis(
-    tmp_path, options, message
-):
-    """Without a picture, they were ignored; the others failed after the analysis."""
-    result, kinds = call(tmp_path, "static", *options)
-    assert result.exit_code == 2
-    assert message in " ".join(result.output.split())
-    assert not kinds

@@ -59,28 +59,6 @@ def test_regression_results_have_units_and_relative_margins(here):
     assert "mass 2 kg" in lines
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--by", "mass"], "either --minimize or --maximize"),
-        (["--by", "mass", "--minimize", "masss"], "must be one of mass, frequency:NUMBER"),
-        (["--by", "mass", "--minimize", "frequency:x"], "must be one of mass"),
-        (["--by", "mass", "--minimize", "frequency:1:drawn"], "must be one of mass"),
-        (["--by", "mass", "--minimize", "mass", "--at-most", "mass"], "QUANTITY=LIMIT"),
-        (["--by", "mass", "--minimize", "mass", "--bounds", "mass=1"], "LOW:HIGH"),
-        (["--by", "mass", "--minimize", "mass", "--bounds", "mass=1:2 m"], "the unit m measures"),
-        (["--by", "mass", "--minimize", "mass", "--bounds", "mass=500:3kg"], "one end has a unit"),
-        (["--by", "mass", "--minimize", "mass", "--bounds", "mas=1g:2g"], "has no parameter mas"),
-        (["--by", "mass", "--minimize", "mass", "--at-most", "mass=2m"], "limit of mass is in m"),
-        (["--by", "mas", "--minimize", "mass"], "did you mean 'mass'"),
-    ],
-)
-def test_invalid_options_are_rejected(here, arguments, message):
-    result = run(*arguments)
-    assert result.exit_code == 2
-    assert message in " ".join(result.output.split())
-
-
 LEAF = """
 import beamdae as bd
 
@@ -120,21 +98,13 @@ def test_regression_equilibria_are_at_a_time_and_limits_of_zeros_warn(here):
     assert not document.get("warnings")
 
 
-def test_time_without_an_equilibrium_is_rejected(here):
-    result = run("--by", "mass", "--minimize", "mass", "--t", "1s")
-    assert result.exit_code == 2
-    assert "--t 1: no quantity is of the kind equilibrium:COLUMN" in " ".join(result.output.split())
-
-
 @pytest.mark.parametrize(
     ("bounds", "expected"),
-    [("mass=500g:", 0.5), ("mass=500g:inf", 0.5), ("mass=:3kg", None), ("mass=", None)],
+    [("mass=500g:", 0.5), ("mass=500g:inf", 0.5), ("mass=:3kg", None)],
 )
 def test_regression_bounds_may_have_one_end(here, bounds, expected):
     result = run("--by", "mass", "--minimize", "mass", "--bounds", bounds, "--no-page", "--json")
-    if bounds == "mass=":
-        assert (result.exit_code, "the form LOW:HIGH, LOW: or :HIGH" in result.stderr) == (2, True)
-    elif expected is None:
+    if expected is None:
         # Without a lower bound, masses become negative.
         assert (result.exit_code, "pass --bounds that keep the sign of mass" in result.stderr) == (
             1,

@@ -69,22 +69,6 @@ def test_json_of_a_forced_motion(periodic):
     assert np.hypot(*document["multipliers"][0]) == pytest.approx(1.0, abs=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--start", "equilibrium", "--speed", "3"], "--start and --speed are mutually exclusive"),
-        (["--period", "4", "--period-guess", "4"], "mutually exclusive"),
-        (["--set", "force=1.0"], "depend on time; pass their period with --period."),
-        (["--period", "-1"], "period must be positive"),
-    ],
-)
-def test_usage_errors_are_one_line(periodic, options, message):
-    result = periodic(*options)
-    assert result.exit_code == 2
-    assert message in result.stderr
-    assert result.stderr.count("\n") <= 2
-
-
 @pytest.mark.slow(reason="a quarter of a second")
 def test_a_failed_search_exits_with_1(periodic):
     # With negative growth, all motions decay.

@@ -93,40 +93,6 @@ def test_a_curve_that_ends_early_is_a_failure_with_partial_results(response):
     assert len(pd.read_csv("results/oscillator_response.csv")) == 2
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--over", "frequency=1"), "form FIRST:LAST"),
-        (("--over", "frequency=1Hz:2Hz"), "the model states no unit of this parameter"),
-        (("--over", "force=0.1m:0.2m"), "force"),
-        (("--over", "force=0.1:200mN"), "one end has a unit and the other has none"),
-        (("--over", "frequency=1:1"), "--over frequency=1:1: the range must have the form"),
-        (("--over", "frequency=nan:inf"), "two different finite numbers"),
-        (("--over", "frequncy=1:2"), "frequency"),
-        (("--over", "frequency=1:2", "--angular", "--period", "1"), "mutually exclusive"),
-        (("--over", "frequency=1:2", "--period", "-1"), "--period"),
-        (("--over", "frequency=1:2", "--start", "bob.u=1"), "bob.u"),
-    ],
-)
-def test_usage_errors_are_one_line(response, options, message):
-    result = response(*options)
-    assert result.exit_code == 2
-    assert message in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
-    assert not Path("results").exists()
-
-
-@pytest.mark.parametrize("command", [["response", "--over", "frequency=1:2"], ["periodic"]])
-def test_plotted_columns_are_checked_before_the_analysis(response, command):
-    for options, message in (
-        (["--plot", "bob.u"], "there is no observed column 'bob.u' (did you mean 'bob."),
-        (["--plot", "bob.x", "--no-picture"], "--plot requires the picture"),
-    ):
-        result = CliRunner().invoke(app, [command[0], "oscillator.py", *command[1:], *options])
-        assert result.exit_code == 2
-        assert message in result.stderr
-
-
 @pytest.mark.slow(reason="two analyses")
 def test_columns_of_the_picture_can_be_chosen(response):
     arguments = ["--plot", "bob.x", "--plot", "bob.x_dot", "--no-page", "--settle", "1"]

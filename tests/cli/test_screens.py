@@ -2,14 +2,12 @@
 
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import typer
 from terminals import in_terminal, process
 from typer.testing import CliRunner
 
-from beamdae.cli import output, progress
 from beamdae.cli.app import app
 
 WIDTHS = (60, 80, 120)
@@ -137,55 +135,6 @@ def test_no_bar_in_a_dumb_terminal_without_a_terminal_or_if_quiet(here):
     assert errors == ""
 
 
-def test_the_progress_bar_fits_every_width():
-    from rich.console import Console
-
-    label = "estimate of errors, GeneralizedAlpha(rtol=1e-08)"
-    for width in range(10, 130):
-        console = Console(width=width, force_terminal=True, color_system=None)
-        progress_line = progress.ProgressLine(0.4, "1.97/5 s", 83.2, label)
-        with console.capture() as capture:
-            console.print(progress_line)
-        (line,) = capture.get().splitlines()
-        assert len(line.rstrip()) <= width
-        if width >= 13:
-            assert "1.97/5 s 1:23" in line
-        if width >= 17:
-            assert line.startswith("━")
-        if width > 90:
-            assert label in line
-        elif "estimate" in line:
-            assert re.search(r"estimate.*….*\)", line) or width > 80
-
-
-def test_a_run_without_a_terminal_prints_progress_lines(capsys, monkeypatch):
-    clock = [0.0]
-    monkeypatch.setattr(progress, "monotonic", lambda: clock[0])
-    monkeypatch.setattr(progress, "create_progress_console", lambda: None)
-    with progress.show_run_progress(4.0) as update:
-        for step in range(9):
-            clock[0] = 3.0 * step
-            update("Radau(rtol=1e-06)", 0.5 * step)
-    assert capsys.readouterr().err.splitlines() == [
-        "Radau(rtol=1e-06): 2/4 s, 0:12 left",
-        "Radau(rtol=1e-06): 4/4 s, 0:00 left",
-    ]
-
-
-def test_regression_optimizations_print_their_progress(capsys, monkeypatch):
-    """Nothing was printed for minutes."""
-    clock = [0.0]
-    monkeypatch.setattr(progress, "monotonic", lambda: clock[0])
-    monkeypatch.setattr(progress, "create_progress_console", lambda: None)
-    with progress.show_design_progress(200) as update:
-        for count, violation in ((1, 0.5), (2, 0.0), (3, 0.125)):
-            clock[0] += 8.0
-            update(count, 2.5, violation)
-    assert capsys.readouterr().err.splitlines() == [
-        "objective 2.5: 2 designs, 8 s each, -:-- left",
-    ]
-
-
 @pytest.mark.slow(reason="starts processes in terminals")
 def test_no_color_is_respected(here):
     _, _, colored = in_terminal(80, "run", "model.py", "--t-end", "0.01")
@@ -210,37 +159,6 @@ def test_lines_in_a_pipe_are_not_wrapped_unless_columns_is_set(here):
 
 
 # Progress of studies.
-
-
-def test_remaining_time_is_the_estimate_of_the_study():
-    study_progress = SimpleNamespace(
-        total=10, done=4, stored=2, failed=0, running=2, remaining_time=3725.4, last_label="x"
-    )
-    assert progress.format_clock(progress.estimate_remaining_time(study_progress, 0.0)) == "1:02:05"
-    study_progress.remaining_time = None
-    assert progress.estimate_remaining_time(study_progress, 0.0) > 0.0
-    study_progress.done = study_progress.total
-    assert progress.estimate_remaining_time(study_progress, 0.0) == 0.0
-    study_progress.done = study_progress.stored
-    assert progress.format_clock(progress.estimate_remaining_time(study_progress, 0.0)) == "-:--"
-
-
-def test_progress_lines_of_a_study_contain_the_remaining_time(capsys):
-    lines = progress._StudyLines()
-    for done in range(3):
-        lines(
-            SimpleNamespace(
-                total=2, done=done, stored=0, failed=0, running=1, remaining_time=7.2, last_label=""
-            )
-        )
-    printed = capsys.readouterr().err.splitlines()
-    assert [line.endswith("about 7 s left") for line in printed] == [True, True, False]
-
-
-@pytest.mark.parametrize(("columns", "width"), [("7", 20), ("33", 33), ("x", 10_000)])
-def test_unusable_values_of_columns_are_ignored(monkeypatch, columns, width):
-    monkeypatch.setenv("COLUMNS", columns)
-    assert output.create_console().width == width
 
 
 # Lists.

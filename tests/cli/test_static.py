@@ -137,28 +137,6 @@ def test_targets_and_steps_with_units(static):
     assert factors.iloc[-1] == 0.5
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--to", "crown.y=2deg"], "--to crown.y=2deg: the unit deg measures another quantity"),
-        (["--to", "crown.y=1furlong"], "the unit furlong is unknown; give the value in m"),
-        (["--to", "crown.y=a"], "--to crown.y=a: the value must be a number"),
-        (["--to", "2mm"], "--to 2mm: the unit mm measures another quantity; give the number"),
-        (["--to", "crown.z=2mm", "--step", "1mm"], "must name an observed position"),
-        (["--to", "crown.y=0.1", "--step", "1s"], "--step 1s: the unit s measures another"),
-        (
-            ["--to", "crown.y=0.1", "--step", "1mm", "--control", "arc length"],
-            "--step 1mm: the unit mm measures another quantity; give the number",
-        ),
-    ],
-)
-def test_targets_and_steps_with_other_units_are_rejected(static, arguments, message):
-    result = static(*arguments)
-    assert result.exit_code == 2
-    (line,) = result.stderr.splitlines()
-    assert message in line
-
-
 @pytest.mark.slow(reason="half a second")
 def test_another_quantity_varies(static):
     result = static("--over", "load", "--from", "1", "--to", "2", "--step", "0.25")

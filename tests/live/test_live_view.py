@@ -1,6 +1,5 @@
 """Live view: answers to requests of its page, refusals of all other requests, and the command."""
 
-import contextlib
 import http.client
 import json
 import re
@@ -8,14 +7,12 @@ import signal
 import subprocess
 import sys
 import threading
-from typing import Literal
 
 import pytest
+from mechanisms import rope_swing
 from terminals import process
-from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae.cli.app import app
 from beamdae.live import session as live_session
 from beamdae.live.controls import create_controls
 
@@ -25,11 +22,7 @@ def swing(length=0.5, mass=2.0, copies=1, tilt=0.0, color="red", is_fast=False, 
     """Release a mass of `mass` [kg] on a rope of `length` [m] at `tilt` [rad]."""
     if color == "broken":
         raise ZeroDivisionError("division by zero")
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.PointMass("bob", mass, at=(length, 0.0)))
-    mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point))
-    mech.observe("bob", bob.point)
-    return mech
+    return rope_swing(length, mass)
 
 
 @pytest.fixture
@@ -79,32 +72,6 @@ def test_the_page_contains_controls_and_drawing(live):
     assert live.url in live._repr_html_()
 
 
-@bd.model(t_end=0.1)
-def rope(shape: Literal["a", "b c"] = "b c", mode="fast", size: Literal[1, 2] = 1, plain="x"):
-    """Hang a rope; `mode="slow"` and `mode='exact'` take longer than `mode="fast"`."""
-    return swing(length=0.5 if shape == "a" else 1.0)
-
-
-def test_texts_have_choices_from_annotations_and_docstrings():
-    controls = {x["name"]: x for x in create_controls(rope)}
-    assert controls["shape"]["kind"] == "choice"
-    assert controls["shape"]["choices"] == ["a", "b c"]
-    assert (controls["mode"]["kind"], controls["mode"]["choices"]) == (
-        "text",
-        ["fast", "slow", "exact"],
-    )
-    assert controls["size"]["kind"] == "integer"
-    assert "choices" not in controls["plain"]
-
-
-def test_annotations_that_cannot_be_evaluated_are_ignored():
-    def build(shape: "Unknown" = "a"):  # noqa: F821
-        return swing()
-
-    (control,) = create_controls(bd.model(t_end=1.0)(build))
-    assert control["kind"] == "text"
-
-
 def test_regression_the_page_shows_no_earlier_error(tmp_path):
     """The page kept an error of its first drawing until the view was closed."""
     file = tmp_path / "length.txt"
@@ -118,29 +85,6 @@ def test_regression_the_page_shows_no_earlier_error(tmp_path):
     file.write_text("0.5")
     assert '"first":{"frames":' in send(live, "")[1]
     live.close()
-
-
-def test_regression_requests_at_the_same_time_have_different_numbers(live):
-    """Two threads could read and write the number of the last request at the same time."""
-    barrier = threading.Barrier(2)
-
-    class SlowNumber(int):
-        def __add__(self, other):
-            with contextlib.suppress(threading.BrokenBarrierError):
-                barrier.wait(0.1)  # of both threads, unless one waits for the other
-            return int(self) + other
-
-    session = live.session
-    session._latest = SlowNumber(0)
-    numbers = []
-    threads = [
-        threading.Thread(target=lambda: numbers.append(session._count_request())) for _ in range(2)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sorted(numbers) == [1, 2]
 
 
 def test_the_drawing_follows_the_parameters(live):
@@ -303,22 +247,6 @@ def test_mistakes_in_settings(settings, message):
 def test_a_used_port_is_an_error(live):
     with pytest.raises(bd.BeamdaeError, match=f"view: port {live.port} cannot be used"):
         bd.view(swing, port=live.port)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--range", "radius=3"], "--range radius=3: the range must have the form FIRST:LAST."),
-        (["--range", "radius=1 N:2"], "the unit N measures another quantity"),
-        (["--range", "radius=50cm:2"], "one end has a unit and the other has none"),
-        (["--set", "radius=1 N"], "the unit N measures another quantity"),
-        (["--port", "70000"], "view: port must be an integer from 0 to 65535, got 70000"),
-    ],
-)
-def test_mistakes_on_the_command_line(arguments, message):
-    result = CliRunner().invoke(app, ["view", "example:pendulum", "--no-browser", *arguments])
-    assert result.exit_code == 2
-    assert message in result.stderr
 
 
 @pytest.mark.slow(reason="starts a process")

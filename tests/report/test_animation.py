@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib import rc_context
+from mechanisms import cantilever, falling_ball, strip, swing
 from numpy.testing import assert_allclose
 from pendulum import pendulum
 
@@ -26,10 +27,9 @@ def scene_lines(solution, **settings):
 
 @pytest.mark.slow(reason="a quarter of a second")
 def test_parts_are_visible_only_while_they_are_active():
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.RigidBody("bob", 1.0, 0.1, (1.0, 0.0)))
-    hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
-    mech.observe("bob", bob.at(1.0, 0.0))
+    mech = swing()
+    hinge = mech.part("hinge")
+    mech.observe("bob", mech.part("bob").at(1.0, 0.0))
     mech.when("bob.angle", crosses=-0.05, do=bd.deactivate(hinge), name="let go")
     solution = simulate(mech)
     lines = scene_lines(solution)
@@ -108,12 +108,8 @@ def test_regression_enlarged_bodies_rotate_by_at_most_a_tenth_of_a_radian(speed,
 
 def test_regression_enlarged_sections_of_beams_rotate_by_at_most_three_tenths_of_a_radian():
     """They rotated by 0.1 rad, so that the motion of cantilevers was hardly visible."""
-    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.003)
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), strip, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    mech.add(bd.Force("load", beam.end, (0.0, 0.05)))
-    mech.observe("tip", beam.end)
+    line = bd.Line((0.0, 0.0), (0.5, 0.0))
+    mech = cantilever(2, line, strip(0.003, width=0.02), load=(0.0, 0.05))
     run = bd.simulate(mech, bd.GeneralizedAlpha(step=2e-3), t_end=0.04)
     scale = export_run_frames(run, 5, enlarges=True)["scale"]
     rotation = np.abs(run["tip.angle"]).max()
@@ -165,10 +161,8 @@ class Strap(bd.Part):
 
 @pytest.mark.parametrize("kind", ["strap", "rigid"])
 def test_a_user_defined_part_is_drawn_through_points_of_several_bodies(kind):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
-    mech.add(Strap("strap", kind, mech.ground.at(0.0, 1.0), ball.point))
-    mech.observe("ball", ball.point)
+    mech = falling_ball(height=0.0)
+    mech.add(Strap("strap", kind, mech.ground.at(0.0, 1.0), mech.part("ball").point))
     solution = simulate(mech)
     line = scene_lines(solution)["strap", kind]
     assert_allclose(line[:, 0], [(0.0, 1.0)] * FRAMES, atol=0)
@@ -181,8 +175,7 @@ def test_mp4_files_pass_each_frame_to_ffmpeg(tmp_path):
     program = tmp_path / "ffmpeg"
     program.write_text('#!/bin/sh\nfor last; do :; done\nwc -c > "$last"\n')
     program.chmod(0o755)
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    mech = falling_ball()
     with rc_context({"animation.ffmpeg_path": str(program)}):
         path = simulate(mech).animate(tmp_path / "run.mp4", frames=4)
     width, height = 200, 600

@@ -1,6 +1,5 @@
 """Figures of runs, comparisons and studies, also of unusual values and names."""
 
-import re
 import warnings
 from types import SimpleNamespace
 from xml.etree import ElementTree
@@ -12,10 +11,8 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-import beamdae as bd
 from beamdae.report.pictures import figures, time_plots
 from beamdae.report.pictures.tick_labels import format_ticks
-from beamdae.report.text import make_printable, shorten_text
 from beamdae.studies import study_pictures
 from beamdae.studies.references import Reference
 
@@ -47,35 +44,6 @@ def colored_share(path):
     return float(np.mean(np.ptp(image, axis=-1) > 0.2))
 
 
-def test_deformations_are_the_characteristic_columns():
-    assert figures.characteristic_columns(FRAME) == ["bend.u [m]", "bend.phi [rad]"]
-    rigid = FRAME.drop(columns=["bend.u [m]", "bend.phi [rad]"])
-    assert figures.characteristic_columns(rigid) == ["tip.x [m]", "tip.angle [rad]"]
-    assert figures.characteristic_columns(FRAME[["t [s]", "gauge 1 [-]"]]) == ["gauge 1 [-]"]
-
-
-def test_panels_show_neither_rates_nor_energies_nor_constant_columns():
-    assert time_plots._group_by_observable(FRAME) == {
-        ("tip", "m"): ["tip.x [m]"],
-        ("tip", "rad"): ["tip.angle [rad]"],
-        ("bend", "m"): ["bend.u [m]"],
-        ("bend", "rad"): ["bend.phi [rad]"],
-        ("gauge 1", "-"): ["gauge 1 [-]"],
-    }
-
-
-@pytest.mark.slow(reason="a quarter of a second")
-def test_the_figure_of_a_run_has_curves(tmp_path):
-    path = time_plots.save_run_figure(tmp_path / "new" / "run.png", FRAME, "title")
-    assert colored_share(path) > 1e-3
-
-
-@pytest.mark.slow(reason="half a second and more")
-def test_the_figure_of_a_run_without_observables_shows_energies(tmp_path):
-    frame = FRAME[["t [s]", "energy.kinetic [J]"]]
-    assert colored_share(time_plots.save_run_figure(tmp_path / "run.png", frame, "title")) > 1e-3
-
-
 @pytest.mark.slow(reason="half a second and more")
 def test_a_comparison_has_a_curve_in_each_color(tmp_path):
     errors = pd.DataFrame({"bend.u [m]": [0.0, *1e-3 * T[1:]]}, index=T)
@@ -87,28 +55,6 @@ def test_a_comparison_has_a_curve_in_each_color(tmp_path):
         assert np.sum(distance < 0.02) > 200
 
 
-def test_first_28_line_styles_differ():
-    styles = [(style["color"], str(style["ls"])) for style in time_plots._line_styles(60)]
-    assert len(set(styles[:28])) == 28
-    assert styles[28:56] == styles[:28]
-
-
-@pytest.mark.slow(reason="half a second and more")
-def test_a_comparison_may_have_more_runs_than_styles(tmp_path):
-    runs = {f"run {k}": (FRAME, None) for k in range(33)}
-    path = time_plots.save_comparison_figure(tmp_path / "c.png", FRAME, runs, 1e-4, "title")
-    assert colored_share(path) > 1e-3
-
-
-@pytest.mark.slow(reason="a quarter of a second")
-def test_every_column_of_an_observable_is_drawn(tmp_path, monkeypatch):
-    names = [f"wave.{k} [m]" for k in range(60)]
-    frame = pd.DataFrame({"t [s]": T, **{name: np.sin(T + k) for k, name in enumerate(names)}})
-    monkeypatch.setattr(time_plots, "save_figure", lambda figure, path: figure)
-    figure = time_plots.save_run_figure(tmp_path / "run.png", frame, "title")
-    assert len(figure.axes[0].lines) == len(names)
-
-
 def test_figures_do_not_change_the_settings_of_matplotlib(tmp_path):
     with matplotlib.rc_context({"lines.linewidth": 1.23, "axes.grid": True}):
         before = dict(matplotlib.rcParams)
@@ -117,26 +63,9 @@ def test_figures_do_not_change_the_settings_of_matplotlib(tmp_path):
         assert dict(matplotlib.rcParams) == before
 
 
-def test_an_unwritable_figure_is_an_error(tmp_path):
-    (tmp_path / "file").touch()
-    with pytest.raises(bd.BeamdaeError, match=r"run\.png: the file cannot be written"):
-        time_plots.save_run_figure(tmp_path / "file" / "run.png", FRAME, "title")
-
-
-@pytest.mark.slow(reason="half a second and more")
-def test_names_with_markup_are_drawn_literally(tmp_path):
-    odd = pd.DataFrame(
-        {
-            "t [s]": [0.0, 1.0],
-            r"price $\frac$.x [m]": [0.0, 1.0],
-            r"price $\frac$.y [m]": [0.0, 2.0],
-            "梁.x [m]": [0.0, 1.0],
-        }
-    )
-    assert time_plots.save_run_figure(tmp_path / "odd.png", odd, "odd").stat().st_size > 0
-
-
 TABLES = {
+    "ordinary": (FRAME, True),
+    "energies alone": (FRAME[["t [s]", "energy.kinetic [J]"]], True),
     "constant": (table(**{"a.x [m]": 1.0 + 0.0 * T}), True),
     "zero": (table(**{"a.x [m]": 0.0 * T}), True),
     "nan": (table(**{"a.x [m]": np.nan * T}), False),
@@ -165,13 +94,6 @@ def test_figures_of_comparisons_with_unusual_values(tmp_path, data, has_curves):
         runs = {ODD: (data, errors), LONG: (data, None)}
         path = time_plots.save_comparison_figure(tmp_path / "c.png", data, runs, 1e-4, ODD)
         assert colored_share(path) > 0.0, "the legend is missing"
-
-
-def test_displacements_vary_beside_large_stresses():
-    varying = {"axle.y [m]": 0.1 * T, "stress [Pa]": 5e8 * T}
-    constant = {"axle.x [m]": 1e-19 * T, "axle.angle [rad]": 1e-16 * T}
-    data = table(**varying, **constant)
-    assert figures.characteristic_columns(data) == ["axle.y [m]"]
 
 
 RANGES = {
@@ -252,15 +174,6 @@ def saved_figures(monkeypatch):
     collected = []
     monkeypatch.setattr(time_plots, "save_figure", lambda figure, path: collected.append(figure))
     return collected
-
-
-@pytest.mark.slow(reason="a figure")
-def test_of_forty_observables_twelve_are_drawn(tmp_path, saved_figures):
-    data = table(**{f"o{k}.x [m]": T for k in range(40)})
-    time_plots.save_run_figure(tmp_path / "r.png", data, "r")
-    (figure,) = saved_figures
-    assert len(figure.axes) == 12
-    assert figure.get_suptitle() == "r\n12 of 40 observables"
 
 
 def test_styles_of_legend_and_curves_agree(tmp_path, saved_figures):
@@ -351,27 +264,6 @@ def test_work_precision_shows_errors_below_the_resolution(tmp_path, figure_of):
     assert colored_share(study_pictures.list_plots(results)["work_precision"]()[0]) > 1e-4
 
 
-def test_lines_connect_runs_by_setting(tmp_path, figure_of):
-    rows = [
-        {"rtol": rtol, "wall time [s]": cost, "error [-]": 10.0 * rtol}
-        for rtol, cost in ((1e-3, 0.3), (1e-5, 0.2), (1e-4, 0.1))
-    ]
-    figure = figure_of(study(tmp_path, rows), "work_precision")
-    assert list(figure.axes[0].lines[0].get_xdata()) == [0.3, 0.1, 0.2]
-
-
-def test_all_tick_labels_have_one_font_size(tmp_path, figure_of):
-    rows = [{"elements": n, "wall time [s]": c} for n in (2, 4, 8) for c in (0.11 * n, 0.12 * n)]
-    for name in ("work_precision", "cost_scaling"):
-        figure = figure_of(study(tmp_path, rows), name)
-        labels = [
-            label
-            for axis in (figure.axes[0].xaxis, figure.axes[0].yaxis)
-            for label in [*axis.get_ticklabels(), *axis.get_ticklabels(minor=True)]
-        ]
-        assert {label.get_fontsize() for label in labels if label.get_text()} == {8.0}
-
-
 def test_lines_connect_runs_by_setting_and_show_the_range_of_times(tmp_path, figure_of):
     settings = {0.01: (0.3, 2e-3), 0.1: (0.1, 1e-3), 0.001: (0.2, 3e-3)}
     rows = [
@@ -416,13 +308,6 @@ def test_of_many_groups_with_long_names_24_are_drawn(tmp_path, figure_of):
             assert len(figure.axes) == 24
             assert figure.get_suptitle() == "the first 24 of 40"
             assert np.ptp([axis.get_position().width for axis in figure.axes]) < 1e-6
-
-
-def test_unprintable_characters_are_escaped():
-    assert make_printable("a\x07b\x1b[1m\ud800\n梁") == r"a\x07b\x1b[1m\ud800 梁"
-    assert shorten_text("abcdefghij", 5) == "ab…ij"
-    assert len(shorten_text(LONG, 60)) == 60
-    assert re.fullmatch("L+…L+", shorten_text(LONG, 7))
 
 
 @pytest.mark.slow(reason="half a second")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanisms import rope_swing
 from numpy.testing import assert_allclose
 from pages import find_violations
 
@@ -15,11 +16,7 @@ TIMES = np.linspace(0.1, 1.0, 10)
 @bd.model(t_end=1.0)
 def swinging(length=0.5, mass=1.0):
     """Pendulum of `length` [m] with a bob of `mass` [kg]."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.PointMass("bob", mass, at=(length, 0.0)))
-    mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
-    mech.observe("bob", bob.point)
-    return mech
+    return rope_swing(length, mass)
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from typing import Literal
 
 import pytest
+from mechanisms import rope_swing
 from pages import find_violations
 
 import beamdae as bd
@@ -11,11 +12,7 @@ import beamdae as bd
 @bd.model(t_end=0.2)
 def swing(length=0.5, mass=2.0):
     """Release a `mass` [kg] on a rope of `length` [m]."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.PointMass("bob", mass, at=(length, 0.0)))
-    mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point))
-    mech.observe("bob", bob.point)
-    return mech
+    return rope_swing(length, mass)
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """The page of an optimization: the first and the best design, the history, and the tables."""
 
 import pytest
+from mechanisms import rope_swing
 from pages import find_violations
 
 import beamdae as bd
@@ -15,11 +16,7 @@ LIMITS = {"length": (0.2, 2.0), **LIMITS_OF_MASS}
 @bd.model(t_end=1.0)
 def swinging(length=0.5, mass=1.0):
     """Pendulum of `length` [m] with a bob of `mass` [kg] on a spring."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.PointMass("bob", mass, at=(length, 0.0)))
-    mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
-    mech.observe("bob", bob.point)
-    return mech
+    return rope_swing(length, mass)
 
 
 @pytest.fixture(scope="module")

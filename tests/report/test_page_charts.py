@@ -2,7 +2,6 @@
 
 import csv
 import io
-import re
 from xml.etree import ElementTree
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from numpy.testing import assert_allclose
 from pages import (
     T,
-    build_curves,
     find_point,
     find_row,
     list_classes,
@@ -118,13 +116,6 @@ def test_the_choice_of_the_observed_column_persists(show):
         find_point(tab, 5).click()
 
 
-def test_the_page_opens_on_the_columns_that_the_user_asked_for(show):
-    page = study_page() | {"featured": ["missing [m]", "hinge.F [N]"]}
-    choice = show(page).get_by_label("Observed: quantity")
-    assert choice.input_value() == "hinge.F [N]"
-    assert choice.locator("option").all_inner_texts()[:2] == ["hinge.F [N]", "tip.x [m]"]
-
-
 @pytest.mark.parametrize("shortening", [1e-7, 2e-5])
 def test_regression_the_page_opens_on_a_column_that_moves_as_much_as_others(show, shortening):
     """It opened on the shortening of a bent beam, 5e-8 m beside 5e-4 m across the beam."""
@@ -137,18 +128,6 @@ def test_regression_the_page_opens_on_a_column_that_moves_as_much_as_others(show
     choice = show(page).get_by_label("Observed: quantity")
     assert choice.input_value() == "tip.y [m]"
     assert choice.locator("option").first.inner_text() == "tip.x [m]"
-
-
-def test_measured_data_are_points_and_selected_with_their_model(show):
-    page = study_page()
-    page["cases"][1] |= {"points": True, "label": "data"}
-    tab = show(page)
-    assert tab.locator("#selection .switch").count() == 7
-    panel = tab.locator("[data-panel=observed]")
-    points = panel.locator(".plot path.curve.data").get_attribute("d")
-    assert points.count("M") == len(T)
-    # Six on each of the other curves, none on the data.
-    assert panel.locator(".plot .line-marker").count() == 6 * 6
 
 
 def test_lines_differ_by_color_dashes_and_marks(show):
@@ -314,19 +293,3 @@ def test_charts_with_odd_names_are_saved(show):
         )
         assert {len(row) for row in rows} == {4}
     assert download_chart(tab, "observed", "PNG").path().stat().st_size > 1000
-
-
-def test_a_failed_run_ends_with_a_cross(show):
-    page = study_page()
-    page["cases"][6]["curves"] = build_curves(7e-3, T[:20])
-    tab = show(page)
-    select_only(tab, 3, 2)
-    panel = tab.locator("[data-panel=observed]")
-    ends = [
-        float(re.findall(r"[\d.]+", t)[0])
-        for t in panel.locator(".line-marker").evaluate_all(
-            "all => all.map((one) => one.getAttribute('transform'))"
-        )[:6]
-    ]
-    assert len(ends) == 6
-    assert panel.locator("path.curve").count() == 3

@@ -7,9 +7,7 @@ from pages import (
     FAILURE,
     ODD_LABEL,
     ODD_NAMES,
-    T,
     build_case,
-    build_curves,
     count_curves,
     find_point,
     find_row,
@@ -158,16 +156,6 @@ def test_clicks_select_cases_and_draw_their_curves(show):
     find_point(tab, 2).click()
     assert count_curves(tab) == [2, 2, 2, 2]
     assert not find_row(tab, 2).locator("input").is_checked()
-
-
-def test_a_failed_run_is_drawn_to_its_last_time(show):
-    page = study_page()
-    page["cases"][6]["curves"] = build_curves(7e-3, T[:20])
-    tab = show(page)
-    tab.click("#clear")
-    tab.locator("#unplotted button").click()
-    # A curve and the cross at its end.
-    assert count_curves(tab) == [2, 2, 2, 2]
 
 
 def test_points_are_reached_and_selected_by_keys(show):

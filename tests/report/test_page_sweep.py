@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from pages import build_case, find_row, page_with_files, sweep_page, visible_labels, wait_until
+from pages import find_row, page_with_files, sweep_page, wait_until
 
 
 def bar_length(tab):
@@ -246,21 +246,3 @@ def test_columns_of_the_solver_are_shown_on_request(show):
     assert "residuals" not in heads.all_inner_texts()
     tab.get_by_label("solver columns").check()
     assert "residuals" in heads.all_inner_texts()
-
-
-@pytest.mark.parametrize("count", [2000])
-def test_two_thousand_cases_open_fast(show, count):
-    page = sweep_page()
-    page["sliders"], page["map"] = [], None
-    page["cases"] = [
-        build_case(k, f"speed={k}", None, 0.1, curves=None, values={"speed": k, "tip.y max [m]": k})
-        for k in range(count)
-    ]
-    tab = show(page)
-    # Processor time of scripts and layout, which other processes do not change much.
-    session = tab.context.new_cdp_session(tab)
-    session.send("Performance.enable")
-    tab.reload()
-    metrics = {x["name"]: x["value"] for x in session.send("Performance.getMetrics")["metrics"]}
-    assert metrics["TaskDuration"] < 3.0
-    assert len(visible_labels(tab)) == 100

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from benchmarks.cases import PENDULUM
 from numpy.testing import assert_allclose
 from pages import find_violations, selected_options
 
@@ -70,11 +71,7 @@ def test_regression_the_potential_of_gravity_on_pages_begins_at_zero(run):
 
 
 def test_the_page_of_equations_has_no_animation(tmp_path):
-    import casadi as ca
-
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
-    system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0], force=-q, q0=[1.0], v0=[0.0])
-    run = bd.simulate(system, bd.Radau(), t_end=0.1)
+    run = bd.simulate(PENDULUM.build(), bd.Radau(), t_end=0.1)
     page = build_run_page(run, "spring")
     assert page["groups"][0]["frames"] is None
     assert write_page(tmp_path / "page.html", page).is_file()

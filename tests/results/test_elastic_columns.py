@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.results.elastic_columns import find_elastic_columns, observe_elastic_columns
 
 # A filter that matches no message, so that runs are checked although all warnings are ignored.
 pytestmark = pytest.mark.filterwarnings("always:(?!):beamdae.errors.BeamdaeWarning")
@@ -30,21 +29,6 @@ def pressed_blade(elements, duration=0.1):
     mech.add(bd.Weld("clamp", holder.at(*top), blade.start))
     mech.add(bd.PointOnLine("plate", mech.ground.at(0.0, 0.0), blade.end, direction=(1.0, 0.0)))
     mech.observe("clamp", blade.section_forces(0.0))
-    return mech
-
-
-def dropped_blade():
-    """A blade that falls on its tip: an event begins a new interval."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 2e-3, damping=1e-4)
-    line = bd.Line((0.0, 0.0), (0.3, 0.0))
-    blade = mech.add(bd.Beam("blade", line, section, 4))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), blade.start))
-    load = mech.add(bd.Force("load", blade.end, (0.0, -5.0)))
-    mech.when("t", crosses=0.02, do=bd.deactivate(load))
-    mech.observe("clamp", blade.section_forces(0.0))
-    mech.observe("gauge", blade.strain(0.1, "top"))
-    mech.observe("tip", blade.end)
     return mech
 
 
@@ -98,50 +82,3 @@ def test_regression_errors_between_steps_are_no_mesh_errors():
     """Shorter elements were recommended, which make them larger."""
     run = bd.simulate(pressed_blade(16, duration=1.0), bd.Radau(1e-5), 2.0)
     assert not mesh_warnings(run)
-
-
-@pytest.mark.slow(reason="a second")
-@pytest.mark.parametrize("integrator", [bd.Radau(1e-5), bd.Ida(1e-5), bd.GeneralizedAlpha(1e-3)])
-def test_sections_between_steps_are_interpolated_like_accelerations(integrator):
-    run = bd.simulate(dropped_blade(), integrator, 0.05, 1e-4)
-    assert len(run.trajectory.intervals) == 2
-    indices = find_elastic_columns(run.equations)
-    names = [list(run.columns)[k] for k in indices]
-    assert [x.partition(".")[0].partition(" ")[0] for x in names] == ["clamp"] * 3 + ["gauge"]
-    for interval in run.trajectory.intervals:
-        # At the nodes, they are those of the states, also at both sides of the event.
-        at_nodes = run._observe(interval.times, *interval.rows)[:, indices]
-        inside = interval.t[:-1] + 0.4 * np.diff(interval.t)
-        times = np.concatenate([interval.t[1:], inside])
-        times.sort()
-        between = run.at_times(times)
-        columns = np.column_stack([between.columns[x] for x in names])
-        expected = interval.interpolate_forces(at_nodes, times)
-        np.testing.assert_array_equal(columns, expected)
-        is_step = np.isin(times, interval.t)
-        np.testing.assert_allclose(
-            columns[is_step], at_nodes[:: interval.nodes_per_step][1:], rtol=1e-12
-        )
-        a = interval.interpolate_forces(interval.rows.a, times)
-        np.testing.assert_array_equal(a, interval.at(times, limited=True).a)
-
-
-@pytest.mark.slow(reason="a second")
-def test_sections_are_observed_in_blocks_of_nodes():
-    run = bd.simulate(dropped_blade(), bd.Radau(1e-5), 0.05)
-    whole = observe_elastic_columns(run.equations, run.trajectory, 10**6)
-    assert [len(x) for x in whole] == [len(x.nodes) for x in run.trajectory.intervals]
-    for max_rows in (1, 7, 50):
-        blocks = observe_elastic_columns(run.equations, run.trajectory, max_rows)
-        for one, other in zip(whole, blocks, strict=True):
-            # Kernels of several rows round differently.
-            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
-
-
-def test_runs_without_sections_are_not_observed_again():
-    mech = dropped_blade()
-    for name in ("clamp", "gauge"):
-        del mech.observables[name]
-    run = bd.simulate(mech, bd.Radau(1e-5), 0.05)
-    assert len(run._elastic_at_nodes[1]) == 0
-    assert np.all(np.isfinite(run["tip.y"]))

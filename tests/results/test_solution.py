@@ -9,10 +9,9 @@ import pandas as pd
 import pytest
 from benchmarks.cases import pendulum
 from conformance import integrators
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.results import run_data
 from beamdae.results.storage.files import versions
 
 WORKS = ["work_of_loads", "work_of_drivers", "dissipated"]
@@ -90,16 +89,6 @@ def test_rows_do_not_depend_on_the_output_step(integrator):
 def test_an_output_step_longer_than_the_run_gives_two_rows():
     solution = bd.simulate(pushed(1.0), bd.GeneralizedAlpha(step=0.1), 0.5, output_step=2.0)
     assert_allclose(solution.t, [0.0, 0.5], rtol=0.0, atol=0.0)
-
-
-def test_regression_columns_are_in_a_solution():
-    """The operator "in" raised an error."""
-    mech = bd.Mechanism()
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
-    mech.observe("ball", ball.point)
-    solution = bd.simulate(mech, t_end=0.1)
-    assert "ball.x" in solution
-    assert "ball.z" not in solution
 
 
 def test_the_default_output_step_is_a_thousandth_of_the_run():
@@ -280,13 +269,6 @@ def test_a_file_in_place_of_the_folder_is_reported(tmp_path):
         solution.to_csv(tmp_path / "taken" / "result.csv")
 
 
-def test_a_folder_in_place_of_the_file_is_reported(tmp_path):
-    (tmp_path / "result.csv").mkdir()
-    solution = bd.simulate(swing_model, bd.GeneralizedAlpha(step=0.01))
-    with pytest.raises(bd.BeamdaeError, match=r"result\.csv.*cannot be written"):
-        solution.to_csv(tmp_path / "result.csv")
-
-
 def test_a_failed_run_is_written(tmp_path):
     failing = bd.simulate(pushed(lambda t: np.sqrt(0.5 - t)), bd.GeneralizedAlpha(step=0.02), 1.0)
     assert not failing.status.success
@@ -318,18 +300,6 @@ def test_results_tell_whether_they_have_a_column():
     for result in (bd.simulate(mech, t_end=0.1), bd.equilibrium(mech)):
         assert all(name in result for name in ("tip.y", "tip.y [m]", "tip", "ball.y"))
         assert all(name not in result for name in ("tip.z", 3, None))
-
-
-def test_columns_of_large_runs_are_evaluated_in_blocks(monkeypatch):
-    """All states between the steps would take as much memory as the run."""
-    settings = bd.GeneralizedAlpha(4e-3), 1.0, 3e-3
-    expected = bd.simulate(swing(), *settings)
-    monkeypatch.setattr(run_data, "_MAX_CACHED_BYTES", 0.0)
-    monkeypatch.setattr(run_data, "_MAX_BLOCK_BYTES", 5e3)
-    run = bd.simulate(swing(), *settings)
-    for header, column in expected.columns.items():
-        assert_array_equal(run.columns[header], column)
-    assert "_output" not in vars(run)
 
 
 @pytest.mark.slow(reason="half a second")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -16,8 +15,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import beamdae as bd
-from beamdae.beams.exact.kinematics import GeometricallyExact
-from beamdae.beams.section_samples import keep_numbers_of_sections
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=270e6)
 STRIP = bd.Section.rectangle(STEEL, width=0.02, height=0.01, damping=1e-3)
@@ -27,12 +24,9 @@ KINEMATICS = {
     "frame, exact strains": {"strain": "exact"},
     "exact": {"formulation": "exact"},
 }
-Load = Callable[[bd.Mechanism, bd.Beam, float], object]
 
 
-def supported_bar(
-    elements: object = 4, section: object = STRIP, **options: object
-) -> tuple[bd.Mechanism, bd.Beam]:
+def supported_bar(elements=4, section=STRIP, **options):
     """Return a simply supported bar of 1 m."""
     mech = bd.Mechanism(gravity=(0.0, 0.0))
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
@@ -42,21 +36,21 @@ def supported_bar(
     return mech, bar
 
 
-def largest_by_balance(result: bd.Equilibrium | bd.Solution) -> float:
+def largest_by_balance(result):
     """Return the largest longitudinal stress in equilibrium with the loads [Pa]."""
     forces = result.section_forces("bar")
     surfaces = [forces.stress(x)["sigma [Pa]"] for x in ("top", "bottom")]
     return max(float(np.max(np.abs(sigma))) for sigma in surfaces)
 
 
-def add_lever(mech: bd.Mechanism, bar: bd.Beam, s: float) -> None:
+def add_lever(mech, bar, s):
     """Weld a rigid lever with a horizontal force of 300 N to a bar."""
     lever = mech.add(bd.RigidBody("lever", 0.1, 1e-4, center=(s, 0.1)))
     mech.add(bd.Weld("weld", bar.at(s), lever.at(s, 0.0)))
     mech.add(bd.Force("pull", lever.at(s, 0.1), (-300.0, 0.0)))
 
 
-def add_branch(mech: bd.Mechanism, bar: bd.Beam, s: float) -> None:
+def add_branch(mech, bar, s):
     """Weld two beams to a bar at one section, one of them with a force."""
     for name, size in (("branch", 0.1), ("other branch", -0.1)):
         branch = mech.add(bd.Beam(name, bd.Line((s, 0.0), (s, size)), STRIP, elements=1))
@@ -64,24 +58,24 @@ def add_branch(mech: bd.Mechanism, bar: bd.Beam, s: float) -> None:
     mech.add(bd.Force("branch pull", mech.parts["branch"].end, (-300.0, 0.0)))
 
 
-def add_spring(mech: bd.Mechanism, bar: bd.Beam, s: float) -> None:
+def add_spring(mech, bar, s):
     """Add a spring that is compressed in the drawing."""
     anchor = mech.ground.at(s, -0.5)
     mech.add(bd.Spring("spring", anchor, bar.at(s), stiffness=200.0, free_length=1.0))
 
 
-def add_mass(mech: bd.Mechanism, bar: bd.Beam, s: float) -> None:
+def add_mass(mech, bar, s):
     mech.add(bd.PointMass("mass", 10.0, on=bar.at(s)))
     mech.add(bd.Force("weight", bar.at(s), (0.0, -98.1)))
 
 
-def add_support(mech: bd.Mechanism, bar: bd.Beam, s: float) -> None:
+def add_support(mech, bar, s):
     """Add a third support and a moment at one end."""
     mech.add(bd.PointOnLine("middle", mech.ground.at(s, 0.0), bar.at(s), direction=(1.0, 0.0)))
     mech.add(bd.Moment("end moment", bar.end, 20.0))
 
 
-LOADS: dict[str, Load] = {
+LOADS = {
     "force": lambda mech, bar, s: mech.add(bd.Force("force", bar.at(s), (0.0, -100.0))),
     "moment": lambda mech, bar, s: mech.add(bd.Moment("moment", bar.at(s), 30.0)),
     "lever": add_lever,
@@ -107,8 +101,8 @@ LOADS: dict[str, Load] = {
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 def test_largest_stress_is_that_in_equilibrium_with_the_loads(
-    options: dict[str, str], loads: list[str], places: list[int], elements: int, line_load: float
-) -> None:
+    options, loads, places, elements, line_load
+):
     columns = []
     for is_observed_first in (True, False):
         mech, bar = supported_bar(elements, **options)
@@ -138,8 +132,8 @@ def test_largest_stress_is_that_in_equilibrium_with_the_loads(
 @pytest.mark.parametrize("options", KINEMATICS.values(), ids=KINEMATICS)
 @pytest.mark.parametrize(("elements", "at"), [(2, 0.4), (2, 0.37), (3, 0.6), (4, 0.45), (8, 0.55)])
 def test_regression_largest_stress_has_the_sections_of_the_mesh_divided_at_a_load(
-    elements: int, at: float, options: dict[str, str]
-) -> None:
+    elements, at, options
+):
     """The sections were those of the mesh before its division: up to 20.6 % too low."""
     mech, bar = supported_bar(elements, **options)
     mech.add(bd.Force("force", bar.at(at), (0.0, -100.0)))
@@ -148,7 +142,7 @@ def test_regression_largest_stress_has_the_sections_of_the_mesh_divided_at_a_loa
     assert largest == pytest.approx(100.0 * at * (1.0 - at) / MODULUS, rel=2e-3)
 
 
-def test_largest_stress_at_given_sections_includes_both_sides_of_an_element_end() -> None:
+def test_largest_stress_at_given_sections_includes_both_sides_of_an_element_end():
     mech, bar = supported_bar()
     mech.observe("stress", bar.largest_stress([0.6]))
     mech.add(bd.Moment("moment", bar.at(0.6), 30.0))
@@ -157,7 +151,7 @@ def test_largest_stress_at_given_sections_includes_both_sides_of_an_element_end(
 
 
 @bd.model(t_end=0.6)
-def ramped_bar(height: float = 0.01, ramp: float = 0.0) -> bd.Mechanism:
+def ramped_bar(height=0.01, ramp=0.0):
     """Bar with a force at 0.4 m, observed before the force is added."""
     section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=1e-3)
     mech, bar = supported_bar(2, section)
@@ -168,7 +162,7 @@ def ramped_bar(height: float = 0.01, ramp: float = 0.0) -> bd.Mechanism:
 
 
 @pytest.mark.slow(reason="certificates and an optimization")
-def test_regression_certificates_and_designs_have_the_stress_at_the_load() -> None:
+def test_regression_certificates_and_designs_have_the_stress_at_the_load():
     """A wrong stress of 60 MPa was certified, and designs for 100 MPa had 119 MPa."""
     exact = 24.0 / MODULUS
     certificate = bd.certify_equilibrium(ramped_bar(), accuracy=0.01)
@@ -185,13 +179,13 @@ def test_regression_certificates_and_designs_have_the_stress_at_the_load() -> No
 
 
 @pytest.mark.slow(reason="one second")
-def test_bound_of_the_largest_stress_is_differentiated_on_the_divided_mesh() -> None:
+def test_bound_of_the_largest_stress_is_differentiated_on_the_divided_mesh():
     static = bd.equilibrium_sensitivities(ramped_bar, ["height"])
     rate = static.sensitivity("stress.largest", "height").to_numpy()[-1]
     assert rate == pytest.approx(-2.0 * 24.0 / MODULUS / 0.01, rel=2e-3)
 
 
-def safety_of(result: bd.Equilibrium | bd.Solution) -> tuple[float, float]:
+def safety_of(result):
     """Return the safety factor and its lower bound, without any warning."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -203,9 +197,7 @@ def safety_of(result: bd.Equilibrium | bd.Solution) -> tuple[float, float]:
 @pytest.mark.parametrize("at", [0.6, 0.4])
 @pytest.mark.parametrize("load", ["moment", "lever", "branches"])
 @pytest.mark.parametrize("options", KINEMATICS.values(), ids=KINEMATICS)
-def test_regression_jumps_of_the_moment_are_no_errors(
-    options: dict[str, str], load: str, at: float
-) -> None:
+def test_regression_jumps_of_the_moment_are_no_errors(options, load, at):
     """The strains were those beyond the jump: the jump, 167 % of the stress, was the error."""
     mech, bar = supported_bar(4, **options)
     LOADS[load](mech, bar, at)
@@ -223,7 +215,7 @@ def test_regression_jumps_of_the_moment_are_no_errors(
 
 @pytest.mark.slow(reason="one second")
 @pytest.mark.parametrize("elements", [5, 10])
-def test_regression_jumps_of_the_moment_are_no_errors_in_runs(elements: int) -> None:
+def test_regression_jumps_of_the_moment_are_no_errors_in_runs(elements):
     """Runs warned of a mesh error of 16 and 8 %, which was the jump divided by the elements."""
     mech, bar = supported_bar(elements)
     law = bd.table([0.0, 0.2], [0.0, 30.0], kind="linear")
@@ -238,19 +230,9 @@ def test_regression_jumps_of_the_moment_are_no_errors_in_runs(elements: int) -> 
 
 
 @pytest.mark.parametrize("at", [0.45, 0.55])
-@pytest.mark.parametrize("kind", ["given ends", "custom kinematics"])
-def test_largest_stress_below_a_load_within_an_element_has_a_warning(kind: str, at: float) -> None:
+def test_largest_stress_below_a_load_within_an_element_has_a_warning(at):
     """The strains were compared with the loads in their own sections only."""
-
-    def kinematics(*arguments: object) -> GeometricallyExact:
-        return GeometricallyExact(*arguments)
-
-    options = (
-        {"elements": [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]}
-        if kind == "given ends"
-        else {"elements": 5, "kinematics": kinematics}
-    )
-    mech, bar = supported_bar(**options)
+    mech, bar = supported_bar([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
     mech.observe("stress", bar.largest_stress())
     mech.add(bd.Force("force", bar.at(at), (0.0, -100.0)))
     with warnings.catch_warnings():
@@ -267,7 +249,7 @@ def test_largest_stress_below_a_load_within_an_element_has_a_warning(kind: str, 
 
 
 @pytest.mark.slow(reason="a quarter of a second")
-def test_wrong_strains_of_frames_at_an_interior_moment_are_no_mesh_errors() -> None:
+def test_wrong_strains_of_frames_at_an_interior_moment_are_no_mesh_errors():
     """The jump of the moment indicated a mesh error of 4.3 %, to reduce by shorter elements."""
     mech = bd.Mechanism(gravity=(0.0, 0.0))
     section = bd.Section.rectangle(STEEL, width=0.02, height=0.002)
@@ -285,7 +267,7 @@ def test_wrong_strains_of_frames_at_an_interior_moment_are_no_mesh_errors() -> N
 
 
 @pytest.mark.parametrize("at", [1e-5, 1.0 - 1e-5])
-def test_moments_beside_an_end_of_the_beam_have_no_warning(at: float) -> None:
+def test_moments_beside_an_end_of_the_beam_have_no_warning(at):
     """The moment vanishes at the end, within a distance that the mesh does not resolve."""
     mech, bar = supported_bar()
     mech.observe("stress", bar.largest_stress())
@@ -298,12 +280,10 @@ def test_moments_beside_an_end_of_the_beam_have_no_warning(at: float) -> None:
 
 @pytest.mark.parametrize("load_at", [0.6, 0.8])
 @pytest.mark.parametrize("is_thin_first", [True, False])
-def test_regression_section_forces_have_both_sections_at_a_step(
-    is_thin_first: bool, load_at: float
-) -> None:
+def test_regression_section_forces_have_both_sections_at_a_step(is_thin_first, load_at):
     """At a step from thin to thick, stresses had the thick section: 72 MPa were 67.5 MPa."""
 
-    def section(s: float) -> bd.Section:
+    def section(s):
         is_thin = (s < 0.6) == is_thin_first
         return bd.Section.rectangle(STEEL, width=0.02, height=0.01 if is_thin else 0.02)
 
@@ -341,14 +321,13 @@ def test_regression_stresses_of_tapered_beams_are_largest_within_elements(elemen
 
 
 LEAF_LENGTH, LEAF_WIDTH, TIP_FORCE = 0.4, 0.04, 30.0
-Heights = Callable[[np.ndarray], np.ndarray]
 
 
-def clamped_leaf(height: Heights, elements: object, **options: object) -> bd.Mechanism:
+def clamped_leaf(height, elements, **options):
     """Return a cantilever of varying height with a force at its tip."""
     mech = bd.Mechanism(gravity=(0.0, 0.0))
 
-    def section(s: float) -> bd.Section:
+    def section(s):
         size = float(height(np.array(s)))
         return bd.Section.rectangle(STEEL, width=LEAF_WIDTH, height=size, damping=1e-3)
 
@@ -360,47 +339,63 @@ def clamped_leaf(height: Heights, elements: object, **options: object) -> bd.Mec
     return mech
 
 
-def linear_heights(*millimeters: float) -> Heights:
+def linear_heights(*millimeters):
     """Return heights [m] that are linear between equidistant knots."""
     knots = np.linspace(0.0, LEAF_LENGTH, len(millimeters))
     return lambda s: 1e-3 * np.interp(s, knots, millimeters)
 
 
-def largest_in_leaf(height: Heights) -> float:
+def largest_in_leaf(height):
     s = np.linspace(0.0, LEAF_LENGTH, 40_001)
     return float(np.max(6.0 * TIP_FORCE * (LEAF_LENGTH - s) / LEAF_WIDTH / height(s) ** 2))
 
 
+def grooved(place):
+    """Return the height [m] of a leaf with a smooth groove of 1/300 of its length."""
+    length, at = LEAF_LENGTH / 300.0, place * LEAF_LENGTH
+
+    def height(s):
+        depth = 1e-3 * (1.0 + np.cos(2.0 * np.pi * (s - at) / length))
+        return 6e-3 - np.where(np.abs(s - at) < 0.5 * length, depth, 0.0)
+
+    return height
+
+
+# Heights, numbers of elements, and largest error.
+VARYING = {
+    "kinks": (linear_heights(10, 4, 10, 4, 10, 4), (8, 12), 2e-3),
+    "few kinks": (linear_heights(8, 5, 8, 4), (8, 14), 2e-3),
+    "many kinks": (linear_heights(9, 6, 8, 5, 7, 6, 4), (8,), 2e-3),
+    "sharp kinks": (linear_heights(9, 5.5, 9, 4, 8, 3), (8,), 2e-3),
+    # Deflections of up to a tenth of the length shorten the lever.
+    "waves": (lambda s: 0.006 + 0.003 * np.sin(6.0 * np.pi * s / LEAF_LENGTH), (5, 11), 0.01),
+    "groove": (lambda s: np.where(np.abs(s - 0.133) < 0.011, 0.004, 0.008), (5, 11), 0.01),
+    "step": (lambda s: np.where(s < 0.0871, 0.009, 0.005), (5, 11), 0.01),
+    "taper": (lambda s: 0.01 - 0.0095 * s / LEAF_LENGTH, (5, 11), 0.01),
+    "short grooves": (grooved(0.31), (8,), 0.01),
+    "short groove at a third": (grooved(0.3333), (8,), 0.01),
+}
+
+
 @pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("formulation", ["floating frame", "exact"])
-@pytest.mark.parametrize(
-    ("heights", "elements"),
-    [
-        ((10, 4, 10, 4, 10, 4), 8),
-        ((10, 4, 10, 4, 10, 4), 12),
-        ((8, 5, 8, 4), 8),
-        ((8, 5, 8, 4), 14),
-        ((9, 6, 8, 5, 7, 6, 4), 8),
-        ((9, 5.5, 9, 4, 8, 3), 8),
-    ],
-)
+@pytest.mark.parametrize("name", VARYING)
 @pytest.mark.filterwarnings("ignore:leaf. the section changes within elements")
-def test_regression_largest_stress_includes_kinks_of_the_section(
-    heights: tuple[float, ...], elements: int, formulation: str
-) -> None:
-    """Stresses were up to 15 % too low in silence, or a warning stated half of the error."""
-    height = linear_heights(*heights)
-    path = bd.equilibrium(clamped_leaf(height, elements, formulation=formulation))
-    assert [x for x in path.warnings if "mesh error" in x] == []
-    exact = largest_in_leaf(height)
-    assert path.columns["stress.largest [Pa]"][-1] == pytest.approx(exact, rel=2e-3)
-    safety = path.section_forces("leaf").safety(500e6)
-    assert safety.stress == pytest.approx(exact, rel=2e-3)
-    assert safety.lower_bound > 0.998 * safety.factor
+def test_regression_largest_stress_of_sections_that_vary_within_elements(name, formulation):
+    """Stresses were up to 50 % too low in silence, or a warning stated half of the error."""
+    height, meshes, tolerance = VARYING[name]
+    for elements in meshes:
+        path = bd.equilibrium(clamped_leaf(height, elements, formulation=formulation))
+        assert [x for x in path.warnings if "mesh error" in x] == []
+        exact = largest_in_leaf(height)
+        assert path.columns["stress.largest [Pa]"][-1] == pytest.approx(exact, rel=tolerance)
+        safety = path.section_forces("leaf").safety(500e6)
+        assert safety.stress == pytest.approx(exact, rel=tolerance)
+        assert safety.lower_bound > (1.0 - tolerance) * safety.factor
 
 
 @pytest.mark.slow(reason="one second")
-def test_regression_largest_stress_includes_kinks_of_the_section_in_runs() -> None:
+def test_regression_largest_stress_includes_kinks_of_the_section_in_runs():
     """After a sudden load, the largest stress was 12 % too low."""
     mech = clamped_leaf(linear_heights(10, 4, 10, 4, 10, 4), 12, formulation="exact")
     mech.add(bd.PointMass("eye", 1.0, on=mech.parts["leaf"].end))
@@ -411,50 +406,10 @@ def test_regression_largest_stress_includes_kinks_of_the_section_in_runs() -> No
     assert run.section_forces("leaf").safety(500e6).stress == pytest.approx(at_kink, rel=2e-3)
 
 
-@pytest.mark.slow(reason="half a second")
-@pytest.mark.parametrize(
-    "height",
-    [
-        lambda s: 0.006 + 0.003 * np.sin(6.0 * np.pi * s / LEAF_LENGTH),
-        lambda s: np.where(np.abs(s - 0.133) < 0.011, 0.004, 0.008),
-        lambda s: np.where(s < 0.0871, 0.009, 0.005),
-        lambda s: 0.01 - 0.0095 * s / LEAF_LENGTH,
-    ],
-    ids=["waves", "groove", "step", "taper"],
-)
-@pytest.mark.parametrize("elements", [5, 11])
-@pytest.mark.filterwarnings("ignore:leaf. the section changes within elements")
-def test_regression_largest_stress_of_sections_that_vary_within_elements(
-    height: Heights, elements: int
-) -> None:
-    """Strains were interpolated across steps and between few sections: 20 % off."""
-    path = bd.equilibrium(clamped_leaf(height, elements, formulation="exact"))
-    exact = largest_in_leaf(height)
-    # Deflections of up to a tenth of the length shorten the lever.
-    assert path.columns["stress.largest [Pa]"][-1] == pytest.approx(exact, rel=0.01)
-    assert path.section_forces("leaf").safety(500e6).stress == pytest.approx(exact, rel=0.01)
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize("place", [0.31, 0.3333, 0.42])
-def test_regression_largest_stress_includes_short_grooves(place: float) -> None:
-    """A smooth groove of 1/300 of the length had 50 % more stress in silence."""
-    length, at = LEAF_LENGTH / 300.0, place * LEAF_LENGTH
-
-    def height(s: np.ndarray) -> np.ndarray:
-        depth = 1e-3 * (1.0 + np.cos(2.0 * np.pi * (s - at) / length))
-        return 6e-3 - np.where(np.abs(s - at) < 0.5 * length, depth, 0.0)
-
-    path = bd.equilibrium(clamped_leaf(height, 8, formulation="exact"))
-    exact = largest_in_leaf(height)
-    # Deflections of up to a tenth of the length shorten the lever.
-    assert path.columns["stress.largest [Pa]"][-1] == pytest.approx(exact, rel=0.01)
-
-
 @pytest.mark.slow(reason="a quarter of a second")
 @pytest.mark.parametrize("elements", [11, 16])
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
-def test_regression_mesh_errors_of_varying_sections_state_the_right_stress(elements: int) -> None:
+def test_regression_mesh_errors_of_varying_sections_state_the_right_stress(elements):
     """The balance of loads was that of sections away from the kinks."""
     height = linear_heights(9, 5.5, 9, 4, 8, 3)
     path = bd.equilibrium(clamped_leaf(height, elements, nodes=2))
@@ -466,51 +421,15 @@ def test_regression_mesh_errors_of_varying_sections_state_the_right_stress(eleme
     assert 0.01 * float(stated) == pytest.approx(abs(error), rel=0.15)
 
 
-def test_neighboring_models_search_sections_again_only_if_a_kink_moved() -> None:
-    calls: list[float] = []
-
-    def section(knot: float, height: float) -> Heights:
-        def heights(s: float) -> float:
-            calls.append(s)
-            return float(np.interp(s, [0.0, knot, 0.16, 0.4], [0.01, height, 0.009, 0.006]))
-
-        return heights
-
-    def count_calls(knot: float, height: float) -> tuple[int, tuple[float, ...]]:
-        del calls[:]
-        leaf = clamped_leaf(section(knot, height), 12).parts["leaf"]
-        return len(calls), leaf._stress_sections(None)
-
-    reference = clamped_leaf(section(0.08, 0.004), 12).parts["leaf"]
-    first = reference._stress_sections(None)
-    with keep_numbers_of_sections({"leaf": reference.section}):
-        few, same = count_calls(0.08, 0.00401)
-        many, moved = count_calls(0.0801, 0.004)
-    assert same == first
-    assert few < 0.3 * many
-    assert len(moved) == len(first)
-    assert min(abs(x - 0.0801) for x in moved) < 1e-11
-
-
-@pytest.mark.slow(reason="half a second")
-def test_assembly_rebuilds_the_largest_stress_only_if_it_changes_the_mesh() -> None:
-    for load_at, is_rebuilt in ((LEAF_LENGTH, False), (0.33 * LEAF_LENGTH, True)):
-        mech = clamped_leaf(linear_heights(9, 5), 4)
-        mech.add(bd.Force("further", mech.parts["leaf"].at(load_at), (0.0, 1.0)))
-        stress = mech.observables["stress"]
-        bd.equations_of_motion(mech)
-        assert (stress.current is not stress) == is_rebuilt
-
-
 @bd.model(t_end=0.1)
-def leaf_with_knot(height: float = 0.004, knot: float = 0.08) -> bd.Mechanism:
+def leaf_with_knot(height=0.004, knot=0.08):
     return clamped_leaf(
         lambda s: np.interp(s, [0.0, knot, 0.16, 0.4], [0.01, height, 0.009, 0.006]), 12
     )
 
 
 @pytest.mark.slow(reason="sensitivities of an equilibrium to two sizes")
-def test_derivatives_of_the_largest_stress_follow_heights_and_places_of_kinks() -> None:
+def test_derivatives_of_the_largest_stress_follow_heights_and_places_of_kinks():
     static = bd.equilibrium_sensitivities(leaf_with_knot, ["height", "knot"])
     per_height = -2.0 * 6.0 * TIP_FORCE * (LEAF_LENGTH - 0.08) / LEAF_WIDTH / 0.004**3
     per_place = -6.0 * TIP_FORCE / LEAF_WIDTH / 0.004**2
@@ -520,17 +439,12 @@ def test_derivatives_of_the_largest_stress_follow_heights_and_places_of_kinks() 
 
 
 @pytest.mark.slow(reason="optimization with dozens of equilibria")
-def test_designs_have_the_stress_limit_at_kinks() -> None:
+def test_designs_have_the_stress_limit_at_kinks():
     limit = bd.at_most(bd.EquilibriumValue("stress.bound"), "60 MPa")
     design = bd.optimize(leaf_with_knot, bd.Mass(), {"height": (0.003, 0.009)}, [limit])
     height = design.parameters["height"]
     stress = 6.0 * TIP_FORCE * (LEAF_LENGTH - 0.08) / LEAF_WIDTH / height**2
     assert stress == pytest.approx(60e6, rel=5e-3)
-
-
-def test_constant_sections_have_no_further_sections() -> None:
-    _, bar = supported_bar(8)
-    assert len(bar.sections_of_strains(bar.largest_stress())[1]) == 17 + 7
 
 
 @pytest.mark.slow(reason="two seconds")
@@ -547,14 +461,8 @@ def test_regression_derivatives_where_the_number_of_sections_changes():
         mech.observe("stress", beam.largest_stress())
         return mech
 
-    def count(tip):
-        return len(leaf(tip=tip).parts["leaf"]._stress_sections(None))
-
-    low, high = 0.002, 0.009
-    assert count(low) > count(high)
-    while high - low > 1e-9:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if count(middle) == count(low) else (low, middle)
+    # At this height of the tip, the number of sections changes.
+    low = 0.0020636104
     result = bd.equilibrium_sensitivities(leaf, "tip", parameters={"tip": low})
     ends = [bd.equilibrium(leaf(tip=low * x))["stress.bound"].iloc[-1] for x in (0.98, 1.02)]
     assert abs(ends[1] - ends[0]) > 0.02 * ends[0]

@@ -1,6 +1,5 @@
 """Section forces and stresses: end values, tables, stresses, envelopes, safety, diagrams."""
 
-import pickle
 from dataclasses import replace
 from functools import cache
 
@@ -10,9 +9,9 @@ import pytest
 from scipy.integrate import quad
 
 import beamdae as bd
-from beamdae.results.section_forces.peak_errors import estimate_sampling_errors
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=235e6)
+STRIP = bd.Section.rectangle(STEEL, width=0.03, height=0.0025, damping=1e-4)
 
 
 @pytest.fixture(scope="module")
@@ -20,8 +19,7 @@ def swinging():
     """Run of a hinged arc with a tip mass, material damping and air drag."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     arc = bd.Arc(radius=0.85, length=0.8, angle=-0.6)
-    strip = bd.Section.rectangle(STEEL, width=0.03, height=0.0025, damping=1e-4)
-    beam = mech.add(bd.Beam("beam", arc, strip, elements=3))
+    beam = mech.add(bd.Beam("beam", arc, STRIP, elements=3))
     mech.add(bd.PointMass("tip mass", 0.06, on=beam.end))
     mech.add(bd.AirDrag("drag", beam, 0.5))
     mech.add(bd.RayleighDamping("oil", beam, mass=0.2, stiffness=1e-5))
@@ -201,14 +199,6 @@ def test_thick_arcs_of_unknown_shape_are_treated_as_rectangles():
     )
 
 
-def test_sections_around_the_center_of_curvature_have_no_stress():
-    section = bd.Section.rectangle(STEEL, width=0.05, height=0.1)
-    with pytest.raises(bd.BeamdaeError, match=r"hook: the section extends 0\.05 m from the axis"):
-        section.stress_lever("hook", "top", 20.0)
-    with pytest.raises(bd.BeamdaeError, match="shapes must be a tuple of CenteredShape"):
-        replace(section, shapes=("rectangle",))
-
-
 # Peaks after sudden loads ------------------------------------------------------------------------
 
 ROD_FORCE = 1e4  # [N]
@@ -324,24 +314,6 @@ def swinging_strip():
     return section_forces
 
 
-@pytest.mark.parametrize("rows", [4, 6, 25])
-def test_peaks_between_the_times_are_errors(rows):
-    # Steady vibration over two periods; the moment has another amplitude at the second section.
-    period, amplitude = 0.5, 3.0
-
-    def sample(times):
-        moment = amplitude * np.sin(2.0 * np.pi * times / period + 0.4)[:, None] * [1.0, 0.2]
-        return np.stack([0.0 * moment, 0.0 * moment, moment])
-
-    t = np.linspace(0.0, 2.0 * period, rows)
-    errors = estimate_sampling_errors(t, sample(t), sample)
-    moment = sample(t)[2]
-    missed = amplitude - min(np.max(moment), -np.min(moment))
-    assert missed > 0.001 * amplitude
-    assert errors[2] == pytest.approx(missed, abs=0.06 * amplitude)
-    assert errors[0] == errors[1] == 0.0
-
-
 @pytest.mark.slow(reason="two runs of a strip")
 def test_a_coarse_output_step_is_part_of_the_error(swinging_strip):
     fine, coarse = swinging_strip(4), swinging_strip(4, output_step=0.1)
@@ -354,23 +326,6 @@ def test_a_coarse_output_step_is_part_of_the_error(swinging_strip):
     assert safety.lower_bound < fine.safety().factor * 1.1
 
 
-@pytest.mark.slow(reason="a run of a step load")
-def test_wave_errors_survive_pickling_without_the_run():
-    forces = shaken_rod()
-    copy = pickle.loads(pickle.dumps(forces))
-    assert copy.sample is None
-    np.testing.assert_array_equal(copy.wave_error, forces.wave_error)
-    assert np.all(copy.wave_error[0] > 0.1 * ROD_FORCE)
-
-
-def test_equilibria_have_no_waves(swinging):
-    section = bd.Section.rectangle(STEEL, width=0.05, height=0.1)
-    forces = bent_arc(20.0, section).section_forces("hook")
-    np.testing.assert_array_equal(forces.wave_error, 0.0)
-    envelope = forces.envelope()
-    np.testing.assert_allclose(envelope["M max error [N m]"], forces.error[2][0])
-
-
 @pytest.mark.slow(reason="half a second and more")
 def test_diagrams_are_saved_as_figures(swinging, tmp_path):
     plot = swinging.diagram("beam", "M", t=0.1)
@@ -380,6 +335,13 @@ def test_diagrams_are_saved_as_figures(swinging, tmp_path):
     # Envelope of the whole run.
     envelope = swinging.diagram("beam", "Q")
     assert "0 to 0.2 s" in envelope.figure.axes[0].get_title()
+
+
+def largest_stress(*arguments, section=STRIP, **settings):
+    return bent_bar(section)[1].largest_stress(*arguments, **settings)
+
+
+UNKNOWN_YIELD = replace(STRIP, material=replace(STEEL, yield_stress=None))
 
 
 @pytest.mark.parametrize(
@@ -399,20 +361,30 @@ def test_diagrams_are_saved_as_figures(swinging, tmp_path):
         (lambda x: x.section_forces("beam").diagram("M", t=7.0), "t must be close to a time"),
         (lambda x: x.section_forces("beam").safety(-1.0), "yield_stress must be positive"),
         (lambda x: x.section_forces("beam").stress(1.0), "offset must lie within half the height"),
+        (lambda x: largest_stress([0.0, 2.0]), r"bar: arc length s must lie in \[0, 1\] m, got 2"),
+        (lambda x: largest_stress([]), "bar: s is empty; pass at least one arc length"),
+        (
+            lambda x: largest_stress(exponent=0),
+            r"bar: exponent must be between 1 and 1000, got 0\.",
+        ),
+        (lambda x: largest_stress(section=bd.Section(STEEL, 3e-4, 2.5e-9)), "requires the height"),
+        (
+            lambda x: STRIP.stress_lever("hook", "top", 2000.0),
+            r"hook: the section extends 0\.00125 m from the axis",
+        ),
+        (
+            lambda x: replace(STRIP, shapes=("rectangle",)),
+            "shapes must be a tuple of CenteredShape",
+        ),
+        (
+            lambda x: bd.equilibrium(bent_bar(UNKNOWN_YIELD)[0]).section_forces("bar").safety(),
+            "the material has no yield_stress",
+        ),
     ],
 )
 def test_invalid_arguments_are_rejected(swinging, call, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         call(swinging)
-
-
-def test_safety_needs_a_yield_stress():
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(replace(STEEL, yield_stress=None), 0.02, 0.01)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=1))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    with pytest.raises(bd.BeamdaeError, match="the material has no yield_stress"):
-        bd.equilibrium(mech).section_forces(beam).safety()
 
 
 # Largest stress over the length of a beam --------------------------------------------------------
@@ -445,16 +417,6 @@ def test_largest_stress_is_that_at_the_clamp(formulation):
     assert columns["stress.bound [Pa]"][0] == pytest.approx(0.0, abs=1.0)
 
 
-def test_largest_stress_includes_both_sides_of_a_step_of_the_section():
-    def section(s):
-        return bd.Section.rectangle(STEEL, width=0.03, height=0.005 if s < 0.5 else 0.01)
-
-    mech, bar = bent_bar(section, at=0.0, clamp=1.0, elements=2)
-    mech.observe("stress", bar.largest_stress())
-    largest = bd.equilibrium(mech, to=0.01).columns["stress.largest [Pa]"][-1]
-    assert largest == pytest.approx(0.01 * 10.0 * 0.5 / (0.03 * 0.005**2 / 6.0), rel=1e-3)
-
-
 @bd.model(t_end=0.02)
 def loaded_bar(height=0.01, load=-10.0):
     """Bar on two elements, with its largest stress."""
@@ -464,15 +426,6 @@ def loaded_bar(height=0.01, load=-10.0):
     return mech
 
 
-@pytest.mark.slow(reason="half a second")
-def test_bound_of_the_largest_stress_is_differentiated_in_statics():
-    static = bd.equilibrium_sensitivities(loaded_bar, ["height"])
-    rate = static.sensitivity("stress.bound", "height").to_numpy()[-1]
-    value = bd.equilibrium(loaded_bar()).columns["stress.bound [Pa]"][-1]
-    # The stress is proportional to 1 / height^2 for small deflections.
-    assert rate == pytest.approx(-2.0 * value / 0.01, rel=1e-3)
-
-
 @pytest.mark.slow(reason="kernels of derivatives are compiled")
 def test_bound_of_the_largest_stress_is_differentiated_in_runs():
     method = bd.GeneralizedAlpha(step=1e-3, newton_tolerance=1e-10)
@@ -480,16 +433,3 @@ def test_bound_of_the_largest_stress_is_differentiated_in_runs():
     by_load = bd.gradient(loaded_bar, objective, "load", method, estimate_error=False)
     one, other = (objective.value(bd.simulate(loaded_bar(load=x), method)) for x in (-9.99, -10.01))
     assert by_load.derivatives["load"] == pytest.approx((one - other) / 0.02, rel=1e-5)
-
-
-def test_largest_stress_rejects_invalid_arguments():
-    _, bar = bent_bar(bd.Section.rectangle(STEEL, width=0.03, height=0.01))
-    with pytest.raises(bd.BeamdaeError, match=r"bar: arc length s must lie in \[0, 1\] m, got 2 m"):
-        bar.largest_stress([0.0, 2.0])
-    with pytest.raises(bd.BeamdaeError, match=r"bar: s is empty; pass at least one arc length"):
-        bar.largest_stress([])
-    with pytest.raises(bd.BeamdaeError, match=r"bar: exponent must be between 1 and 1000, got 0\."):
-        bar.largest_stress(exponent=0)
-    _, bar = bent_bar(bd.Section(STEEL, 3e-4, 2.5e-9))
-    with pytest.raises(bd.BeamdaeError, match="requires the height of the section"):
-        bar.largest_stress()

@@ -5,13 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
-import beamdae as bd
 from beamdae.equations.equations_of_motion import State
 from beamdae.integrators.radau.coefficients import C
-from beamdae.integrators.run_plan import plan_run
-from beamdae.results import trajectory as trajectories
 from beamdae.results.trajectory import Interval, Trajectory
 
 STEPS = np.array([0.0, 0.1, 0.15, 0.4, 0.9, 1.0])
@@ -35,24 +32,6 @@ def largest_errors(state, functions, t):
     return np.array([np.max(np.abs(x[:, 0] - f(t))) for x, f in zip(state, functions, strict=True)])
 
 
-def test_polynomials_of_degree_four_and_three_are_reproduced():
-    smooth, rough = [polynomial(4, k) for k in (0, 1)], [polynomial(3, k) for k in (2, 3)]
-    state = make_interval(STEPS, (*smooth, *rough)).at(BETWEEN)
-    assert_allclose(largest_errors(state, (*smooth, *rough), BETWEEN), 0.0, rtol=0.0, atol=1e-13)
-    higher = [p * Polynomial([0.0, 1.0]) for p in (*smooth, *rough)]
-    assert (largest_errors(make_interval(STEPS, higher).at(BETWEEN), higher, BETWEEN) > 1e-3).all()
-
-
-def test_stages_reproduce_a_cubic_and_its_integral():
-    v = polynomial(3)
-    functions = v.integ(), v, polynomial(3, 1), polynomial(3, 2)
-    state = make_interval(STAGES, functions, nodes_per_step=3).at(BETWEEN)
-    assert_allclose(largest_errors(state, functions, BETWEEN), 0.0, rtol=0.0, atol=1e-13)
-    higher = [p * Polynomial([0.0, 1.0]) for p in functions]
-    state = make_interval(STAGES, higher, nodes_per_step=3).at(BETWEEN)
-    assert (largest_errors(state, higher, BETWEEN) > 1e-5).all()
-
-
 @pytest.mark.parametrize(("nodes_per_step", "orders"), [(1, [5, 5, 4, 4]), (3, [5, 4, 4, 4])])
 def test_orders_of_the_dense_output(nodes_per_step, orders):
     functions = np.sin, np.cos, lambda t: -np.sin(t), np.sin
@@ -68,66 +47,6 @@ def test_orders_of_the_dense_output(nodes_per_step, orders):
             )
         )
     assert_allclose(np.log2(np.divide(*errors)), orders, rtol=0.0, atol=0.2)
-
-
-@pytest.mark.parametrize(("nodes", "nodes_per_step"), [(STEPS, 1), (STAGES, 3)])
-def test_states_at_steps_are_returned_unchanged(nodes, nodes_per_step):
-    interval = make_interval(
-        nodes, [polynomial(7, k) for k in range(4)], nodes_per_step=nodes_per_step
-    )
-    assert_allclose(interval.t, STEPS, rtol=0.0, atol=1e-15)
-    for column, row in zip(interval.at(STEPS[1:]), interval.state, strict=True):
-        assert_array_equal(column, row[1:])
-    # The integral of v is corrected to meet q, up to rounding.
-    assert_allclose(interval.positions_at(STEPS), interval.state.q, rtol=0.0, atol=1e-14)
-    for column, row in zip(
-        interval.at(np.append(BETWEEN[1:2], STEPS)), interval.state, strict=True
-    ):
-        assert_allclose(column[1:], row, rtol=0.0, atol=1e-14)
-
-
-def test_a_run_that_stops_at_its_start_has_its_first_state():
-    interval = make_interval(np.array([0.2]), [polynomial(2, k) for k in range(4)])
-    for column, row in zip(interval.at(np.array([0.2])), interval.state, strict=True):
-        assert_allclose(column, row, rtol=0.0, atol=0.0)
-    assert_allclose(interval.integrate_to_steps(interval.rows.v), 0.0, rtol=0.0, atol=0.0)
-
-
-@pytest.mark.parametrize("steps", [2, 3, 4])
-def test_few_steps_use_the_polynomial_through_all_of_them(steps):
-    functions = [polynomial(steps - 1, k) for k in range(4)]
-    interval = make_interval(np.linspace(0.0, 1.0, steps), functions)
-    assert_allclose(
-        largest_errors(interval.at(BETWEEN), functions, BETWEEN), 0.0, rtol=0.0, atol=1e-13
-    )
-
-
-def test_states_without_columns():
-    nothing = np.zeros((6, 0))
-    interval = Interval(STEPS, State(nothing, nothing, nothing, nothing), 0.5)
-    assert interval.at(BETWEEN).lam.shape == (137, 0)
-    assert interval.integrate_to(BETWEEN, nothing, interval.integrate_to_steps(nothing)).shape == (
-        137,
-        0,
-    )
-
-
-@pytest.mark.parametrize(("nodes", "nodes_per_step"), [(STEPS, 1), (STAGES, 3)])
-def test_integrals_of_cubics_are_exact(nodes, nodes_per_step):
-    rate = polynomial(3)
-    interval = make_interval(nodes, [rate] * 4, nodes_per_step=nodes_per_step)
-    to_steps = interval.integrate_to_steps(interval.rows.q)
-    integrals = interval.integrate_to(BETWEEN, interval.rows.q, to_steps)
-    assert_allclose(integrals[:, 0], rate.integ()(BETWEEN), rtol=0.0, atol=1e-14)
-
-
-def test_integrals_through_stages_are_the_quadrature_of_radau():
-    """It is exact to degree 4, and the start of a step has weight 0."""
-    rates = np.random.default_rng(0).normal(size=(4, 1))
-    interval = Interval(STAGES[:4], State(rates, rates, rates, rates), 0.05, nodes_per_step=3)
-    weights = np.array([16.0 - np.sqrt(6.0), 16.0 + np.sqrt(6.0), 4.0]) / 36.0
-    expected = 0.1 * weights @ rates[1:, 0]
-    assert_allclose(interval.integrate_to_steps(rates)[-1, 0], expected, rtol=1e-13)
 
 
 @pytest.mark.parametrize("nodes_per_step", [1, 3])
@@ -175,21 +94,6 @@ def test_a_trajectory_evaluates_each_time_in_its_interval():
     assert Trajectory((first, second)).end == 2.0
 
 
-def test_intervals_end_on_the_breakpoints_inside_the_run():
-    mech = bd.Mechanism()
-    body = mech.add(bd.PointMass("body", 1.0, at=(0.0, 0.0)))
-    early = bd.piecewise((0.0, 0.0), (0.5, 1.0), 0.0)
-    late = bd.piecewise((0.25, 0.0), (0.5, 2.0), (3.0, 1.0), 0.0)
-    mech.add(bd.Force("push", body.point, (early, late)))
-    equations = bd.equations_of_motion(mech)
-    assert plan_run(equations, np.array([0.0, 2.0])).intervals == (
-        (0.0, 0.25),
-        (0.25, 0.5),
-        (0.5, 2.0),
-    )
-    assert plan_run(equations, np.array([0.5, 3.0])).intervals == ((0.5, 3.0),)
-
-
 @pytest.mark.parametrize("nodes_per_step", [1, 3])
 @pytest.mark.parametrize("steps", [1, 2, 5])
 def test_polynomials_do_not_cross_jumps(nodes_per_step, steps):
@@ -222,60 +126,6 @@ def test_polynomials_do_not_cross_jumps(nodes_per_step, steps):
     half = interval.integrate_to(np.array([1.5]), interval.rows.a, works)[0, 0]
     first, second = integrals[:2]
     assert half == pytest.approx(first(1.0) - first(0.0) + second(1.5) - second(1.0))
-
-
-@pytest.mark.parametrize("nodes_per_step", [1, 3])
-@pytest.mark.parametrize("step", [0.25, 0.3])  # at the steps or between
-def test_selected_coordinates_are_those_of_all(nodes_per_step, step):
-    steps = np.linspace(0.0, 1.0, 5)
-    nodes = np.append(0.0, (steps[:-1, None] + 0.25 * C).ravel()) if nodes_per_step > 1 else steps
-    state = State(*np.random.default_rng(1).normal(size=(4, len(nodes), 5)))
-    trajectory = Trajectory((Interval(nodes, state, 0.5, nodes_per_step),))
-    times, columns = np.arange(0.0, 1.0, step), [0, 3, 4]
-    expected = trajectory.positions_at(times)[:, columns]
-    assert_array_equal(trajectory.positions_at(times, columns), expected)
-
-
-def test_regression_positions_at_few_times_need_no_weights_of_all_steps(monkeypatch):
-    """These took half of the time in which events were located on new steps."""
-    steps, times = np.linspace(0.0, 1.0, 31), np.linspace(0.0, 1.0, 50)
-    nodes = np.append(0.0, (steps[:-1, None] + C * np.diff(steps)[:, None]).ravel())
-    interval = make_interval(nodes, [np.sin, np.cos, np.tan, np.exp], nodes_per_step=3)
-    monkeypatch.setattr(trajectories, "_FEW_TIMES", 0)
-    expected = interval.positions_at(times)
-    monkeypatch.undo()
-    monkeypatch.setattr(trajectories, "_step_weights", None)
-    assert_array_equal(interval.positions_at(times), expected)
-
-
-@pytest.mark.parametrize("count", [3, 50])
-def test_interpolation_at_few_times_has_the_bits_of_products(count):
-    nodes, times = np.linspace(0.0, 1.0, 21), np.linspace(0.01, 0.99, count)
-    values = np.random.default_rng(2).normal(size=(21, 4))
-    interval = make_interval(nodes, [np.sin, np.cos, np.tan, np.exp])
-    products = interval.velocity_weights_at(times) @ values
-    assert_array_equal(interval.interpolate(values, times), products)
-
-
-def test_runs_with_equal_steps_share_the_weights_at_many_times(monkeypatch):
-    nodes, times = np.linspace(0.0, 1.0, 22), np.linspace(0.01, 0.99, 100)
-    first, second = (make_interval(nodes, [f, np.cos, np.tan, np.exp]) for f in (np.sin, np.cosh))
-    expected = [first.at(times), second.at(times)]
-    monkeypatch.setattr(trajectories, "_FEW_TIMES", len(times))
-    for interval, state in zip((first, second), expected, strict=True):
-        for x, y in zip(interval.at(times), state, strict=True):
-            assert_array_equal(x, y)  # without shared weights
-    monkeypatch.undo()
-    monkeypatch.setattr(Interval, "_lagrange_weights", None)
-    assert_array_equal(second.at(times).q, expected[1].q)
-
-
-def test_positions_at_steps_are_those_of_the_polynomials():
-    t = np.linspace(0.0, 1.0, 21)
-    interval = make_interval(t, [np.sin, np.cos, np.tan, np.exp])
-    positions = interval.positions_at(t[2:9])
-    assert_array_equal(positions, interval.interpolate(interval.rows.q, t[2:9]))
-    assert_array_equal(positions, interval.rows.q[2:9])
 
 
 @pytest.mark.parametrize("nodes_per_step", [1, 3])

@@ -5,15 +5,14 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import threading
 
 import pandas as pd
 import pytest
+from study_models import swing
 
 import beamdae as bd
 from beamdae.studies.execution import study_run
 from beamdae.studies.execution.executors import DaskPool, SerialPool
-from beamdae.studies.tasks import Task
 
 
 @pytest.fixture
@@ -24,15 +23,6 @@ def distributed():
 
 # Dask warns of deprecated functions of the installed Tornado.
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
-
-
-@bd.model(t_end=0.2)
-def swing(mass=2.0):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
-    mech.observe("end", bob.at(2.0, 0.0))
-    return mech
 
 
 STUDY = bd.Study(
@@ -79,23 +69,6 @@ def test_study_survives_a_killed_worker_and_has_the_serial_table(tmp_path, distr
     )
 
 
-@pytest.mark.slow(reason="starts a scheduler")
-def test_task_that_cannot_be_serialized_fails_alone(distributed):
-    cases = tuple(
-        bd.Case(swing, {"mass": mass}, bd.GeneralizedAlpha(step=1e-2))
-        for mass in (1.0, threading.Lock())
-    )
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as cluster:
-        pool = DaskPool(cluster.scheduler_address)
-        tasks = [Task(str(k), case, 0.1, 0.1) for k, case in enumerate(cases)]
-        results = {result.task.key: result for result in pool.run_tasks(tasks)}
-    assert results["0"].outcome.status.success
-    assert "the task cannot be serialized" in results["1"].outcome.status.sentence
-    assert not results["1"].storable
-
-
 @pytest.mark.parametrize(
     "address", ["../a/b\\c", "nowhere", "", "tcp://:8786", "tcp://host:99999", "host name:8786"]
 )
@@ -112,15 +85,6 @@ def test_message_without_dask(address, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(bd.BeamdaeError, match=r"^--scheduler .* requires Dask, which is not inst"):
         DaskPool(address, "--scheduler")
-
-
-@pytest.mark.slow(reason="imports Dask")
-def test_client_is_closed_if_the_connection_fails(distributed):
-    """Otherwise, the next connection or the end of the process waits for up to 20 s."""
-    with pytest.raises(bd.BeamdaeError, match=r"scheduler inproc://1/2 does not answer"):
-        DaskPool("inproc://1/2")
-    with pytest.raises(ValueError, match="No clients found"):
-        distributed.Client.current()
 
 
 @pytest.mark.slow(reason="waits for an answer")

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from study_models import swing
 
 import beamdae as bd
 from beamdae.cli.model_files.model_file import ModelFile
@@ -245,14 +246,6 @@ def test_regression_fingerprints_depend_on_the_sources_of_beamdae(monkeypatch):
 # Values ---------------------------------------------------------------------------------------
 
 
-@bd.model(t_end=0.1)
-def swing(mass=1.0, extra=None):
-    mech = bd.Mechanism()
-    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1))
-    mech.observe("bob", bob.at(0.0, 0.0))
-    return mech
-
-
 class Color(enum.Enum):
     RED = 1
     BLUE = "b"
@@ -314,17 +307,17 @@ class Addressed:
 @pytest.mark.parametrize(
     ("value", "words"),
     [
-        (threading.Lock(), "extra must be .*<unlocked _thread.lock object"),
-        ((x for x in "ab"), "extra must be .*generator"),
-        (Addressed(), "extra must be .*Addressed"),
-        ({"deep": [threading.Lock()]}, r"extra must be .*\(item deep has the type lock\)"),
+        (threading.Lock(), "note must be .*<unlocked _thread.lock object"),
+        ((x for x in "ab"), "note must be .*generator"),
+        (Addressed(), "note must be .*Addressed"),
+        ({"deep": [threading.Lock()]}, r"note must be .*\(item deep has the type lock\)"),
     ],
     ids=["lock", "generator", "address", "inside"],
 )
 def test_regression_parameters_that_cannot_be_reproduced_are_refused(value, words):
     """They were stored under a new hash each time."""
     with pytest.raises(bd.BeamdaeError, match=f"swing: {words}"):
-        bd.Study("made", (bd.Case(swing, {"extra": value}),))
+        bd.Study("made", (bd.Case(swing, {"note": value}),))
 
 
 @dataclass(frozen=True)
@@ -359,29 +352,13 @@ def test_regression_long_arrays_have_different_groups():
     """Their texts are abbreviated: different arrays shared a reference."""
     zeros, changed = np.zeros(2000), np.zeros(2000)
     changed[700] = 1.0
-    names = {bd.Case(swing, {"extra": x}).group for x in (zeros, changed, zeros.copy())}
+    names = {bd.Case(swing, {"note": x}).group for x in (zeros, changed, zeros.copy())}
     assert len(names) == 2
     for value in (*create_values().values(), threading.Lock(), object()):
-        group = bd.Case(swing, {"extra": value}).group
+        group = bd.Case(swing, {"note": value}).group
         assert group.isprintable()
         assert len(group) < 100
         assert " at 0x" not in group
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_fingerprints_of_a_thousand_cases_take_less_than_two_seconds():
-    curve = np.linspace(0.0, 1.0, 10_000)
-
-    @bd.model(t_end=1.0)
-    def curved(mass=1.0, shape=(1.0, 2.0)):
-        return curve, create_values
-
-    cases = tuple(bd.Case(curved, {"mass": float(m)}) for m in range(1000))
-    study = bd.Study("many", cases)
-    begin = time.process_time()
-    digests = {}
-    assert len({study.task(case, digests=digests).key for case in cases}) == 1000
-    assert time.process_time() - begin < 2.0
 
 
 @pytest.mark.slow(reason="starts processes")
@@ -392,7 +369,7 @@ def test_fingerprints_are_the_same_in_every_process():
         "from beamdae.studies.store.fingerprints import digest\n"
         "print([digest(x) for x in t.create_values().values()])\n"
         "for x in t.create_values().values():\n"
-        "    print(bd.Case(t.swing, {'extra': x}).mechanism_fingerprint())\n"
+        "    print(bd.Case(t.swing, {'note': x}).mechanism_fingerprint())\n"
     )
     outputs = {
         subprocess.run(

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import errno
 import os
-import shutil
 import subprocess
 import sys
 import time
-import warnings
-from itertools import count
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from study_models import swing
 from typer.testing import CliRunner
 
 import beamdae as bd
 from beamdae.cli.app import app
 from beamdae.errors import KernelWarning
 from beamdae.results.outcome import Status
-from beamdae.results.storage.files import escape_cell
-from beamdae.studies.execution import executors, worker_processes
+from beamdae.studies.execution import executors
 from beamdae.studies.execution.executors import LocalPool, SerialPool, TaskResult
 from beamdae.studies.execution.study_run import run_study
-from beamdae.studies.store.folder_lock import lock_folder
 from beamdae.studies.tasks import Outcome
 
 MODEL = """import os
@@ -46,15 +41,6 @@ def swing(mass=1.0):
 OVER = ("--over", "mass=1,2,3")
 
 
-@bd.model(t_end=0.05)
-def swing(mass=1.0):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.RigidBody("bob", mass, 0.1, (1.0, 0.0)))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
-    mech.observe("bob", bob.at(1.0, 0.0))
-    return mech
-
-
 STUDY = bd.Study("swings", tuple(bd.Case(swing, {"mass": m}) for m in (1.0, 2.0, 3.0)))
 
 
@@ -69,13 +55,6 @@ class LosingPool(SerialPool):
 
 
 # Reasons and cells ----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("text", ["a\nb", "a\r\nb", "a\vb", "a\x85b", "a\u2028b"])
-def test_reasons_and_cells_have_no_line_breaks(text):
-    assert Status("failed", text).sentence == "a b"
-    assert escape_cell(text) == "a b"
-    assert escape_cell("=1\n+1") == "'=1 +1"
 
 
 @pytest.mark.slow(reason="a fifth of a second")
@@ -105,23 +84,6 @@ def test_exit_code_of_a_study_with_lost_tasks(tmp_path, monkeypatch):
 
 
 # Processes ------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow(reason="half a second")
-def test_study_runs_in_this_process_if_no_other_can_be_started(monkeypatch, tmp_path):
-    def fail():
-        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
-
-    monkeypatch.setattr(worker_processes, "_start_process", fail)
-    with warnings.catch_warnings(record=True) as issued:
-        warnings.simplefilter("always")
-        results = run_study(STUDY, tmp_path, LocalPool(4))
-    (warning,) = issued
-    assert warning.category is KernelWarning
-    assert str(warning.message).startswith(
-        "study: not all of the 4 worker processes can be started (Too many open files); the cases"
-    )
-    assert list(results.table["status"]) == ["ok"] * 3
 
 
 @pytest.mark.slow(reason="starts a process")
@@ -211,19 +173,6 @@ def test_regression_workers_end_with_a_killed_study(tmp_path):
     assert not list(tmp_path.rglob(".lock"))
 
 
-def test_messages_of_processes_are_issued_once(tmp_path):
-    class WarningPool(SerialPool):
-        def run_tasks(self, tasks):
-            for task in tasks:
-                outcome = Outcome.failed("no run")
-                object.__setattr__(outcome, "kernel_warnings", ("no cache.",))
-                yield TaskResult(task, outcome, storable=True)
-
-    with pytest.warns(KernelWarning, match=r"^no cache\.$") as issued:
-        run_study(STUDY, tmp_path, WarningPool())
-    assert len(issued) == 1
-
-
 # Folders --------------------------------------------------------------------------------------
 
 
@@ -234,13 +183,6 @@ def test_results_folder_is_locked_while_a_study_runs(tmp_path):
             run_study(STUDY, tmp_path, SerialPool())
 
     run_study(STUDY, tmp_path, SerialPool(), start_another)
-    assert not (tmp_path / ".lock").exists()
-
-
-def test_lock_of_a_killed_process_is_taken_over(tmp_path):
-    (tmp_path / ".lock").write_text("process 1 on another machine")
-    with lock_folder(tmp_path):
-        assert str(os.getpid()) in (tmp_path / ".lock").read_text()
     assert not (tmp_path / ".lock").exists()
 
 
@@ -260,114 +202,3 @@ def test_deleted_working_folder_is_reported(tmp_path, monkeypatch):
         bd.sweep(swing, {"mass": [1.0, 2.0]}, folder="results", progress=delete)
     # Without a folder, results need no working folder.
     assert list(bd.sweep(swing, {"mass": [1.0, 2.0]}).table["status"]) == ["ok", "ok"]
-
-
-# Operations on paths that cannot succeed in a deleted folder.
-_OPERATIONS = ("access", "getcwd", "link", "lstat", "mkdir", "open", "replace", "scandir", "stat")
-
-
-def _delete_before(names, number, folder, patch):
-    """Delete a folder before the operation of this number; return a list that then is empty."""
-    remaining = [None] * number
-
-    def replace_by_deleting(name):
-        operation = getattr(os, name)
-
-        def delete_and_call(*arguments, **options):
-            if remaining:
-                remaining.pop()
-                if not remaining:
-                    patch.undo()
-                    shutil.rmtree(folder)
-            return operation(*arguments, **options)
-
-        patch.setattr(os, name, delete_and_call)
-
-    for name in names:
-        replace_by_deleting(name)
-    return remaining
-
-
-def _sweep_in_deleted_folder(names, number, folder, monkeypatch):
-    """Return the error of a sweep whose working folder is deleted before one of its operations.
-
-    The error is "" if the sweep has been completed, and None if it has fewer operations.
-    """
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    error = ""
-    with monkeypatch.context() as patch:
-        remaining = _delete_before(names, number, folder, patch)
-        try:
-            bd.sweep(
-                swing,
-                {"mass": [1.0]},
-                measure={"measured mass": lambda model: model.parameters["mass"]},
-                folder="results",
-            )
-        except bd.BeamdaeError as problem:
-            error = str(problem)
-    return None if remaining else error
-
-
-def test_regression_working_folder_deleted_while_files_are_listed_is_reported(
-    tmp_path, monkeypatch
-):
-    """A sweep ended with a traceback if the folder was deleted before its files were listed."""
-    error = _sweep_in_deleted_folder(["scandir"], 1, tmp_path / "work", monkeypatch)
-    assert (
-        error == "results/.lock: the file cannot be written: the working folder has been deleted."
-    )
-
-
-@pytest.mark.slow(reason="a hundred sweeps")
-def test_working_folder_deleted_at_any_moment_is_reported(tmp_path, monkeypatch):
-    for number in count(1):
-        error = _sweep_in_deleted_folder(_OPERATIONS, number, tmp_path / f"{number}", monkeypatch)
-        if error is None:
-            break
-        reported = error.endswith(
-            ": the file cannot be written: the working folder has been deleted."
-        )
-        assert reported or error == "", f"operation {number}: {error}"
-    assert number > 50
-
-
-@pytest.mark.slow(reason="starts a process")
-def test_regression_worker_processes_start_in_a_folder_that_is_deleted(tmp_path, monkeypatch):
-    """A process that changed to a folder deleted in the meantime printed a traceback and ended."""
-    work = tmp_path / "work"
-    work.mkdir()
-    monkeypatch.chdir(work)
-    worker = worker_processes.WorkerProcess()
-    work.rmdir()
-    try:
-        assert worker.receive_outcome() is None
-    finally:
-        worker.kill()
-
-
-@pytest.mark.slow(reason="starts a process")
-def test_worker_processes_do_not_import_pandas():
-    """Importing pandas took a third of the start of a process."""
-    code = """
-import sys
-from beamdae.studies.execution import worker_processes
-from beamdae.studies.tasks import Task
-import beamdae as bd
-@bd.model(t_end=0.05)
-def fall(mass=1.0):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    mech.observe("ball", mech.add(bd.PointMass("ball", mass, at=(0.0, 1.0))).point)
-    return mech
-task = Task("key", bd.Case(fall), 0.05, 0.01)
-outcome = worker_processes.run_task(task.serialize({}))
-assert outcome.status.success, outcome.status
-print(*{name.partition(".")[0] for name in sys.modules})
-table = outcome.table
-assert list(table)[0] == "ball.x [m]" and table.index.name == "t [s]"
-"""
-    result = subprocess.run(
-        [sys.executable, "-c", code], check=True, capture_output=True, text=True
-    )
-    assert not {"pandas", "rich", "matplotlib"} & set(result.stdout.split()), result.stdout

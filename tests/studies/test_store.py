@@ -15,26 +15,17 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from study_models import swing
 
 import beamdae as bd
 from beamdae.results.outcome import Status
 from beamdae.studies.column_measures import measure_table
 from beamdae.studies.execution import study_run
 from beamdae.studies.execution.executors import SerialPool
-from beamdae.studies.store import record_rules, store
+from beamdae.studies.store import store
 from beamdae.studies.store.store import Store
-from beamdae.studies.tasks import Limits, Outcome, Task, shared_measures
+from beamdae.studies.tasks import Limits, Outcome, Task
 from beamdae.studies.unique_names import create_file_names
-
-
-@bd.model(t_end=0.1)
-def swing(mass=2.0, note="", table=None):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
-    mech.observe("end", bob.at(2.0, 0.0))
-    return mech
-
 
 CASE = bd.Case(swing, {"mass": 1.0}, bd.GeneralizedAlpha(step=0.01))
 STUDY = bd.Study(
@@ -62,21 +53,6 @@ def test_saved_outcomes_are_loaded_bit_for_bit(filled):
     assert outcome.values["steps"] == 3
     assert outcome.file == filled.trajectory_path(TASK).name
     assert filled.trajectory_path(TASK).read_text().startswith("t [s],'=end.x [m],")
-
-
-def test_measures_are_loaded_without_parsing_the_trajectory(filled, monkeypatch):
-    """Parsing took a third of the time of loading a finished sweep of 2000 cases."""
-
-    def fail(*_):
-        raise AssertionError("the trajectory was parsed")
-
-    monkeypatch.setattr("beamdae.studies.store.store.parse_rows", fail)
-    outcome, _ = filled.load(TASK)
-    measures, expected = shared_measures(outcome), measure_table(TABLE)
-    assert list(measures) == list(expected) == list(TABLE)
-    for column, values in expected.items():
-        np.testing.assert_array_equal(measures[column], values)
-    assert [*measures["=end.x [m]"][:3]] == [1 / 3, 1 / 3, -1e-17]
 
 
 def test_measures_of_a_table_without_rows_are_not_defined():
@@ -119,18 +95,6 @@ def test_loaded_tables_are_complete_and_copied(filled):
     table.iloc[:, 0] = 0.0
     pd.testing.assert_frame_equal(outcome.table, TABLE, check_exact=True)
     pd.testing.assert_frame_equal(pickle.loads(pickle.dumps(outcome)).table, TABLE)
-
-
-def test_unused_tables_are_checked_but_not_parsed(filled, monkeypatch):
-    """Parsing took nine tenths of the time of loading a study whose tables are not used."""
-    parse, calls = record_rules.parse_trajectory, []
-    monkeypatch.setattr(record_rules, "parse_trajectory", lambda *x: calls.append(x) or parse(*x))
-    outcome = filled.load(TASK)[0]
-    assert not calls
-    assert outcome.file
-    for _ in range(2):
-        pd.testing.assert_frame_equal(outcome.table, TABLE, check_exact=True)
-    assert len(calls) == 1
 
 
 def test_tables_that_contradict_the_record_are_rejected_when_used(filled):
@@ -364,22 +328,6 @@ def test_regression_a_full_disk_ends_the_study_with_an_error(tmp_path, monkeypat
     assert seen[0].stored == 1
     assert results.notes == ()
     assert set(results.table["status"]) == {"ok"}
-
-
-def test_executors_are_closed_before_an_error_is_raised(tmp_path, monkeypatch):
-    closed = []
-
-    class Watched(SerialPool):
-        def run_tasks(self, tasks):
-            try:
-                yield from super().run_tasks(tasks)
-            finally:
-                closed.append(True)
-
-    monkeypatch.setattr(Path, "write_bytes", write_half)
-    with pytest.raises(bd.BeamdaeError) as caught:
-        study_run.run_study(STUDY, tmp_path, Watched())
-    assert closed, caught
 
 
 def test_scratch_files_of_killed_processes_are_removed(filled):

@@ -2,42 +2,25 @@
 
 from __future__ import annotations
 
-import io
-import pickle
-import time
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
+from study_models import swing
 
 import beamdae as bd
-from beamdae.cli.app import app
-from beamdae.function_pickler import pickle_with_functions
 from beamdae.report.page.page_file import write_page
 from beamdae.studies import study_page
 from beamdae.studies.execution import study_run
-from beamdae.studies.execution.executors import LocalPool, SerialPool
+from beamdae.studies.execution.executors import SerialPool
 from beamdae.studies.execution.study_run import StudyPlan, StudyResults
 from beamdae.studies.store.trajectory_csv import format_trajectory, parse_trajectory
 from beamdae.studies.study_pictures import list_plots
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
-
-
-@bd.model(t_end=0.1)
-def swing(mass=2.0, marker="", arm=(1.0, 0.0)):
-    if marker:
-        Path(marker).touch()
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=arm))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
-    mech.observe("end", bob.at(2.0, 0.0))
-    return mech
 
 
 def sweep(*values, **settings):
@@ -78,54 +61,7 @@ def test_trajectory_file_preserves_all_bits(table):
 # Serialization ------------------------------------------------------------------------------------
 
 
-def test_model_of_tasks_with_plain_parameters_is_serialized_once(monkeypatch):
-    serialized = []
-    monkeypatch.setattr(
-        "beamdae.studies.tasks.pickle_with_functions",
-        lambda x: serialized.append(x) or pickle_with_functions(x),
-    )
-    study = sweep(*bd.grid(mass=[1.0, np.float64(2.0), 3]))
-    models = {}
-    tasks = [study.task(case) for case in study.cases]
-    received = [pickle.loads(task.serialize(models)) for task in tasks]
-    assert serialized == [swing]
-    assert [task.case.parameters["mass"] for task in received] == [1.0, 2.0, 3]
-    assert [task.key for task in received] == [task.key for task in tasks]
-    # Each task has its own copy: a model that changes its globals affects its own case only.
-    assert received[0].case.model.build.__globals__ is not received[1].case.model.build.__globals__
-
-
-class Arm(tuple):
-    """A type that a user defines."""
-
-
-def test_parameter_of_a_user_type_is_serialized_with_the_model(monkeypatch):
-    calls = []
-    monkeypatch.setattr("beamdae.studies.tasks.serialize_with_model", lambda *_: calls.append(1))
-    task = replace(
-        sweep({}).task(sweep({}).cases[0]), case=bd.Case(swing, {"arm": Arm((1.0, 0.0))})
-    )
-    assert pickle.loads(task.serialize({})).case.parameters["arm"] == (1.0, 0.0)
-    assert calls == []
-
-
 # Order of tasks -----------------------------------------------------------------------------------
-
-
-@pytest.mark.slow(reason="starts worker processes")
-def test_process_gets_its_next_task_before_the_last_result_is_stored(tmp_path):
-    markers = [str(tmp_path / f"{k}") for k in range(2)]
-    study = sweep(*bd.grid(marker=markers))
-    results = LocalPool(1).run_tasks([study.task(case) for case in study.cases])
-    try:
-        next(results)
-        # The second result is not requested yet.
-        deadline = time.monotonic() + 60.0
-        while not Path(markers[1]).exists():
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-    finally:
-        results.close()
 
 
 # Plan of references -------------------------------------------------------------------------------
@@ -197,6 +133,7 @@ def test_study_with_errors_of_some_cases(tmp_path):
         f"swing(mass=1.0), {ALPHA.label}",
         ALPHA.label,
     ]
+    assert "bob" in [symbol["name"] for symbol in page["groups"][0]["frames"]["symbols"]]
     assert write_page(tmp_path / "report.html", page).is_file()
     kinds = {column["label"]: column["kind"] for column in page["columns"]}
     assert [kinds[x] for x in ("error", "wall time", "steps")] == ["error", "cost", "number"]
@@ -213,32 +150,26 @@ def test_study_with_errors_of_some_cases(tmp_path):
 # Studies without references -----------------------------------------------------------------------
 
 
-def test_study_without_references_runs_its_cases_only(swept):
-    assert len(swept.outcomes) == 6
-    assert list(swept.table["status"]) == ["ok", "failed", *["ok"] * 4]
-    assert "error [-]" not in swept.table
-    assert swept.references == {}
-    assert swept.summary.empty
-    assert not swept.failed
-
-
-def test_regression_mesh_study_without_errors_has_an_empty_summary(tmp_path):
-    """The summary raised KeyError 'error [-]'."""
-    cases = tuple(bd.Case(swing, x, ALPHA) for x in bd.grid(mass=[1.0, 2.0]))
-    study = bd.Study("mesh", cases, over="mass", errors=False)
-    results = study_run.run_study(study, tmp_path, SerialPool())
-    assert "error [-]" not in results.table
-    assert results.summary.empty
-
-
-@pytest.mark.parametrize("masses", [(1.0, 1.0), (1.0, 2.0)], ids=["equal cases", "two groups"])
-def test_summary_is_written_only_with_errors(masses, tmp_path):
-    """A group with a single run has no reference and no errors."""
+@pytest.mark.parametrize(
+    ("masses", "settings"),
+    [
+        ((1.0, 1.0), {}),
+        ((1.0, 2.0), {}),
+        ((1.0, -1.0), {"references": ()}),
+        ((1.0, 2.0), {"over": "mass", "errors": False}),
+    ],
+)
+def test_study_without_references_has_no_errors_and_no_summary(masses, settings, tmp_path):
+    """Groups of a single run need no reference."""
     cases = tuple(bd.Case(swing, {"mass": mass}, ALPHA) for mass in masses)
-    results = study_run.run_study(bd.Study("pair", cases), tmp_path, SerialPool())
-    assert not results.references
-    assert list(results.tables) == ["cases.csv"]
+    results = study_run.run_study(bd.Study("pair", cases, **settings), tmp_path, SerialPool())
+    assert len(results.outcomes) == len(set(masses))
+    assert list(results.table["status"]) == ["ok" if mass > 0.0 else "failed" for mass in masses]
+    assert "error [-]" not in results.table
+    assert results.references == {}
+    assert results.summary.empty
     assert not (tmp_path / "summary.csv").exists()
+    assert not results.failed
 
 
 def test_finished_study_runs_no_task_again(swept, tmp_path):
@@ -273,39 +204,6 @@ def test_page_without_references_has_one_group_and_the_curves_of_the_first_cases
     assert page["groups"][0]["reference"] is None
     assert write_page(tmp_path / "report.html", page).stat().st_size > 10_000
     assert list_plots(swept) == {}
-
-
-def test_references_must_be_two_or_none():
-    with pytest.raises(
-        bd.BeamdaeError, match=r"two integrators with different methods, or \(\) for"
-    ):
-        replace(sweep({}), references=3)
-    assert replace(sweep({}), references=[]).references == ()
-
-
-SWEEP_FILE = f"""
-import beamdae as bd
-
-swing = bd.load_model({str(Path(__file__))!r})
-
-
-@bd.study()
-def masses():
-    return [bd.Case(swing, x, bd.GeneralizedAlpha(step=5e-3)) for x in bd.grid(mass=[1.0, -1.0])]
-"""
-
-
-@pytest.mark.slow(reason="starts worker processes")
-def test_command_prints_the_number_of_completed_cases(tmp_path):
-    (tmp_path / "study.py").write_text(SWEEP_FILE)
-    arguments = ["compare", str(tmp_path / "study.py"), "--workers", "1", "--out", str(tmp_path)]
-    result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == 0
-    assert "2 cases, 1 reached the end time" in result.output
-    assert "failed: swing(mass=-1.0), " in result.output
-    assert (tmp_path / "masses" / "report.html").is_file()
-    table = pd.read_csv(io.BytesIO((tmp_path / "masses" / "cases.csv").read_bytes()))
-    assert list(table["mass"]) == [1.0, -1.0]
 
 
 def test_regression_warnings_that_several_cases_share_are_described_once():

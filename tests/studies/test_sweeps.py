@@ -153,6 +153,15 @@ def test_function_with_defaults_is_a_model():
         ({"progress": lambda: None}, "turning_sweep: progress must be a function that accepts 1 "),
         ({"model": 3}, "sweep: model must be a function that returns a mechanism"),
         ({"model": lambda speed=1.0: 0}, "sweep: <lambda> has no default end time; pass"),
+        ({"measure": {}}, "sweep: measure must be a dict of functions of a model by name"),
+        ({"measure": np.zeros(2)}, "sweep: measure must be a dict of functions of a model by name"),
+        ({"measure": {"x": 3}}, "sweep: measure must be a dict of functions of a model by name, g"),
+        ({"measure": {"x": len}, "of": "tip.x"}, "sweep: of is an option of runs"),
+        ({"measure": {"x": len}, "t_end": 1.0}, "sweep: t_end is an option of runs"),
+        (
+            {"measure": {"x": len}, "outputs": {"y": len}},
+            "sweep: outputs is an option of runs, but with measure the model is not run; omit",
+        ),
         (
             {"over": None, "jobs": 2},
             "sweep: folder, jobs, scheduler, progress and partial are not arguments",
@@ -160,7 +169,7 @@ def test_function_with_defaults_is_a_model():
     ],
 )
 def test_wrong_arguments_are_rejected(arguments, message):
-    call = {"model": turning, "over": {"speed": [1.0]}, "integrator": ALPHA} | arguments
+    call = {"model": turning, "over": {"speed": [1.0]}} | arguments
     with pytest.raises(bd.BeamdaeError, match=message):
         bd.sweep(**call)
 
