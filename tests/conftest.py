@@ -49,11 +49,9 @@ _COLLECTS_IN_REVERSE = _WORKER.endswith(("1", "3", "5", "7", "9"))
 
 
 def pytest_addoption(parser):
-    parser.addoption("--seed", default="", help="draw other variants of tests, and other samples")
-    parser.addoption(
-        "--touched",
-        help="of slow tests, run those of these folders (such as 'beams cli') and a quarter of all",
-    )
+    parser.addoption("--seed", default="", help="draw other variants of tests")
+    parser.addoption("--sample", metavar="SEED", help="run a quarter of the slow tests, drawn ...")
+    parser.addoption("--touched", default="", help="... and all of these folders ('beams cli')")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -97,14 +95,14 @@ def pytest_collection_modifyitems(config, items):
                 item.add_marker(pytest.mark.slow(reason="starts a browser"))
         elif variants[0].path.name != _DOCTESTS:
             left_out |= _mark_variants(name, variants, config.option.seed)
-    touched = config.option.touched
+    sample, touched = config.option.sample, config.option.touched.split()
     for item in items:
         if item.get_closest_marker("slow"):
             item.add_marker(pytest.mark.filterwarnings(_CHECKS_RESULTS))
-            is_untouched = touched is not None and item.path.parent.name not in touched.split()
-            # The last digits of the number have chosen among variants.
-            number = _draw(item.nodeid, config.option.seed) // _VARIANTS_PER_DEFAULT_TEST
-            if is_untouched and number % _SLOW_PER_SAMPLE:
+            is_sampled = sample is not None and item.path.parent.name not in touched
+            # The last digits of this number are related to those that have chosen the variant.
+            number = _draw(item.nodeid, sample) // _VARIANTS_PER_DEFAULT_TEST
+            if is_sampled and number % _SLOW_PER_SAMPLE:
                 left_out.add(item)
     # Whoever names a variant wants it.
     if left_out and not any("[" in argument for argument in config.args):
