@@ -106,7 +106,7 @@ def test_regression_reactions_of_driven_mechanisms_with_filters_are_resolved(tim
     mech = build_slide()
     y = mech.sensor("y", mech.parts["slide"].point, "y")
     bd.low_pass(mech, "filter", y, time_constant)
-    run, found = simulate(mech, method())
+    run, found = simulate(mech, method(1e-5))
     assert run.status.kind == "ok"
     assert relative_error(run) < 1e-3
     assert found == []

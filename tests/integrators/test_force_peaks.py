@@ -6,7 +6,7 @@ import pytest
 
 import beamdae as bd
 
-METHODS = [bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(rtol=1e-5)]
+METHODS = [bd.Ida(1e-5), bd.Radau(1e-5), bd.GeneralizedAlpha(rtol=1e-5)]
 ENERGY = 0.05  # that the peak takes from a ball with the kinetic energy 0.5
 WIDTH = 0.003
 PLACE = 0.5123
