@@ -16,13 +16,13 @@ from beamdae.symbolic.statements import Quantity, Variable
 MODELS = Path(__file__).parents[2] / "models"
 
 
-def workshop(mass=1.0):
+def workshop():
     """Return a mechanism with three statements of each kind, with different numbers."""
     mech = bd.Mechanism(gravity=(0.3, -9.81))
     for k in (1, 2, 3):
         arc = bd.Arc(radius=0.8 + 0.1 * k, length=0.5, start=(k, 0.1 * k), angle=0.2 * k)
         beam = mech.add(bd.Beam(f"beam {k}", arc, STRIP, elements=2, frame="tangent"))
-        body = mech.add(bd.RigidBody(f"body {k}", mass + k, 0.1, center=(k, 0.3)))
+        body = mech.add(bd.RigidBody(f"body {k}", 1.0 + k, 0.1, center=(k, 0.3)))
         mech.add(bd.PointMass(f"mass {k}", 0.1 + k, on=beam.at(0.1 + 0.1 * k)))
         mech.add(bd.Revolute(f"hinge {k}", mech.ground.at(k, 0.1 * k), beam.start))
         mech.add(bd.Weld(f"weld {k}", beam.end, body.at(*beam.end.point)))
@@ -75,14 +75,6 @@ def test_number_of_kernels_is_independent_of_chain_length(joint):
     assert programs[0] == programs[1]
 
 
-def test_models_that_differ_in_numbers_share_kernels():
-    one, other = (bd.equations_of_motion(workshop(mass)) for mass in (1.0, 1.1))
-    for kind in ("forces", "joints"):
-        terms = zip(getattr(one, kind), getattr(other, kind), strict=True)
-        assert all(x.kernel is y.kernel for x, y in terms)
-    assert not np.array_equal(one.p, other.p)
-
-
 # Parameters that differ from the defaults of the models; parameters of curves rotate elements.
 NUMBERS = {
     "hub_beam": {"torque": 11.0, "frequency": 1.2, "density": 2800.0},
@@ -112,46 +104,25 @@ def assemble_model(name, values):
     return bd.equations_of_motion(model(**values))
 
 
-def assert_same_kernels(one, other):
-    for kind in ("forces", "joints"):
-        for x, y in zip(getattr(one, kind), getattr(other, kind), strict=True):
-            assert x.kernel is y.kernel
-            assert x.data == y.data
-            assert x.count == y.count
-    for x, y in zip(one.observables, other.observables, strict=True):
-        assert x.function is y.function
-        assert (x.data, x.rows) == (y.data, y.rows)
-    for x, y in zip(one.ranges, other.ranges, strict=True):
-        assert x.statement.kernel is y.statement.kernel
-
-
-def operators(equations):
-    terms = (*equations.forces, *equations.joints, *equations.observables, *equations.ranges)
-    return [*(term.operator for term in terms), *(joint.rows for joint in equations.joints)]
-
-
 def test_every_model_has_other_numbers():
     assert set(NUMBERS) == {path.stem for path in MODELS.glob("*.py")}
 
 
-@pytest.mark.parametrize("name", NUMBERS)
-def test_model_with_other_numbers_shares_kernels_and_operators(name):
-    one, other = assemble_model(name, {}), assemble_model(name, NUMBERS[name])
-    assert_same_kernels(one, other)
-    for x, y in zip(operators(one), operators(other), strict=True):
-        assert x.shape == y.shape
-        for part in ("indptr", "indices", "data"):
-            assert_array_equal(getattr(x, part), getattr(y, part))
+@pytest.mark.parametrize("name", [*NUMBERS, *(f"{name} curve" for name in CURVES)])
+def test_models_with_other_numbers_share_kernels_and_patterns(name):
+    """Curves rotate elements, which changes the entries of operators."""
+    model, _, changes_curve = name.partition(" ")
+    values = (CURVES if changes_curve else NUMBERS)[model]
+    one, other = assemble_model(model, {}), assemble_model(model, values)
+    assert changes_curve or one.structure == other.structure
     assert not np.array_equal(one.p, other.p)
-
-
-@pytest.mark.parametrize("name", CURVES)
-def test_model_with_another_curve_shares_kernels_and_patterns(name):
-    one, other = assemble_model(name, {}), assemble_model(name, CURVES[name])
-    assert_same_kernels(one, other)
-    for x, y in zip(operators(one), operators(other), strict=True):
-        for part in ("indptr", "indices"):
-            assert_array_equal(getattr(x, part), getattr(y, part))
+    for terms in zip(one.observables, other.observables, strict=True):
+        assert len({term.function for term in terms}) == 1
+    for terms in zip((*one.forces, *one.joints), (*other.forces, *other.joints), strict=True):
+        assert len({id(term.kernel) for term in terms}) == 1
+        x, y = (term.operator for term in terms)
+        assert_array_equal(x.indptr, y.indptr)
+        assert_array_equal(x.indices, y.indices)
 
 
 def observe_scaled_point(factor):

@@ -44,9 +44,3 @@ def test_lanes_are_matrices_at_their_states_and_times(model):
         evaluate_matrix_at_state(single, t, 0.15, COEFFICIENTS, row, expected)
         scale = np.abs(expected).max()
         np.testing.assert_allclose(entries[lane::LANES], expected, rtol=0, atol=1e-15 * scale)
-
-
-def test_only_kernels_that_depend_on_time_have_it_as_an_input():
-    plan = formulate_step(bd.equations_of_motion(follower_beam()), False).sums[2]
-    timed = [b.kernel.with_local_time.n_local - b.kernel.n_local for b in plan.batches]
-    assert sorted(set(timed)) == [0, 1]
