@@ -40,7 +40,14 @@ def observed_orders(case, steps, **settings):
     )
 
 
-@pytest.mark.parametrize("rho_inf", [0.9, 0.6, 0.0])
+@pytest.mark.parametrize(
+    ("family", "rho_inf", "order"),
+    [
+        *(("generalized-alpha", rho_inf, 2.0) for rho_inf in (0.9, 0.6, 0.0)),
+        *(("hht", rho_inf, 2.0) for rho_inf in (0.8, 0.5)),
+        ("newmark", 0.8, 1.0),
+    ],
+)
 @pytest.mark.parametrize(
     ("case", "formulation"),
     # Each once; the other pairs are slow tests.
@@ -54,13 +61,11 @@ def observed_orders(case, steps, **settings):
         pytest.param("pendulum", "index3", marks=pytest.mark.slow),
     ],
 )
-def test_generalized_alpha_is_of_second_order_in_positions_velocities_and_multipliers(
-    case, formulation, rho_inf
-):
+def test_order_in_positions_velocities_and_multipliers(case, formulation, family, rho_inf, order):
     # Arnold & Bruls 2007; Arnold, Bruls & Cardona 2015 for the multipliers at the start. The
     # higher orders still show at these steps, most of all for rho_inf = 0.
-    orders = observed_orders(case, 800, formulation=formulation, rho_inf=rho_inf)
-    assert_allclose(orders, 2.0, rtol=0.0, atol=0.1)
+    settings = {"formulation": formulation, "family": family, "rho_inf": rho_inf}
+    assert_allclose(observed_orders(case, 800, **settings), order, rtol=0.0, atol=0.1)
 
 
 @pytest.mark.parametrize(

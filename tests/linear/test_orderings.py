@@ -100,10 +100,3 @@ def test_useless_pivots_in_the_band_are_replaced():
     right = rng.normal(size=2 * half)
     x = factorize(matrix, matrix.data).solve(right)
     assert backward_error(matrix, matrix.data, x, right) < 1e-10
-
-
-def test_matrices_without_an_equation_or_an_unknown_are_singular():
-    for empty in ([[1.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [1.0, 0.0]]):
-        matrix = sp.csc_array(np.array(empty))
-        with pytest.raises(ArithmeticError, match="singular"):
-            factorize(matrix, matrix.data)
