@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
+from mechanisms import strip
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
 from support import falling_portal
@@ -166,56 +167,41 @@ def test_regression_verdicts_name_parts_that_can_move_away(add, is_free):
     assert findings.verdict in str(findings)
 
 
-def hung_ram(guided=False, lateral=None):
-    """Return a driven crank with a rod and a ram of 20 kg, which a vertical force loads."""
+@pytest.mark.parametrize(
+    "add",
+    [
+        None,
+        lambda g, ram: bd.PointOnLine("guide", g.at(0.0, -0.24), ram, direction=(0.0, 1.0)),
+        lambda g, ram: bd.Spring("spring", g.at(1.0, -0.24), ram, 10.0, free_length=1.0),
+        lambda g, ram: bd.Damper("damper", g.at(1.0, -0.24), ram, 10.0),
+        lambda g, ram: bd.Force("late", ram, (lambda t: t**2, 0.0)),
+        # Without a force or a stiffness at the start.
+        lambda g, ram: bd.ForceLaw("cubic", ram, lambda p, t: (-(p.position[0] ** 3), 0.0)),
+        lambda g, ram: bd.Contact("stop", ram, bd.LineSurface(g.at(0.01, 0.0), (0.0, 1.0)), 1e6),
+    ],
+    ids=["unguided", "guide", "spring", "damper", "force", "cubic", "contact"],
+)
+def test_regression_verdicts_name_free_motions_along_which_nothing_acts(add):
+    """A press whose ram had no guide was ready to run without a word."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     ground = mech.ground
     crank = mech.add(bd.RigidBody("crank", 10.0, 0.05))
     mech.add(bd.Revolute("shaft", ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
     mech.add(bd.Driver("motor", ground.at(0.0, 0.0), crank.at(0.0, 0.0), lambda t: 6.0 * t))
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.03, height=0.05)
-    rod = mech.add(bd.Beam("rod", bd.Line((0.0, 0.06), (0.0, -0.24)), section, elements=2))
+    line = bd.Line((0.0, 0.06), (0.0, -0.24))
+    rod = mech.add(bd.Beam("rod", line, strip(0.05), elements=2))
     ram = mech.add(bd.PointMass("ram", 20.0, at=(0.0, -0.24)))
     mech.add(bd.Revolute("pin", crank.at(0.0, 0.06), rod.start))
     mech.add(bd.Revolute("wrist", rod.end, ram.point))
     mech.add(bd.ForceLaw("process", ram.point, lambda p, t: (0.0, 1e3 * p.position[1])))
-    if guided:
-        line = ground.at(0.0, -0.24), ram.point
-        mech.add(bd.PointOnLine("guide", *line, direction=(0.0, 1.0)))
-    if lateral:
-        mech.add(lateral(ground, ram.point))
-    return mech
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_regression_verdicts_name_free_motions_along_which_nothing_acts():
-    """A press whose ram had no guide was ready to run without a word."""
-    motion = "rod can rotate about (0, 0.06), ram can translate along (1, 0)"
-    findings = hung_ram().check(t_end=1.0, predict=False)
+    if add:
+        mech.add(add(ground, ram.point))
+    findings = mech.check(t_end=1.0, predict=False)
     assert findings.ok
-    assert findings.unheld_motions == (motion,)
-    assert findings.verdict == (
-        f"ready to run, but no driver, spring or load acts along a free motion: {motion}"
-    )
-    assert hung_ram(guided=True).check(t_end=1.0, predict=False).unheld_motions == ()
-
-
-@pytest.mark.parametrize(
-    "lateral",
-    [
-        lambda ground, ram: bd.Spring("spring", ground.at(1.0, -0.24), ram, 10.0, free_length=1.0),
-        lambda ground, ram: bd.Damper("damper", ground.at(1.0, -0.24), ram, 10.0),
-        lambda ground, ram: bd.Force("late", ram, (lambda t: t**2, 0.0)),
-        # Without a force or a stiffness at the start.
-        lambda ground, ram: bd.ForceLaw("cubic", ram, lambda p, t: (-(p.position[0] ** 3), 0.0)),
-        lambda ground, ram: bd.Contact(
-            "stop", ram, bd.LineSurface(ground.at(0.01, 0.0), direction=(0.0, 1.0)), 1e6
-        ),
-    ],
-    ids=["spring", "damper", "force", "cubic", "contact"],
-)
-def test_free_motions_along_which_a_part_acts_are_not_in_the_verdict(lateral):
-    assert hung_ram(lateral=lateral).check(t_end=1.0, predict=False).unheld_motions == ()
+    motion = "rod can rotate about (0, 0.06), ram can translate along (1, 0)"
+    assert findings.unheld_motions == (() if add else (motion,))
+    no_part = f", but no driver, spring or load acts along a free motion: {motion}"
+    assert findings.verdict == "ready to run" + ("" if add else no_part)
 
 
 @pytest.mark.parametrize(
@@ -244,11 +230,14 @@ def test_regression_verdicts_name_motions_that_grow_from_the_start():
     assert mech.check(predict=False).verdict == "ready to run"
 
 
-def test_contradicting_drivers_are_named():
-    (dependent_set,) = doubly_driven_crank(3.0, 2.0).check().dependent
+def test_contradicting_drivers_are_named_and_rejected_with_minimum_norm():
+    mech = doubly_driven_crank(3.0, 2.0, redundant="minimum norm")
+    (dependent_set,) = mech.check().dependent
     assert dependent_set.parts == ("motor", "second motor")
     assert_allclose(dependent_set.contradiction, (0.0, 1.0), atol=1e-12)
     assert "contradict each other" in str(dependent_set)
+    with pytest.raises(bd.BeamdaeError, match="contradict each other"):
+        bd.simulate(mech, t_end=0.1)
 
 
 def test_singular_position_is_not_redundancy():
@@ -309,18 +298,6 @@ def test_sound_mechanism_has_no_findings():
         assert f"\n{topic}" in str(findings)
 
 
-def test_lowest_frequency_of_a_hinged_beam_is_that_of_a_pendulum():
-    """A rigid rod has the same frequency: the stiffness is the geometric one of the reactions."""
-    steel = bd.Material(E=2e11, nu=0.3, rho=7800.0)
-    thick = bd.Section.rectangle(steel, width=0.05, height=0.05)
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.0, -1.0)), thick, elements=2))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
-    lowest = mech.check().spectrum.lowest
-    # Rotary inertia of the section contributes h^2 / (4 L^2) = 6e-4, bending less.
-    assert_allclose(lowest, np.sqrt(1.5 * 9.81) / (2.0 * np.pi), rtol=1e-3)
-
-
 # Minimum norm ------------------------------------------------------------------------------------
 
 
@@ -353,26 +330,15 @@ def test_two_drivers_share_their_torque():
     assert_allclose(solution.columns["second motor.M [N m]"], 1.0, rtol=1e-6)
 
 
-def test_contradicting_drivers_are_rejected_with_minimum_norm():
-    mech = doubly_driven_crank(3.0, 2.0, redundant="minimum norm")
-    with pytest.raises(bd.BeamdaeError, match="contradict each other"):
-        bd.simulate(mech, t_end=0.1)
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_start_by_name_satisfies_removed_constraints():
-    mech = linkage(3, redundant="minimum norm")
-    solution = bd.simulate(mech, bd.Radau(), 0.01, start={"bar 0.angle": 0.2})
-    q = dict(zip(solution.equations.q_names, solution.q[0], strict=True))
-    assert_allclose([q[f"bar {k}.angle"] for k in range(3)], 0.2, atol=1e-10)
-
-
 def test_regression_upright_bars_are_redundant_not_singular():
     """Near the upright position the set has more constraints; it was reported as singular."""
     mech = linkage(3, lean=0.0, redundant="minimum norm")
     (dependent_set,) = mech.check().dependent
     assert dependent_set.everywhere
-    assert bd.simulate(mech, bd.Radau(), 0.05, start={"bar 0.angle": 0.2}).status.success
+    solution = bd.simulate(mech, bd.Radau(), 0.05, start={"bar 0.angle": 0.2})
+    assert solution.status.success
+    angles = [solution.equations.q_names.index(f"bar {k}.angle") for k in range(3)]
+    assert_allclose(solution.q[0, angles], 0.2, atol=1e-10)
 
 
 def test_minimum_norm_rejects_switched_parts():
@@ -453,18 +419,38 @@ def test_regression_states_and_held_values_are_no_degrees_of_freedom():
     assert "1 = 5 coordinates - 3 states - 1 independent constraints" in str(findings)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
+def test_rigid_mobility_treats_a_beam_of_nodes_as_one_body():
+    arc = bd.Arc(radius=1.0, length=1.0, start=(0.2, -0.3), angle=0.4)
+    for joints, mobility in (
+        ([], 3),
+        ([bd.Revolute], 1),
+        ([bd.Revolute] * 2, 0),
+        ([bd.Weld] * 2, 0),
+    ):
+        mech = bd.Mechanism()
+        beam = mech.add(bd.Beam("arch", arc, strip(0.01), elements=2, formulation="exact"))
+        for k, (joint, end) in enumerate(zip(joints, (beam.start, beam.end), strict=False)):
+            mech.add(joint(f"joint {k}", mech.ground.at(*end.point), end))
+        findings = bd.check(mech)
+        assert not findings.problem
+        assert findings.rigid_mobility == mobility
+        if mobility < 3:
+            assert findings.free_motions == ("arch can rotate about (0.2, -0.3)",) * mobility
+
+
 @pytest.mark.parametrize("turn", [0.0, 0.7, 3.0])
 @pytest.mark.parametrize("backwards", [False, True])
 def test_check_does_not_depend_on_placement_or_order_of_parts(turn, backwards):
     """Three parallel bars, rotated and translated, with joints in either order."""
 
+    c, s = np.cos(turn), np.sin(turn)
+
     def place(x, y):
-        c, s = np.cos(turn), np.sin(turn)
         return 5.0 * turn + c * x - s * y, -2.0 * turn + s * x + c * y
 
-    mech = bd.Mechanism()
+    mech, joints = bd.Mechanism(), []
     coupler = mech.add(bd.RigidBody("coupler", 1.0, 0.1, center=place(1.3, 1.0)))
-    joints = []
     for k in range(3):
         bar = mech.add(bd.RigidBody(f"bar {k}", 1.0, 0.1, center=place(k + 0.15, 0.5)))
         foot, head = place(k, 0.0), place(k + 0.3, 1.0)
@@ -480,32 +466,6 @@ def test_check_does_not_depend_on_placement_or_order_of_parts(turn, backwards):
         assert redundancy.blocks == "the rotation of the coupler"
     assert redundancy.everywhere
     assert (findings.mobility, len(findings.free_motions)) == (1, 1)
-
-
-def exact_arch(*joints):
-    """Return a geometrically exact arch of two elements with joints (kind, at its end)."""
-    mech = bd.Mechanism()
-    curve = bd.Arc(radius=1.0, length=1.0, start=(0.2, -0.3), angle=0.4)
-    steel = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
-    strip = bd.Section.rectangle(steel, width=0.02, height=0.01)
-    beam = mech.add(bd.Beam("arch", curve, strip, elements=2, formulation="exact"))
-    for kind, end in joints:
-        at = beam.end if end else beam.start
-        mech.add(kind(f"joint {end}", mech.ground.at(*at.point), at))
-    return mech
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_rigid_mobility_treats_a_beam_of_nodes_as_one_body():
-    assert bd.check(exact_arch()).rigid_mobility == 3
-    hinged = bd.check(exact_arch((bd.Revolute, False)))
-    assert hinged.rigid_mobility == 1
-    assert hinged.free_motions == ("arch can rotate about (0.2, -0.3)",)
-    for kind in (bd.Revolute, bd.Weld):
-        clamped = bd.check(exact_arch((kind, False), (kind, True)))
-        assert not clamped.problem
-        assert clamped.free_motions == ()
-        assert clamped.rigid_mobility == 0
 
 
 def test_regression_joint_of_the_ground_and_two_bodies_connects_both():
@@ -549,17 +509,21 @@ def test_regression_sections_higher_than_their_beams_are_long_cause_a_warning():
     assert warnings_of(0.2, bodies=2) == [[], []]
 
 
-@pytest.mark.parametrize("joined", [False, True])
+@pytest.mark.parametrize(
+    ("height", "length", "joined"),
+    # A short beam may be a piece of a longer bar.
+    [(0.02, 0.01, False), (0.02, 0.01, True), (0.05, 0.04, True)],
+)
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
-def test_regression_flexures_with_width_and_height_exchanged_have_a_warning(joined):
+def test_regression_flexures_with_width_and_height_exchanged_have_a_warning(height, length, joined):
     """Sections up to three times as high as their beams are long had none in any analysis."""
+    section = strip(height, width=3e-4)
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=3e-4, height=0.02)
-    line = bd.Line((0.0, 0.0), (0.01, 0.0))
-    flexure = mech.add(bd.Beam("flexure", line, section, elements=1))
+    flexure = mech.add(bd.Beam("flexure", bd.Line((0.0, 0.0), (length, 0.0)), section, elements=1))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), flexure.start))
-    if joined:  # It may be a piece of a longer bar.
-        other = mech.add(bd.Beam("bar", bd.Line((0.01, 0.0), (0.1, 0.0)), section, elements=1))
+    if joined:
+        line = bd.Line((length, 0.0), (1.0, 0.0))
+        other = mech.add(bd.Beam("bar", line, section, elements=1))
         mech.add(bd.Weld("weld", flexure.end, other.start))
     assert any("m high" in x for x in bd.linearize(mech).warnings) != joined
 
@@ -595,17 +559,6 @@ def test_dampings_that_seem_to_be_damping_ratios_cause_a_warning():
         strip(0.01, length=5.0),
     ]
     assert not any(warns(model) for model in usual)
-
-
-def test_regression_short_pieces_of_a_bar_cause_no_warning():
-    """A bar of 50 mm x 50 mm whose pieces are drawn one by one, one of them 40 mm long."""
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.05, height=0.05)
-    short = mech.add(bd.Beam("short", bd.Line((0.0, 0.0), (0.04, 0.0)), section, elements=1))
-    rest = mech.add(bd.Beam("rest", bd.Line((0.04, 0.0), (1.0, 0.0)), section, elements=1))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), short.start))
-    mech.add(bd.Weld("seam", short.end, rest.start))
-    assert not [x for x in bd.check(mech, predict=False).warnings if "high" in x]
 
 
 def bounce(elements, observes=True):

@@ -209,6 +209,9 @@ CALLS = {
 }
 
 
+CALLS |= {one.__name__: (one, {}) for one in (bd.Auto, bd.Ida, bd.Radau, bd.GeneralizedAlpha)}
+
+
 def failing(*args, **kwargs):
     raise ZeroDivisionError
 

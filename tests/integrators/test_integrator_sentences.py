@@ -47,18 +47,10 @@ def contradiction(name):
     )
 
 
-def foreign(name):
-    """Use a part of another mechanism with the same names and numbers."""
-    (mech, *_), (other, driver, torque) = motor(), motor()
-    gap = bd.LineSurface(other.ground.at(0.0, 0.0)).gap(other.part("bob").at(1.0, 0.0))
-    return {
-        "deactivate": lambda: mech.deactivate(torque),
-        "observe": lambda: mech.observe("r", driver.reaction),
-        "column": lambda: mech.when(driver.reaction, 1.0, do="record", name="e"),
-        "activate": lambda: mech.when("end.x", do=bd.activate(torque), name="e"),
-        "law": lambda: mech.when("end.x", do=bd.change_law(driver, 1.0), name="e"),
-        "impact": lambda: mech.when("end.x", do=bd.impact(gap), name="e"),
-    }[name]()
+def foreign():
+    """Return a mechanism, and parts of another one with the same names and numbers."""
+    (mech, *_), (_, driver, torque) = motor(), motor()
+    return mech, driver, torque
 
 
 def inactive_body():
@@ -80,10 +72,6 @@ SENTENCES = [
         "'newmarks' (did you mean 'newmark'?).",
     ),
     (
-        lambda: Alpha(family=None),
-        "GeneralizedAlpha: family must be one of 'generalized-alpha', 'hht', 'newmark', got None.",
-    ),
-    (
         lambda: Alpha(family="hht", rho_inf=0.4),
         "GeneralizedAlpha: rho_inf must lie in [0.5, 1] for family 'hht', got 0.4.",
     ),
@@ -91,8 +79,6 @@ SENTENCES = [
         lambda: Alpha(family="newmark", rho_inf=1.2),
         "GeneralizedAlpha: rho_inf must lie in [0, 1], got 1.2.",
     ),
-    (lambda: Alpha(rho_inf=-0.1), "GeneralizedAlpha: rho_inf must lie in [0, 1], got -0.1."),
-    (lambda: Alpha(rho_inf=NAN), "GeneralizedAlpha: rho_inf must be finite, got nan."),
     (
         lambda: Alpha(rtol=1e-4, family="newmark"),
         "GeneralizedAlpha: rtol requires a method of second order, but family 'newmark' is of "
@@ -103,21 +89,10 @@ SENTENCES = [
         "GeneralizedAlpha: max_steps = 100 requires rtol, because the end time and the step "
         "determine the number of fixed steps; omit max_steps or set rtol.",
     ),
-    (lambda: Alpha(step=0.0), "GeneralizedAlpha: step must be positive, got 0."),
-    (lambda: Alpha(step="small"), "GeneralizedAlpha: step must be a number, got 'small'."),
     (
         lambda: Alpha(start="cure"),
         "GeneralizedAlpha: start must be one of 'cured', 'plain', got 'cure' (did you mean "
         "'cured'?).",
-    ),
-    (
-        lambda: Alpha(newton_tolerance=0.0),
-        "GeneralizedAlpha: newton_tolerance must be positive, got 0.",
-    ),
-    (
-        lambda: Alpha(formulation="index-3"),
-        "GeneralizedAlpha: formulation must be one of 'index3', 'stabilized-index2', got "
-        "'index-3' (did you mean 'index3'?).",
     ),
     (
         lambda: Ida(formulation="stabilised-index1"),
@@ -125,8 +100,6 @@ SENTENCES = [
         "'index3', got 'stabilised-index1' (did you mean 'stabilized-index1'?).",
     ),
     (lambda: Ida(max_order=6), "Ida: max_order must be one of 'auto', 1, 2, 3, 4, 5, got 6."),
-    (lambda: Ida(max_order=2.5), "Ida: max_order must be one of 'auto', 1, 2, 3, 4, 5, got 2.5."),
-    (lambda: Ida(max_step=-1.0), "Ida: max_step must be positive, got -1."),
     (
         lambda: Ida(linear_solver="dens"),
         "Ida: linear_solver must be one of 'auto', 'dense', 'sparse', got 'dens' (did you mean "
@@ -137,23 +110,11 @@ SENTENCES = [
         "Radau: error_control must be one of 'auto', 'positions', 'rigid velocities', "
         "'velocities', got 'all'.",
     ),
-    (
-        lambda: Radau(error_control="position"),
-        "Radau: error_control must be one of 'auto', 'positions', 'rigid velocities', "
-        "'velocities', got 'position' (did you mean 'positions'?).",
-    ),
-    (lambda: Radau(time_limit=-2.0), "Radau: time_limit must be positive, got -2."),
-    (lambda: Radau(time_limit="10"), "Radau: time_limit must be a number, got '10'."),
     (lambda: Radau(rtol=-1e-6), "Radau: rtol must be positive, got -1e-06."),
     (lambda: Radau(rtol=np.inf), "Radau: rtol must be finite, got inf."),
     (lambda: Radau(rtol="tight"), "Radau: rtol must be a number, got 'tight'."),
-    (lambda: Radau(rtol=True), "Radau: rtol must be a number, got True."),
     (lambda: bd.Auto(rtol=0.5), "Auto: rtol must lie between 1e-14 and 0.1, got 0.5."),
     (lambda: bd.Auto(max_steps=0), "Auto: max_steps must be a whole number of at least 1, got 0."),
-    (
-        lambda: bd.Auto(max_steps=1.5),
-        "Auto: max_steps must be a whole number of at least 1, got 1.5.",
-    ),
     (
         lambda: simulate(Alpha(step=1e-60)),
         "GeneralizedAlpha: step of 1e-60 s requires 1e+60 steps in 1 s, more than the maximum "
@@ -180,14 +141,11 @@ SENTENCES = [
         "simulate: Undecorated must be a dataclass whose fields are the settings.",
     ),
     (lambda: simulate(t_end=None), "simulate: the model has no end time; pass t_end=."),
-    (lambda: simulate(t_end=0), "simulate: t_end must be positive, got 0."),
-    (lambda: simulate(t_end="late"), "simulate: t_end must be a number, got 'late'."),
     (lambda: simulate(t_end=1e-300), "simulate: t_end must be at least 1e-75, got 1e-300."),
     (
         lambda: simulate(t_end=1e101),
         "simulate: t_end must not exceed 1e+75 in absolute value, got 1e+101.",
     ),
-    (lambda: simulate(output_step=-1.0), "simulate: output_step must be positive, got -1."),
     (
         lambda: simulate(output_step=1e-20),
         "simulate: output_step = 1e-20 s gives more than 1e+07 rows up to t = 1 s; use a longer"
@@ -226,24 +184,12 @@ SENTENCES = [
         " impact(...), got 'jump'.",
     ),
     (
-        lambda: event(do=[]),
-        "event: do must be 'stop', 'record', activate(...), deactivate(...), change_law(...) or"
-        " impact(...), got [].",
-    ),
-    (lambda: event(crosses=NAN), "event: crosses must be finite, got nan."),
-    (
         lambda: event(name="impact"),
         "event: the name 'impact' is in use; give every event a different name.",
     ),
-    (lambda: event(name=""), "event: the name must be a non-empty string, got ''."),
-    (lambda: bd.deactivate("hinge"), "deactivate: expected joints and forces, got 'hinge'."),
     (
         lambda: bd.deactivate(),
         "deactivate: expected joints and forces, got none; pass at least one part.",
-    ),
-    (
-        lambda: bd.Mechanism().deactivate(),
-        "Mechanism.deactivate: expected joints and forces, got none; pass at least one part.",
     ),
     (
         lambda: bd.activate(motor()[2], as_is=True),
@@ -258,28 +204,14 @@ SENTENCES = [
         "change_law: driver must be a Driver or a TranslationalDriver, got 'drive'.",
     ),
     (
-        lambda: bd.change_law(motor()[1], "fast"),
-        "change_law of motor: law must be a number, got 'fast'.",
-    ),
-    (
         lambda: bd.impact(None),
         "impact: on must be a gap, such as surface.gap(point), or a joint, got None.",
-    ),
-    (
-        lambda: bd.impact(falling_ball().part("ball")),
-        "impact: on must be a gap, such as surface.gap(point), or a joint, got PointMass",
     ),
     (
         lambda: bd.impact(
             bd.LineSurface(swing().ground.at(0, 0)).gap(swing().part("bob").at(0, 0)), 1.5
         ),
         "impact: restitution must lie in [0, 1], got 1.5.",
-    ),
-    (
-        lambda: bd.impact(
-            bd.LineSurface(swing().ground.at(0, 0)).gap(swing().part("bob").at(0, 0)), "a"
-        ),
-        "impact: restitution must be a number, got 'a'.",
     ),
     (
         inactive_body,
@@ -296,32 +228,13 @@ SENTENCES = [
         "both: the event changes the law of 'motor' 2 times; pass one change_law per driver.",
     ),
     (
-        lambda: foreign("deactivate"),
+        lambda: foreign()[0].deactivate(foreign()[2]),
         "Mechanism.deactivate: 'torque' is not part of this mechanism; add this part first, or "
         "use a part of the mechanism.",
     ),
     (
-        lambda: foreign("observe"),
-        "r: the joint 'motor' is not part of this mechanism; add the joint first.",
-    ),
-    (
-        lambda: foreign("column"),
+        lambda: foreign()[0].when(foreign()[1].reaction, 1.0, do="record", name="e"),
         "e: the joint 'motor' is not part of this mechanism; add the joint first.",
-    ),
-    (
-        lambda: foreign("activate"),
-        "e: 'torque' is not part of this mechanism; add this part first, or use a part of the "
-        "mechanism.",
-    ),
-    (
-        lambda: foreign("law"),
-        "e: 'motor' is not part of this mechanism; add this part first, or use a part of the "
-        "mechanism.",
-    ),
-    (
-        lambda: foreign("impact"),
-        "e: 'bob' is not part of this mechanism; add this part first, or use a part of the "
-        "mechanism.",
     ),
 ]
 
