@@ -69,37 +69,10 @@ def test_an_interrupted_run_is_raised_with_its_solution(integrator):
     assert np.isfinite(solution.table().to_numpy()).all()
 
 
-def test_an_interrupted_run_may_be_returned():
-    with pytest.warns(bd.BeamdaeWarning, match="interrupted"):
-        solution = bd.simulate(pendulum(), t_end=50.0, progress=InterruptAt(8), partial="return")
-    assert solution.status.kind == "interrupted"
-
-
 @pytest.mark.parametrize("value", ["both", True, None, 1])
 def test_other_treatments_of_partial_results_are_rejected(value):
     with pytest.raises(bd.BeamdaeError, match=r"^simulate: partial must be .*raise"):
         bd.simulate(pendulum(), t_end=1.0, partial=value)
-
-
-def test_a_loop_of_runs_ends():
-    """A fit ran on with truncated runs as data."""
-    runs = []
-
-    def run_all():
-        for length in (1.0, 2.0, 3.0):
-            progress = InterruptAt(8)
-            runs.append(bd.simulate(pendulum(length=length), t_end=20.0, progress=progress))
-
-    with pytest.raises(KeyboardInterrupt):
-        run_all()
-    assert runs == []
-
-
-def test_integrators_raise_interrupts():
-    equations = bd.equations_of_motion(pendulum())
-    with pytest.raises(Interrupted) as caught:
-        bd.Radau().integrate(equations, np.linspace(0.0, 50.0, 11), InterruptAt(8))
-    assert caught.value.solution.status.kind == "interrupted"
 
 
 @dataclass(frozen=True)
@@ -284,15 +257,3 @@ def test_exceptions_of_progress_have_the_result_so_far(call, begin):
     assert solution.status.sentence.endswith("progress failed: BeamdaeError: the user stops")
     assert solution.trajectory.end > begin
     assert solution.model["t_end"] == 20.0
-
-
-def test_regression_last_step_of_an_inner_call_is_not_named():
-    """`optimize` said "interrupted after the last step" during its first analysis."""
-
-    @interruptible
-    def outer():
-        raise Interrupted("interrupted after the last step", call="inner")
-
-    with pytest.raises(Interrupted) as caught:
-        outer()
-    assert str(caught.value) == "outer: interrupted"

@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import cantilever, strip, truss
 
 import beamdae as bd
 from beamdae.errors import (
@@ -73,31 +74,22 @@ def test_runs_are_checked_unless_all_warnings_are_ignored(monkeypatch, filters, 
         warnings.simplefilter("default")
         for action, message, category in filters:
             warnings.filterwarnings(action, message, category)
-        run = bd.simulate(_press_crown(), bd.Radau(), t_end=0.1)
+        run = bd.simulate(truss(), bd.Radau(), t_end=0.1)
         assert len(checked) == is_checked
         assert run.warnings == ("mass: off.",)
         assert len(checked) == 1
         # Recorded messages are part of a result.
         with record_messages() as messages:
-            bd.simulate(_press_crown(), bd.Radau(), t_end=0.1)
+            bd.simulate(truss(), bd.Radau(), t_end=0.1)
         assert "mass: off." in messages
 
 
-def _press_crown():
-    mech = bd.Mechanism()
-    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, 0.2)))
-    for name, x in (("left", -1.0), ("right", 1.0)):
-        mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, 1000.0))
-    mech.add(bd.Force("press", crown.point, (0.0, -1.0)))
-    return mech
-
-
 def _stopped_run(number):
-    return bd.simulate(_press_crown(), bd.Radau(max_steps=5 + number // 2), t_end=10.0)
+    return bd.simulate(truss(), bd.Radau(max_steps=5 + number // 2), t_end=10.0)
 
 
 def _short_path(number):
-    return bd.equilibrium(_press_crown(), to=1.0 + number // 2, max_points=2)
+    return bd.equilibrium(truss(), to=1.0 + number // 2, max_points=2)
 
 
 @pytest.mark.parametrize("analyze", [_stopped_run, _short_path])
@@ -181,18 +173,11 @@ def test_regression_searches_show_warnings_of_the_model_function_once(search):
     assert sum(x.startswith("stop: the spline reaches") for x in messages) == 1, messages
 
 
-def _strip():
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.002)
-    mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.0, 1.0)), section, elements=2))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    return mech, beam
+UPRIGHT = bd.Line((0.0, 0.0), (0.0, 1.0))
 
 
 def _bend_column():
-    mech, beam = _strip()
-    mech.add(bd.Force("press", beam.end, (0.05, -1.0)))
-    return bd.buckling(mech, n=1)
+    return bd.buckling(cantilever(2, UPRIGHT, strip(width=0.02), (0.05, -1.0)), n=1)
 
 
 def _rotate_rubber():
@@ -204,11 +189,8 @@ def _rotate_rubber():
 
 
 def _swing():
-    mech, beam = _strip()
-    sway = bd.sine(6.0, frequency=0.5)
-    mech.add(bd.RayleighDamping("damping", beam, mass=50.0))
-    mech.add(bd.Force("sway", beam.end, (sway, 0.0)))
-    mech.observe("tip", beam.end)
+    mech = cantilever(2, UPRIGHT, strip(width=0.02), (bd.sine(6.0, frequency=0.5), 0.0))
+    mech.add(bd.RayleighDamping("damping", mech.part("beam"), mass=50.0))
     return mech
 
 

@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
+from mechanisms import ALLOY, cantilever, strip
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -41,15 +42,6 @@ def test_driver_speed_jump_counts_as_work(integrator):
     assert solution.quality.energy_imbalance < rtol
 
 
-def test_late_pulse_is_resolved():
-    """The default longest step, a twentieth of the run, resolves a pulse of that length."""
-    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
-    pulse = ca.exp(-(((t - 8.0) / 0.5) ** 2))
-    mass = bd.ConstrainedSystem(t=t, q=q, v=v, mass=1.0, force=pulse, q0=[0.0], v0=[0.0])
-    solution = bd.simulate(mass, bd.Ida(1e-6), t_end=10.0)
-    assert_allclose(solution.v[-1], 0.5 * np.sqrt(np.pi), rtol=1e-4)
-
-
 @pytest.mark.parametrize(
     "timing", [{"breakpoints": (7.98, 8.02)}, {"time_scale": 0.04}], ids=["breakpoints", "scale"]
 )
@@ -61,19 +53,10 @@ def test_constrained_system_has_breakpoints_and_time_scale(timing):
     assert_allclose(solution.v[-1], 4.0, rtol=1e-3)
 
 
-def damped_cantilever():
-    mech = bd.Mechanism()
-    alloy = bd.Material(E=70e9, nu=0.3, rho=2700.0)
-    strip = bd.Section.rectangle(alloy, width=0.03, height=0.01, damping=0.02)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), strip, elements=2))
-    mech.add(bd.Weld("wall", mech.ground.at(0.0, 0.0), beam.start))
-    return mech, beam
-
-
 def test_strongly_damped_beam_dissipates_its_strain_energy():
     """Sign of the dissipation: all strain energy of a release is dissipated."""
-    mech, beam = damped_cantilever()
-    mech.add(bd.Force("push", beam.end, (0.0, bd.piecewise((1.0, 50.0), 0.0))))
+    line, section = bd.Line((0.0, 0.0), (0.5, 0.0)), strip(0.01, material=ALLOY, damping=0.02)
+    mech = cantilever(2, line, section, load=(0.0, bd.piecewise((1.0, 50.0), 0.0)))
     solution = bd.simulate(mech, bd.Ida(1e-5), t_end=3.0)
     ledger = solution.energies.iloc[-1]
     work = ledger["energy.work_of_loads [J]"]
@@ -81,17 +64,6 @@ def test_strongly_damped_beam_dissipates_its_strain_energy():
     assert_allclose(work, 50.0**2 * 0.5**3 / (3.0 * 70e9 * 0.03 * 0.01**3 / 12.0), rtol=0.02)
     assert_allclose(ledger["energy.dissipated [J]"], work, rtol=1e-3)
     assert solution.quality.energy_imbalance < 1e-3
-
-
-def test_positive_bending_moment_lengthens_the_left_side():
-    """A counter-clockwise tip moment shortens the left side: M = -moment, strain there < 0."""
-    mech, beam = damped_cantilever()
-    mech.add(bd.Moment("twist", beam.end, 0.1))
-    mech.observe("middle", beam.section_forces(0.25))
-    mech.observe("left", beam.strain(0.25, offset=0.005))
-    observed = bd.simulate(mech, bd.Ida(1e-6), t_end=3.0).observed.iloc[-1]
-    assert_allclose(observed["middle.M [N m]"], -0.1, rtol=1e-4)
-    assert_allclose(observed["left [-]"], -0.1 * 0.005 / beam.section.EI, rtol=1e-3)
 
 
 @pytest.mark.slow(reason="half a second")

@@ -114,13 +114,6 @@ def test_events_of_generalized_alpha_are_of_order_two():
     assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)
 
 
-@RUNS
-def test_run_stops_where_it_would_record_the_event(integrator):
-    recorded = bd.simulate(falling((HIT[0], {**HIT[1], "do": "record"})), integrator, 0.7)
-    stopped = bd.simulate(falling(HIT), integrator, 0.7)
-    assert_allclose(stopped.t[-1], recorded.event_records[0].t, atol=1e-6)
-
-
 def test_events_within_one_step_are_recorded_in_order():
     levels = {f"at {y}": y for y in (0.55, 0.6, 0.5, 0.45, 0.65)}
     events = [("ball.y", {"crosses": y, "name": n, "do": "record"}) for n, y in levels.items()]

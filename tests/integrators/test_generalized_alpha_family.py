@@ -125,36 +125,6 @@ def test_steps_are_those_of_the_parameters(family, rho_inf):
     assert_allclose(run.v[1:, 0], np.array(states)[:, 1] / h, rtol=0.0, atol=1e-9)
 
 
-def remaining_energy(family, rho_inf):
-    """Return the remaining share of energy after ten periods of twenty steps."""
-    omega = 2.0 * np.pi
-    integrator = bd.GeneralizedAlpha(step=0.05, rho_inf=rho_inf, family=family, start="plain")
-    solution = bd.simulate(oscillator(omega), integrator, 10.0, 0.05)
-    return float(solution.v[-1, 0] ** 2 + (omega * solution.q[-1, 0]) ** 2) / omega**2
-
-
-def test_dissipation_falls_with_rho_inf_and_with_the_averages():
-    for family in FAMILIES:
-        energies = [remaining_energy(family, rho) for rho in (0.5, 0.7, 0.9, 1.0)]
-        assert np.all(np.diff(energies) > 0.0)
-        assert_allclose(energies[-1], 1.0, rtol=0.0, atol=1e-9)
-    # The purpose of the averages: less damping at low frequencies for the same at infinity.
-    energies = [remaining_energy(family, 0.8) for family in FAMILIES]
-    assert energies[0] > energies[1] > energies[2]
-
-
-@pytest.mark.parametrize("formulation", ["index3", "stabilized-index2"])
-@pytest.mark.parametrize("family", FAMILIES)
-def test_the_cured_start_keeps_multipliers_from_ringing(family, formulation):
-    ringing = []
-    for start in ("cured", "plain"):
-        integrator = bd.GeneralizedAlpha(2e-3, 0.8, formulation, family=family, start=start)
-        lam = bd.simulate(SWING, integrator, 0.02, 2e-3).lam[1:, 0]
-        # Fourth differences: the part that alternates from step to step.
-        ringing.append(np.max(np.abs(np.diff(lam, 4))))
-    assert ringing[0] < 0.2 * ringing[1]
-
-
 # Adaptive steps -------------------------------------------------------------------------------
 
 

@@ -30,23 +30,27 @@ def bouncing(restitution, floor=(0.0, 0.0), slope=0.0, **ball):
 
 
 @RUNS
-def test_a_ball_bounces_at_times_of_the_geometric_series(integrator):
-    e = 0.8
+@pytest.mark.parametrize(("e", "count"), [(1.0, 3), (0.8, 4), (0.0, 1)])
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+def test_a_ball_bounces_at_times_of_the_geometric_series(integrator, e, count):
     solution = bd.simulate(bouncing(e, velocity=(0.3, 0.0)), integrator, 2.3)
-    speed = G * FALL * e ** np.arange(4)
+    assert solution.status.kind == ("ok" if e else "limited")
+    speed = G * FALL * e ** np.arange(count)
     times = FALL + np.cumsum([0.0, *(2.0 * e * speed[:-1] / G)])
-    events = solution.events
+    # Without a restitution, the ball rests on the floor after the first impact.
+    events = solution.events if e else solution.events.iloc[:count]
     # 100 rtol of 1 s; fixed steps are exact for parabolas, up to rounding.
     assert_allclose(events["t [s]"], times, atol=1e-5)
     assert_allclose(events["ball.y_dot [m/s]"], -speed, rtol=1e-5)
     assert_allclose(events["impulse.bounce.gap"], 2.0 * (1.0 + e) * speed, rtol=1e-5)
     lost_energy = 0.5 * 2.0 * (1.0 - e**2) * speed**2
-    assert_allclose(events["energy lost [J]"], lost_energy, rtol=1e-5)
+    assert_allclose(events["energy lost [J]"], lost_energy, rtol=1e-5, atol=1e-9)
     assert_allclose(solution.columns["ball.x [m]"], 0.3 * solution.t, atol=1e-9)
     assert solution.columns["gap [m]"].min() > -1e-6
     assert solution.quality.energy_imbalance < 1e-6
-    dissipated = solution.energies["energy.dissipated [J]"].iloc[-1]
-    assert_allclose(dissipated, events["energy lost [J]"].sum(), rtol=1e-9)
+    if e:
+        dissipated = solution.energies["energy.dissipated [J]"].iloc[-1]
+        assert_allclose(dissipated, events["energy lost [J]"].sum(), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.slow(reason="half a second each")
@@ -88,18 +92,6 @@ def test_regression_impacts_of_a_flexible_tip_name_the_cause():
     assert solution.status.kind == "limited"
     assert "reverses only the section of arm that it hits" in solution.status.sentence
     assert solution.status.sentence.endswith("use a Contact")
-
-
-@pytest.mark.parametrize("e", [0.0, 1.0])
-def test_inelastic_and_elastic_impact(e):
-    solution = bd.simulate(bouncing(e), bd.Radau(1e-7), 0.9)
-    if e == 0.0:
-        assert solution.status.kind == "limited"
-        assert_allclose(solution.trajectory.end, FALL, rtol=1e-6)
-        assert_allclose(solution.event_records[0].energy_lost, 2.0 * G * HEIGHT, rtol=1e-6)
-    else:
-        assert_allclose(solution.q[-1, 1], 0.9 * 2.0 * G * FALL - 0.5 * G * 0.81 - 3.0, rtol=1e-4)
-        assert_allclose(solution.event_records[0].energy_lost, 0.0, atol=1e-9)
 
 
 def test_impact_on_a_slope_keeps_the_tangential_speed():

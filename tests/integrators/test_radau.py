@@ -77,15 +77,6 @@ def test_the_error_estimate_of_radau5_is_steady_and_near_the_tolerance(damping):
     assert damping > 0.0 or 0.4 < np.median(ratios) < 0.7
 
 
-@pytest.mark.slow(reason="half a second")
-def test_cubic_force_is_integrated_exactly():
-    # v by quadrature of degree 4, q by the condition b A c^3 = 1/20 of order 5.
-    mech = pushed_particle(lambda t: 2.0 * (1.0 + t**3))
-    solution = bd.simulate(mech, bd.Radau(0.1, max_step=1.0), 1.0, 1.0)
-    assert_allclose(solution.v[-1, 0], 1.25, rtol=1e-12)
-    assert_allclose(solution.q[-1, 0], 0.55, rtol=1e-12)
-
-
 # Newton's iteration ------------------------------------------------------------------------------
 
 
@@ -100,23 +91,7 @@ def test_factors_are_reused_while_the_step_is_constant():
     assert steps.residual_calls == 3 * (steps.steps + 1)
 
 
-def test_factors_are_reused_while_the_step_changes_little():
-    steps = bd.simulate(oscillator(5.0), bd.Radau(1e-8), 5.0).statistics
-    # New factors in every step would require at least two factorizations per step.
-    assert steps.factorizations < steps.steps
-
-
 # Steps -------------------------------------------------------------------------------------------
-
-
-def test_step_length_scales_with_the_order_of_the_estimate():
-    steps, tolerances = [], []
-    for rtol in (1e-5, 1e-8):
-        solution = bd.simulate(oscillator(5.0), bd.Radau(rtol), 5.0)
-        steps.append(solution.statistics.steps)
-        tolerances.append(solution.integrator["local_tolerance"])
-    growth = np.log(steps[1] / steps[0]) / np.log(tolerances[0] / tolerances[1])
-    assert_allclose(growth, 0.25, rtol=0.05)
 
 
 def test_undamped_fast_modes_are_not_resolved():
@@ -146,23 +121,6 @@ def test_fully_driven_motion_meets_the_tolerance():
     # Multipliers are of order 3: the error falls as rtol^(0.9 * 3/4).
     assert errors[2] < 1e-5
     assert errors[2] < errors[0] / 100.0
-
-
-@pytest.mark.slow(reason="velocities of an undamped beam are resolved")
-def test_error_control_of_positions_allows_longer_steps():
-    solutions = [
-        bd.simulate(hub_beam, bd.Radau(1e-5, error_control=control))
-        for control in ("positions", "velocities")
-    ]
-    assert all(s.status.success for s in solutions)
-    assert solutions[0].statistics.steps < solutions[1].statistics.steps / 3
-
-
-def test_breakpoints_closer_than_the_smallest_step_are_skipped():
-    law = bd.piecewise((1.0, 2.0), (1.0 + 1e-15, 5.0), 2.0)
-    solution = bd.simulate(pushed_particle(law), bd.Radau(1e-6), 2.0)
-    assert solution.status.success
-    assert_allclose(solution.v[-1, 0], 2.0, rtol=1e-9)
 
 
 def test_a_tight_tolerance_ends_at_rounding():

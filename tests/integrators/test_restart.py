@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
+import re
 
 import numpy as np
 import pytest
 from conformance import integrators
 from numpy.testing import assert_allclose
-from test_events import FALL, HIT, falling, pendulum
+from test_events import HIT, falling, pendulum
 
 import beamdae as bd
 
@@ -82,23 +82,6 @@ def test_run_continues_after_a_stop_event(tmp_path):
         assert [one.name for one in both.event_records] == ["impact"]
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-def test_a_ball_bounces_by_stops_and_restarts():
-    """Times of impact in closed form, with a restitution of 0.8."""
-    t, times, height, velocity = 0.0, [], 2.0, 0.0
-    for _ in range(6):
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
-        ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height), velocity=(0.0, velocity)))
-        mech.observe("ball", ball.point)
-        mech.when("ball.y", 0.0, "down", name="impact")
-        flight = bd.simulate(mech, bd.Radau(1e-8), 2.0)
-        t += flight.trajectory.end
-        times.append(t)
-        height, velocity = 0.0, -0.8 * float(flight.v[-1, 1])
-    flights = 2.0 * FALL * 0.8 ** np.arange(1, 6)
-    assert_allclose(times, FALL + np.cumsum([0.0, *flights]), rtol=1e-12)
-
-
 def pushed_beyond_a_line():
     """A mass of 1 kg at 1 m/s up to x = 1 m at t = 1 s, then pushed by 0.5 N."""
     mech = bd.Mechanism()
@@ -136,40 +119,42 @@ def test_run_stopped_right_after_its_start(integrator):
 
 
 def test_checkpoint_of_another_model_is_rejected(tmp_path):
-    path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
+    first = bd.simulate(slider(), bd.Radau(), 0.1)
+    path = first.checkpoint(tmp_path / "end.json")
+    with pytest.raises(bd.BeamdaeError, match="begins at t = 0 s"):
+        first.followed_by(first)
     with pytest.raises(bd.BeamdaeError, match=r"coordinate 1 is 'bar\..*' in the start and 'x' in"):
         bd.simulate(pendulum(), bd.Radau(), 1.0, start=path)
     with pytest.raises(bd.BeamdaeError, match=r"t_end = 0\.1 s must be later than the start"):
         bd.simulate(slider(), bd.Radau(), 0.1, start=path)
-    with pytest.raises(bd.BeamdaeError, match="a solution, an equilibrium or the path of"):
-        bd.simulate(slider(), bd.Radau(), 0.1, start=3)
+
+
+INCOMPLETE = "the file is not a complete checkpoint"
 
 
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (lambda record: record | {"version": 1}, "version must be 3, got 1; run the model again"),
-        (lambda record: [1], "not a complete checkpoint"),
         (
-            lambda record: record | {"t": 0.05},
-            r"has changed since it was written \(wrong checksum\)",
+            lambda text: text.replace('"version": 3', '"version": 1'),
+            "version must be 3, got 1;",
         ),
+        (lambda text: re.sub('"t": [0-9.]+', '"t": 0.05', text), r"since it was .*wrong checksum"),
+        (lambda text: "[1]", INCOMPLETE),
+        (lambda text: "", INCOMPLETE),
+        (lambda text: text[: len(text) // 2], INCOMPLETE),
+        (lambda text: text[:-3], INCOMPLETE),
+        (lambda text: 50 * "[", INCOMPLETE),
+        (lambda text: bytes(range(256)).decode("latin1"), INCOMPLETE),
     ],
 )
 def test_damaged_checkpoint_is_rejected(tmp_path, change, sentence):
     path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
-    path.write_text(json.dumps(change(json.loads(path.read_text()))))
+    text = path.read_text()
+    assert change(text) != text
+    path.write_bytes(change(text).encode("latin1"))
     with pytest.raises(bd.BeamdaeError, match=sentence):
         bd.simulate(slider(), bd.Radau(), 1.0, start=path)
-
-
-def test_truncated_checkpoint_is_rejected(tmp_path):
-    path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
-    whole = path.read_bytes()
-    for part in (b"", whole[: len(whole) // 2], whole[:-3], b"[" * 50, bytes(range(256))):
-        path.write_bytes(part)
-        with pytest.raises(bd.BeamdaeError, match="the file is not a complete checkpoint"):
-            bd.simulate(slider(), bd.Radau(), 1.0, start=path)
 
 
 def test_regression_a_saved_run_as_start_is_named(tmp_path):
@@ -210,14 +195,6 @@ def test_end_of_a_failed_or_pilot_run_causes_a_warning(tmp_path):
     with pytest.warns(bd.BeamdaeWarning, match="max_steps"):
         limited = bd.simulate(pendulum(), bd.Radau(max_steps=30), 2.0)
     assert bd.simulate(pendulum(), bd.Radau(), 2.0, start=limited).warnings == ()
-
-
-def test_runs_that_do_not_connect_are_not_joined():
-    first = bd.simulate(slider(), bd.Radau(), 0.1)
-    with pytest.raises(bd.BeamdaeError, match="begins at t = 0 s"):
-        first.followed_by(first)
-    with pytest.raises(bd.BeamdaeError, match="must be a solution"):
-        first.followed_by(3)
 
 
 def test_other_parameters_are_rejected_or_reported(tmp_path):

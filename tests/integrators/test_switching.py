@@ -156,13 +156,6 @@ def test_endless_switching_ends_the_run():
     assert solution.status.kind == "limited"
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-def test_runs_with_switches_are_repeatable_and_estimated():
-    first, second = caught(1.0), caught(1.0)
-    assert np.array_equal(first.q, second.q)
-    assert bd.verify(first)["verdict"].iloc[2] == "agrees"
-
-
 def test_simultaneous_events_all_happen():
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))

@@ -24,8 +24,6 @@ from beamdae.equations.formulations.step_equations import (
 from beamdae.equations.formulations.sums import term_data
 from beamdae.native.loops import CompiledLoop
 from beamdae.native.object_code import is_native_enabled
-from beamdae.symbolic.sums.kernel_sums import Kernel
-from beamdae.symbolic.sums.rotations import factor_operator, rotate_kernel
 
 TIME = np.array([0.1, 0.5])
 # Rounding errors of sums over 100 elements.
@@ -140,45 +138,3 @@ def test_separate_matrices_add_up(name):
             rtol=0.0,
             atol=1e-13 * np.abs(expected).max(),
         )
-
-
-def test_operator_is_selection_times_rotation():
-    """The copies have different columns."""
-    random = np.random.default_rng(1)
-    rows, count, n = 4, 6, 9
-    dense = random.normal(size=(rows * count, n)) * (random.random((rows * count, n)) < 0.3)
-    dense[random.random(dense.shape) < 0.1] = 1.0
-    factored = factor_operator(sp.csr_array(dense), count)
-    n_selected = factored.rotation.shape[1]
-    for copy in range(count):
-        matrix = rotation_matrix(factored.rotation, factored.data[:, copy])
-        selection = factored.selection[copy * n_selected : (copy + 1) * n_selected].toarray()
-        assert_allclose(matrix @ selection, dense[copy * rows : (copy + 1) * rows], rtol=0, atol=0)
-
-
-def test_selections_are_not_factored():
-    operator = sp.csr_array(np.eye(6)[[0, 2, 1, 5]])
-    factored = factor_operator(operator, 2)
-    assert factored.rotation is None
-    assert factored.selection is operator
-
-
-def test_rotated_kernel():
-    """The rotated kernel computes T^T F(T x) and T^T V T."""
-    random = np.random.default_rng(2)
-    s, local = ca.SX.sym("s", 1), ca.SX.sym("local", 7)
-    x, v, data = local[:3], local[3:6], local[6]
-    column = data * s * x**2 + v
-    kernel = Kernel.of("kernel", s, local, [column, ca.jacobian(column, x)])
-    factored = factor_operator(sp.csr_array(random.normal(size=(3, 2))), 1)
-    numbers = random.normal(size=4)
-    T = rotation_matrix(factored.rotation, factored.data[:, 0])
-    shared, inputs = 0.7, np.concatenate([numbers, [1.3], factored.data[:, 0]])
-    entries = rotate_kernel(kernel, factored.rotation, 2).function(shared, inputs).full().ravel()
-    at = T @ numbers[:2]
-    assert_allclose(entries[:2], T.T @ (1.3 * shared * at**2 + T @ numbers[2:]), rtol=1e-13)
-    matrix = T.T @ np.diag(2.0 * 1.3 * shared * at) @ T
-    assert_allclose(entries[2:].reshape(2, 2, order="F"), matrix, rtol=1e-13)
-    assert rotate_kernel(kernel, factored.rotation, 2) is rotate_kernel(
-        kernel, factored.rotation, 2
-    )
