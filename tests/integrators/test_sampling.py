@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 
 import beamdae as bd
-from beamdae.integrators import step_history, step_thinning
 
 EVERY = 0.02
 METHODS = {
@@ -122,22 +121,6 @@ def test_generalized_alpha_remains_of_second_order(form):
         differences = (np.abs(getattr(run, x) - getattr(exact, x))[1:] for x in ("q", "v", "lam"))
         errors.append([np.max(x) for x in differences])
     assert (np.log2(np.divide(*errors)) > 3.6).all()
-
-
-@pytest.mark.slow(reason="half a second and more")
-@pytest.mark.parametrize("method", ["Radau", "fixed steps"])
-def test_long_runs_with_samples_are_thinned_and_saved(method, monkeypatch, tmp_path):
-    whole = bd.simulate(crank(), METHODS[method], 0.3, output_step=0.01)
-    times = np.linspace(0.0, 0.3, 99)
-    loaded = bd.load(whole.save(tmp_path / "run.npz"), crank())
-    assert_array_equal(loaded.at_times(times).a, whole.at_times(times).a)
-    monkeypatch.setattr(step_thinning, "MAX_STORED_BYTES", 3e3)
-    monkeypatch.setattr(step_history, "_MAX_BLOCK_ROWS", 40)
-    run = bd.simulate(crank(), METHODS[method], 0.3, output_step=0.01)
-    assert run.trajectory.intervals[0].record is not None
-    assert run.trajectory.steps == whole.trajectory.steps
-    assert_array_equal(run.table(), whole.table())
-    assert run.quality == whole.quality
 
 
 @pytest.mark.slow(reason="a fifth of a second")

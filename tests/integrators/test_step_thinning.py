@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from test_sampling import crank
 
 import beamdae as bd
 from beamdae.integrators import step_history, step_thinning
@@ -58,6 +59,7 @@ CASES = {
     "adaptive steps": (pendulum, bd.GeneralizedAlpha(rtol=1e-5)),
     "redundant": (lambda: pendulum("minimum norm"), bd.GeneralizedAlpha(1e-3)),
     "contact": (peg, bd.GeneralizedAlpha(1e-3)),
+    "samples": (crank, bd.GeneralizedAlpha(5e-4)),
 }
 
 

@@ -8,7 +8,6 @@ from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.linear.factorizations import SparseFactorization
 from beamdae.linear.orderings import compute_bordered_ordering
 
@@ -76,17 +75,6 @@ def test_relative_fill_of_an_undamped_beam_is_independent_of_its_elements(name):
         fills.append(factorize(*integrator_matrices(equations, 1e-4)[name]).fill)
     # Velocities are coupled by mass alone; an order by mass broke the band: fills of 3 and 9.
     assert_allclose(fills[1], fills[0], rtol=0.15)
-
-
-def test_frames_and_multipliers_come_last():
-    equations = bd.equations_of_motion(chain_of_beams(2, elements=8))
-    form = formulate_step(equations, False)
-    order, border = compute_bordered_ordering(form.pattern)
-    assert sorted(order) == list(range(form.size))
-    names = [*equations.q_names, *equations.lam_names]
-    last = {names[k] for k in order[form.size - border :]}
-    frames = {f"link {k}.{x}" for k in (0, 1) for x in ("x0", "y0", "theta")}
-    assert last == {*frames, *equations.lam_names}
 
 
 def test_useless_pivots_in_the_band_are_replaced():

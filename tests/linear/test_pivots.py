@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.linear import elimination
 from beamdae.linear.elimination import allocate_factors, refactorize, solve
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.linear.pivots import compute_fill, propose_plans
@@ -130,35 +129,6 @@ def test_refinement_recovers_digits_lost_by_small_pivots():
     right = np.array([1.0, 2.0])
     x = solve_with(plan, factors, right)
     assert_allclose(x, np.linalg.solve(matrix, right), rtol=1e-14)
-
-
-@pytest.mark.slow(reason="compiles loops")
-@pytest.mark.parametrize("kind", [float, complex])
-def test_compiled_elimination_agrees(kind):
-    numba = pytest.importorskip("numba")
-    pytest.importorskip("beamdae.native.overloads")
-    for function in (
-        elimination._estimate_modulus,
-        elimination.substitute_triangles,
-        elimination._update_residual,
-        elimination._scale_matrix,
-        elimination.eliminate_interior,
-        elimination._eliminate_blocks,
-        elimination._solve_scaled,
-        elimination.eliminate_columns,
-        elimination.find_refinements,
-    ):
-        numba.extending.register_jitable(error_model="numpy")(function)
-    compiled = [numba.njit(error_model="numpy")(f) for f in (refactorize, solve)]
-    rng, size = np.random.default_rng(0), 30
-    pattern = sp.csc_array(np.ones((size, size)))
-    nonzeros, right = (numbers(rng, length, kind) for length in (size * size, size))
-    analysis = analyze(pattern, nonzeros, compiled[0])
-    x, expected = right.copy(), solve_with(*analyze(pattern, nonzeros), right)
-    compiled[1](*analysis, x)
-    assert_allclose(x, expected, rtol=1e-12)
-    assert not compiled[0](*analysis, np.nan * nonzeros)
-    assert not compiled[0](*analysis, 0.0 * nonzeros)
 
 
 MECHANISMS = {

@@ -10,20 +10,6 @@ from beamdae.beams import damping
 from beamdae.beams.exact import element as exact_element
 from beamdae.beams.floating_frame import element as floating_element
 from beamdae.parts.bodies import rigid_body
-from beamdae.symbolic.formula import cache_kernels
-
-
-def test_threads_that_build_a_kernel_at_the_same_time_get_the_same_one():
-    barrier = Barrier(2)
-
-    @cache_kernels
-    def build(size):
-        barrier.wait(10.0)
-        return object()
-
-    with ThreadPoolExecutor(2) as pool:
-        one, other = pool.map(build, [3, 3])
-    assert one is other
 
 
 def test_structures_of_concurrent_threads_are_equal():

@@ -6,11 +6,8 @@ import pytest
 import beamdae as bd
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from beamdae.native.llvm import MachineCodeError
 from beamdae.native.loops import CompiledLoop
 from beamdae.native.object_code import is_native_enabled
-from beamdae.studies.execution.case_run import run_task
-from beamdae.studies.tasks import Task
 from beamdae.symbolic.functions import row_kernels
 from beamdae.symbolic.sums import sum_evaluator
 from beamdae.symbolic.sums.sum_evaluator import compile_sums
@@ -86,37 +83,3 @@ def test_evaluators_are_reused_with_the_numbers_of_the_next_model(loops):
     assert len(loops) == count
     for result, other in zip(results, expected, strict=True):
         np.testing.assert_array_equal(result, other)
-
-
-def test_without_the_loop_the_virtual_machine_evaluates(loops, monkeypatch):
-    def fail(*arguments, **options):
-        raise MachineCodeError("numba cannot be imported")
-
-    expected = evaluate(build_equations(4))
-    monkeypatch.setattr(sum_evaluator, "CompiledLoop", fail)
-    with compile_sums():
-        results = evaluate(build_equations(4))
-    for result, other in zip(results, expected, strict=True):
-        np.testing.assert_array_equal(result, other)
-
-
-@bd.model(t_end=0.01)
-def falling_ball(mass=1.0):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    mech.observe("ball", mech.add(bd.PointMass("ball", mass, at=(0.0, 1.0))).point)
-    return mech
-
-
-def compiles(solution):
-    from beamdae.symbolic.sums import sum_evaluator
-
-    return sum_evaluator._compiles.get()
-
-
-def test_cases_of_studies_compile_sums():
-    case = bd.Case(falling_ball, {}, bd.GeneralizedAlpha(1e-3))
-    task = Task("ball", case, 0.01, 0.005, outputs={"compiles": compiles})
-    outcome = run_task(task.serialize({}))
-    assert outcome.status.success, outcome.status
-    assert outcome.values["output compiles"] is True
-    assert not compiles(None)

@@ -60,19 +60,6 @@ def test_special_values():
     assert_array_equal(cosine, [1.0, np.nan, np.nan, np.nan])
 
 
-def test_functions_with_few_sines_are_not_changed():
-    x = SX.sym("x", 500)
-    results = {
-        "product": x * x,
-        "two": ca.sin(x[:2]),
-        "three": ca.sin(x[:3]),
-        "large": ca.vertcat(ca.sin(x[:3]), x * x),
-    }
-    functions = [ca.Function(name, [x], [result]) for name, result in results.items()]
-    changed = [f.name() for f in functions if expand_sines(f) is not f]
-    assert changed == ["three"]
-
-
 def test_functions_share_the_polynomials_of_one_angle():
     shared, local = SX.sym("shared", 2), SX.sym("local", 2)
     angle = local[0] + shared[1]
