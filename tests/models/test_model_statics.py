@@ -20,16 +20,15 @@ SENTENCES = {
     "sliding_mass": ": no equilibrium was found under the loads at t = 0 s",
     # Only friction and speed balance the driving weight.
     "governor": "rotor.angle: no equilibrium was found under the loads at t = 0 s",
-    # Without its weight, the strip is in equilibrium at any angle, so load steps cannot begin.
-    "inverted_pendulum": "(last converged load factor: 0)",
     "quick_return": "friction depends on the sliding velocity and is zero at rest",
     # They are drawn far from where they hang.
     "pendulum": "beam: the equilibrium turns this part by 76.8 degrees from its drawing",
     "press": "wheel: the equilibrium turns this part by 154 degrees from its drawing",
 }
-ENDS = {"sliding_mass": 1, "governor": 2, "inverted_pendulum": 1}
-# Rounding decides whether the first row, without weight, is stable.
-INDIFFERENT = {"inverted_pendulum"}
+ENDS = {"sliding_mass": 1, "governor": 2}
+# Without its weight, the strip is in equilibrium at any angle: rounding decides whether the first
+# row is stable, and whether load steps can begin there.
+INDIFFERENT = {"inverted_pendulum": "(last converged load factor: 0)"}
 
 
 @pytest.mark.slow(reason="a path and a picture of every model")
@@ -38,8 +37,11 @@ def test_static_command_finds_equilibrium_or_says_why_not(name, tmp_path):
     result = CliRunner().invoke(
         app, ["static", str(FOLDER / f"{name}.py"), "--out", str(tmp_path)], env={"COLUMNS": "200"}
     )
-    assert result.exit_code == ENDS.get(name, 0), result.output
     output = " ".join((result.stdout + result.stderr).split())
+    if name in INDIFFERENT and result.exit_code == 1:
+        assert INDIFFERENT[name] in output
+        return
+    assert result.exit_code == ENDS.get(name, 0), result.output
     if name in SENTENCES:
         assert SENTENCES[name] in output
     else:
@@ -55,7 +57,7 @@ def test_static_command_finds_equilibrium_or_says_why_not(name, tmp_path):
 
 @pytest.mark.slow(reason="equilibria of every model by two methods")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
-@pytest.mark.parametrize("name", sorted(set(MODELS) - set(ENDS)))
+@pytest.mark.parametrize("name", sorted(set(MODELS) - set(ENDS) - set(INDIFFERENT)))
 def test_relaxation_and_load_steps_give_the_same_equilibrium(name):
     """Load steps against relaxation under the full load."""
     path = bd.equilibrium(MODELS[name])

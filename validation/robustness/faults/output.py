@@ -126,7 +126,7 @@ def page_is_a_folder(bench: Bench) -> None:
 def full_disk(bench: Bench) -> None:
     """A full disk is reported, and no truncated table remains."""
     with mount_small_disk(bench.folder / "disk", 16):
-        expect_exit(bench.run("run", "model.py", "--no-estimate", "--out", "disk"), 1, 2)
+        expect_exit(bench.run("run", "model.py", "--quiet", "--out", "disk"), 1, 2)
         table = bench.folder / "disk" / "arm.csv"
         whole = not table.exists() or table.read_text().endswith("\n")
         expect(whole, "half a table stays under its name")
