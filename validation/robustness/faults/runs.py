@@ -29,7 +29,7 @@ _TABLE_LINES = 1002  # of a complete run: header and 1001 rows
 # 1e-4 to 4e-4 s; longer runs would count as stalled.
 _LONG_END_TIMES = {"ida": "50", "radau": "100", "generalized-alpha": "2000"}
 
-# End time [s] of the run of 16 elements that gets a signal, which takes about half a minute. The run
+# End time [s] of the run of 16 elements that gets a signal; the run takes about half a minute. That
 # of LONG_MODEL would count as stalled after 12 800 steps, about 5 s.
 _END_TIME_OF_SIGNALS = "100"
 
