@@ -1,6 +1,5 @@
 """Static equations of a load stage: machine code, load factor, bordered solution."""
 
-import warnings
 from dataclasses import replace
 
 import casadi as ca
@@ -13,15 +12,12 @@ from beamdae.analysis.statics import bordered_system
 from beamdae.analysis.statics.bordered_system import BorderedSystem
 from beamdae.analysis.statics.corrector import Corrector
 from beamdae.analysis.statics.load_scaling import build_loading
-from beamdae.analysis.statics.newton_loop import CORRECT, EXTEND_SPACE, FOLLOW_LOAD
 from beamdae.analysis.statics.path_controls import (
     DisplacementControl,
     LoadControl,
     PathDirection,
     StepNorm,
 )
-from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.linear.factorizations import SingularMatrixError
 
 
@@ -184,26 +180,6 @@ def cubic_spring(stiffness=1.0):
     )
 
 
-def test_kernels_that_are_not_cached_are_compiled_when_it_pays(monkeypatch, tmp_path):
-    compile_now(monkeypatch)
-    other = cubic_spring().equations
-    # The loop is loaded before the cache is replaced, because compiling it takes seconds.
-    BorderedSystem(other, other, np.zeros(2)).correct(LoadControl(), 0.0, np.zeros(1), 0.0)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(bordered_system, "_OTHER_COORDINATES", 9)
-    monkeypatch.setattr(bordered_system, "_COORDINATE_SECONDS", 1e-3)
-    monkeypatch.setattr(bordered_system, "_INSTRUCTION_SECONDS", 0.0)
-    monkeypatch.setattr(bordered_system, "_KERNEL_SECONDS", 0.0525)
-    e = cubic_spring(stiffness=0.123456789).equations
-    iterations = 0
-    while iterations < 20:
-        # A new system each time, as in repeated calls of `equilibrium`.
-        bordered = BorderedSystem(e, e, np.zeros(2))
-        iterations += bordered.correct(LoadControl(), 0.0, np.array([0.6]), 0.0).iterations
-        # An iteration counts as 0.01 s, and both kernels as 0.105 s.
-        assert bordered.is_native == (iterations > 10)
-
-
 def test_equilibria_do_not_depend_on_machine_code(monkeypatch):
     compile_now(monkeypatch)
     ends = []
@@ -285,86 +261,3 @@ def test_workspaces_are_used_again_for_other_stiffnesses(monkeypatch):
         bd.equilibrium(bar_on_springs(2e-2), step=0.25)
         again = bd.equilibrium(bar_on_springs(1e3), step=0.25)
     assert equal_paths(first, again)
-
-
-def test_joints_that_permit_rest_are_not_evaluated_to_find_rotations(monkeypatch):
-    monkeypatch.setattr(ConsistencySolver, "constraint_levels", lambda *_: pytest.fail("evaluated"))
-    assert bd.equilibrium(bent_cantilever(0.004, 3.0)).status.success
-
-
-def test_paths_of_load_control_take_three_calls_of_the_loop(monkeypatch):
-    """The factors of the last point also serve its modes; each call takes 0.01 to 0.1 ms."""
-    compile_now(monkeypatch)
-    mech, tasks, call = bent_cantilever(0.004, 3.0), [], StepLoop.__call__
-    bd.equilibrium(mech)
-
-    def count(loop):
-        tasks.append(loop.work.task)
-        return call(loop)
-
-    monkeypatch.setattr(StepLoop, "__call__", count)
-    bd.equilibrium(mech)
-    assert tasks == [CORRECT, FOLLOW_LOAD, EXTEND_SPACE]
-
-
-@pytest.mark.parametrize(
-    "options", [{"to": 4.0}, {"to": [0.6, 2.0, 0.1], "step": 0.3}, {"step": 0.9, "max_points": 2}]
-)
-def test_load_steps_in_one_call_are_those_of_single_calls(options, monkeypatch):
-    compile_now(monkeypatch)
-    mech = bent_cantilever(0.003, 2.0)
-    with warnings.catch_warnings():
-        # One of the paths ends early.
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        in_one_call = bd.equilibrium(mech, **options)
-        monkeypatch.setattr(BorderedSystem, "follow_load", lambda *_: None)
-        one_by_one = bd.equilibrium(mech, **options)
-    # Predictions differ: only those in one call extrapolate the curvature of the path.
-    assert np.array_equal(in_one_call.factors, one_by_one.factors)
-    assert_allclose(in_one_call.q, one_by_one.q, rtol=0.0, atol=1e-14)
-    scale = np.max(np.abs(one_by_one.lam))
-    assert_allclose(in_one_call.lam, one_by_one.lam, rtol=0.0, atol=1e-12 * scale)
-    assert in_one_call.settings["iterations"] <= one_by_one.settings["iterations"]
-    assert in_one_call.status == one_by_one.status
-
-
-def test_curvature_of_the_path_saves_iterations(monkeypatch):
-    compile_now(monkeypatch)
-    path = bd.equilibrium(bent_cantilever(0.003, 2.0), step=0.05)
-    steps = len(path.factors) - 1
-    # Along the tangent alone, most steps take three iterations.
-    assert path.settings["iterations"] <= 2.2 * steps
-    monkeypatch.setattr(BorderedSystem, "follow_load", lambda *_: None)
-    one_by_one = bd.equilibrium(bent_cantilever(0.003, 2.0), step=0.05)
-    assert one_by_one.settings["iterations"] >= 2.7 * steps
-
-
-def test_regression_pivots_of_thin_beams_with_fine_meshes_are_not_renewed(monkeypatch):
-    """The shift for signs of pivots made their solutions inaccurate: 50 % of the time."""
-    compile_now(monkeypatch)
-    steel = bd.Material.of("steel")
-    strip = bd.Section.rectangle(steel, width=0.02, height=1e-4)
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    beam = mech.add(bd.Beam("b", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, 32, formulation="exact"))
-    mech.add(bd.Weld("w", mech.ground.at(0.0, 0.0), beam.start))
-    monkeypatch.setattr(FactorizedMatrix, "renew_pivots", lambda *_: pytest.fail("new pivots"))
-    path = bd.equilibrium(mech)
-    assert path.status.success
-    assert path.stable
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_load_steps_in_one_call_find_the_same_critical_points(monkeypatch):
-    compile_now(monkeypatch)
-    mech = bd.Mechanism()
-    steel = bd.Material.of("steel")
-    strip = bd.Section.rectangle(steel, width=0.02, height=0.002)
-    column = mech.add(bd.Beam("b", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, 3, formulation="exact"))
-    mech.add(bd.Weld("w", mech.ground.at(0.0, 0.0), column.start))
-    mech.add(bd.Force("f", column.end, (-steel.E * 0.02 * 0.002**3 / 12.0, 0.0)))
-    in_one_call = bd.equilibrium(mech, to=30.0)
-    monkeypatch.setattr(BorderedSystem, "follow_load", lambda *_: None)
-    one_by_one = bd.equilibrium(mech, to=30.0)
-    assert [x.kind for x in in_one_call.critical] == ["branch point", "branch point"]
-    assert in_one_call.critical == one_by_one.critical
-    assert equal_paths(in_one_call, one_by_one)

@@ -15,7 +15,6 @@ from beamdae.analysis.gradients.number_derivatives import FlatModel, differentia
 from beamdae.analysis.gradients.objectives import SampleGrid, read_column
 from beamdae.beams.section_samples import keep_numbers_of_sections
 from beamdae.equations.formulations.step_equations import formulate_step
-from beamdae.equations.starts import initial_conditions
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.sums.directional_sums import directional_plan
 from beamdae.symbolic.sums.kernel_sums import evaluate_sum, set_time
@@ -155,16 +154,8 @@ def loaded(stiffness=40.0, load=0.0, speed=SPEED):
 
 @pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("method", [bd.GeneralizedAlpha(step=2e-3), bd.Radau()], ids=repr)
-def test_forces_that_vanish_share_the_steps_of_the_other_parameters(method, monkeypatch):
-    sweeps, transpose = [], gradients.transpose_run
-
-    def count(objective, run, phases):
-        sweeps.append(phases)
-        return transpose(objective, run, phases)
-
-    monkeypatch.setattr(gradients, "transpose_run", count)
+def test_derivatives_by_forces_that_vanish(method):
     assert_agrees_with_forward(loaded, ["stiffness", "load", "speed"], 0.2, method)
-    assert len(sweeps) == 1
     result = bd.sensitivities(loaded, ["speed", "load"], method, estimate_error=False)
     actual = result.sensitivity("mass.x", "load").to_numpy()
     expected = (1.0 - np.cos(np.sqrt(40.0 / MASS) * result.t)) / 40.0
@@ -208,20 +199,10 @@ def test_start_in_equilibrium():
 
 
 @pytest.mark.slow(reason="half a second and more")
-def test_regression_equilibrium_at_the_start_is_found_once(monkeypatch):
-    """It was found for the run, its equations, and four neighbors of each parameter."""
-    found, relax = [], initial_conditions.relax_to_equilibrium
-
-    def count(static, q):
-        found.append(q)
-        return relax(static, q)
-
-    monkeypatch.setattr(initial_conditions, "relax_to_equilibrium", count)
+def test_gradients_of_runs_that_start_in_equilibrium():
     method = bd.GeneralizedAlpha(step=5e-3)
     result = bd.gradient(hanging, bd.EndValue("tip.y"), ["load", "mass"], method)
-    assert len(found) == 1
     forward = bd.sensitivities(hanging, ["load", "mass"], method, estimate_error=False)
-    assert len(found) == 3  # for the equations of the run, and for the run
     actual = [forward.sensitivity("tip.y", x).iloc[-1] for x in ("load", "mass")]
     np.testing.assert_allclose(actual, result.array, rtol=POSITIONS)
     step = 1e-3
@@ -306,33 +287,6 @@ def flat_arm(**values):
     parameters = arm.complete(values)
     entries = {f"thickness[{k}]": ("thickness", k) for k in range(len(parameters["thickness"]))}
     return FlatModel(arm, parameters, entries)
-
-
-@pytest.mark.slow(reason="half a second and more")
-def test_parameters_that_affect_different_numbers_are_changed_together(monkeypatch):
-    model, time = flat_arm(), np.array([0.0, 0.01])
-    base = bd.equations_of_motion(arm())
-    builds = []
-
-    def assemble(mechanism):
-        builds.append(1)
-        return bd.equations_of_motion(mechanism)
-
-    together = differentiate_numbers(model, base, assemble, time)
-    assert together.irregular == ()
-    assert len(builds) < 2 * 12
-    # The second time, the numbers that each thickness affects are known.
-    del builds[:]
-    again = differentiate_numbers(model, base, assemble, time)
-    np.testing.assert_array_equal(again.p, together.p)
-    assert len(builds) <= 12
-    monkeypatch.setattr(number_derivatives, "_MIN_SEARCHED", 13)
-    monkeypatch.setattr(number_derivatives, "_MIN_SEARCHED_AGAIN", 13)
-    apart = differentiate_numbers(model, base, assemble, time)
-    # Differences of fourth order along both ways.
-    size = np.abs(apart.p).max(axis=0)
-    assert np.all(np.abs(together.p - apart.p) <= 1e-9 * size)
-    assert np.count_nonzero(apart.p) > 50
 
 
 @pytest.mark.slow(reason="half a second and more")

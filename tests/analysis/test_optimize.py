@@ -10,14 +10,12 @@ from scipy.optimize import OptimizeResult, linprog
 
 import beamdae as bd
 from beamdae.analysis.fit.problem import FitProblem, Scaling
-from beamdae.analysis.gradients import gradients
 from beamdae.analysis.gradients.number_derivatives import FlatModel
 from beamdae.analysis.optimization import analyses, search
 from beamdae.analysis.optimization.analyses import DesignModel, RunSettings, create_analysis
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.result import Constraint, list_warnings
 from beamdae.analysis.optimization.search import Search, Trial, count_idle_trials
-from beamdae.analysis.statics.mesh_dependence import compare_path
 
 STEEL = bd.Material(E=210e9, nu=0.3, rho=7850.0)
 LENGTH, WIDTH, LOAD, SAG = 1.0, 0.02, 50.0, 0.01
@@ -42,22 +40,6 @@ def cantilever(height=bd.param((0.02,) * 3, "m"), width=WIDTH, load=LOAD, length
     for k in range(count):
         mech.observe(f"stress {k}", beam.stress((k + 0.1) * length / count, "top"))
     return mech
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_the_analyses_of_a_design_share_one_mechanism():
-    calls = []
-
-    @bd.model(t_end=1.0)
-    def counted(width=WIDTH):
-        calls.append(width)
-        return cantilever(width=width)
-
-    model = DesignModel(FlatModel(counted, counted.parameters, {"width": ("width", None)}))
-    settings = RunSettings(None, None, None)
-    for quantity in (bd.Mass(), bd.EquilibriumValue("tip.y"), bd.Frequency(1)):
-        create_analysis(model, [quantity], settings).value(quantity)
-    assert calls == [WIDTH]
 
 
 @pytest.mark.slow(reason="a quarter of a second")
@@ -464,24 +446,6 @@ def test_gradients_of_all_quantities_agree_with_differences():
 
 
 @pytest.mark.slow(reason="two seconds")
-def test_quantities_of_one_analysis_share_it(monkeypatch):
-    from beamdae.analysis.optimization import analyses
-
-    calls = []
-    original = analyses.equilibrium
-    monkeypatch.setattr(
-        analyses, "equilibrium", lambda *x, **y: calls.append(1) or original(*x, **y)
-    )
-    stress = bd.LargestOf([bd.EquilibriumValue(f"stress {k}") for k in range(3)])
-    limits = [bd.at_least(bd.EquilibriumValue("tip.y"), -SAG), bd.at_most(stress, 1e8)]
-    result = bd.optimize(
-        cantilever, bd.Mass(), "width", limits, {"width": (0.01, 0.1)}, tolerance=1e-4
-    )
-    # The analyses of the result may be repeated.
-    assert result.evaluations <= len(calls) <= result.evaluations + 2
-
-
-@pytest.mark.slow(reason="two seconds")
 def test_failed_analyses_shorten_the_step():
     # The first step, to the lower bound, leads to a model that is rejected. With a positive lower
     # bound, the search would have shorter steps.
@@ -512,26 +476,6 @@ def test_regression_warnings_of_the_analyses_of_the_best_design_are_kept():
     assert design.warnings[2:] == expected
     # Designs of the search are not reported.
     assert [str(x.message) for x in caught[2:]] == list(expected)
-
-
-@pytest.mark.slow(reason="half a second")
-def test_only_the_first_and_the_best_run_of_a_search_are_checked(monkeypatch):
-    """The checks of all runs took a fifth of the time of the search."""
-    solutions = []
-
-    def simulate(*arguments, **settings):
-        solutions.append(bd.simulate(*arguments, **settings))
-        return solutions[-1]
-
-    monkeypatch.setattr(gradients, "simulate", simulate)
-    tip = bd.at_least(bd.EndValue("tip.y"), -0.008)
-    given, bounds = {"height": (0.02,)}, {"height": (0.01, 0.05)}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        design = bd.optimize(cantilever, bd.Mass(), "height", tip, bounds, ALPHA, parameters=given)
-    assert design.evaluations > 2
-    checked = [x for x in solutions if "warnings" in vars(x)]
-    assert [id(x) for x in checked] == [id(x[0]) for x in (design.first_analyses, design.analyses)]
 
 
 @pytest.mark.slow(reason="a second")
@@ -1569,35 +1513,6 @@ def bent_strip(height=2e-3, elements=4, strain=None):
 
 def end_height(height):
     return float(bd.equilibrium(bent_strip(height=height))["tip.y"].iloc[-1])
-
-
-@pytest.mark.slow(reason="a quarter of a second")
-@pytest.mark.parametrize(
-    ("limit", "count"),
-    [
-        (bd.at_least(bd.EquilibriumValue("tip.y"), -0.4), 2),
-        (bd.at_most(bd.EquilibriumErrors("tip.y", [0.5, 1.0], [-0.2, -0.4]), 1e-2), 2),
-        (bd.at_least(bd.ParameterFunction(end_height), -0.4), 1),
-    ],
-    ids=["end value", "values along the path", "function of parameters"],
-)
-def test_only_the_best_design_is_compared_with_more_accurate_beams(monkeypatch, limit, count):
-    compared = []
-
-    def compare(loading, *arguments):
-        compared.append(loading)
-        return compare_path(loading, *arguments)
-
-    monkeypatch.setattr("beamdae.analysis.statics.static_equilibrium.compare_path", compare)
-    with pytest.warns(bd.BeamdaeWarning, match="with exact strains"):
-        design = bd.optimize(bent_strip, bd.Mass(), "height", limit, {"height": (1e-3, 4e-3)})
-    assert design.evaluations > 3
-    assert len(compared) == count
-    with pytest.warns(bd.BeamdaeWarning, match="with exact strains"):
-        path = bd.equilibrium(bent_strip(**design.parameters))
-    about_limits = {x for x in design.warnings if "the best design exceeds this limit" in x}
-    assert len(about_limits) == (count == 2)
-    assert set(design.warnings) - about_limits == set(path.warnings)
 
 
 @pytest.mark.slow(reason="half a second and more")

