@@ -1,5 +1,6 @@
 """Derivatives of equilibria and critical loads: closed forms, scaling, differences of paths."""
 
+import mechanisms
 import numpy as np
 import pytest
 from four_bar import four_bar
@@ -11,6 +12,8 @@ from ring_mount import ring_mount
 from shallow_arch import shallow_arch
 
 import beamdae as bd
+
+truss = bd.model(t_end=1.0)(mechanisms.truss)
 
 G = 9.81
 SLOW = pytest.mark.slow(reason="another variant of a test of half a second")
@@ -98,18 +101,6 @@ def test_branch_point_of_a_post_has_a_closed_form():
     assert row[3] == pytest.approx(-5.0 / 0.4**2, rel=1e-9)
     # An imperfection turns the branch point into a limit point: the derivative does not exist.
     assert np.isnan(row[4])
-
-
-@bd.model(t_end=1.0)
-def truss(rise=0.2, stiffness=1000.0, span=1.0):
-    """Two springs, pressed at the crown, which snap through."""
-    mech = bd.Mechanism()
-    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
-    for name, x in (("left", -span), ("right", span)):
-        mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, stiffness))
-    mech.add(bd.Force("press", crown.point, (0.0, -1.0)))
-    mech.observe("crown", crown.point)
-    return mech
 
 
 def limit_point(rise, stiffness, span):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.special import chdtrc
+from test_fit import oscillator
 
 import beamdae as bd
 from beamdae.analysis.fit import recording_errors
@@ -15,15 +16,6 @@ METHOD = bd.GeneralizedAlpha(step=0.01)
 TIMES = np.linspace(0.0, 2.0, 101)
 TRUE = {"stiffness": 40.0, "damping": 0.8}
 pytestmark = pytest.mark.slow(reason="fits")
-
-
-@bd.model(t_end=2.0)
-def oscillator(stiffness=30.0, damping=0.5, mass=1.0):
-    mech = bd.Mechanism()
-    body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0), velocity=(0.2, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, damping))
-    mech.observe("mass", body.point)
-    return mech
 
 
 @pytest.fixture(scope="module")

@@ -2,23 +2,13 @@
 
 import numpy as np
 import pytest
+from mechanisms import truss
 from numpy.testing import assert_allclose
 
 import beamdae as bd
 
 STEEL = bd.Material(E=2.0e11, nu=0.3, rho=7800.0)
 STRIP = bd.Section.rectangle(STEEL, width=0.03, height=0.002)
-
-
-def truss():
-    """Return a crown of 1 kg on two springs whose feet are 1 m to the sides and 0.2 m below."""
-    mech = bd.Mechanism()
-    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, 0.2)))
-    for name, x in (("left", -1.0), ("right", 1.0)):
-        mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, 1000.0))
-    mech.add(bd.Force("press", crown.point, (0.0, -1.0)))
-    mech.observe("crown", crown.point)
-    return mech
 
 
 def stiffness(y):

@@ -4,6 +4,7 @@ import math
 import signal
 import warnings
 
+import mechanisms
 import numpy as np
 import pytest
 from scipy.optimize import OptimizeResult, linprog
@@ -16,6 +17,8 @@ from beamdae.analysis.optimization.analyses import DesignModel, RunSettings, cre
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.result import Constraint, list_warnings
 from beamdae.analysis.optimization.search import Search, Trial, count_idle_trials
+
+truss = bd.model(t_end=1.0)(mechanisms.truss)
 
 STEEL = bd.Material(E=210e9, nu=0.3, rho=7850.0)
 LENGTH, WIDTH, LOAD, SAG = 1.0, 0.02, 50.0, 0.01
@@ -156,18 +159,6 @@ def test_regression_gradients_of_runs_from_equilibrium_have_the_kept_stress_sect
     after, before = (problem.design(other + sign * step).values[1] for sign in (1.0, -1.0))
     # Errors of the difference are of second order in the step.
     assert gradient @ (2.0 * step) == pytest.approx(after - before, rel=1e-5)
-
-
-@bd.model(t_end=1.0)
-def truss(rise=0.2, stiffness=1000.0):
-    """Two springs that snap through."""
-    mech = bd.Mechanism()
-    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
-    for name, x in (("left", -1.0), ("right", 1.0)):
-        mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, stiffness))
-    mech.add(bd.Force("press", crown.point, (0.0, -1.0)))
-    mech.observe("crown", crown.point)
-    return mech
 
 
 @bd.model(t_end=1.0)

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import truss
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -12,18 +13,6 @@ from beamdae.analysis.statics.corrector import EquilibriumPoint
 from beamdae.analysis.statics.stability import Stability
 
 STIFFNESS, RISE = 1000.0, 0.2
-
-
-def truss(load=1.0, damping=0.0, rise=RISE):
-    """Return the von Mises truss: two springs from (-1, 0) and (1, 0) to a crown."""
-    mech = bd.Mechanism()
-    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
-    for name, x in (("left", -1.0), ("right", 1.0)):
-        foot = mech.ground.at(x, 0.0)
-        mech.add(bd.SpringDamper(name, foot, crown.point, stiffness=STIFFNESS, damping=damping))
-    mech.add(bd.Force("press", crown.point, (0.0, -load)))
-    mech.observe("crown", crown.point)
-    return mech
 
 
 def truss_load(y, rise=RISE):
@@ -152,9 +141,9 @@ def test_stiffening_structures_have_no_jumps(load):
 def test_run_from_the_limit_point_snaps_through():
     path = bd.equilibrium(truss(load=LIMIT), to={"crown.y": 0.05})
     begin = path.at(path.critical[0].row)
-    run = bd.simulate(truss(1.001 * LIMIT, damping=60.0), bd.Radau(1e-6), 20.0, start=begin)
+    run = bd.simulate(truss(load=1.001 * LIMIT, damping=60.0), bd.Radau(1e-6), 20.0, start=begin)
     assert run.columns["crown.y [m]"][0] == pytest.approx(HEIGHT, rel=1e-7)
-    below = bd.equilibrium(truss(1.001 * LIMIT), to=1.0, start={"crown.y": -0.3})
+    below = bd.equilibrium(truss(load=1.001 * LIMIT), to=1.0, start={"crown.y": -0.3})
     assert below.stable
     assert run.q[-1] == pytest.approx(below.q[-1], abs=1e-6)
     assert truss_load(below.q[-1][1]) == pytest.approx(1.001 * LIMIT, rel=1e-9)
