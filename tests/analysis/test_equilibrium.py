@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.equations.measures import ObservedRows
 from beamdae.equations.starts.rigid_motions import DisplacementMeasure
 
 
@@ -54,23 +53,6 @@ def test_path_begins_in_equilibrium_where_only_the_full_load_balances():
     assert_allclose(path.q[0], [np.sqrt(0.5), -np.sqrt(0.5)], atol=1e-9)
     assert_allclose(path.q[-1], [0.0, -1.0], atol=1e-9)
     assert path.lam[-1] == pytest.approx([-5.0])
-
-
-def test_observed_columns_are_evaluated_on_first_access(monkeypatch):
-    """It takes as long as a load step, and warnings need only columns of strains."""
-    mech = pendulum()
-    mech.observe("bob", mech.parts["bob"].at(1.0, 0.0))
-    evaluate, calls = ObservedRows.__call__, []
-
-    def count(*arguments):
-        calls.append(arguments)
-        return evaluate(*arguments)
-
-    monkeypatch.setattr(ObservedRows, "__call__", count)
-    path = bd.equilibrium(mech)
-    assert not calls
-    assert path["bob.y"].iloc[-1] == pytest.approx(-1.0)
-    assert len(calls) == 1
 
 
 @pytest.mark.slow(reason="a quarter of a second")

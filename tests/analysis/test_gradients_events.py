@@ -22,7 +22,6 @@ from test_sensitivities_events import (
 )
 
 import beamdae as bd
-from beamdae.analysis.gradients import run_adjoint
 
 ALPHA, RADAU = bd.GeneralizedAlpha(step=4e-3), bd.Radau(rtol=1e-5)
 CASES = {
@@ -236,20 +235,6 @@ def test_optimization_of_a_run_with_impacts(method):
     result = bd.optimize(bounce, error, "height", integrator=method, t_end=0.9)
     again = bd.simulate(bounce(**result.parameters), method, 0.9).columns["ball.y [m]"][-1]
     assert again == pytest.approx(target, abs=1e-5)
-
-
-def test_regression_sweeps_keep_no_chain_of_matrices(monkeypatch):
-    """Each matrix referred to that of the next interval, whose pivots it had tried."""
-    transpose, sources = run_adjoint.transpose_alpha_steps, []
-
-    def transpose_steps(*arguments):
-        result = transpose(*arguments)
-        sources.extend(matrix.pivot_source for matrix in arguments[-1].values())
-        return result
-
-    monkeypatch.setattr(run_adjoint, "transpose_alpha_steps", transpose_steps)
-    bd.gradient(swing, bd.EndValue("tip.x"), "torque", ALPHA, estimate_error=False)
-    assert sources == [None, None, None]
 
 
 @pytest.mark.slow(reason="half a second and more")

@@ -1502,10 +1502,6 @@ def bent_strip(height=2e-3, elements=4, strain=None):
     return mech
 
 
-def end_height(height):
-    return float(bd.equilibrium(bent_strip(height=height))["tip.y"].iloc[-1])
-
-
 @pytest.mark.slow(reason="half a second and more")
 def test_regression_active_limits_state_their_error_by_the_beams():
     """Searches end exactly at limits that more accurate beams exceed, without a word."""

@@ -269,15 +269,3 @@ def test_expected_range_spares_a_second_pass():
     np.testing.assert_allclose(
         np.linalg.solve(assembled - np.eye(size), right), expected, atol=1e-9
     )
-
-
-def count_calls(monkeypatch, owner, name):
-    """Count calls of a method; returns the list that grows by one entry per call."""
-    calls, method = [], getattr(owner, name)
-
-    def counted(*arguments, **keywords):
-        calls.append(name)
-        return method(*arguments, **keywords)
-
-    monkeypatch.setattr(owner, name, counted)
-    return calls

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.analysis.statics import load_scaling, stability
+from beamdae.analysis.statics import stability
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.path_controls import DisplacementControl, PathDirection, StepNorm
 from beamdae.analysis.statics.stability import assess_stability
@@ -116,22 +116,6 @@ def test_linear_columns_control_paths_as_other_columns_do(monkeypatch):
     assert_allclose(path.factors, other.factors, rtol=1e-6, atol=1e-6)
     assert [one.kind for one in path.critical] == [one.kind for one in other.critical]
     assert path.critical
-
-
-def test_equations_without_loads_are_those_of_a_mechanism_without_loads(state, monkeypatch):
-    mech = mechanism_with_all_forces()
-    equations, stages = bd.equations_of_motion(mech), [["rope"], ["follower", "wind"]]
-    systems = build_loading(mech, equations, stages, 0.2).systems
-    assert all(system.unloaded.equations.p is equations.p for system in systems)
-    monkeypatch.setattr(load_scaling, "remove_forces", lambda equations, parts: None)
-    for system, assembled in zip(
-        systems, build_loading(mech, equations, stages, 0.2).systems, strict=True
-    ):
-        for factor in (0.0, 0.6):
-            residual, by_factor = system.residual(state, factor)
-            assert np.max(np.abs(by_factor)) > 0.1
-            assert_array_equal(np.array([residual, by_factor]), assembled.residual(state, factor))
-            assert_array_equal(system.tangent(state, factor), assembled.tangent(state, factor))
 
 
 @pytest.mark.slow(reason="a fifth of a second")
