@@ -419,16 +419,6 @@ def test_interpreted_sweep_agrees_with_machine_code(monkeypatch):
     assert bd.gradient(*arguments).derivatives["torque"] == pytest.approx(compiled, rel=1e-10)
 
 
-@bd.model(t_end=0.1)
-def bouncing(height=0.5):
-    """Ball that stops when it hits the ground."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height)))
-    mech.observe("ball", ball.point)
-    mech.event("ground", ball.point.y, value=0.45, do="stop")
-    return mech
-
-
 @pytest.mark.parametrize(
     ("arguments", "options", "message"),
     [
