@@ -104,8 +104,9 @@ def pytest_collection_modifyitems(config, items):
             number = _draw(item.nodeid, sample) // _VARIANTS_PER_DEFAULT_TEST
             if is_sampled and number % _SLOW_PER_SAMPLE:
                 left_out.add(item)
-    # Whoever names a variant wants it.
-    if left_out and not any("[" in argument for argument in config.args):
+    # Whoever names a variant, or a word of its name, wants it.
+    is_named = config.option.keyword or any("[" in argument for argument in config.args)
+    if left_out and not is_named:
         items[:] = [item for item in items if item not in left_out]
         config.hook.pytest_deselected(items=list(left_out))
 
