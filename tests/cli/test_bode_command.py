@@ -5,27 +5,14 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from model_texts import SHAKER
 from numpy.testing import assert_allclose
 from PIL import Image
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app
 
-MODEL = """
-import beamdae as bd
-
-
-@bd.model(t_end=1.0)
-def shaker(damping=0.02):
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
-    ends = mech.ground.at(0.0, 0.0), mass.point
-    mech.add(bd.SpringDamper("spring", *ends, 200.0, damping, free_length=1.0))
-    mech.add(bd.Force("push", mass.point, (0.0, 0.0)))
-    mech.observe("mass", mass.point)
-    return mech
-"""
+MODEL = SHAKER
 
 
 @pytest.fixture

@@ -5,23 +5,12 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from model_texts import STRUT
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app
 
-MODEL = """
-import beamdae as bd
-
-
-@bd.model(t_end=1.0)
-def column(height=0.002):
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=height)
-    beam = mech.add(bd.Beam("strut", bd.Line((0.0, 0.0), (0.0, 1.0)), section))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    mech.add(bd.Force("press", beam.end, (0.0, -section.EI)))
-    return mech
-"""
+MODEL = STRUT
 
 
 @pytest.fixture

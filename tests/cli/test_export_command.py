@@ -4,27 +4,12 @@ import json
 from pathlib import Path
 
 import pytest
+from model_texts import SPRUNG
 from typer.testing import CliRunner
 
 from beamdae.cli.app import create_app
 
-MODEL = '''
-import beamdae as bd
-
-
-@bd.model(t_end=0.4)
-def oscillator(stiffness=40.0, mass=1.0, stretch=0.0):
-    """A mass on a spring along a rail, with a force."""
-    mech = bd.Mechanism()
-    push = mech.input("push", default=0.0, unit="N")
-    body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), body.point))
-    ground, length = mech.ground.at(0.0, 0.0), 1.0 - stretch
-    mech.add(bd.SpringDamper("spring", ground, body.point, stiffness, free_length=length))
-    mech.add(bd.Force("actuator", body.point, (push, 0.0)))
-    mech.observe("mass", body.point)
-    return mech
-'''
+MODEL = SPRUNG
 
 
 def run(*arguments):

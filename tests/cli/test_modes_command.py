@@ -5,28 +5,14 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from model_texts import CROSS
 from numpy.testing import assert_allclose
 from PIL import Image
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app
 
-MODEL = """
-import beamdae as bd
-
-
-@bd.model(t_end=1.0)
-def cross(stiffness=50.0, weight=0.0, locked=False):
-    mech = bd.Mechanism(gravity=(0.0, -weight))
-    disk = mech.add(bd.RigidBody("disk", 1.0, 0.3))
-    hub = disk.at(0.0, 0.0)
-    mech.add(bd.Revolute("axle", mech.ground.at(0.0, 0.0), hub))
-    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub, law=0.0))
-    if not locked:
-        bob = mech.add(bd.RigidBody("bob", 2.0, 0.1))
-        mech.add(bd.Bushing("arms", hub, bob.at(0.0, 0.0), stiffness, 80.0, 1e4))
-    return mech
-"""
+MODEL = CROSS
 
 
 @pytest.fixture

@@ -3,24 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from model_texts import COLUMN as MODEL
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app
 from beamdae.errors import BeamdaeError
 
-MODEL = """
-import beamdae as bd
-
-@bd.model(t_end=0.002)
-def column(force=1.0):
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.002)
-    beam = mech.add(bd.Beam("strut", bd.Line((0.0, 0.0), (0.0, 1.0)), section, elements=1))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    mech.add(bd.Force("press", beam.end, (0.0, -force)))
-    mech.observe("tip", beam.end)
-    return mech
-"""
 COMMANDS = {
     "run": ["--no-estimate"],
     "sweep": ["--over", "force=1,2", "--jobs", "1"],

@@ -6,26 +6,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from model_texts import VAN_DER_POL
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app
 
-MODEL = """
-import beamdae as bd
-
-
-@bd.model(t_end=30.0)
-def oscillator(force=0.0, growth=1.0):
-    mech = bd.Mechanism()
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0), velocity=(0.5, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
-    law = lambda x, rate: x + growth * (x**2 - 1.0) * rate
-    mech.add(bd.SpringDamper("spring", mech.ground.at(-10.0, 0.0), mass.point, law=law))
-    if force:
-        mech.add(bd.Force("load", mass.point, (bd.sine(force, 0.25), 0.0)))
-    mech.observe("mass", mass.point)
-    return mech
-"""
+MODEL = VAN_DER_POL
 
 
 @pytest.fixture

@@ -7,29 +7,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from model_texts import OSCILLATOR
 from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app
 
-MODEL = """
-import numpy as np
-
-import beamdae as bd
-
-
-@bd.model(t_end=1.0)
-def oscillator(frequency=0.2, damping=0.4, force=0.1, angular=False):
-    "Oscillator with a `force` [N]."
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), bob.point))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), bob.point, 4.0, damping))
-    hertz = frequency / (2.0 * np.pi) if angular else frequency
-    mech.add(bd.Force("push", bob.point, (bd.sine(force, hertz), 0.0)))
-    mech.observe("bob", bob.point)
-    return mech
-"""
+MODEL = OSCILLATOR
 
 
 def amplitude(rate, force=0.1):

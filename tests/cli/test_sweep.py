@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from model_texts import SWING as MODEL
 from numpy.testing import assert_allclose
 from turning import turning
 from typer.testing import CliRunner
@@ -35,20 +36,6 @@ def test_values_of_over(name, text, values):
     assert parse_values(replace(turning, parameters=more), name, text) == values
 
 
-MODEL = """
-import beamdae as bd
-
-STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
-
-@bd.model(t_end=0.1)
-def swing(speed=1.0, turns=1, section=bd.Section.rectangle(STEEL, width=0.02, height=0.001)):
-    mech = bd.Mechanism()
-    bob = mech.add(bd.RigidBody("bob", 1.0, inertia=0.1, angular_velocity=speed))
-    mech.observe("bob", bob.at(1.0, 0.0))
-    if speed > 5.0:
-        raise ValueError("too fast")
-    return mech
-"""
 SWEEP = """
 
 @bd.sweep(swing, of="bob.y", integrator=bd.GeneralizedAlpha(step=5e-3))
