@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.special import chdtrc
-from test_fit import oscillator
+from test_fit import oscillator as build_oscillator
 
 import beamdae as bd
 from beamdae.analysis.fit import recording_errors
@@ -16,6 +16,11 @@ METHOD = bd.GeneralizedAlpha(step=0.01)
 TIMES = np.linspace(0.0, 2.0, 101)
 TRUE = {"stiffness": 40.0, "damping": 0.8}
 pytestmark = pytest.mark.slow(reason="fits")
+
+
+@bd.model(t_end=2.0)
+def oscillator(stiffness=30.0, damping=0.5, mass=1.0):
+    return build_oscillator(stiffness=stiffness, damping=damping, mass=mass)
 
 
 @pytest.fixture(scope="module")

@@ -816,8 +816,7 @@ def create_fit(
             status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
     doubts: tuple[str, ...] = ()
     if not search.recording_error and (search.status.success or not search.rejected):
-        omitted = int(np.sum(evaluation.is_omitted))
-        doubts = _check_residuals(problem, evaluation, residuals, len(all_names) + omitted)
+        doubts = _check_residuals(problem, evaluation, residuals, len(all_names))
     count = len(problem.names)
     values = dict(zip(all_names, estimates.tolist(), strict=True))
     return Fit(
@@ -976,9 +975,9 @@ def _check_residuals(
     return (
         _check_chi_square(problem, evaluation, residuals, count)
         or _check_variation(problem, evaluation)
-        or _check_sigma(problem, residuals, count)
+        or _check_sigma(problem, evaluation, residuals, count)
         or _check_noise(problem, evaluation)
-        or _check_probability(problem, residuals, count)
+        or _check_probability(problem, evaluation, residuals, count)
     )
 
 
@@ -996,9 +995,11 @@ def _check_intervals(problem: FitProblem, information: Information) -> tuple[str
     )
 
 
-def _check_probability(problem: FitProblem, residuals: Array, count: int) -> tuple[str, ...]:
+def _check_probability(
+    problem: FitProblem, evaluation: Evaluation, residuals: Array, count: int
+) -> tuple[str, ...]:
     """Return a warning if larger sums of the squared residuals are rare for the given sigma."""
-    freedom = residuals.size - count
+    freedom = evaluation.count - count
     if not problem.data.is_sigma_known or freedom < 1:
         return ()
     probability = float(chdtrc(freedom, residuals @ residuals))
@@ -1014,7 +1015,7 @@ def _check_chi_square(
     problem: FitProblem, evaluation: Evaluation, residuals: Array, count: int
 ) -> tuple[str, ...]:
     """Return a warning if the sum of the squared residuals is improbable for the given sigma."""
-    freedom = residuals.size - count
+    freedom = evaluation.count - count
     if not problem.data.is_sigma_known or freedom < 1:
         return ()
     if chdtrc(freedom, residuals @ residuals) >= _MIN_PROBABILITY:
@@ -1045,7 +1046,9 @@ def _split_by_series(problem: FitProblem, residuals: Array) -> list[Array]:
     return [residuals[rows] for _, _, rows in problem.rows_by_series()]
 
 
-def _check_sigma(problem: FitProblem, residuals: Array, count: int) -> tuple[str, ...]:
+def _check_sigma(
+    problem: FitProblem, evaluation: Evaluation, residuals: Array, count: int
+) -> tuple[str, ...]:
     """Return a warning for each column with a given sigma clearly above its residuals.
 
     Residuals that are small compared with the data may be those of computed data without noise.
@@ -1056,7 +1059,8 @@ def _check_sigma(problem: FitProblem, residuals: Array, count: int) -> tuple[str
     for series, _, rows in problem.rows_by_series():
         changes = (series.values - series.values.mean()) / series.sigma
         name = series.name_in_data or series.column
-        columns.setdefault(name, []).append(np.stack([residuals[rows], changes]))
+        compared = ~evaluation.is_omitted[rows]
+        columns.setdefault(name, []).append(np.stack([residuals[rows], changes])[:, compared])
     sentences = []
     for name, parts in columns.items():
         squares = np.sum(np.concatenate(parts, axis=1) ** 2, axis=1)

@@ -277,15 +277,15 @@ def take_ida_steps(run: IdaWorkspace) -> int:
         call_for_int(run.sundials.IDASetStopTime, (run.memory, stop))
         run.newton.age += 1
         _record_order_and_error(run)
-        _store_row(run, run.newton.form.n, run.t[0])
+        _store_row(run)
     return DONE
 
 
-def _store_row(run: IdaWorkspace, n: int, t: float) -> None:
-    """Append the row (t, q, v, a, lam) of a first-order form with `n` coordinates."""
-    row, y, yp = run.rows[run.filled], run.y, run.yp
+def _store_row(run: IdaWorkspace) -> None:
+    """Append the row (t, q, v, a, lam) of the present time."""
+    row, y, yp, n = run.rows[run.filled], run.y, run.yp, run.newton.form.n
     m = row.size - 1 - 3 * n
-    row[0] = t
+    row[0] = run.t[0]
     combine(row[1 : 1 + 2 * n], (1.0,), (y[: 2 * n],))
     combine(row[1 + 2 * n : 1 + 3 * n], (1.0,), (yp[n : 2 * n],))
     multipliers = yp if run.has_impulses == 1 else y
