@@ -5,8 +5,8 @@
     python validation/scoreboard.py --only modes   one board; may be repeated
     python validation/scoreboard.py --store        renew the values of the cases that were run
 
-The exit code is 1 if a line is worse than its cases in scoreboard.csv: fewer right, more missed or
-false, or the worst digits less by more than 0.3.
+The exit code is 1 if a line is worse than its cases in scoreboard.csv: one has a worse verdict (one
+that is not stored, if it is not right), or the worst digits are less by more than 0.3.
 """
 
 from __future__ import annotations
@@ -481,26 +481,27 @@ def format_line(name: str, line: dict[str, float]) -> str:
 
 
 def find_losses(rows: pd.DataFrame, stored: pd.DataFrame) -> list[str]:
-    """Return sentences on what is worse than the stored rows of the same cases of a board."""
-    both = rows.merge(stored, on=["board", "case"], suffixes=("", " stored"))
-    if both.empty:
-        return []
-    before = both[[f"{x} stored" for x in ("verdict", "digits", "seconds", "count")]]
-    before.columns = [x.removesuffix(" stored") for x in before.columns]
-    now, then = summarize(both), summarize(before)
-    changed = both[(both["verdict"] != both["verdict stored"]) & (both["verdict"] != RIGHT)]
+    """Return sentences on what is worse than the stored rows of the same cases of a board.
+
+    A case that is not stored counts as right before: a study that crashes has no stored name.
+    """
+    both = rows.merge(stored, "left", ["board", "case"], suffixes=("", " stored"))
+    before = both["verdict stored"].fillna(RIGHT)
+    # A case that becomes worse is a loss, even if another one becomes better.
+    is_worse = both["verdict"].map(VERDICTS.index) > before.map(VERDICTS.index)
     losses = []
-    for key, sign in ((RIGHT, -1), (MISSED, 1), (FALSE, 1)):
-        if sign * (now[key] - then[key]) > 0:
-            losses.append(f"{key} {then[key]} -> {now[key]}")
-    if now["digits"] < then["digits"] - MAX_LOST_DIGITS:
-        losses.append(f"digits {then['digits']:.1f} -> {now['digits']:.1f}")
-        worst = both.loc[both["digits"].idxmin()]
-        if worst["case"] not in set(changed["case"]):
-            changed = pd.concat([changed, worst.to_frame().T])
+    if is_worse.any():
+        pairs = ((x, (before == x).sum(), (both["verdict"] == x).sum()) for x in VERDICTS)
+        losses += [f"{x} {then} -> {now}" for x, then, now in pairs if then != now]
+        losses = losses or [f"worse cases {is_worse.sum()}"]
+    known = both[both["digits stored"].notna()]
+    now, then = known["digits"].min(), known["digits stored"].min()
+    if now < then - MAX_LOST_DIGITS:
+        losses.append(f"digits {then:.1f} -> {now:.1f}")
+        is_worse |= both.index == known["digits"].idxmin()
     if not losses:
         return []
-    cases = (f"  {x.case}: {x.verdict}, {x.reason}" for x in changed.itertuples())
+    cases = (f"  {x.case}: {x.verdict}, {x.reason}" for x in both[is_worse].itertuples())
     return [f"{rows['board'].iloc[0]}: {', '.join(losses)}", *cases]
 
 

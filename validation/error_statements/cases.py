@@ -50,8 +50,6 @@ class ErrorCase:
         Integrator of the run.
     rows
         Number of intervals between output rows, a divisor of `ROWS`.
-    t_end
-        End time [s].
     """
 
     name: str
@@ -59,7 +57,6 @@ class ErrorCase:
     settings: dict[str, Any] = field(default_factory=dict)
     integrator: bd.Integrator = field(default_factory=bd.Auto)
     rows: int = ROWS
-    t_end: float | None = None
 
     @property
     def kind(self) -> str:
@@ -87,7 +84,7 @@ class ErrorCase:
         return solution.observed
 
     def _simulate(self, settings: dict[str, Any], method: bd.Integrator, rows: int) -> bd.Solution:
-        t_end = self.t_end or self.model.t_end
+        t_end = self.model.t_end
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", bd.BeamdaeWarning)
             mechanism = self.model(**settings)
@@ -142,14 +139,18 @@ def _coarse_cases() -> list[ErrorCase]:
     cases = []
 
     def add(
-        model: Any, kind: str, method: Any = None, seed: int | None = None, **more: Any
+        model: Any,
+        kind: str,
+        method: Any = None,
+        seed: int | None = None,
+        rows: int = ROWS,
+        **more: Any,
     ) -> None:
-        options = {key: more.pop(key) for key in ("rows", "t_end") if key in more}
         settings = more if seed is None else {"seed": seed, **more}
         texts = [kind, *(f"{k}={x:g}" for k, x in settings.items() if k not in _UNNAMED)]
         texts += [] if method is None else [_label(method)]
         name = f"{model.name}{' soft' * bool(more.get('soft'))}: {', '.join(texts)}"
-        cases.append(ErrorCase(name, model, settings, method or bd.Auto(), **options))
+        cases.append(ErrorCase(name, model, settings, method or bd.Auto(), rows))
 
     exact, floating = {"formulation": drawn.EXACT}, {"formulation": drawn.FLOATING}
     beams = (drawn.swing, drawn.struck, drawn.crossed, drawn.linkage, drawn.rotor, drawn.shaken)

@@ -68,7 +68,7 @@ def _name_causes(
     problem: FitProblem, evaluation: Evaluation, errors: Sequence[_RecordingError]
 ) -> str:
     """Return the beginning of a remedy that names the errors that explain the residuals, or ""."""
-    square, count = evaluation.chi_square, len(evaluation.residuals)
+    square, count = evaluation.chi_square, evaluation.count
     noise = float(count) if problem.data.is_sigma_known else 0.0
     explained: dict[str, float] = {}
     for error in errors:

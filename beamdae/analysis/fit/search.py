@@ -242,7 +242,12 @@ def search(
     begin = first[free]
     start = evaluate(begin)
     assert start is not None
-    if not (start.count and np.isfinite(start.chi_square)):
+    if not start.count:
+        raise BeamdaeError(
+            "fit: reactions of the model grow without bounds at all times of the data; choose "
+            "other first values in parameters, or other columns."
+        )
+    if not np.isfinite(start.chi_square):
         raise BeamdaeError(
             "fit: the first run has no finite sum of squared residuals; choose other first values "
             "in parameters, or check the data."

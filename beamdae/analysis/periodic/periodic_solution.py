@@ -345,16 +345,17 @@ def _modulus_change(refined: Array, multipliers: Array) -> float:
     """Return the change of the largest modulus between two sets of multipliers.
 
     The modulus of a conjugate pair does not show an error of its angle, by which a pair near a
-    double multiplier becomes two real ones: the largest such modulus counts, too.
+    double multiplier becomes two real ones. If such a pair has the same product |mu|^2, and half of
+    its sum, h, differs by the distance d to the nearest other multiplier, h = |Re mu| + d, the
+    larger modulus is h + sqrt(h^2 - |mu|^2).
     """
-    largest = largest_modulus(refined)
-    change = abs(largest - largest_modulus(multipliers))
-    for multiplier in refined[refined.imag > 0.0]:
-        half_sum = abs(multiplier.real) + np.min(np.abs(multipliers - multiplier))
-        split = np.sqrt(max(half_sum**2 - abs(multiplier) ** 2, 0.0))
-        if split:
-            change = max(change, half_sum + split - largest)
-    return float(change)
+    largest, pairs = largest_modulus(refined), refined[refined.imag > 0.0]
+    distances = np.abs(pairs[:, None] - multipliers).min(axis=1)
+    half_sums = np.abs(pairs.real) + distances
+    # Pairs that stay complex keep their modulus, which is at most the largest one.
+    splits = np.sqrt(np.maximum(half_sums**2 - np.abs(pairs) ** 2, 0.0))
+    possible = np.where(splits > 0.0, half_sums + splits - largest, 0.0)
+    return float(np.append(possible, abs(largest - largest_modulus(multipliers))).max())
 
 
 def _remaining_share(change: float, last_change: float) -> float:

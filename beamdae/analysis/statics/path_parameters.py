@@ -95,7 +95,8 @@ class PathParameter:
 def quantity_units(source: Any, mechanism: Mechanism | None) -> dict[str, str]:
     """Return the units of the quantities that `over` of `equilibrium` can name; "" if unknown.
 
-    `source` is the model function or the mechanism.
+    `source` is the model function or the mechanism. Of quantities with the same name, drivers come
+    before inputs and parameters, as in `resolve_parameter`.
     """
     units = {TIME: "s"}
     if mechanism is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
@@ -115,11 +115,12 @@ def static_command(
     views = [*[page_path] * page, *[picture_path] * picture]
     require_writable(("--out", (table, table.with_suffix(".json"), *views)))
     is_arc_length = control == "arc length" or bool(switch)
+    parse_value = _value_parser(model, over)
     if over is None:
         targets, size = _parse_targets(model, to, step, is_arc_length)
     else:
-        targets = [_parse_value("--to", x, model, over) for x in to or []] or None
-        size = None if step is None else _parse_value("--step", step, model, over)
+        targets = [parse_value("--to", x) for x in to or []] or None
+        size = None if step is None else parse_value("--step", step)
     initial_state = parse_start(start, model)
     from beamdae.analysis.statics.static_equilibrium import equilibrium
     from beamdae.report.pictures.path_plots import save_path_figure
@@ -137,7 +138,7 @@ def static_command(
             t,
             initial_state,
             over=over,
-            from_=None if begin is None else _parse_value("--from", begin, model, over),
+            from_=None if begin is None else parse_value("--from", begin),
             partial="return",
         )
         tables = [result.to_csv(table), table.with_suffix(".json")]
@@ -156,16 +157,17 @@ def static_command(
     files.finish(result.status)
 
 
-def _parse_value(option: str, text: str, model: Model, over: str | None) -> float:
-    """Return a value of the quantity `over` in its unit."""
+def _value_parser(model: Model, over: str | None) -> Callable[[str, str], float]:
+    """Return the function of an option and its text to a value of the quantity `over`."""
 
+    @cache
     def find_units() -> Mapping[str, str]:
         from beamdae.analysis.statics.path_parameters import quantity_units
         from beamdae.simulation import as_equations
 
         return quantity_units(model, as_equations("static", model).mechanism)
 
-    return parse_named_number(option, over or "", text.strip(), find_units)
+    return lambda option, text: parse_named_number(option, over or "", text.strip(), find_units)
 
 
 def _require_plot(model: Model, names: list[str], x: str | None, is_drawn: bool) -> None:

@@ -256,10 +256,10 @@ class _Path:
 
     def _respond(self, q: Array, coefficients: Coefficients, selected: Array) -> Array:
         """Return the changes of positions due to unit forces on coordinates, (n, k)."""
-        changes = np.zeros((len(q), len(selected)))
-        for k, force in enumerate(np.eye(len(q))[selected]):
-            changes[:, k] = self._solve(q, force, 0.0, coefficients)
-        return changes
+        forces = np.zeros((len(selected), len(q)))
+        forces[np.arange(len(selected)), selected] = 1.0
+        changes = [self._solve(q, force, 0.0, coefficients) for force in forces]
+        return np.reshape(changes, forces.shape).T
 
     def _least_change(self, q: Array, gaps: Array, force: Array | float = 0.0) -> Array:
         """Return the x with x . W x / 2 - x . force minimal, W = M + T^2 K, by which gaps vanish.

@@ -57,7 +57,7 @@ class Ida(AdaptiveIntegrator):
         branch at singular positions (such as a parallelogram on its second pass; see
         `Solution.warnings`). With "index3", errors far exceed rtol: for a rigid slider-crank,
         errors were 20 to 170 rtol in positions and 160 to 1400 rtol in velocities; reactions of a
-        parallelogram are 10 to 24 % of half their range wrong at rtol=1e-4, and 0.5 % at 1e-6.
+        parallelogram were wrong by 10 to 24 % of half their range at rtol=1e-4, by 0.5 % at 1e-6.
     error_control
         Components in the error test: "positions"; "rigid velocities" (positions, and velocities of
         rigid bodies and chord frames); "velocities" (positions and all velocities); or "all" (also
