@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -230,17 +230,14 @@ class DistributedForce(ObservableBeamLoad):
     ) -> tuple[ForceKernel, np.ndarray]:
         """Return the kernel and data of one point.
 
-        Kernels that models cannot share, such as those with a user formula, are shared within this
-        part through `kernels`.
+        Kernels with a user formula are shared within this part through `kernels`; those of equal
+        models are identified by comparison.
         """
         expression, numbers = FormulaExpression.of(kind, functions)
         if expression.is_shareable and not callable(self.law):
             return build_formula_kernel(kind, functions, size)
         if expression not in kernels:
-            # Without a `Formula` for the kinematics, each point has a separate kernel; equal
-            # kernels are identified by comparison.
-            reused = isinstance(functions[0], Formula)
-            kernels[expression] = replace(expression(Local(size, len(numbers))), reused=reused)
+            kernels[expression] = expression(Local(size, len(numbers)))
         return kernels[expression], numbers[:, None]
 
 
