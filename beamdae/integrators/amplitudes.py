@@ -13,7 +13,8 @@ Array = np.ndarray
 
 # Smallest amplitude of a part, relative to the largest amplitude of all parts, ...
 _MIN_PART_SHARE = 1e-3
-# ... and of a part with a single coordinate, as in constrained systems.
+# ... and of a state, or of a coordinate of a constrained system, whose unit may differ. The place of
+# a slider on a beam is no such part: it would need errors below rounding while the slider rests.
 _MIN_COORDINATE_SHARE = 1e-5
 # The scale of a deformation is its amplitude. Deformations below this fraction of the amplitude of
 # their part have a larger scale, because ever smaller vibrations are ever faster: ...
@@ -73,8 +74,8 @@ class Amplitudes:
     def from_trajectory(cls, equations: EquationsOfMotion, trajectory: Trajectory) -> Amplitudes:
         """Compute the amplitudes of a run; the amplitude of a coordinate is half its range.
 
-        The amplitude of a part is at least 1e-3 of the largest amplitude, or 1e-5 for a part with a
-        single coordinate; for bodies, the largest one is that of all bodies if one moves. If
+        The amplitude of a part is at least 1e-3 of the largest amplitude, or 1e-5 for a state or a
+        single coordinate of a constrained system; for bodies, the largest one is that of all bodies if one moves. If
         nothing moves, all amplitudes are 1.
         """
         angles, sizes = equations.is_angle, _coordinate_sizes(equations)
@@ -100,7 +101,7 @@ class Amplitudes:
         }
         by_part = {
             part.name: _round_to_two_digits(
-                max(amplitudes[part.name], _min_share(part) * references[part.name])
+                max(amplitudes[part.name], _min_share(equations, part) * references[part.name])
             )
             for part in equations.parts
         }
@@ -150,9 +151,10 @@ def _deformation_scale(amplitude: float, part_amplitude: float) -> float:
     return min(enlarged, max(amplitude, SMALL_DEFORMATION_SHARE * part_amplitude))
 
 
-def _min_share(part: PartCoordinates) -> float:
+def _min_share(equations: EquationsOfMotion, part: PartCoordinates) -> float:
+    is_separate = part.is_state or equations.mechanism is None
     is_single = part.rows.stop - part.rows.start == 1
-    return _MIN_COORDINATE_SHARE if is_single else _MIN_PART_SHARE
+    return _MIN_COORDINATE_SHARE if is_separate and is_single else _MIN_PART_SHARE
 
 
 def _round_to_two_digits(value: float) -> float:
