@@ -38,8 +38,8 @@ _VARIANTS_PER_DEFAULT_TEST = 16
 _VARIANTS_PER_SLOW_TEST = 4
 # One of this many slow tests is run in folders that a change did not touch.
 _SLOW_PER_SAMPLE = 4
-# Tests of models and external answers leave out no variant.
-_COMPLETE_FOLDERS = ("models", "validation")
+# Tests of models, external answers and the catalog leave out no variant.
+_COMPLETE_FOLDERS = ("models", "properties", "validation")
 _DOCTESTS = "test_docstrings.py"
 # Runs check their results only if some filter may show the warnings, which are ignored. This one
 # matches no message: slow tests thus check the results of every run, for errors in these checks.

@@ -12,7 +12,7 @@ HERE = Path(__file__).parent
 # Tests that run over everything conformance lists.
 LAWS = (
     "parts/test_joints.py",
-    "parts/test_loads.py",
+    "properties/test_catalog_laws.py",
     "beams/test_kinematics.py",
     "integrators/test_integrators.py",
     "integrators/test_breakpoints.py",

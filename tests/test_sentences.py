@@ -3,6 +3,7 @@
 import inspect
 import math
 import re
+from collections import Counter
 from decimal import Decimal
 from fractions import Fraction
 
@@ -216,6 +217,11 @@ def failing(*args, **kwargs):
     raise ZeroDivisionError
 
 
+# Not every argument of these is used, or has a check before the analysis.
+CHECKED_LATER = {"EquilibriumValue", "EquilibriumErrors", "CriticalLoad", "ConstrainedSystem"}
+CHECKED_LATER |= {"Curve of points"}
+
+
 def awkward_values():
     """Return values that are invalid in most places, and some that are valid."""
     numbers = [10**400, -(10**400), 10**5000, 1e308, -1e308, 1e75, 1e-75, 1e-308, 5e-324, 0, -1]
@@ -247,15 +253,16 @@ def require_sentence(text):
 def test_every_value_of_every_argument_is_accepted_or_rejected_with_one_sentence(name):
     call, arguments = CALLS[name]
     call(**arguments)
-    rejections = 0
+    rejections = Counter()
     for argument in list_arguments(name):
         for value in awkward_values():
             try:
                 call(**(arguments | {argument: value}))
             except bd.BeamdaeError as problem:
-                rejections += 1
+                rejections[argument] += 1
                 require_sentence(str(problem))
-    assert rejections > 20
+    assert name in CHECKED_LATER or {*rejections} >= {*list_arguments(name)}
+    assert rejections.total() > 20
 
 
 # Numbers, points and names ----------------------------------------------------------------------

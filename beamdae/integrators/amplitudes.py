@@ -13,8 +13,8 @@ Array = np.ndarray
 
 # Smallest amplitude of a part, relative to the largest amplitude of all parts, ...
 _MIN_PART_SHARE = 1e-3
-# ... and of a state, or of a coordinate of a constrained system, whose unit may differ. The place of
-# a slider on a beam is no such part: it would need errors below rounding while the slider rests.
+# ... and of a state, or a coordinate of a constrained system, whose unit may differ. The place of a
+# slider on a beam is no such part: it would need errors below rounding while the slider rests.
 _MIN_COORDINATE_SHARE = 1e-5
 # The scale of a deformation is its amplitude. Deformations below this fraction of the amplitude of
 # their part have a larger scale, because ever smaller vibrations are ever faster: ...
@@ -75,8 +75,8 @@ class Amplitudes:
         """Compute the amplitudes of a run; the amplitude of a coordinate is half its range.
 
         The amplitude of a part is at least 1e-3 of the largest amplitude, or 1e-5 for a state or a
-        single coordinate of a constrained system; for bodies, the largest one is that of all bodies if one moves. If
-        nothing moves, all amplitudes are 1.
+        single coordinate of a constrained system; for bodies, the largest one is that of all bodies
+        if one moves. If nothing moves, all amplitudes are 1.
         """
         angles, sizes = equations.is_angle, _coordinate_sizes(equations)
         q, v = (

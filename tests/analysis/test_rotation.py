@@ -396,19 +396,6 @@ def test_centrifugal_stiffening_exceeds_spin_softening():
     assert_allclose(growth, 1.193 + 1.571 * 0.3 / 0.6 - 1.0, rtol=2e-3)
 
 
-@pytest.mark.slow(reason="two rotations")
-def test_modes_do_not_depend_on_the_orientation_of_the_drawing():
-    eigenvalues = []
-    for turn in (0.0, 1.1):
-        c, s = np.cos(turn), np.sin(turn)
-        mech = bd.Mechanism()
-        line = bd.Line((0.1 * c, 0.1 * s), (0.7 * c, 0.7 * s))
-        beam = mech.add(bd.Beam("beam", line, STRIP, elements=3))
-        mech.add(bd.Weld("root", mech.ground.at(0.1 * c, 0.1 * s), beam.start))
-        eigenvalues.append(bd.modes(mech, about=bd.rotation(15.0), n=3).eigenvalues)
-    assert_allclose(eigenvalues[1], eigenvalues[0], rtol=1e-8)
-
-
 @pytest.mark.parametrize("about", ["reference", "equilibrium"])
 @pytest.mark.parametrize("analysis", [bd.modes, bd.linearize])
 @pytest.mark.parametrize(("speed", "is_reported"), [(0.0, False), (0.1, False), (20.0, True)])

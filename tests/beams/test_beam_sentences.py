@@ -45,8 +45,6 @@ SENTENCES = {
     r"^Material.of: the name must be one of 'steel', .*\(did you mean 'steel'": lambda: (
         bd.Material.of("stel")
     ),
-    "^Section: area must be positive, got 0": lambda: Section(ALLOY, 0.0, 1.0),
-    "^Section: material must be a Material, got 'alloy'": lambda: Section("alloy", 1.0, 1.0),
     "^Section.pipe: wall must be less than half the diameter .0.05 m., got 0.05": lambda: (
         Section.pipe(ALLOY, 0.1, 0.05)
     ),
@@ -57,22 +55,12 @@ SENTENCES = {
         Section.i_profile(ALLOY, 0.1, 0.2, 0.01, 0.1)
     ),
     # Beams
-    "^rod: curve must be a Line, Arc.*got 'circle'": lambda: rod("circle"),
     "^rod: section must be .* a taper or .* returns a Section, got 3": lambda: rod(section=3),
-    "^rod: strain must be one of 'nonlinear', 'green', 'linear', 'exact'": lambda: rod(
-        strain="cubic"
-    ),
-    r"^rod: .*got 'curve' \(did you mean 'curved'\?\)": lambda: rod(elements_shape="curve"),
-    "^rod: nodes must be one of 2, 3, 4, got 5": lambda: rod(nodes=5),
     "^rod: continuity='local' requires .* meet at kinks; set continuity='cartesian'": lambda: rod(
         continuity="local", nodes=2
     ),
-    "^rod: elements must be a whole number of at least 1, got 2.5": lambda: rod(elements=2.5),
     r"^rod: .*must ascend from 0 to 1 m, got \[0.0, 0.5, 0.5, 1.0\]": lambda: rod(
         LINE, elements=[0.0, 0.5, 0.5, 1.0]
-    ),
-    "^rod: elements must be a number or the arc lengths of the element ends": lambda: rod(
-        elements="four"
     ),
     "^rod: arc length s must": lambda: rod().at(2.1),
     # Values that a sentence compares have enough digits to differ.
@@ -80,13 +68,10 @@ SENTENCES = {
     r"within half the height of the section \(0.0029999996 m\), got 0.003 m": lambda: rod(
         section=Section.rectangle(ALLOY, width=0.02, height=0.0059999992)
     ).stress(0.0, 0.003),
-    "^rod: axes must be one of": lambda: rod().deformation(1.0, axes="global"),
-    "^rod: offset must be one of 'top'": lambda: rod().strain(0.5, "left"),
     "^rod: offset 'top' requires the height of the section": lambda: rod(
         section=Section(ALLOY, 1e-4, 1e-9)
     ).stress(0.5, "top"),
     "^rod: frame 'chord' requires a curve with separate": lambda: rod(RING, frame="chord"),
-    "^rod: formulation must be one of 'floating frame', 'exact'": lambda: rod(formulation="Exact"),
     "^rod: strain and continuity must be omitted with formulation=": lambda: rod(
         formulation="exact", strain="green", continuity="cartesian"
     ),
@@ -102,7 +87,6 @@ SENTENCES = {
     r"^rod: the section varies along the beam; use section.at\(s\).EA": lambda: (
         rod(section=lambda s: STRIP).section.EA
     ),
-    "^taper: shape must be a function such as": lambda: bd.taper("round", ALLOY),
     r"^taper: diameter must be a number, a pair .* or a list of numbers": lambda: taper(
         diameter=(1.0,)
     ),
@@ -112,11 +96,9 @@ SENTENCES = {
     ),
     "there is no argument 'width'": lambda: taper(width=1.0),
     # Loads and damping
-    "^air: beam must be a Beam, got RigidBody": lambda: bd.AirDrag("air", DISK, 1.0),
     "^air: 'rod' is not part of this mechanism": lambda: bd.Mechanism().add(
         bd.AirDrag("air", rod(), 1.0)
     ),
-    "^p: law must be a pair of laws .* or a func": lambda: pressure(3.0),
     "^p: law must return 2 numbers": lambda: pressure(lambda s, x, y, t: s),
     "^p: law must be a formula": lambda: pressure(lambda t: (t, t)),
     r"^p: speed must not be zero; for a force at rest, use a Force on beam\.at\(s\)": lambda: (
@@ -133,7 +115,6 @@ SENTENCES = {
         "slide", (beam := rod()).end, beam
     ),
     # Frames
-    "^f: points must be a dictionary of positions": lambda: frame(points=[(0, 0)]),
     "^f: the member 'AC' names an unknown point 'C'": lambda: frame(members=["AC"]),
     "^f: a member must be a pair of point names": lambda: frame(members=["A"]),
     "^f: the member B-A is listed twice": lambda: frame(members=["AB", "BA"]),

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support import ARC, SOFT_MATERIAL, NumericEquations, assert_derivative
+from support import ARC, SOFT_MATERIAL, NumericEquations
 
 import beamdae as bd
 
@@ -72,20 +70,6 @@ def test_rigid_motion_causes_no_strain(settings):
             # Rounding errors of strains, times stiffnesses of order 50; rotations up to 40 rad.
             assert_allclose(there, here, atol=1e-11)
         assert_allclose(numeric.energies(q)[1], at_rest, atol=1e-12 * max(1.0, at_rest))
-
-
-@every_setting
-def test_tangents_are_derivatives_far_from_the_drawing(settings):
-    numeric = free_beam(gravity=(0.3, -2.0), **settings)
-    rng = np.random.default_rng(2)
-    q, (v, a) = deformed_coordinates(numeric), rng.standard_normal((2, numeric.n))
-    # Along whole directions: differences of sines truncate with their fifth derivative.
-    for tangent, at, force in (
-        (numeric.stiffness(q, v, a), q, lambda x: numeric.force(x, v, a)),
-        (numeric.damping(q, v, a), v, lambda x: numeric.force(q, x, a)),
-        (numeric.mass(q, v, a), a, lambda x: numeric.force(q, v, x)),
-    ):
-        assert_derivative(tangent, force, at)
 
 
 def test_the_mass_matrix_is_constant_and_inertia_has_no_quadratic_terms():
@@ -156,45 +140,6 @@ def test_deformation_is_relative_to_the_reference_frame(frame):
         )
     for axes in ("inertial", "frame", "local"):
         assert_allclose(numeric.observed(axes), 0.0, atol=1e-14)
-
-
-@cache
-def simulate_flight(integrator):
-    """Simulate a bent beam that is released in free flight."""
-    mech = bd.Mechanism()
-    thin = bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05)
-    straight = bd.Line((0.0, 0.0), (ARC.length, 0.0))
-    body = mech.add(
-        beam(section=thin, free_curve=straight, velocity=(1.0, 0.5), angular_velocity=2.0)
-    )
-    mech.observe("end", body.end)
-    return body, bd.simulate(mech, integrator, t_end=2.0, output_step=0.1)
-
-
-@pytest.mark.parametrize(
-    "integrator",
-    [bd.Radau(1e-6), bd.Ida(1e-6), bd.GeneralizedAlpha(1e-3)],
-    ids=lambda x: x.method,
-)
-def test_momentum_of_a_beam_in_free_flight_is_constant(integrator):
-    body, solution = simulate_flight(integrator)
-    numeric = NumericEquations(mechanism_of(body))
-    mass = numeric.mass()
-    x, y = (np.arange(numeric.n) % 3 == k for k in range(2))
-    momentum = solution.v @ mass
-    first = momentum[:, x].sum(axis=1), momentum[:, y].sum(axis=1)
-    place = solution.q.copy()
-    arm = momentum[:, 2::3].sum(axis=1)
-    arm += (place[:, x] * momentum[:, y] - place[:, y] * momentum[:, x]).sum(axis=1)
-    for quantity in (*first, arm):
-        assert_allclose(quantity, quantity[0], rtol=1e-5)
-    assert solution.quality.energy_imbalance < 2e-3
-
-
-def mechanism_of(body):
-    mech = bd.Mechanism()
-    mech.add(body)
-    return mech
 
 
 def test_regression_a_distant_beam_has_no_initial_strain():

@@ -13,7 +13,6 @@ from support import (
     ARC,
     REPRESENTATIVE_VARIANTS,
     NumericEquations,
-    assert_derivative,
     parametrize_variants,
     random_state,
 )
@@ -120,25 +119,6 @@ def test_constant_section_law_equals_the_section(variant):
     for name in ("forces", "stress"):
         state = {"q": q, "v": v}
         assert_allclose(along.observed(name, **state), plain.observed(name, **state), rtol=1e-13)
-
-
-def prestressed(variant, free=None):
-    def section(s):
-        return replace(variant.section, area=0.9 + 0.1 * s, second_moment=0.05 - 0.01 * s)
-
-    mech = bd.Mechanism(gravity=(0.4, -9.81))
-    mech.add(
-        variant.beam(ARC, section=section, free_curve=free or bd.Line((1.0, 1.0), (3.01, 1.0)))
-    )
-    return NumericEquations(mech)
-
-
-@parametrize_variants(REPRESENTATIVE_VARIANTS)
-def test_tangents_are_derivatives_of_the_force(variant):
-    numeric = prestressed(variant)
-    q, v, a = random_state(numeric, seed=5)
-    assert_derivative(numeric.stiffness(q=q, v=v, a=a), lambda x: numeric.force(q=x, v=v, a=a), q)
-    assert_derivative(numeric.damping(q=q, v=v, a=a), lambda x: numeric.force(q=q, v=x, a=a), v)
 
 
 def test_free_curve_equal_to_the_drawing_changes_nothing():

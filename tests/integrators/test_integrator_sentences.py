@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 
-import numpy as np
 import pytest
 from mechanisms import falling_ball, swing
 
@@ -64,13 +63,7 @@ class Undecorated(bd.Integrator):
 
 
 Alpha, Ida, Radau = bd.GeneralizedAlpha, bd.Ida, bd.Radau
-NAN = float("nan")
 SENTENCES = [
-    (
-        lambda: Alpha(family="newmarks"),
-        "GeneralizedAlpha: family must be one of 'generalized-alpha', 'hht', 'newmark', got "
-        "'newmarks' (did you mean 'newmark'?).",
-    ),
     (
         lambda: Alpha(family="hht", rho_inf=0.4),
         "GeneralizedAlpha: rho_inf must lie in [0.5, 1] for family 'hht', got 0.4.",
@@ -89,32 +82,6 @@ SENTENCES = [
         "GeneralizedAlpha: max_steps = 100 requires rtol, because the end time and the step "
         "determine the number of fixed steps; omit max_steps or set rtol.",
     ),
-    (
-        lambda: Alpha(start="cure"),
-        "GeneralizedAlpha: start must be one of 'cured', 'plain', got 'cure' (did you mean "
-        "'cured'?).",
-    ),
-    (
-        lambda: Ida(formulation="stabilised-index1"),
-        "Ida: formulation must be one of 'stabilized-index1', 'ggl', 'index2', 'index1', "
-        "'index3', got 'stabilised-index1' (did you mean 'stabilized-index1'?).",
-    ),
-    (lambda: Ida(max_order=6), "Ida: max_order must be one of 'auto', 1, 2, 3, 4, 5, got 6."),
-    (
-        lambda: Ida(linear_solver="dens"),
-        "Ida: linear_solver must be one of 'auto', 'dense', 'sparse', got 'dens' (did you mean "
-        "'dense'?).",
-    ),
-    (
-        lambda: Radau(error_control="all"),
-        "Radau: error_control must be one of 'auto', 'positions', 'rigid velocities', "
-        "'velocities', got 'all'.",
-    ),
-    (lambda: Radau(rtol=-1e-6), "Radau: rtol must be positive, got -1e-06."),
-    (lambda: Radau(rtol=np.inf), "Radau: rtol must be finite, got inf."),
-    (lambda: Radau(rtol="tight"), "Radau: rtol must be a number, got 'tight'."),
-    (lambda: bd.Auto(rtol=0.5), "Auto: rtol must lie between 1e-14 and 0.1, got 0.5."),
-    (lambda: bd.Auto(max_steps=0), "Auto: max_steps must be a whole number of at least 1, got 0."),
     (
         lambda: simulate(Alpha(step=1e-60)),
         "GeneralizedAlpha: step of 1e-60 s requires 1e+60 steps in 1 s, more than the maximum "
@@ -170,15 +137,6 @@ SENTENCES = [
         "observe the column or pass a quantity.",
     ),
     (
-        lambda: event(what=3),
-        "event: the first argument must be the name of an observed column, such as 'tip.y', or "
-        "a quantity with one column, got 3.",
-    ),
-    (
-        lambda: event(direction="left"),
-        "event: direction must be one of 'up', 'down', 'both', got 'left'.",
-    ),
-    (
         lambda: event(do="jump"),
         "event: do must be 'stop', 'record', activate(...), deactivate(...), change_law(...) or"
         " impact(...), got 'jump'.",
@@ -194,18 +152,6 @@ SENTENCES = [
     (
         lambda: bd.activate(motor()[2], as_is=True),
         "torque: as_is=True requires a joint with a gap of positions or angles, got Moment",
-    ),
-    (
-        lambda: bd.activate(motor()[1], as_is=1),
-        "activate: as_is must be one of True, False, got 1.",
-    ),
-    (
-        lambda: bd.change_law("drive", 0.0),
-        "change_law: driver must be a Driver or a TranslationalDriver, got 'drive'.",
-    ),
-    (
-        lambda: bd.impact(None),
-        "impact: on must be a gap, such as surface.gap(point), or a joint, got None.",
     ),
     (
         lambda: bd.impact(

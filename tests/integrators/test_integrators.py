@@ -338,15 +338,6 @@ def test_resolved_settings_are_reported():
 
 
 @every_integrator_in_its_form
-def test_runs_are_independent(integrator):
-    first = bd.simulate(SLIDER_CRANK.equations, integrator, 1.0, 0.1)
-    bd.simulate(PENDULUM.equations, integrator, 0.5)
-    again = bd.simulate(SLIDER_CRANK.equations, integrator, 1.0, 0.1)
-    assert_allclose(again.q, first.q, rtol=0.0, atol=0.0)
-    assert_allclose(again.lam, first.lam, rtol=0.0, atol=0.0)
-
-
-@every_integrator_in_its_form
 def test_reactions_scale_with_mass(integrator):
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     runs = []
@@ -390,12 +381,3 @@ def test_regression_a_sudden_moment_on_a_light_section_starts(moment, step):
     # Ida gives 0.0210 rad/(N m) after 4 ms; undamped fast modes, which these steps do not resolve,
     # oscillate about this value by a tenth of it.
     assert_allclose(solution.observed["tip.angle [rad]"].iloc[-1] / moment, 0.0210, rtol=0.2)
-
-
-@every_integrator_in_its_form
-def test_interpreted_steps_equal_compiled_steps(integrator, monkeypatch):
-    compiled = bd.simulate(PENDULUM.equations, integrator, 0.05, 0.01)
-    monkeypatch.setenv("BEAMDAE_NATIVE", "off")
-    interpreted = bd.simulate(PENDULUM.equations, integrator, 0.05, 0.01)
-    assert interpreted.statistics.steps == compiled.statistics.steps
-    assert_allclose(interpreted.q, compiled.q, rtol=0.0, atol=1e-9)

@@ -25,20 +25,6 @@ def slider():
     return mech
 
 
-@RUNS
-def test_continued_run_equals_the_uninterrupted_one(integrator):
-    whole = bd.simulate(slider(), integrator, 1.0, 0.01)
-    first = bd.simulate(slider(), integrator, 0.4, 0.01)
-    later = bd.simulate(slider(), integrator, 1.0, 0.01, start=first)
-    assert later.t[0] == first.trajectory.end
-    both = first.followed_by(later)
-    assert_allclose(both.t, whole.t, atol=1e-15)
-    # Two runs with errors of at most 100 rtol times 1 m; fixed steps are exact to 1e-7.
-    assert_allclose(both.q, whole.q, atol=2e-5)
-    assert both.quality.energy_imbalance < 1e-5
-    assert both.statistics.steps == first.statistics.steps + later.statistics.steps
-
-
 def test_limited_run_continues_between_output_rows():
     with pytest.warns(bd.BeamdaeWarning, match="max_steps"):
         first = bd.simulate(pendulum(), bd.Radau(1e-7, max_steps=30), 2.0, 0.01)
@@ -59,15 +45,6 @@ def test_interrupted_run_continues():
     assert 0.5 < first.trajectory.end < 2.0
     later = bd.simulate(pendulum(), bd.Ida(1e-7), 2.0, start=first)
     assert later.status.sentence == "reached the end"
-
-
-def test_checkpoint_stores_the_last_state_exactly(tmp_path):
-    first = bd.simulate(slider(), bd.Radau(), 0.4)
-    path = first.checkpoint(tmp_path / "end.json")
-    from_file = bd.simulate(slider(), bd.Radau(), 1.0, start=path)
-    from_memory = bd.simulate(slider(), bd.Radau(), 1.0, start=first)
-    assert np.array_equal(from_file.q, from_memory.q)
-    assert np.array_equal(from_file.v, from_memory.v)
 
 
 def test_run_continues_after_a_stop_event(tmp_path):

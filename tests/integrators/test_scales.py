@@ -58,17 +58,6 @@ def test_steps_do_not_depend_on_the_unit_of_length(scale, integrator, step_toler
     assert_allclose(deflection, expected_deflection, rtol=10.0 * integrator.rtol)
 
 
-@pytest.mark.slow(reason="one second")
-@pytest.mark.parametrize("scale", SCALES)
-def test_periodic_motions_do_not_depend_on_the_unit_of_length(scale):
-    deflections = []
-    for size in (1.0, scale):
-        mech, period = resonator(size)
-        motion = bd.periodic(mech, period=period)
-        deflections.append(motion.amplitudes()["half range"]["middle.y [m]"] / size)
-    assert_allclose(deflections[1], deflections[0], rtol=1e-5)
-
-
 def lever(scale):
     mech = bd.Mechanism()
     bar = mech.add(bd.RigidBody("bar", scale**3, 0.1 * scale**5, center=(0.5 * scale, 0.0)))

@@ -15,6 +15,7 @@ ADAPTIVE = {
 }
 # Absolute positions and angles: relative ones are small differences with larger relative errors.
 MOTIONS = {
+    "hub_beam": ["tip.x [m]", "tip.y [m]"],
     "four_bar": ["rocker.x [m]", "rocker.y [m]", "rocker.angle [rad]"],
     "quick_return": ["ram.x [m]", "lever.angle [rad]"],
     "leaf_spring_vehicle": ["chassis.y [m]", "axle.x [m]", "axle.y [m]"],

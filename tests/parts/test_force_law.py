@@ -36,43 +36,6 @@ def test_the_law_receives_the_observed_motion():
     assert_allclose(numeric.force(q, v), [-expected[0], -expected[1], -moment], rtol=1e-13)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-def test_a_law_between_two_points_equals_a_spring():
-    """Equal to the built-in spring up to rounding, with the same kernels."""
-
-    def run(lawful):
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
-        one = mech.add(bd.RigidBody("one", 1.0, 0.2, (1.0, 0.0)))
-        mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), one.at(0.0, 0.0)))
-        bob = mech.add(bd.PointMass("bob", 0.5, at=(3.0, 0.0)))
-        a, b = one.at(2.0, 0.0), bob.point
-
-        def length(a, b):
-            way = b.position - a.position
-            return way, np.sqrt(way @ way)
-
-        def law(a, b, t):
-            way, distance = length(a, b)
-            rate = way @ (b.velocity - a.velocity) / distance
-            pull = (40.0 * (distance - 1.0) + 0.6 * rate) / distance * way
-            return [pull, -pull]
-
-        def energy(a, b):
-            return 20.0 * (length(a, b)[1] - 1.0) ** 2
-
-        mech.add(
-            bd.ForceLaw("spring", (a, b), law, energy, dissipative=True)
-            if lawful
-            else bd.SpringDamper("spring", a, b, 40.0, 0.6)
-        )
-        return bd.simulate(mech, bd.GeneralizedAlpha(step=2e-3), t_end=1.0)
-
-    law, spring = run(True), run(False)
-    assert_allclose(law.q, spring.q, atol=1e-9)  # Newton's tolerance
-    assert_allclose(law.energies.to_numpy(), spring.energies.to_numpy(), atol=1e-7)
-    assert law.quality.energy_imbalance < 1e-4
-
-
 @integrators(rtol=1e-6, step=1e-3)
 def test_coulomb_damped_oscillator_decays_linearly(integrator):
     """The amplitude decreases by 4 mu m g / k per period under Coulomb friction."""

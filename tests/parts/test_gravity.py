@@ -3,42 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from conformance import integrators
 from numpy.testing import assert_allclose
-from support import ARC, VARIANTS, NumericEquations
 
 import beamdae as bd
-
-
-def mechanism(gravity):
-    mech = bd.Mechanism(gravity=gravity)
-    beam = mech.add(VARIANTS[2].beam(ARC))
-    disk = mech.add(bd.RigidBody("disk", 1.3, 0.7, center=(0.5, 0.4)))
-    mech.add(bd.PointMass("bob", 0.4, at=(1.0, 2.0)))
-    mech.add(bd.PointMass("tip", 0.2, on=beam.end))
-    mech.add(bd.PointMass("rim", 0.3, on=disk.at(1.0, 0.4)))
-    return mech
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize(
-    "law", [lambda t: -3.0 * np.cos(t), bd.piecewise((0.5, -3.0 * np.cos(0.3)), 7.0)]
-)
-def test_weights_equal_those_under_the_constant_gravity_of_that_time(law):
-    changing = NumericEquations(mechanism((0.4, law)), time=(0.3, 0.3))
-    constant = NumericEquations(mechanism((0.4, -3.0 * np.cos(0.3))))
-    bare = NumericEquations(mechanism((0.0, 0.0)))
-    rng = np.random.default_rng(0)
-    q = changing.equations.q0 + 0.1 * rng.standard_normal(changing.n)
-    v, a = rng.standard_normal((2, changing.n))
-    assert_allclose(changing.force(q, v, a), constant.force(q, v, a), rtol=1e-12, atol=1e-12)
-    assert_allclose(changing.stiffness(q, v, a), constant.stiffness(q, v, a), atol=1e-11)
-    energies, still = changing.energies(q, v), bare.energies(q, v)
-    assert_allclose(energies[:3], still[:3], rtol=1e-13, atol=1e-13)
-    work = (bare.force(q, v) - constant.force(q, v)) @ v
-    assert_allclose(energies[3], work, rtol=1e-11)
-    assert_allclose(energies[4], still[4], rtol=1e-13)
 
 
 @integrators(rtol=1e-7, step=1e-3)

@@ -11,8 +11,6 @@ from support import (
     EXACT_VARIANT,
     VARIANTS,
     NumericEquations,
-    assert_derivative,
-    directional_derivative,
 )
 
 import beamdae as bd
@@ -28,7 +26,6 @@ def parts(variant=TANGENT):
     return mech, disk, beam
 
 
-every_joint = pytest.mark.parametrize("make", JOINTS.values(), ids=list(JOINTS))
 # Joints between points of bodies; for sliders on beams see test_sliding.
 OF_POINTS = {x: make for x, make in JOINTS.items() if not x.startswith("sliding")} | NONHOLONOMIC
 every_joint_of_points = pytest.mark.parametrize("make", OF_POINTS.values(), ids=list(OF_POINTS))
@@ -44,53 +41,6 @@ def jointed(make, variant=TANGENT):
     joint = mech.add(make(mech, disk, beam))
     mech.observe("reaction", joint.reaction)
     return NumericEquations(mech), mech
-
-
-@every_joint
-@every_frame
-def test_drawn_position_is_closed(make, variant):
-    numeric, _ = jointed(make, variant)
-    # Rounding error of coordinates in the drawing; joints of the beam lie on its interpolated axis.
-    assert_allclose(numeric.levels[0](time=[0.0, 0.0]), 0.0, atol=1e-14)
-
-
-@pytest.mark.parametrize("phase", [0.5, 2.0])
-@every_joint
-@every_frame
-def test_levels_are_time_derivatives_along_a_motion(make, variant, phase):
-    """`phase` is before or after the end of the run-up; the motion is an arbitrary smooth one."""
-    numeric, _ = jointed(make, variant)
-    rng = np.random.default_rng(0)
-    size, rate, start = rng.uniform(0.2, 1.0, (3, numeric.n))
-
-    def motion(t, order):
-        phase = rate * t + start + 0.5 * np.pi * order
-        return size * rate**order * np.sin(phase) + (numeric.equations.q0 if order == 0 else 0.0)
-
-    def level(k, t):
-        q, v, a = (motion(t, order) for order in range(3))
-        return np.atleast_1d(numeric.levels[k](q, v, a, time=[t, phase]))
-
-    for t in (0.3, 1.1):
-        for k in (0, 1):
-            expected = directional_derivative(
-                lambda x, k=k: level(k, x[0]), np.array([t]), np.ones(1)
-            )
-            # Error of five-point differences of step 1e-3 of quantities of order ten.
-            assert_allclose(level(k + 1, t), expected, atol=1e-10)
-
-
-@every_joint
-@every_frame
-def test_reactions_do_virtual_work_on_the_constraints_only(make, variant):
-    numeric, _ = jointed(make, variant)
-    rng = np.random.default_rng(1)
-    q = numeric.equations.q0 + 0.3 * rng.standard_normal(numeric.n)
-    lam = rng.standard_normal(numeric.m)
-    matrix = numeric.constraint_matrix(q)
-    assert_derivative(matrix, lambda x: np.atleast_1d(numeric.levels[0](x)), q)
-    # The same product with another order of summation.
-    assert_allclose(numeric.reaction(q, lam=lam), matrix.T @ lam, atol=1e-13)
 
 
 @every_joint_of_points

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from benchmarks.mechanisms import slider_on_rod
-from conformance import integrators
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -106,29 +105,6 @@ def test_a_parallelogram_of_links_keeps_its_coupler_level():
     x, y = (observed[f"coupler.{c} [m]"] for c in ("x", "y"))
     assert_allclose(np.hypot(x - 0.7, y + 0.1), 0.5, atol=1e-6)
     assert np.ptp(x) > 0.5
-
-
-@integrators(rtol=1e-5, step=1e-3)
-def test_power_of_shortening_a_pendulum_is_that_of_its_energy(integrator):
-    """The power of the law of a link's length is the rate of the energy of the bob."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.PointMass("bob", 0.8, at=(0.6, -0.8)))
-    rope = bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point, lambda t: 1.0 - 0.3 * t**2)
-    mech.add(rope)
-    mech.observe("rope", rope.drive)
-    mech.observe("bob", bob.point)
-    solution = bd.simulate(mech, integrator, t_end=1.0)
-    observed, t = solution.observed, np.asarray(solution.t)
-    # Tolerance of 100 rtol.
-    assert_allclose(
-        np.hypot(observed["bob.x [m]"], observed["bob.y [m]"]), 1 - 0.3 * t**2, atol=1e-6
-    )
-    # Relative drift of the length.
-    assert_allclose(
-        observed["rope.power [W]"], observed["rope.F [N]"] * 0.6 * t, rtol=1e-6, atol=1e-12
-    )
-    assert observed["rope.F [N]"].min() > 0.0
-    assert solution.quality.energy_imbalance < 1e-4
 
 
 def test_force_and_power_of_a_prescribed_travel():

@@ -209,28 +209,6 @@ def test_accelerations_satisfy_the_equations_of_motion(method):
     assert_allclose(later["again"], run["inertial"])
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize(
-    "method",
-    [
-        pytest.param(bd.Radau(1e-10), marks=pytest.mark.slow(reason="compiles derivatives")),
-        bd.GeneralizedAlpha(1e-3, newton_tolerance=1e-10),
-    ],
-    ids=lambda x: x.method,
-)
-def test_sensitivities_of_accelerations_are_those_of_differences(method):
-    run = bd.sensitivities(SWING, ["length", "torque"], method, t_end=0.3)
-    for name, size in (("length", 1e-3), ("torque", 1e-2)):
-        low, high = (
-            bd.simulate(SWING(**{name: SWING.parameters[name] + side * size}), method, t_end=0.3)
-            for side in (-1.0, 1.0)
-        )
-        for column in ("inertial.ay", "sensor.ax", "sensor.angle_ddot"):
-            exact = run.sensitivity(column, name).to_numpy()
-            expected = (high[column] - low[column]).to_numpy() / (2.0 * size)
-            assert_allclose(exact, expected, rtol=0.0, atol=1e-4 * np.abs(expected).max())
-
-
 def test_accelerations_are_outputs_of_linear_models():
     """Hanging at rest, the rod is accelerated by its torque and, after a turn, by gravity."""
     model = bd.linearize(swing(hangs=True), inputs=["torque"], outputs=["sensor"])

@@ -140,7 +140,6 @@ SENTENCES = {
     "^pin: a joint must connect two different bodies, but both .* belong to 'body'": lambda: (
         bd.Revolute("pin", ON, ON)
     ),
-    "^pin: first attachment must be an attachment": lambda: bd.Revolute("pin", BODY, ORIGIN),
     "^motor: law= is missing; pass the angle": lambda: bd.Driver("motor", ORIGIN, ON),
     "^motor: law= is missing; pass the travel": lambda: bd.TranslationalDriver("motor", ORIGIN, ON),
     "^rail: direction must not be zero": lambda: bd.Prismatic("rail", ORIGIN, ON, (0.0, 0.0)),
@@ -166,18 +165,8 @@ SENTENCES = {
     "^r: the disk must touch the circle .* neither the sum nor the difference": lambda: (
         bd.RollingOnCircle("r", ORIGIN, HUB, (0.5, 0.4))
     ),
-    r"^r: radii must be a pair \(of the circle, of the disk\), got 0.5": lambda: bd.RollingOnCircle(
-        "r", ORIGIN, HUB, 0.5
-    ),
     r"^s: ground at \(0, 0\) belongs to the ground": lambda: bd.Skate("s", ORIGIN),
     # Loads
-    r"^push: law must be a pair of laws \(Fx, Fy\), got 3.0": lambda: bd.Force("push", ON, 3.0),
-    r"^push: axes must be one of .*, got 'bdy' \(did you mean 'body'\?\)": lambda: bd.Force(
-        "push", ON, (1.0, 2.0), axes="bdy"
-    ),
-    "^motor: bob at .* is a particle without an angle": lambda: bd.Moment(
-        "motor", ON, 1.0, reaction_on=BOB.point
-    ),
     "^push: bob .* is a particle without an angle": lambda: (
         bd.Force("push", BOB.point, (1.0, 0.0)).moment
     ),
@@ -213,7 +202,6 @@ SENTENCES = {
             energy=lambda x: 0.5 * x[0] ** 2,
         )
     ),
-    "^f: on must be an attachment": lambda: push(lambda t: (0, 0), on=()),
     "^f: none of the attachments can move": lambda: push(lambda a, t: (0, 0), on=ORIGIN),
     r"^f: each load returned by law must be \(Fx, Fy\)": lambda: push(lambda a, t: 1.0),
     "^f: law must return 2 numbers": lambda: push(lambda a, t: ("up", 0.0)),
@@ -244,7 +232,6 @@ SENTENCES = {
         bd.Weld("w", ORIGIN, ON)
     ),
     "'line' is not part": lambda: mechanism_with(BODY, rub(LINE)),
-    "^c: surface must be a LineSurface or a Circ": lambda: bd.Contact("c", BOB.point, ORIGIN, 1.0),
     "^c: neither the point nor the surface can move": lambda: bd.Contact("c", ORIGIN, FLOOR, 1.0),
     r"^c: exponent must lie in \[1, 10\], got": lambda: touch(exponent=0.5),
     r"^c: restitution must lie in \[0.05, 1\], got 1.2": lambda: touch(
@@ -254,7 +241,6 @@ SENTENCES = {
     "^c: .*friction must be positive, got 0.4 and 0": lambda: touch(
         friction=0.0, friction_speed=0.1, static=0.4, stribeck=0.1
     ),
-    "^CircleSurface: side must be one of": lambda: bd.CircleSurface(ON, 1.0, "in"),
     # Time laws
     "^motor: the law must be a formula in t .* positional argument": lambda: load(lambda: 1.0),
     "^motor: the law must be finite, got inf at t = 0": lambda: load(lambda t: 1.0 / t),
@@ -268,11 +254,8 @@ SENTENCES = {
         (1.0, 2.0), lambda t: 1.0 / (t - 1.0)
     ),
     "1 pieces require 0 breakpoints, got 1": lambda: bd.Law((lambda t: t,), (1.0,)),
-    "pieces must be a tuple of functions": lambda: bd.Law(np.sin),
     r"use law\.at\(t\) for its value at a number t": lambda: bd.run_up(1.0, 2.0)(2.0),
     # Tables
-    "^table: kind must be one of .*, got 'cubic'": lambda: bd.table(X, Y, "cubic"),
-    "^table: outside must be one of 'hold', 'error'": lambda: bd.table(X, Y, outside="stop"),
     "the first and last values must be equal, got 2 and 2.5; end the table": lambda: bd.table(
         X, Y, outside="repeat"
     ),
@@ -340,9 +323,6 @@ SENTENCES = {
     "^relative_displacement: bob .* without an angle": lambda: bd.relative_displacement(
         BOB.point, ON
     ),
-    "^relative_motion: bob .* without an angle": lambda: bd.relative_motion(ON, BOB.point),
-    "^acceleration: bob .* without an angle": lambda: bd.acceleration(BOB.point, axes="section"),
-    "^relative_displacement: axes must be": lambda: bd.relative_displacement(ON, FAR, axes="body"),
     "^beam: deformation at s = 1 m has no transverse .* use deflection": lambda: bd.Beam(
         "beam", BEAM.curve, STRIP, frame="chord"
     ).deformation(1.0),

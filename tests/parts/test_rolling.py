@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conformance import IDA_FORMS, NONHOLONOMIC, integrators, tuned
+from conformance import IDA_FORMS, integrators, tuned
 from numpy.testing import assert_allclose
-from support import ARC, VARIANTS, NumericEquations, assert_derivative, directional_derivative
 
 import beamdae as bd
 
@@ -19,38 +18,6 @@ def run(model, integrator, t_end, step=None):
 
 
 MASS, INERTIA = 1.3, 0.4
-every_constraint = pytest.mark.parametrize("make", NONHOLONOMIC.values(), ids=list(NONHOLONOMIC))
-
-
-def jointed(make):
-    mech = bd.Mechanism(gravity=(0.2, -1.5))
-    disk = mech.add(bd.RigidBody("disk", mass=1.3, inertia=0.7, center=(0.5, 0.4)))
-    beam = mech.add(VARIANTS[0].beam(ARC))
-    joint = mech.add(make(mech, disk, beam))
-    mech.observe("reaction", joint.reaction)
-    return NumericEquations(mech)
-
-
-@every_constraint
-def test_levels_are_linear_in_velocities_and_derivatives_of_each_other(make):
-    numeric = jointed(make)
-    rng = np.random.default_rng(0)
-    q = numeric.equations.q0 + 0.1 * rng.standard_normal(numeric.n)
-    v, a = rng.standard_normal((2, numeric.n))
-    matrix = numeric.constraint_matrix(q)
-    # Rounding error; the drawing is closed and at rest.
-    assert_allclose(numeric.levels[0](), 0.0, atol=1e-13)
-    assert_allclose(matrix @ v, numeric.levels[1](q, v), atol=1e-12)
-    rate = directional_derivative(
-        lambda t: numeric.levels[1](q + t * v + 0.5 * t**2 * a, v + t * a), 0.0, np.ones(1)
-    )
-    assert_allclose(numeric.levels[2](q, v, a), rate, atol=1e-9)  # as differences are off
-    lam = rng.standard_normal(numeric.m)
-    assert_allclose(numeric.reaction(q, lam=lam), matrix.T @ lam, atol=1e-12)
-    assert_allclose(numeric.observed("reaction", q=q, lam=lam), -lam, rtol=1e-15)
-    # Joints on a circle constrain the distance as well.
-    for k in np.flatnonzero(numeric.levels[0](q)):
-        assert_derivative(matrix[[k]], lambda x, k=k: numeric.levels[0](x)[[k]], q)
 
 
 # Chaplygin's sleigh: the blade is ARM behind the center of mass. With J = I + m ARM^2 the speed

@@ -175,39 +175,6 @@ def test_loads_are_scaled_but_not_the_forces_of_controllers():
     np.testing.assert_allclose(values, -6.0 * path.factors.ravel() / KI, atol=1e-12)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-def test_runs_are_saved_and_resumed(tmp_path):
-    whole = bd.simulate(pid_stage, bd.Radau(1e-8))
-    first = bd.simulate(pid_stage, bd.Radau(1e-8), t_end=1.0)
-    second = bd.simulate(pid_stage, bd.Radau(1e-8), start=first)
-    assert second["integral"].iloc[-1] == pytest.approx(whole["integral"].iloc[-1], rel=1e-6)
-    loaded = bd.load(whole.save(tmp_path / "run.beamdae"), pid_stage())
-    np.testing.assert_array_equal(loaded["integral"], whole["integral"])
-
-
-@pytest.mark.slow(reason="ten runs and derivatives with each integrator")
-@pytest.mark.parametrize(
-    "integrator", [bd.Radau(1e-9), bd.GeneralizedAlpha(0.01)], ids=lambda x: x.method
-)
-def test_sensitivities_and_gradients_agree_with_differences(integrator):
-    by = ["kp", "ki", "mass", "target", "start"]
-    result = bd.sensitivities(pid_stage, by, integrator, output_step=0.1)
-    defaults = pid_stage.parameters
-    for name in by:
-        step = 1e-5 * max(1.0, abs(defaults[name]))
-        ends = [
-            bd.simulate(pid_stage(**{name: defaults[name] + s}), integrator, 2.0, 0.1)["integral"]
-            for s in (step, -step)
-        ]
-        expected = (ends[0] - ends[1]) / (2.0 * step)
-        found = result.sensitivity("integral", name)
-        np.testing.assert_allclose(found, expected, atol=1e-6 * np.max(np.abs(expected)))
-    if isinstance(integrator, bd.GeneralizedAlpha):
-        adjoint = bd.gradient(pid_stage, bd.EndValue("integral"), by, integrator)
-        forward = {name: result.sensitivity("integral", name).iloc[-1] for name in by}
-        assert dict(adjoint.derivatives) == pytest.approx(forward, rel=1e-9)
-
-
 def test_free_motions_of_models_with_states():
     mech = build_lag()
     with warnings.catch_warnings():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from properties.similarity import Similarity, create_section
@@ -24,7 +25,7 @@ THEORIES = {
 class Body:
     """Description of a body; `bend` is the angle by which the axis of a beam turns.
 
-    A disk has its center at `start`, and `length` is its radius.
+    A disk has its center at `start`, and `length` is its radius. The axis of a beam is a `curve`.
     """
 
     name: str
@@ -34,6 +35,8 @@ class Body:
     length: float
     mass: float
     bend: float = 0.0
+    curve: str = "arc"
+    profile: str = "rectangle"
     velocity: tuple[float, float] = (0.0, 0.0)
     spin: float = 0.0
     modulus: float = 1e8
@@ -55,13 +58,17 @@ class Body:
         c, s = np.cos(self.heading), np.sin(self.heading)
         if self.kind == "particle":
             return self.start
-        if self.is_beam and self.bend:
-            radius, angle = self.length / self.bend, self.heading + u * self.bend
-            x = self.start[0] + radius * (np.sin(angle) - s)
-            return float(x), float(self.start[1] - radius * (np.cos(angle) - c))
-        along, left = u * self.length, 0.0 if self.is_beam else w * self.length
+        if self.is_beam:
+            x, y = self.axis.point(u * self.axis.length)
+            return float(x), float(y)
+        along, left = u * self.length, w * self.length
         x = self.start[0] + c * along - s * left
         return float(x), float(self.start[1] + s * along + c * left)
+
+    @cached_property
+    def axis(self):
+        """Axis of a beam in the drawing, before the similarity transformation."""
+        return CURVES[self.curve](self, Similarity())
 
     def part(self, frame: Similarity):
         start = frame.point(*self.start)
@@ -77,14 +84,54 @@ class Body:
         if self.kind == "bar":
             end = frame.point(*self.point(1.0))
             return bd.RigidBody.rod(self.name, start, end, mass=mass, **moving)
-        heading, bend = frame.heading(self.heading), frame.sense * self.bend
-        if bend:
-            axis = bd.Arc(length / bend, length, start, heading)
-        else:
-            axis = bd.Line(start, frame.point(*self.point(1.0)))
-        section = create_section(frame, self.modulus, 0.03, self.height, self.damping)
+        axis = CURVES[self.curve](self, frame)
+        section = create_section(frame, self, axis.length)
         theory = THEORIES[self.theory]
         return bd.Beam(self.name, axis, section, elements=self.elements, **theory, **moving)
+
+
+def line(body, frame):
+    c, s = body.length * np.cos(body.heading), body.length * np.sin(body.heading)
+    return bd.Line(frame.point(*body.start), frame.point(body.start[0] + c, body.start[1] + s))
+
+
+def arc(body, frame, share=1.0):
+    length, bend = frame.number(body.length, "m"), frame.sense * body.bend
+    start, heading = frame.point(*body.start), frame.heading(body.heading)
+    return bd.Arc(length / bend, share * length, start, heading)
+
+
+def parabola(body, frame):
+    span, bend = frame.number(body.length, "m"), frame.sense * body.bend
+    start, heading = frame.point(*body.start), frame.heading(body.heading)
+    return bd.Parabola(span, 0.2 * bend * span, start, heading)
+
+
+def spline(body, frame):
+    """Return a curve through points of an arc."""
+    drawn = arc(body, Similarity())
+    points = drawn.point(np.linspace(0.0, drawn.length, 7))
+    return bd.Curve(points=[frame.point(*point) for point in points.tolist()])
+
+
+def clothoid(body, frame):
+    length, bend = frame.number(body.length, "m"), frame.sense * body.bend
+    start, heading = frame.point(*body.start), frame.heading(body.heading)
+    return bd.IntrinsicCurve(lambda s: 2.0 * bend * s / length**2, length, start, heading)
+
+
+def segment(body, frame):
+    return bd.Segment(arc(body, frame, 1.2), 0.0, frame.number(body.length, "m"))
+
+
+CURVES = {
+    "line": line,
+    "arc": arc,
+    "parabola": parabola,
+    "spline": spline,
+    "clothoid": clothoid,
+    "segment": segment,
+}
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from random import Random
 from properties.bodies import GROUND, Body, Place, World
 from properties.forces import FORCES
 from properties.joints import JOINTS
-from properties.similarity import Similarity
+from properties.similarity import Similarity, Wave
 
 import beamdae as bd
 
@@ -39,6 +39,15 @@ class Drawing:
     bodies: tuple[Body, ...]
     pieces: tuple[Piece, ...]
     gravity: tuple[float, float]
+    # Share of the gravity that changes in time; its value is that of the start.
+    gravity_share: float = 0.0
+
+    @property
+    def kinds(self) -> set[str]:
+        """Kinds of the parts, and of the curves, sections and theories of the beams."""
+        beams = [body for body in self.bodies if body.is_beam]
+        kinds = {part.kind for part in (*self.bodies, *self.pieces)}
+        return kinds.union(*((beam.curve, beam.profile, beam.theory) for beam in beams))
 
     @property
     def is_free(self) -> bool:
@@ -66,7 +75,8 @@ class Drawing:
     ) -> bd.Mechanism:
         """Build the mechanism, its parts in the order of the drawing or shuffled by `order`."""
         frame = frame or Similarity()
-        mech = bd.Mechanism(gravity=frame.way(*self.gravity, "m/s^2"))
+        wave = Wave(1.0, self.gravity_share, 3.0)
+        mech = bd.Mechanism(gravity=frame.laws(wave, self.gravity, "m/s^2"))
         world = World(mech, frame, self.bodies, {})
         bodies, pieces = list(self.bodies), list(self.pieces)
         if order is not None:

@@ -8,17 +8,18 @@ import beamdae as bd
 
 
 def spring(w, name, a, b, n):
-    """Build a parallel spring and damper."""
+    """Build a spring, and a damper beside it if its damping is not zero."""
     f = w.frame
-    return bd.SpringDamper(
-        name,
-        w.at(a),
-        w.at(b),
-        stiffness=f.number(n["stiffness"], "N/m"),
-        damping=f.number(n["damping"], "N s/m"),
-        free_length=f.number(n["free"], "m"),
-        preload=f.number(n["preload"], "N"),
-    )
+    ends, damping = (name, w.at(a), w.at(b)), f.number(n["damping"], "N s/m")
+    stiffness, free = f.number(n["stiffness"], "N/m"), f.number(n["free"], "m")
+    preload = f.number(n["preload"], "N")
+    if not damping:
+        return bd.Spring(*ends, stiffness, free, preload)
+    return bd.SpringDamper(*ends, stiffness, damping, free, preload)
+
+
+def damper(w, name, a, b, n):
+    return bd.Damper(name, w.at(a), w.at(b), w.frame.number(n["damping"], "N s/m"))
 
 
 def spring_by_law(w, name, a, b, n):
@@ -37,7 +38,10 @@ def spring_by_law(w, name, a, b, n):
 
 
 def torsion_spring(w, name, a, b, n):
+    """Build a torsion spring, or a torsion damper if it has no stiffness."""
     f = w.frame
+    if not n["stiffness"]:
+        return bd.TorsionDamper(name, w.at(a), w.at(b), f.number(n["damping"], "N m s"))
     return bd.TorsionSpring(
         name,
         w.at(a),
@@ -166,6 +170,7 @@ def friction(w, name, a, b, n):
 
 FORCES = {
     "spring": spring,
+    "damper": damper,
     "law of a spring": spring_by_law,
     "torsion spring": torsion_spring,
     "bushing": bushing,

@@ -9,20 +9,23 @@ from dataclasses import dataclass, field, replace
 from random import Random
 
 import numpy as np
-from properties.bodies import GROUND, THEORIES, Body, Place, World
-from properties.drawings import EXTERNAL_FORCES, FRICTION_JOINTS, Drawing, Piece
+from properties.bodies import CURVES, GROUND, THEORIES, Body, Place, World
+from properties.drawings import BUILDERS, EXTERNAL_FORCES, FRICTION_JOINTS, Drawing, Piece
 from properties.forces import FORCES
-from properties.similarity import Similarity, Wave
+from properties.similarity import PROFILES, Similarity, Wave
+
+# Kinds of parts, bodies, curves, sections and settings of beams.
+ALL_KINDS = (*BUILDERS, "bar", "disk", "particle", *CURVES, *PROFILES, *THEORIES)
 
 
 def add_spring(builder: DrawingBuilder, a: Place, b: Place) -> None:
-    kind = builder.rng.choice(["spring", "spring", "law of a spring"])
+    kind = builder.rng.choice(["spring", "spring", "law of a spring", "damper"])
     builder.piece(
         kind,
         a,
         b,
         stiffness=builder.power(0.5, 2.5),
-        damping=builder.rng.choice([0.0, builder.power(-1.0, 0.7)]),
+        damping=builder.rng.choice([0.0, builder.power(-1.0, 0.7)] if kind != "damper" else [1.0]),
         free=builder.between(0.2, 0.8),
         preload=builder.between(-2.0, 2.0),
     )
@@ -47,7 +50,7 @@ def add_force(builder: DrawingBuilder, kinds: tuple[str, ...], free: bool) -> No
     with_angle = [k for k in indices if builder.bodies[k].turns]
     beams = [k for k in indices if builder.bodies[k].is_beam]
     a, b = rng.choice([*indices, *([] if free else [GROUND])]), rng.choice(indices)
-    if kind in ("spring", "law of a spring", "law of two points") and a != b:
+    if kind in ("spring", "damper", "law of a spring", "law of two points") and a != b:
         if kind == "law of two points":
             parameters = {
                 "preload": builder.between(-3.0, 3.0),
@@ -66,8 +69,8 @@ def add_force(builder: DrawingBuilder, kinds: tuple[str, ...], free: bool) -> No
             add_bushing(builder, builder.place(a), builder.place(b))
         else:
             parameters = {
-                "stiffness": builder.power(-0.5, 1.5),
-                "damping": builder.between(0.0, 1.0),
+                "stiffness": rng.choice([0.0, builder.power(-0.5, 1.5)]),
+                "damping": builder.between(0.1, 1.0),
             }
             parameters |= {
                 "free": builder.between(-0.5, 0.5),
@@ -198,7 +201,9 @@ class DrawingBuilder:
                 heading=self.between(-3.1, 3.1),
                 length=self.between(0.3, 1.2),
                 mass=self.power(-0.5, 0.7),
-                bend=self.rng.choice([0.0, self.between(0.2, 1.5), self.between(-1.5, -0.2)]),
+                bend=self.rng.choice([self.between(0.2, 1.5), self.between(-1.5, -0.2)]),
+                curve=self.rng.choice(tuple(CURVES)),
+                profile=self.rng.choice(PROFILES),
                 velocity=(self.between(-1.0, 1.0), self.between(-1.0, 1.0)),
                 spin=self.between(-3.0, 3.0),
                 modulus=1e7 if self.damped else self.rng.choice([1e7, 1e8, 2e9]),
@@ -219,8 +224,9 @@ def draw_mechanism(
     free: bool | None = None,
     outside: bool = True,
     damped: bool = False,
+    containing: str = "",
 ) -> Drawing:
-    """Return the drawing of a random mechanism.
+    """Return the drawing of a random mechanism, which contains a kind of part if one is named.
 
     Parameters
     ----------
@@ -238,7 +244,16 @@ def draw_mechanism(
         False to allow no external actions other than joints and gravity.
     damped
         True for soft beams of damped material.
+    containing
+        One of `ALL_KINDS`, or "".
     """
+    while True:
+        drawing = _draw(rng, most, kinds, flexible, free, outside, damped)
+        if not containing or containing in drawing.kinds:
+            return drawing
+
+
+def _draw(rng, most, kinds, flexible, free, outside, damped) -> Drawing:
     builder = DrawingBuilder(rng, outside=outside, damped=damped)
     shapes = ("bar", "disk", "beam", "particle") if flexible else ("bar", "disk", "particle")
     free = builder.chance(0.25) if free is None else free
@@ -254,7 +269,8 @@ def draw_mechanism(
         add_force(builder, kinds, free or not outside)
     heavy = not free and builder.chance(0.7)
     gravity = (0.0, -9.81) if heavy else (0.0, 0.0)
-    return Drawing(tuple(builder.bodies), tuple(builder.pieces), gravity)
+    share = builder.rng.choice([0.0, 0.5]) if outside else 0.0
+    return Drawing(tuple(builder.bodies), tuple(builder.pieces), gravity, share)
 
 
 def _attach_body(builder: DrawingBuilder, shapes: tuple[str, ...], free: bool) -> None:

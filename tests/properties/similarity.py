@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,7 @@ UNIT_EXPONENTS = {
     "m": (1, 0, 0),
     "kg": (0, 1, 0),
     "s": (0, 0, 1),
+    "m s": (1, 0, 1),
     "m/s": (1, 0, -1),
     "rad/s": (0, 0, -1),
     "m/s^2": (1, 0, -2),
@@ -30,6 +32,7 @@ UNIT_EXPONENTS = {
     "N m s": (2, 1, -1),
     "Pa": (-1, 1, -2),
     "kg/m^2": (-2, 1, 0),
+    "m/N": (0, -1, 2),
 }
 
 
@@ -128,13 +131,28 @@ def base_name(name: str) -> str:
     return name.rpartition(".")[2].rstrip("0123456789")
 
 
-def create_section(frame: Similarity, modulus: float, width: float, height: float, damping: float):
+def create_section(frame: Similarity, beam, length: float):
+    """Return the section of a beam of this transformed length."""
     material = bd.Material(
-        E=frame.number(modulus, "Pa"), nu=0.3, rho=frame.number(2000.0, "kg/m^3")
+        E=frame.number(beam.modulus, "Pa"), nu=0.3, rho=frame.number(2000.0, "kg/m^3")
     )
-    return bd.Section.rectangle(
-        material,
-        width=frame.number(width, "m"),
-        height=frame.number(height, "m"),
-        damping=frame.number(damping, "s"),
-    )
+    width, height = frame.number(0.03, "m"), frame.number(beam.height, "m")
+    damping = {"damping": frame.number(beam.damping, "s")}
+    rectangle = partial(bd.Section.rectangle, material, width, **damping)
+    if beam.profile == "circle":
+        return bd.Section.circle(material, height, **damping)
+    if beam.profile == "pipe":
+        return bd.Section.pipe(material, 1.5 * height, 0.2 * height, **damping)
+    if beam.profile == "i profile":
+        return bd.Section.i_profile(material, width, height, height / 8, height / 10, **damping)
+    if beam.profile == "numbers":
+        return bd.Section(material, width * height, width * height**3 / 12.0, **damping)
+    if beam.profile == "taper":
+        heights = (height, 0.7 * height)
+        return bd.taper(bd.Section.rectangle, material, width=width, height=heights, **damping)
+    if beam.profile == "law":
+        return lambda s: rectangle(height * (1.0 - 0.3 * s / length))
+    return rectangle(height)
+
+
+PROFILES = ("rectangle", "circle", "pipe", "i profile", "numbers", "taper", "law")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -15,8 +14,6 @@ from turning import ALPHA, THICK, THIN, run_sweep, turning
 
 import beamdae as bd
 from beamdae.studies.column_measures import MEASURES
-
-HUB_BEAM = Path(__file__).parents[2] / "models" / "hub_beam.py"
 
 
 @pytest.fixture(scope="module")
@@ -308,29 +305,6 @@ deep = {"deep": lambda run: run["ball.y"].min()}
 swept = bd.sweep(fall, {"mass": [1.0, 2.0, 3.0]}, t_end=1.0, outputs=deep, jobs=2)
 print(swept.table["deep"].round(3).tolist())
 """
-
-
-@pytest.mark.slow(reason="starts worker processes")
-def test_a_case_has_the_numbers_of_a_run_alone_in_any_order_and_process():
-    model, values = bd.load_model(HUB_BEAM), [4.0, 12.0, 8.0]
-
-    def run(torques, jobs):
-        swept = bd.sweep(
-            model,
-            {"torque": torques, "elements": [2]},
-            integrator=bd.Radau(1e-3),
-            t_end=0.2,
-            output_step=0.01,
-            jobs=jobs,
-        )
-        return {x: swept.run(torque=x)["tip"].to_numpy() for x in torques}
-
-    in_order, reversed_order = run(values, 1), run(values[::-1], 2)
-    for torque in values:
-        mechanism = model(torque=torque, elements=2)
-        alone = bd.simulate(mechanism, bd.Radau(1e-3), 0.2, 0.01)["tip"].to_numpy()
-        assert np.array_equal(in_order[torque], alone)
-        assert np.array_equal(reversed_order[torque], alone)
 
 
 @pytest.mark.slow(reason="starts worker processes")
