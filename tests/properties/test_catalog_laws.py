@@ -94,7 +94,7 @@ def test_random_mechanisms_with_every_kind(law, name, seed):
 
 @pytest.mark.slow(reason="runs, and paths of equilibria, of many examples")
 @pytest.mark.parametrize("law", MOTION_LAWS)
-@random_examples(5)
+@random_examples(3)
 def test_motions_and_equilibria_of_random_mechanisms(law, seed):
     check_drawing(*MOTION_LAWS[law], seed)
 
