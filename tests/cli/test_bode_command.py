@@ -71,6 +71,37 @@ def test_bode_states_margins_of_pid_loops_and_why_one_has_none(tmp_path, monkeyp
     assert_allclose(crossover["phase margin [deg]"], margin, rtol=1e-8)
 
 
+TRAIN = """
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def train():
+    mech = bd.Mechanism()
+    end = mech.ground.at(0.0, 0.0)
+    for k in range(1, 13):
+        mass = mech.add(bd.PointMass(f"mass {k}", 1.0, at=(k, 0.0)))
+        mech.add(bd.PointOnLine(f"rail {k}", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+        mech.add(bd.SpringDamper(f"spring {k}", end, mass.point, 1e3, 0.01, free_length=1.0))
+        end = mass.point
+    mech.add(bd.Force("push", end, (0.0, 0.0)))
+    mech.observe("mass", end)
+    return mech
+"""
+
+
+@pytest.mark.slow(reason="many modes")
+def test_the_largest_of_many_peaks_are_shown(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "train.py").write_text(TRAIN)
+    arguments = ["bode", "train.py", "--output", "mass.x", "--no-page", "--no-picture"]
+    peaks = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)["peaks"]
+    largest = sorted(peaks, key=lambda peak: -peak["magnitude"])
+    shown = CliRunner().invoke(app, arguments).stdout
+    are_shown = [f"{peak['frequency [Hz]']:.6g} " in shown for peak in largest]
+    assert are_shown == [True] * 10 + [False] * 2
+
+
 @pytest.mark.slow(reason="draws a picture")
 def test_bode_writes_a_picture_and_a_page(bode, tmp_path):
     result = bode("--output", "mass.x,mass.x_dot", "--frequencies", "1Hz:0.01kHz")

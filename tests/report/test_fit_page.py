@@ -23,21 +23,26 @@ def swinging(length=0.5, mass=1.0):
 def fit():
     method = bd.GeneralizedAlpha(step=0.01)
     run = bd.simulate(swinging(length=0.6), method, output_step=0.1).at_times(TIMES)
-    data = {"t [s]": TIMES, "bob.y_dot": run["bob.y_dot"].to_numpy() + 0.01 * np.cos(40.0 * TIMES)}
-    return bd.fit(swinging, data, ["length"], method)
+    y_dot = run["bob.y_dot"].to_numpy() + 0.01 * np.cos(40.0 * TIMES)
+    data = {"t [s]": TIMES + 0.02, "bob.y_dot": 0.5 + 2.0 * y_dot}
+    sensor = {"scale": "bob.y_dot", "offset": "bob.y_dot", "shift": {"bob.y_dot": (-0.1, 0.1)}}
+    return bd.fit(swinging, data, ["length"], method, **sensor)
 
 
 def test_the_page_opens_on_the_measured_column(fit, show):
     page = build_fit_page(fit, "pendulum")
-    assert page["featured"] == ["bob.y_dot [m/s]", "residual of bob.y_dot [sigma]"]
-    data = page["cases"][1]["curves"]["observed"]
-    assert_allclose(data["residual of bob.y_dot [sigma]"], fit.residuals, rtol=1e-12)
+    header, residual = "bob.y_dot [m/s]", "residual of bob.y_dot [sigma]"
+    assert page["featured"] == [header, residual]
+    model, data = (case["curves"] for case in page["cases"])
+    assert_allclose(data["observed"][residual], fit.residuals, rtol=1e-12)
+    y_dot = np.interp(data["t"], model["t"], model["observed"][header])
+    assert_allclose(data["observed"][header], y_dot, atol=0.02)  # twice the noise
     (estimates,) = (table for table in page["tables"] if table["title"] == "Estimates")
     assert estimates["rows"][0][0] == "length [m]"
     tab = show(page)
     panel = tab.locator("[data-panel=observed]")
     choice = tab.get_by_label("Observed: quantity")
-    assert choice.input_value() == "bob.y_dot [m/s]"
+    assert choice.input_value() == header
     # One curve, and one element for the points of the data.
     points = panel.locator(".plot path.curve.data").get_attribute("d")
     # The points of the data are above the curve of the model.
