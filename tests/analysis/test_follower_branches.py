@@ -5,13 +5,11 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from test_slender_structures import FORMULATIONS
 
 import beamdae as bd
 
 SECTION = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-3)
-FORMULATIONS = pytest.mark.parametrize(
-    "options", [{"formulation": "exact"}, {"strain": "exact"}], ids=["exact", "floating frame"]
-)
 
 
 def column(share=0.25, **options):

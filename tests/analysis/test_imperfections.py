@@ -5,13 +5,11 @@ import warnings
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from test_slender_structures import FORMULATIONS
 
 import beamdae as bd
 
 STEEL = bd.Material.of("steel")
-FORMULATIONS = pytest.mark.parametrize(
-    "options", [{"formulation": "exact"}, {"strain": "exact"}], ids=["exact", "floating frame"]
-)
 
 
 def strip(height=1e-3):

@@ -10,13 +10,11 @@ from typer.testing import CliRunner
 
 from beamdae.cli.app import app
 
-MODEL = STRUT
-
 
 @pytest.fixture
 def buckling(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    Path("column.py").write_text(MODEL, encoding="utf-8")
+    Path("column.py").write_text(STRUT, encoding="utf-8")
     return lambda *arguments: CliRunner().invoke(app, ["buckling", "column.py", *arguments])
 
 

@@ -12,13 +12,11 @@ from typer.testing import CliRunner
 
 from beamdae.cli.app import app
 
-MODEL = CROSS
-
 
 @pytest.fixture
 def modes(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "cross.py").write_text(MODEL)
+    (tmp_path / "cross.py").write_text(CROSS)
     return lambda *arguments: CliRunner().invoke(app, ["modes", "cross.py", *arguments])
 
 

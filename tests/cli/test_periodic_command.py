@@ -11,13 +11,11 @@ from typer.testing import CliRunner
 
 from beamdae.cli.app import app
 
-MODEL = VAN_DER_POL
-
 
 @pytest.fixture
 def periodic(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    Path("model.py").write_text(MODEL, encoding="utf-8")
+    Path("model.py").write_text(VAN_DER_POL, encoding="utf-8")
     return lambda *arguments: CliRunner().invoke(app, ["periodic", "model.py", *arguments])
 
 

@@ -13,8 +13,6 @@ from typer.testing import CliRunner
 
 from beamdae.cli.app import app
 
-MODEL = OSCILLATOR
-
 
 def amplitude(rate, force=0.1):
     """Return the amplitude of x'' + 0.4 x' + 4 x = force sin(rate t)."""
@@ -24,7 +22,7 @@ def amplitude(rate, force=0.1):
 @pytest.fixture
 def response(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    Path("oscillator.py").write_text(MODEL, encoding="utf-8")
+    Path("oscillator.py").write_text(OSCILLATOR, encoding="utf-8")
     return lambda *arguments: CliRunner().invoke(app, ["response", "oscillator.py", *arguments])
 
 

@@ -1,7 +1,6 @@
 """Kernels and elimination within loops agree in machine code and in plain Python."""
 
 import copy
-import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,22 +10,16 @@ import pytest
 import scipy.sparse as sp
 from chains import pattern_of_elements
 from numpy.testing import assert_allclose, assert_array_equal
+from test_loops import compile_without_warnings
 
 from beamdae.linear.pivots import propose_plans
 from beamdae.native.lane_kernels import LANE_WIDTH, build_lane_kernel
 from beamdae.native.linear_solver import LinearSolver, factorize_linear, solve_linear
 from beamdae.native.loop_functions import call_kernel, combine, factorize, solve
-from beamdae.native.loops import CompiledLoop
 from beamdae.native.object_code import is_native_enabled
 from beamdae.native.return_codes import DONE, NEW_PIVOTS, SINGULAR
 
 pytestmark = pytest.mark.skipif(not is_native_enabled(), reason="requires machine code")
-
-
-def compile_without_warnings(function, work):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        return CompiledLoop(function, work)
 
 
 # Kernels.

@@ -1,7 +1,6 @@
 """Array operations of loops agree in machine code and in numpy."""
 
 import copy
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from test_loops import compile_without_warnings
 
 from beamdae.linear.lane_operations import substitute_backward, substitute_forward
 from beamdae.native import loop_functions
@@ -34,7 +34,6 @@ from beamdae.native.loop_functions import (
     set_tiles,
     split_complex,
 )
-from beamdae.native.loops import CompiledLoop
 from beamdae.native.object_code import is_native_enabled
 
 pytestmark = pytest.mark.skipif(not is_native_enabled(), reason="requires machine code")
@@ -212,12 +211,6 @@ def test_compiled_array_operations_agree(function, size, count, specials, seed):
     # BLAS adds in another order.
     rtol = 1e-14 if function is compute_euclidean_norm else 0.0
     assert_allclose(compiled.answer, plain.answer, rtol=rtol, atol=0.0)
-
-
-def compile_without_warnings(function, work):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        return CompiledLoop(function, work)
 
 
 @dataclass(slots=True)

@@ -3,19 +3,16 @@
 import hashlib
 import warnings
 
-import casadi as ca
 import llvmlite.binding
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from test_object_cache import FUNCTION, OTHER
 
 from beamdae.integrators.radau import step_loop
 from beamdae.native import lane_kernels, llvm, loops, object_code, prebuilt_objects
 from beamdae.native.lane_kernels import LANE_WIDTH, build_lane_kernel
 
-S, X = ca.SX.sym("s"), ca.SX.sym("x", 3)
-FUNCTION = ca.Function("kernel_of_test", [S, X], [ca.sin(X) * X[0] + ca.sqrt(X) * S])
-OTHER = ca.Function("kernel_of_test", [S, X], [ca.cos(X)])
 POINT = np.tile([[0.3], [1.7], [2.9]], LANE_WIDTH)
 
 is_x86_level = llvm.host_target().cpu in llvm.X86_LEVELS

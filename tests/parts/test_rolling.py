@@ -6,16 +6,9 @@ import numpy as np
 import pytest
 from conformance import IDA_FORMS, integrators, tuned
 from numpy.testing import assert_allclose
+from test_friction import run
 
 import beamdae as bd
-
-
-def run(model, integrator, t_end, step=None):
-    """Return the solution of a run that reached its end."""
-    solution = bd.simulate(model, integrator, t_end, step)
-    assert solution.status.success, solution.status.sentence
-    return solution
-
 
 MASS, INERTIA = 1.3, 0.4
 

@@ -4,21 +4,12 @@ import casadi as ca
 import mechanisms
 import numpy as np
 import pytest
+from study_models import singular_torque
 
 import beamdae as bd
 
 ALPHA = bd.GeneralizedAlpha(step=2e-3)
 swing = bd.model(t_end=0.4)(mechanisms.swing)
-
-
-@bd.model(t_end=0.4)
-def singular_torque(limit=0.2):
-    """Its moment becomes complex at t = limit."""
-    mech = bd.Mechanism()
-    bob = mech.add(bd.RigidBody("bob", 2.0, inertia=0.1))
-    mech.add(bd.Moment("torque", on=bob.at(0.0, 0.0), law=lambda t: (limit - t) ** 1.5))
-    mech.observe("bob", bob.at(0.0, 0.0))
-    return mech
 
 
 @bd.model(t_end=0.4)

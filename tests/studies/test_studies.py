@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
+from study_models import singular_torque
 
 import beamdae as bd
 from beamdae.cli.model_files.model_file import ModelFile
@@ -28,16 +29,6 @@ COARSE = (bd.Ida(rtol=1e-5), bd.GeneralizedAlpha(step=5e-3, newton_tolerance=1e-
 
 
 swing = bd.model(t_end=0.4)(mechanisms.swing)
-
-
-@bd.model(t_end=0.4)
-def singular_torque(limit=0.2):
-    """Its moment becomes complex at t = limit."""
-    mech = bd.Mechanism()
-    bob = mech.add(bd.RigidBody("bob", 2.0, inertia=0.1))
-    mech.add(bd.Moment("torque", on=bob.at(0.0, 0.0), law=lambda t: (limit - t) ** 1.5))
-    mech.observe("bob", bob.at(0.0, 0.0))
-    return mech
 
 
 @bd.model(t_end=0.1)
