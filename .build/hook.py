@@ -33,8 +33,8 @@ class PrebuiltObjectsHook(BuildHookInterface):
             [sys.executable, str(_PREBUILD), self._folder.name], check=True, stdout=sys.stderr
         )
         build_data["force_include"][self._folder.name] = _WHEEL_FOLDER
-        # The objects call nothing of the C library but mathematical functions, through LLVM, whose
-        # own wheels need this version of it.
+        # The objects import no more of the C library than memset and mathematical functions, all
+        # older than this version of it.
         build_data |= {"pure_python": False, "tag": "py3-none-manylinux_2_17_x86_64"}
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
