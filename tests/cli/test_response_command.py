@@ -28,7 +28,7 @@ def response(tmp_path, monkeypatch):
 
 @pytest.mark.slow(reason="a curve and its picture")
 def test_a_table_and_a_picture_are_written(response, monkeypatch):
-    clock = itertools.chain([0.0], itertools.repeat(11.0))
+    clock = itertools.count(0.0, 11.0)
     monkeypatch.setattr("beamdae.cli.progress.monotonic", lambda: next(clock))
     result = response("--over", "frequency=0.26:0.36", "--rtol", "1e-6")
     assert result.exit_code == 0, result.output
@@ -37,9 +37,10 @@ def test_a_table_and_a_picture_are_written(response, monkeypatch):
     assert_allclose(table["bob.x half range [m]"], amplitude(rates), rtol=1e-4)
     assert table["stable"].all()
     assert "reached the end of the range" in result.stdout
-    # The first of the lines that are printed after every ten seconds.
-    (progress,) = (x for x in result.stderr.splitlines() if "left" in x)
-    assert progress == "frequency = 0.26 Hz: 1 point, -:-- left"
+    # Lines are printed after every ten seconds.
+    first, *_, last = (x for x in result.stderr.splitlines() if "left" in x)
+    assert first == "frequency = 0.26 Hz: 1 point, -:-- left"
+    assert last == f"frequency = 0.36 Hz: {len(table)} points, 0:00 left"
     assert "peak of" in result.stdout
     assert "frequency [Hz]" in result.stdout
     assert Path("results/oscillator_response.png").stat().st_size > 1000

@@ -5,6 +5,7 @@ import pytest
 from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 from pendulum import pendulum
+from test_animation import simulate
 
 import beamdae as bd
 from beamdae.report.scene.beam_colors import compute_beam_colors
@@ -12,10 +13,6 @@ from beamdae.report.scene.mechanism_scene import MAX_BEAM_SECTIONS
 from beamdae.report.scene.run_scene import frame_times
 
 FRAMES = 11
-
-
-def simulate(mechanism):
-    return bd.simulate(mechanism, bd.GeneralizedAlpha(5e-3), 0.2, output_step=0.02)
 
 
 @pytest.mark.parametrize("what", ["strain", "stress", "N", "Q", "M"])

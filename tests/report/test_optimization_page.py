@@ -38,6 +38,8 @@ def test_the_page_opens_on_the_best_and_the_first_design(result, show):
     assert tab.locator(".run").count() == result.evaluations
     labels = [x["label"] for x in page["cases"][:2]]
     assert labels == [f"design {result.evaluations} (best)", "design 1 (first)"]
+    ends = [x["curves"]["observed"]["bob.x [m]"][-1] for x in page["cases"][:2]]
+    assert ends == pytest.approx([result.objective, result.history()["objective"][0]])
     panel = tab.locator("[data-panel=observed]")
     assert tab.get_by_label("Observed: quantity").input_value() == "bob.x [m]"
     assert panel.locator(".plot path.curve").count() == 2
