@@ -63,7 +63,7 @@ def test_auto_is_dense_for_small_systems_and_sparse_for_large_ones():
 
 @pytest.mark.parametrize("dtype", [float, complex])
 @pytest.mark.parametrize("method", ["dense", "sparse"])
-@pytest.mark.parametrize("bad", [0.0, np.nan, np.inf, 1e-320])
+@pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])
 def test_singular_or_infinite_matrix_is_rejected(method, bad, dtype):
     pattern = sp.csc_array(sp.eye_array(3, format="csc"))
     solver = create_factorization(pattern, method, dtype)

@@ -105,16 +105,22 @@ def test_zeros_of_the_analyzed_matrix_may_become_nonzero():
     assert_allclose(solve_with(plan, factors, right), np.linalg.solve(matrix, right), rtol=1e-12)
 
 
-@pytest.mark.parametrize("pivot", [0.0, 1e-30, 1e-14])
-def test_unsuitable_pivots_are_rejected(pivot):
+@pytest.mark.parametrize("pivot", [0.0, 1e-320, 1e-30, 1e-14])
+def test_unsuitable_pivots_are_rejected_without_side_effects(pivot):
     rng, size = np.random.default_rng(0), 12
     pattern = sp.csc_array(np.ones((size, size)))
-    plan, _ = analysis = analyze(pattern, rng.normal(size=size * size))
+    suitable = rng.normal(size=size * size)
+    plan, factors = analyze(pattern, suitable)
     matrix = rng.normal(size=(size, size))
     # The first pivots are small, but not their rows.
     matrix[np.ix_(plan.rows[:4], plan.columns[:4])] *= pivot
     nonzeros, right = matrix.T.ravel(), rng.normal(size=size)
-    assert not refactorize(*analysis, nonzeros)
+    with np.errstate(all="ignore"):
+        assert not refactorize(plan, factors, nonzeros)
+        assert not refactorize(plan, factors, np.nan * nonzeros)
+    assert refactorize(plan, factors, suitable)
+    x = solve_with(plan, factors, right)
+    assert_allclose(suitable.reshape(size, size).T @ x, right, rtol=1e-10)
     x = solve_with(*analyze(pattern, nonzeros), right)
     assert_allclose(x, np.linalg.solve(matrix, right), rtol=1e-12)
 

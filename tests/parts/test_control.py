@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import scipy.linalg as la
 from scipy.integrate import solve_ivp
+from test_states import INTEGRATORS
 
 import beamdae as bd
 
 INERTIA = 0.5
-INTEGRATORS = (bd.Ida(1e-8), bd.Radau(1e-8), bd.GeneralizedAlpha(1e-3))
 
 
 def _loop_without_actuator(actuator=None, limits=None, is_sampled=False):

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_array_equal
+from test_files import posix
 
 import beamdae as bd
 from beamdae.errors import FileContentError
@@ -30,7 +31,6 @@ from beamdae.studies.tasks import Task
 
 # Files written before saved runs had a checksum.
 GOLDEN = Path(__file__).parent / "golden"
-posix = pytest.mark.skipif(os.name != "posix", reason="other systems have no such files")
 
 
 def falling():

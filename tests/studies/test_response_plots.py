@@ -12,11 +12,6 @@ from beamdae.studies.column_measures import MEASURES
 from beamdae.studies.sweeps.sweep_results import create_sweep_page
 
 
-@pytest.fixture(scope="module")
-def speed_radius_sweep():
-    return run_sweep({"speed": [4.0, 1.0, 2.0], "radius": [0.5, 0.0, 2.0]})
-
-
 @pytest.mark.slow(reason="many small runs")
 def test_curves_connect_runs_in_order_of_the_parameter():
     swept = run_sweep({"speed": [4.0, 1.0, 2.0]}, of="tip")

@@ -16,11 +16,6 @@ import beamdae as bd
 from beamdae.studies.column_measures import MEASURES
 
 
-@pytest.fixture(scope="module")
-def speed_radius_sweep():
-    return run_sweep({"speed": [4.0, 1.0, 2.0], "radius": [0.5, 0.0, 2.0]})
-
-
 # The table ----------------------------------------------------------------------------------------
 
 
