@@ -15,7 +15,6 @@ from turning import ALPHA, THICK, THIN, run_sweep, turning
 import beamdae as bd
 from beamdae.studies.column_measures import MEASURES
 
-
 # The table ----------------------------------------------------------------------------------------
 
 
