@@ -6,12 +6,19 @@ import beamdae as bd
 
 
 @bd.model(t_end=3.0)
-def quick_return(speed=2.0 * np.pi, crank_radius=0.12, cutting_force=800.0, coefficient=0.1):
+def quick_return(
+    speed=2.0 * np.pi,
+    crank_radius=0.12,
+    cutting_force=800.0,
+    coefficient=0.1,
+    friction_speed=0.02,
+):
     """Run the crank up to `speed` [rad/s] in 0.5 s; the ram cuts to the right and returns faster.
 
     The lever swings about the origin; the crank of `crank_radius` [m] rotates about a bearing 0.3 m
     above the origin. The ram of 25 kg slides in a guide of 0.4 m with the friction `coefficient`
-    [-], and `cutting_force` [N] resists its motion to the right.
+    [-], regularized at `friction_speed` [m/s], and `cutting_force` [N] resists its motion to the
+    right.
     """
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     ground, center, pin = mech.ground, (0.0, 0.3), (0.0, 0.3 + crank_radius)
@@ -31,7 +38,7 @@ def quick_return(speed=2.0 * np.pi, crank_radius=0.12, cutting_force=800.0, coef
     mech.add(bd.Revolute("ram pin", link.at(0.25, 0.65), ram.at(0.25, 0.65)))
     guide = mech.add(bd.Prismatic("guide", ground.at(0.0, 0.65), ram.at(0.45, 0.65)))
     rubbing = mech.add(
-        bd.Friction("rubbing", guide, coefficient, friction_speed=0.02, radius=0.2, smoothing=1.0)
+        bd.Friction("rubbing", guide, coefficient, friction_speed, radius=0.2, smoothing=1.0)
     )
 
     def cutting(tool, t):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,6 +17,7 @@ from beamdae.beams.sliding import SlidingOnBeam
 from beamdae.errors import BeamdaeError, format_exception, set_fields
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.part import Part
 from beamdae.symbolic.signal_pickling import copy_with_signals
 from beamdae.symbolic.statements import Quantity
 
@@ -161,10 +162,16 @@ def with_meshes(
     return replace_beams(mechanism, beams, "with_meshes")
 
 
-def replace_beams(mechanism: Mechanism, beams: Mapping[str, Beam], caller: str) -> Mechanism:
+def replace_beams(
+    mechanism: Mechanism,
+    beams: Mapping[str, Beam],
+    caller: str,
+    alter: Callable[[Part], object] | None = None,
+) -> Mechanism:
     """Return a copy of a mechanism with other beams on the same curves.
 
-    See `with_meshes`. `caller` begins the message of an error.
+    See `with_meshes`. `caller` begins the message of an error, and `alter` may change values of the
+    copied parts.
 
     Raises
     ------
@@ -190,6 +197,8 @@ def replace_beams(mechanism: Mechanism, beams: Mapping[str, Beam], caller: str) 
             for name in set(vars(part)) - {"value_symbol"}:
                 if isinstance(getattr_static(type(part), name, None), cached_property):
                     del vars(part)[name]
+            if alter is not None:
+                alter(part)
     # Warnings about the replaced beams concern their meshes and lengths.
     other.build_warnings = tuple(
         x

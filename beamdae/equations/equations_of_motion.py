@@ -433,6 +433,9 @@ class Start(NamedTuple):
     closed_q
         Positions (n,) of the drawing with closed joints, near which the equilibrium or the steady
         rotation was searched for; None for other starts.
+    searched
+        The start "equilibrium" or the rotation that was searched for; None for other starts, whose
+        state is given.
     """
 
     description: str
@@ -440,6 +443,7 @@ class Start(NamedTuple):
     v: Array
     moves: bool
     closed_q: Array | None = None
+    searched: Any = None
 
 
 @read_only_data

@@ -190,6 +190,13 @@ class Part:
         """Name and unit of each input of linearized models; empty if the part has no inputs."""
         return ()
 
+    def sharpen_friction(self, ratio: float) -> bool:
+        """Multiply the speed of regularized friction, in a part of a new copy of a mechanism.
+
+        Returns False, without effect, for parts without such friction.
+        """
+        return False
+
     def with_constant_laws(self, values: Sequence[float]) -> Part:
         """Return a copy of the part with constant laws.
 

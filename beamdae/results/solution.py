@@ -165,6 +165,11 @@ class Solution(RunData, TimeSeries):
         """
         return tuple(chain.from_iterable(self._sentences.values()))
 
+    @cached_property
+    def errors(self) -> Any:
+        """Errors of the observed columns, see `Errors`, measured by a run that is refined."""
+        return deferred.module("accuracy.runs").measure_run(self)
+
     @property
     def row_warnings(self) -> tuple[str, ...]:
         """Those of the `warnings` about peaks and vibrations that the output rows do not show."""

@@ -74,11 +74,11 @@ def _solve_initial_conditions(
         v = np.zeros(equations.n)
         closed_q = ConsistencySolver(independent).close_positions(time, independent.q0)
         q, _ = relax_to_equilibrium(StaticEquations(independent, time), independent.q0)
-        request = Start(EQUILIBRIUM, equations.q0, v, False, closed_q)
+        request = Start(EQUILIBRIUM, equations.q0, v, False, closed_q, EQUILIBRIUM)
     elif isinstance(start, Rotation):
         closed_q, q, v = _rotate_steadily(independent, time, start)
         description = f"rotation at {start.speed:g} rad/s about {start.center}"
-        request = Start(description, equations.q0, v, False, closed_q)
+        request = Start(description, equations.q0, v, False, closed_q, start)
     else:
         positions, velocities = _split_by_kind(equations, start)
         requested_q, requested_v = np.array(equations.q0), np.array(equations.v0)

@@ -314,6 +314,14 @@ class Contact(ObservableLoad):
                 "impact_speed=; pass the impact speed [m/s] at which this restitution holds."
             )
 
+    def sharpen_friction(self, ratio: float) -> bool:
+        """Multiply the friction speed, see `Part`."""
+        if not self.friction:
+            return False
+        assert self.friction_speed is not None
+        set_fields(self, friction_speed=ratio * self.friction_speed)
+        return True
+
     def _check_unit_of_stiffness(self) -> None:
         k = self.stiffness
         if (

@@ -208,6 +208,11 @@ class Friction(ObservableLoad):
         set_fields(self, static=static, stribeck=stribeck)
         self._check_radius()
 
+    def sharpen_friction(self, ratio: float) -> bool:
+        """Multiply the friction speed, see `Part`."""
+        set_fields(self, friction_speed=ratio * self.friction_speed)
+        return True
+
     def _check_radius(self) -> None:
         needs_radius = self._is_bearing or bool(self._multipliers_in("N m"))
         if needs_radius and self.radius is None:

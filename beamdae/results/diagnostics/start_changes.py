@@ -128,7 +128,7 @@ class StartSummary:
 def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
     """Compare the requested start of the equations with the actual first state of a run."""
     start = Start(AS_DRAWN, e.q0, e.v0, False) if e.start is None else e.start
-    request, q, v, is_moved, drawn_closed_q = start
+    request, q, v, is_moved, drawn_closed_q, _ = start
     closed_q = state.q if drawn_closed_q is None else drawn_closed_q
     changes = []
     # First-order states do not move, and controllers set their held values at the start.

@@ -1,0 +1,216 @@
+"""Errors of the columns of a result, as a table, sentences and recommended settings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from beamdae.errors import format_percent, join_names, list_first, name_with_others
+from beamdae.read_only import read_only_data
+from beamdae.results.columns import remove_unit
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = np.ndarray
+
+# Errors that have a sentence, and those at which recommended settings aim.
+LIMIT, AIM = 0.04, 0.01
+# A refinement shows a part of the error: halved elements of order 2 three quarters of it, and a
+# third of the tolerance two thirds.
+FACTOR = 1.15
+CAUSES = ("time", "mesh", "theory")
+_MESH_ORDER = 2  # of rates and section forces, in which errors of elements are largest
+_MAX_NAMES = 6
+
+
+class Refined(NamedTuple):
+    """What a companion refines.
+
+    Attributes
+    ----------
+    elements
+        Numbers of elements of the original beams by name; the companion has twice as many.
+    inexact
+        Names of the beams with exact strains instead of moderate ones.
+    friction_speeds
+        Names of the parts with a tenth of their friction speed.
+    accuracy
+        Name and value of the setting "rtol" or "step" that is refined; ("", 0.0) without.
+    order
+        Order of the integrator with fixed steps.
+    kept
+        Reasons why beams are not refined, by name.
+    """
+
+    elements: Mapping[str, int] = {}
+    inexact: tuple[str, ...] = ()
+    friction_speeds: tuple[str, ...] = ()
+    accuracy: tuple[str, float] = ("", 0.0)
+    order: int = 1
+    kept: Mapping[str, str] = {}
+
+    def __str__(self) -> str:
+        """Describe the companion."""
+        texts = []
+        if self.elements:
+            texts.append(f"halved elements of {list_first(list(self.elements), _MAX_NAMES)}")
+        if self.inexact:
+            texts.append("exact strains")
+        if self.friction_speeds:
+            texts.append("a tenth of the friction speed")
+        name, _ = self.accuracy
+        if name:
+            texts.append("a third of rtol" if name == "rtol" else "short steps of Radau")
+        return join_names(texts) if texts else "the same settings"
+
+
+@read_only_data
+@dataclass(frozen=True, repr=False)
+class Errors:
+    """Errors of a result, measured by one repetition in which everything is refined together.
+
+    Attributes
+    ----------
+    headers
+        Headers of the columns with units.
+    values, companions
+        Headlines of the columns of the result and of its companion (columns,): the largest
+        magnitude of a run, a frequency, a load, ...
+    total
+        Errors of the columns [-]: the change in the companion times 1.15, relative to half the
+        range of a column of a run, or to the headline. Not a number if a column is not checked.
+    rows
+        Largest differences at rows, relative to half the range of the column [-]; not a number
+        where a result has no rows.
+    refined
+        What the companion refines.
+    reason
+        Why nothing was checked, or empty.
+    has_failed
+        True if the companion does not reach the end.
+    split
+        Function that returns `causes`, if there may be several.
+    """
+
+    headers: tuple[str, ...]
+    values: Array
+    companions: Array
+    total: Array
+    rows: Array
+    refined: Refined
+    reason: str = ""
+    has_failed: bool = False
+    split: Callable[[], Mapping[str, Array]] | None = None
+
+    @classmethod
+    def unchecked(cls, headers: tuple[str, ...], values: Array, reason: str) -> Errors:
+        """Return the errors of a result that cannot be checked."""
+        missing = np.full(len(headers), np.nan)
+        return cls(headers, values, missing, missing, missing, Refined(), reason)
+
+    def __repr__(self) -> str:
+        worst = f"largest {format_percent(self.largest)}" if not self.reason else self.reason
+        return f"<Errors of {len(self.headers)} columns: {worst}>"
+
+    @property
+    def largest(self) -> float:
+        """Largest error [-]; 0 if no column was checked."""
+        return float(np.nanmax(self.total, initial=0.0))
+
+    @cached_property
+    def causes(self) -> Mapping[str, Array]:
+        """Errors by cause (columns,): "time", "mesh" and "theory" of the strains.
+
+        If there are several causes, the result is repeated once more, with refined steps only, and
+        again, with original strains.
+        """
+        has_mesh = bool(self.refined.elements or self.refined.friction_speeds)
+        is_possible = bool(self.refined.accuracy[0]), has_mesh, bool(self.refined.inexact)
+        possible = dict(zip(CAUSES, is_possible, strict=True))
+        if sum(possible.values()) < 2 or self.split is None or self.reason:
+            return {x: self.total if possible[x] else np.zeros_like(self.total) for x in CAUSES}
+        return self.split()
+
+    def table(self) -> pd.DataFrame:
+        """Return one row per column of the result.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Indexed by header: "value" and "companion", the headlines [unit of the column]; "rows",
+            "total", "time", "mesh" and "theory", the errors [-]; and "status", "measured", "not
+            converged" (the companion differs by more than the motion itself) or "not checked" with
+            the reason.
+        """
+        import pandas as pd
+
+        columns: dict[str, Any] = {"value": self.values, "companion": self.companions}
+        columns |= {"rows": self.rows, "total": self.total, **self.causes, "status": self.statuses}
+        return pd.DataFrame(columns, index=pd.Index(list(self.headers), name="column"))
+
+    @property
+    def statuses(self) -> list[str]:
+        """Status of each column; see `table`."""
+        reason = self.reason or "not finite"
+        return [
+            f"not checked: {reason}" if np.isnan(x) else "not converged" if x > 1.0 else "measured"
+            for x in self.total
+        ]
+
+    def sentences(self) -> Iterator[str]:
+        """Yield a sentence if a column has an error of more than 4 %."""
+        if self.has_failed:
+            yield f"errors: not known, because {self.reason}; check the model, and refine it."
+        order = np.argsort(-np.nan_to_num(self.total))
+        wrong = [k for k in order.tolist() if self.total[k] > LIMIT]
+        if not wrong:
+            return
+        sizes = [_format_error(self.total[k]) for k in wrong]
+        names = [f"{remove_unit(self.headers[k])} {x}" for k, x in zip(wrong, sizes, strict=True)]
+        first = remove_unit(self.headers[wrong[0]])
+        causes = [
+            f"{_NAMES_OF_CAUSES[x]} {_format_error(self.causes[x][wrong[0]])}"
+            for x in CAUSES
+            if self.causes[x][wrong[0]] > 0.0
+        ]
+        by = f" ({', '.join(causes)})" if len(causes) > 1 else ""
+        size = name_with_others(f"{sizes[0]} of half its range{by}", names[1:], _MAX_NAMES)
+        yield (
+            f"{first}: the error is about {size}, measured by a run with {self.refined}; "
+            f"use {self.recommend()}."
+        )
+
+    def recommend(self) -> str:
+        """Return settings that reduce all errors to about 1 %, or an empty text."""
+        of_cause = {x: float(np.nanmax(y, initial=0.0)) for x, y in self.causes.items()}
+        needed = {x: y for x, y in of_cause.items() if y > 2.0 * AIM}
+        texts, refined = [], self.refined
+        if "mesh" in needed and refined.elements:
+            factor = 2 ** int(np.ceil(np.log2(min(needed["mesh"], 1.0) / AIM) / _MESH_ORDER))
+            counts = [f"{factor * x} elements of {name}" for name, x in refined.elements.items()]
+            texts.append(list_first(counts, _MAX_NAMES))
+        if "mesh" in needed and refined.friction_speeds:
+            texts.append(
+                f"a friction_speed of {list_first(refined.friction_speeds, _MAX_NAMES)} ten times "
+                "smaller"
+            )
+        if "theory" in needed:
+            texts.append(f'strain="exact" of {list_first(refined.inexact, _MAX_NAMES)}')
+        if "time" in needed:
+            name, value = refined.accuracy
+            ratio = AIM / min(needed["time"], 1.0)
+            ratio **= 1.0 / refined.order if name == "step" else 1.0
+            texts.append(f"{name}={ratio * value:.1g}")
+        return join_names(texts) if texts else ""
+
+
+_NAMES_OF_CAUSES = {"time": "steps", "mesh": "elements", "theory": "strains"}
+
+
+def _format_error(error: float) -> str:
+    return format_percent(error) if error <= 1.0 else "more than 100 %"

@@ -1,0 +1,106 @@
+"""Mechanisms in which everything that approximates is refined together."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.beams.beam import beams_of
+from beamdae.beams.prolongation import halve_elements, prolong_coordinates
+from beamdae.beams.remeshing import attached_sections, choose_base_meshes, replace_beams
+from beamdae.equations.assembly.assemble import equations_of_motion
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.errors import hold_messages
+from beamdae.parts.mechanism import AS_DRAWN
+from beamdae.parts.part import Part
+
+Array = np.ndarray
+
+# Errors by the speed of regularized friction decrease in proportion to it: a tenth of it shows nine
+# tenths of the error.
+SPEED_RATIO = 0.1
+
+
+class Refinement(NamedTuple):
+    """Refined equations of motion.
+
+    Attributes
+    ----------
+    equations
+        The equations.
+    halved, exact, sharpened
+        Names of the beams with halved elements, of those with exact strains instead of moderate
+        ones, and of the parts with a tenth of their friction speed.
+    kept
+        Reasons why beams are not refined, by name.
+    prolongation, start
+        Coordinates `start` + `prolongation` @ q of the positions q of the original mechanism,
+        (n', n) and (n',).
+    """
+
+    equations: EquationsOfMotion
+    halved: tuple[str, ...]
+    exact: tuple[str, ...]
+    sharpened: tuple[str, ...]
+    kept: dict[str, str]
+    prolongation: sp.csc_array
+    start: Array
+
+
+def refine(
+    equations: EquationsOfMotion, start: Any = AS_DRAWN, *, strains: bool = True
+) -> Refinement | None:
+    """Return the mechanism with halved elements, exact strains and sharper friction.
+
+    Beams keep their elements and strains if the start names their coordinates, an observable or
+    event refers to them, or their kinematics are custom ones. Returns None if nothing is refined.
+
+    Parameters
+    ----------
+    equations
+        Equations of motion of the mechanism.
+    start
+        Start of the refined equations, see `Mechanism`.
+    strains
+        False to keep the strains.
+
+    Raises
+    ------
+    BeamdaeError
+        If a part cannot be copied, or the start fails.
+    """
+    mechanism = equations.mechanism
+    if mechanism is None:
+        return None
+    sections = attached_sections(mechanism)
+    beams, finer, exact, kept = {}, {}, [], {}
+    for name, base in choose_base_meshes(mechanism, 1, start).items():
+        if base.fixed_by or base.has_custom_kinematics:
+            kept[name] = base.fixed_by or "its kinematics are custom ones"
+            continue
+        beam = beams[name] = base.beam
+        other = beam.with_exact_strains() if strains else beam
+        if other is not beam:
+            exact.append(name)
+        stress_mesh = beam.divide_mesh(sections[id(beam)])
+        finer[name] = other.with_mesh(halve_elements(other.mesh), None, stress_mesh)
+    sharpened = []
+
+    def sharpen(part: Part) -> None:
+        if part.sharpen_friction(SPEED_RATIO):
+            sharpened.append(part.name)
+
+    with hold_messages():  # Warnings about these beams do not concern the user.
+        refined = replace_beams(mechanism, finer, "errors", sharpen)
+        if not (finer or sharpened):
+            return None
+        refined_equations = equations_of_motion(refined, start)
+    final = {beam.name: beam for beam in beams_of(refined)}
+    pairs = {name: (beam, final[name]) for name, beam in beams.items()}
+    names = equations.q_names, refined_equations.q_names
+    prolongation, offset = prolong_coordinates(*names, pairs)
+    return Refinement(
+        refined_equations, tuple(finer), tuple(exact), tuple(sharpened), kept, prolongation, offset
+    )

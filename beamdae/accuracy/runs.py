@@ -1,0 +1,191 @@
+"""Errors of runs, measured by a companion run with everything refined together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from beamdae.accuracy.errors import AIM, FACTOR, Errors, Refined
+from beamdae.accuracy.refinement import Refinement, refine
+from beamdae.accuracy.values import ColumnDifferences, compare_columns
+from beamdae.beams.beam import beams_of
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.errors import BeamdaeError
+from beamdae.integrators import Integrator, Radau
+from beamdae.integrators.pilot_run import reuse_motion
+from beamdae.interrupts import Interrupted
+from beamdae.parts.mechanism import AS_DRAWN
+from beamdae.results.solution import Solution
+from beamdae.results.trajectory import Trajectory
+
+Array = np.ndarray
+
+_RTOL_RATIO = 1.0 / 3.0
+# Fixed steps share blind spots with half their length: another method takes their place.
+_RTOL_BESIDE_STEPS, _STEP_RATIO = 1e-4, 0.37
+_MAX_STEPS_RATIO, _MIN_MAX_STEPS = 8, 3000
+# Runs are checked by themselves up to this time [s], or this multiple of their own.
+_MIN_TIME_LIMIT, _MAX_TIME_RATIO = 2.0, 8.0
+
+
+def measure_run(run: Solution, time_limit: float | None = None) -> Errors:
+    """Return the errors of the observed columns of a run.
+
+    Parameters
+    ----------
+    run
+        The run.
+    time_limit
+        Largest time of the companion [s].
+
+    Raises
+    ------
+    Interrupted
+        If the companion is interrupted.
+    """
+    headers = tuple(run.columns)
+    sizes = np.array([np.max(np.abs(x), initial=0.0) for x in run.columns.values()])
+    reason = _find_obstacle(run)
+    if reason:
+        return Errors.unchecked(headers, sizes, reason)
+    method = _refine_method(run, time_limit)
+    try:
+        refinement, motion = _refine_equations(run)
+        equations = run.equations if refinement is None else refinement.equations
+        other = _repeat(run, method, equations, motion)
+    except BeamdaeError as problem:
+        return Errors.unchecked(headers, sizes, f"a refined run cannot begin: {problem}")
+    refined = _describe(run, refinement)
+    if not other.status.success:
+        reason = f"a run with {refined} does not reach the end ({other.status.sentence})"
+        errors = Errors.unchecked(headers, sizes, reason)
+        return replace(errors, refined=refined, has_failed=True)
+    found = compare_columns(run, other)
+    total = _relative_errors(found)
+
+    def split() -> dict[str, Array]:
+        assert refinement is not None
+        return _split(run, other, method, refinement)
+
+    return Errors(headers, found.values, found.others, total, found.rows, refined, split=split)
+
+
+def check_run(run: Solution) -> Iterator[str]:
+    """Yield the sentences of the errors of a run, unless its companion takes too long."""
+    if "errors" not in vars(run):
+        spent = run.statistics.setup_time + run.statistics.wall_time
+        limit = max(_MIN_TIME_LIMIT, _MAX_TIME_RATIO * spent)
+        errors = measure_run(run, limit)
+        if errors.has_failed and "time limit" in errors.reason:
+            yield (
+                f"errors: not checked, because a run with {errors.refined} takes more than "
+                f"{limit:.2g} s; use the errors of the result."
+            )
+            return
+        vars(run)["errors"] = errors
+    yield from run.errors.sentences()
+
+
+def _find_obstacle(run: Solution) -> str:
+    if not run.columns:
+        return "no column is observed"
+    if not run.status.success:
+        return "the run stopped early"
+    if not isinstance(run.made_by, Integrator):
+        return "the run was loaded from a file"
+    if run.trajectory.start != 0.0:
+        return "the run was resumed"
+    return "the run has a single row" if len(run.t) < 2 else ""
+
+
+def _refine_method(run: Solution, time_limit: float | None) -> Integrator:
+    """Return the integrator of a companion run: a third of the tolerance, or `Radau`."""
+    method: Any = run.made_by
+    name, value = method.accuracy
+    max_steps = max(_MAX_STEPS_RATIO * run.trajectory.steps, _MIN_MAX_STEPS)
+    changes = {"rtol": _RTOL_RATIO * value, "max_steps": max_steps, "time_limit": time_limit}
+    if name == "step":
+        method = Radau(max_step=_STEP_RATIO * value)
+        changes["rtol"] = _RTOL_BESIDE_STEPS
+    return replace(method, **{x: y for x, y in changes.items() if hasattr(method, x)})
+
+
+def _refine_equations(
+    run: Solution, *, strains: bool = True
+) -> tuple[Refinement | None, Trajectory]:
+    """Return refined equations with the start of the run, and its motion in their coordinates."""
+    start = run.equations.start
+    searched = None if start is None else start.searched
+    refinement = refine(run.equations, searched or AS_DRAWN, strains=strains)
+    if refinement is None:
+        return None, run.trajectory
+    matrix, offset = refinement.prolongation, refinement.start
+    if searched is None:
+        first = run.trajectory.intervals[0].rows
+        q, v = offset + matrix @ first.q[0], matrix @ first.v[0]
+        refinement = refinement._replace(equations=replace(refinement.equations, q0=q, v0=v))
+    intervals = []
+    for interval in run.trajectory.intervals:
+        q, v, *others = interval.rows
+        rows = State(offset + (matrix @ q.T).T, (matrix @ v.T).T, *others)
+        intervals.append(replace(interval, rows=rows))
+    return refinement, Trajectory(tuple(intervals))
+
+
+def _repeat(
+    run: Solution, method: Integrator, equations: EquationsOfMotion, motion: Trajectory
+) -> Solution:
+    """Repeat a run with other equations and another method at the same output times."""
+    begin = run.trajectory.start  # The rows of `Solution.at_times` may begin later.
+    is_later = run.t[0] > begin
+    with reuse_motion(motion):
+        other: Solution = method.integrate(
+            equations, np.append(begin, run.t) if is_later else run.t
+        )
+    if other.status.kind == "interrupted":
+        raise Interrupted(other.status.sentence)
+    return replace(other, t=other.t[1:]) if is_later else other
+
+
+def _describe(run: Solution, refinement: Refinement | None) -> Refined:
+    method: Any = run.made_by
+    accuracy, order = tuple(method.accuracy), method.order
+    if refinement is None:
+        return Refined(accuracy=accuracy, order=order)
+    beams = beams_of(run.equations.mechanism)
+    elements = {x.name: x.mesh.elements for x in beams if x.name in refinement.halved}
+    return Refined(
+        elements, refinement.exact, refinement.sharpened, accuracy, order, refinement.kept
+    )
+
+
+def _relative_errors(differences: ColumnDifferences) -> Array:
+    return FACTOR * np.maximum(differences.peaks, differences.means)
+
+
+def _split(
+    run: Solution, other: Solution, method: Integrator, refinement: Refinement
+) -> dict[str, Array]:
+    """Return the errors by cause: the run is repeated with refined steps, and with elements."""
+    timed = _repeat(run, method, run.equations, run.trajectory)
+    causes = dict.fromkeys(("time", "mesh", "theory"), np.full(len(run.columns), np.nan))
+    if not timed.status.success:
+        return causes
+    causes["time"] = _relative_errors(compare_columns(run, timed))
+    causes["mesh"] = _relative_errors(compare_columns(timed, other))
+    causes["theory"] = np.zeros(len(run.columns))
+    if not refinement.exact or np.nanmax(causes["mesh"]) < AIM:
+        return causes
+    try:
+        halved, motion = _refine_equations(run, strains=False)
+    except BeamdaeError:
+        return causes
+    assert halved is not None
+    meshed = _repeat(run, method, halved.equations, motion)
+    if meshed.status.success:
+        causes["mesh"] = _relative_errors(compare_columns(timed, meshed))
+        causes["theory"] = _relative_errors(compare_columns(meshed, other))
+    return causes
