@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -93,6 +93,8 @@ class Errors:
         Why nothing was checked, or empty.
     has_failed
         True if the companion does not reach the end.
+    relative_to
+        What errors are relative to, for sentences.
     split
         Function that returns `causes`, if there may be several.
     """
@@ -105,6 +107,7 @@ class Errors:
     refined: Refined
     reason: str = ""
     has_failed: bool = False
+    relative_to: str = "half its range"
     split: Callable[[], Mapping[str, Array]] | None = None
 
     @classmethod
@@ -112,6 +115,38 @@ class Errors:
         """Return the errors of a result that cannot be checked."""
         missing = np.full(len(headers), np.nan)
         return cls(headers, values, missing, missing, missing, Refined(), reason)
+
+    @classmethod
+    def of_values(
+        cls,
+        headers: Sequence[str],
+        values: Array,
+        companions: Array,
+        refined: Refined,
+        scales: Array | None = None,
+        split: Callable[[], Mapping[str, Array]] | None = None,
+    ) -> Errors:
+        """Return the errors of single values (columns,), such as frequencies or loads.
+
+        They are relative to `scales` or, by default, to the magnitudes of the companion's values;
+        `companions` that are not a number have no counterpart.
+        """
+        sizes = np.abs(companions if scales is None else scales)
+        changes = np.abs(np.asarray(values) - companions)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            total = np.where(changes == 0.0, 0.0, FACTOR * changes / sizes)
+        rows = np.full(len(headers), np.nan)
+        relative_to = "its value"
+        return cls(
+            tuple(headers),
+            values,
+            companions,
+            total,
+            rows,
+            refined,
+            relative_to=relative_to,
+            split=split,
+        )
 
     def __repr__(self) -> str:
         worst = f"largest {format_percent(self.largest)}" if not self.reason else self.reason
@@ -179,7 +214,7 @@ class Errors:
             if self.causes[x][wrong[0]] > 0.0
         ]
         by = f" ({', '.join(causes)})" if len(causes) > 1 else ""
-        size = name_with_others(f"{sizes[0]} of half its range{by}", names[1:], _MAX_NAMES)
+        size = name_with_others(f"{sizes[0]} of {self.relative_to}{by}", names[1:], _MAX_NAMES)
         yield (
             f"{first}: the error is about {size}, measured by a run with {self.refined}; "
             f"use {self.recommend()}."
