@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -45,6 +45,8 @@ class Refined(NamedTuple):
         Order of the integrator with fixed steps.
     kept
         Reasons why beams are not refined, by name.
+    method
+        Label of another integrator that is compared instead.
     """
 
     elements: Mapping[str, int] = {}
@@ -53,9 +55,12 @@ class Refined(NamedTuple):
     accuracy: tuple[str, float] = ("", 0.0)
     order: int = 1
     kept: Mapping[str, str] = {}
+    method: str = ""
 
     def __str__(self) -> str:
         """Describe the companion."""
+        if self.method:
+            return f"a run with {self.method}"
         texts = []
         if self.elements:
             texts.append(f"halved elements of {list_first(list(self.elements), _MAX_NAMES)}")
@@ -66,7 +71,7 @@ class Refined(NamedTuple):
         name, _ = self.accuracy
         if name:
             texts.append("a third of rtol" if name == "rtol" else "short steps of Radau")
-        return join_names(texts) if texts else "the same settings"
+        return f"a repetition with {join_names(texts)}"
 
 
 @read_only_data
@@ -188,6 +193,11 @@ class Errors:
         columns |= {"rows": self.rows, "total": self.total, **self.causes, "status": self.statuses}
         return pd.DataFrame(columns, index=pd.Index(list(self.headers), name="column"))
 
+    def columns(self) -> dict[str, Array]:
+        """Return "companion", "total" and "rows" of `table`, and the causes of large errors."""
+        columns = {"companion": self.companions, "total": self.total, "rows": self.rows}
+        return columns | dict(self.causes) if self.largest > LIMIT else columns
+
     @property
     def statuses(self) -> list[str]:
         """Status of each column; see `table`."""
@@ -197,6 +207,17 @@ class Errors:
             for x in self.total
         ]
 
+    def select(self, columns: Collection[str]) -> Errors:
+        """Return the errors of some of the columns (headers)."""
+        here = np.array([x in columns for x in self.headers], bool)
+
+        def split() -> dict[str, Array]:
+            return {cause: errors[here] for cause, errors in self.causes.items()}
+
+        selected = {x: getattr(self, x)[here] for x in ("values", "companions", "total", "rows")}
+        headers = tuple(x for x in self.headers if x in columns)
+        return replace(self, headers=headers, split=split, **selected)
+
     def sentences(self) -> Iterator[str]:
         """Yield a sentence if a column has an error of more than 4 %."""
         if self.has_failed:
@@ -205,20 +226,18 @@ class Errors:
         wrong = [k for k in order.tolist() if self.total[k] > LIMIT]
         if not wrong:
             return
-        sizes = [_format_error(self.total[k]) for k in wrong]
-        names = [f"{remove_unit(self.headers[k])} {x}" for k, x in zip(wrong, sizes, strict=True)]
-        first = remove_unit(self.headers[wrong[0]])
-        causes = [
-            f"{_NAMES_OF_CAUSES[x]} {_format_error(self.causes[x][wrong[0]])}"
-            for x in CAUSES
-            if self.causes[x][wrong[0]] > 0.0
-        ]
-        by = f" ({', '.join(causes)})" if len(causes) > 1 else ""
-        size = name_with_others(f"{sizes[0]} of {self.relative_to}{by}", names[1:], _MAX_NAMES)
-        yield (
-            f"{first}: the error is about {size}, measured by a run with {self.refined}; "
-            f"use {self.recommend()}."
+        largest, *others = (
+            f"{remove_unit(self.headers[k])}: the error is about {_format_error(self.total[k])}"
+            if k == wrong[0]
+            else f"{remove_unit(self.headers[k])} {_format_error(self.total[k])}"
+            for k in wrong
         )
+        causes = {x: y[wrong[0]] for x, y in self.causes.items() if y[wrong[0]] > 0.0}
+        parts = ", ".join(f"{_NAMES_OF_CAUSES[x]} {_format_error(y)}" for x, y in causes.items())
+        by = f", by {parts}" if len(causes) > 1 else ""
+        text = name_with_others(f"{largest} of {self.relative_to}{by}", others, _MAX_NAMES)
+        advice = self.recommend()
+        yield f"{text}, measured by {self.refined}{'; use ' if advice else ''}{advice}."
 
     def recommend(self) -> str:
         """Return settings that reduce all errors to about 1 %, or an empty text."""

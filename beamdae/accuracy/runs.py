@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +16,8 @@ from beamdae.accuracy.values import ColumnDifferences, compare_columns
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import BeamdaeError
-from beamdae.integrators import Integrator, Radau
+from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
+from beamdae.integrators.limits import Progress
 from beamdae.integrators.pilot_run import reuse_motion
 from beamdae.interrupts import Interrupted
 from beamdae.parts.mechanism import AS_DRAWN
@@ -23,15 +26,30 @@ from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
+_are_checked: ContextVar[bool] = ContextVar("are_checked", default=True)
+
 _RTOL_RATIO = 1.0 / 3.0
 # Fixed steps share blind spots with half their length: another method takes their place.
 _RTOL_BESIDE_STEPS, _STEP_RATIO = 1e-4, 0.37
 _MAX_STEPS_RATIO, _MIN_MAX_STEPS = 8, 3000
+_RTOL_OF_ANOTHER_METHOD, _MIN_RTOL = 1e-6, 1e-10
 # Runs are checked by themselves up to this time [s], or this multiple of their own.
 _MIN_TIME_LIMIT, _MAX_TIME_RATIO = 2.0, 8.0
 
 
-def measure_run(run: Solution, time_limit: float | None = None) -> Errors:
+@contextmanager
+def unchecked() -> Iterator[None]:
+    """Within the context, runs are not checked by themselves."""
+    token = _are_checked.set(False)
+    try:
+        yield
+    finally:
+        _are_checked.reset(token)
+
+
+def measure_run(
+    run: Solution, time_limit: float | None = None, progress: Progress | None = None
+) -> Errors:
     """Return the errors of the observed columns of a run.
 
     Parameters
@@ -40,6 +58,8 @@ def measure_run(run: Solution, time_limit: float | None = None) -> Errors:
         The run.
     time_limit
         Largest time of the companion [s].
+    progress
+        Progress function of the companion; see `simulate`.
 
     Raises
     ------
@@ -55,12 +75,12 @@ def measure_run(run: Solution, time_limit: float | None = None) -> Errors:
     try:
         refinement, motion = _refine_equations(run)
         equations = run.equations if refinement is None else refinement.equations
-        other = _repeat(run, method, equations, motion)
+        other = _repeat(run, method, equations, motion, progress)
     except BeamdaeError as problem:
         return Errors.unchecked(headers, sizes, f"a refined run cannot begin: {problem}")
     refined = _describe(run, refinement)
     if not other.status.success:
-        reason = f"a run with {refined} does not reach the end ({other.status.sentence})"
+        reason = f"{refined} does not reach the end ({other.status.sentence})"
         errors = Errors.unchecked(headers, sizes, reason)
         return replace(errors, refined=refined, has_failed=True)
     found = compare_columns(run, other)
@@ -73,15 +93,59 @@ def measure_run(run: Solution, time_limit: float | None = None) -> Errors:
     return Errors(headers, found.values, found.others, total, found.rows, refined, split=split)
 
 
-def check_run(run: Solution) -> Iterator[str]:
+def compare_methods(
+    run: Solution, method: Integrator | None = None, progress: Progress | None = None
+) -> Errors:
+    """Return the differences of the columns of a run from those of another integrator.
+
+    Parameters
+    ----------
+    run
+        The run.
+    method
+        The other integrator. Defaults to `Radau`, or to `GeneralizedAlpha` if Radau made the run,
+        with a tenth of the tolerance, or with 1e-6 beside fixed steps.
+    progress
+        Progress function of the other run; see `simulate`.
+
+    Raises
+    ------
+    Interrupted
+        If the other run is interrupted.
+    """
+    headers = tuple(run.columns)
+    sizes = np.array([np.max(np.abs(x), initial=0.0) for x in run.columns.values()])
+    reason = _find_obstacle(run)
+    if reason:
+        return Errors.unchecked(headers, sizes, reason)
+    own: Any = run.made_by
+    name, value = own.accuracy
+    if method is None:
+        rtol = max(0.1 * value, _MIN_RTOL) if name == "rtol" else _RTOL_OF_ANOTHER_METHOD
+        is_radau = run.integrator.get("method") == "Radau"
+        method = GeneralizedAlpha(rtol=rtol) if is_radau else Radau(rtol)
+    other = _repeat(run, method, run.equations, run.trajectory, progress)
+    refined = Refined(accuracy=(name, value), order=own.order, method=method.label)
+    if not other.status.success:
+        reason = f"{refined} does not reach the end ({other.status.sentence})"
+        errors = Errors.unchecked(headers, sizes, reason)
+        return replace(errors, refined=refined, has_failed=True)
+    found = compare_columns(run, other)
+    total = np.maximum(found.peaks, found.means)
+    return Errors(headers, found.values, found.others, total, found.rows, refined)
+
+
+def check_run(run: Solution, progress: Progress | None = None) -> Iterator[str]:
     """Yield the sentences of the errors of a run, unless its companion takes too long."""
+    if not _are_checked.get():
+        return
     if "errors" not in vars(run):
         spent = run.statistics.setup_time + run.statistics.wall_time
         limit = max(_MIN_TIME_LIMIT, _MAX_TIME_RATIO * spent)
-        errors = measure_run(run, limit)
+        errors = measure_run(run, limit, progress)
         if errors.has_failed and "time limit" in errors.reason:
             yield (
-                f"errors: not checked, because a run with {errors.refined} takes more than "
+                f"errors: not checked, because {errors.refined} takes more than "
                 f"{limit:.2g} s; use the errors of the result."
             )
             return
@@ -136,15 +200,18 @@ def _refine_equations(
 
 
 def _repeat(
-    run: Solution, method: Integrator, equations: EquationsOfMotion, motion: Trajectory
+    run: Solution,
+    method: Integrator,
+    equations: EquationsOfMotion,
+    motion: Trajectory,
+    progress: Progress | None = None,
 ) -> Solution:
     """Repeat a run with other equations and another method at the same output times."""
     begin = run.trajectory.start  # The rows of `Solution.at_times` may begin later.
     is_later = run.t[0] > begin
     with reuse_motion(motion):
-        other: Solution = method.integrate(
-            equations, np.append(begin, run.t) if is_later else run.t
-        )
+        times = np.append(begin, run.t) if is_later else run.t
+        other: Solution = method.integrate(equations, times, progress)
     if other.status.kind == "interrupted":
         raise Interrupted(other.status.sentence)
     return replace(other, t=other.t[1:]) if is_later else other

@@ -15,7 +15,6 @@ from beamdae.cli.output import (
     WrittenFiles,
     print_facts,
     print_warnings,
-    withdraw_warnings,
 )
 from beamdae.cli.progress import show_run_progress
 from beamdae.errors import BeamdaeError, format_count, warn_user
@@ -64,9 +63,8 @@ class Run:
         Checkpoint that was written, or None.
     errors
         Error estimates of the observed columns, by name of the estimate; None without estimates.
-    accuracy_warning
-        Warning about columns with large errors or about a missing certification, or an empty
-        string.
+    error_warnings
+        Sentences about columns with large errors or about a missing certification.
     certificate
         Certificate of the run; None unless an accuracy was required.
     interrupted
@@ -86,7 +84,7 @@ class Run:
     files: WrittenFiles = field(default_factory=WrittenFiles)
     checkpoint: Path | None = None
     errors: Any = None
-    accuracy_warning: str = ""
+    error_warnings: list[str] = field(default_factory=list)
     certificate: Certificate | None = None
     interrupted: bool = False
     plot: RunPlot = field(default_factory=RunPlot)
@@ -191,7 +189,7 @@ def integrate_run(
     KeyboardInterrupt
         If the command is interrupted before the run starts.
     """
-    from beamdae.results.run_checks import STEPS, skip_error_estimates
+    from beamdae.accuracy.runs import unchecked
     from beamdae.simulation import simulate
 
     with show_run_progress(t_end or run.model.t_end) as show_progress:
@@ -204,7 +202,7 @@ def integrate_run(
 
         try:
             # `estimate_errors` follows, with a progress bar of its own.
-            with skip_error_estimates(STEPS):
+            with unchecked():
                 return simulate(
                     run.model,
                     run.integrator,
@@ -269,7 +267,7 @@ def certify_run(
     order = ("half the range", "total", "time", "mesh", "theory", "theory as written", "certified")
     run.errors = {name: budget[name] for name in order}
     if not certificate.status.success:
-        run.accuracy_warning = f"{run.model.name}: not certified; {certificate.status.sentence}."
+        run.error_warnings = [f"{run.model.name}: not certified; {certificate.status.sentence}."]
     return certificate.solution
 
 
@@ -302,8 +300,8 @@ def estimate_errors(run: Run, solution: Solution, verify: bool) -> None:
     The errors of the observed columns are stored in `run` and in the metadata of its table, unless
     the second run is interrupted. Without observed columns, nothing is done.
     """
-    from beamdae import verification
-    from beamdae.results.columns import Header, remove_unit
+    from beamdae.accuracy.errors import Errors
+    from beamdae.accuracy.runs import check_run, compare_methods
     from beamdae.results.storage.files import write_metadata
 
     if not solution.columns:
@@ -312,22 +310,22 @@ def estimate_errors(run: Run, solution: Solution, verify: bool) -> None:
     with show_run_progress(float(solution.t[-1]), task) as show_progress:
         progress = partial(show_progress, run.integrator.label)
         if verify:
-            errors = verification.compare_methods(solution, progress=progress)
+            errors: Errors | None = compare_methods(solution, progress=progress)
+            sentences = list(errors.sentences())
         else:
-            errors = verification.estimate_errors(solution, progress)
+            sentences = list(check_run(solution, progress))
+            errors = solution.errors if "errors" in vars(solution) else None
     # The exception may have been swallowed, for example by a callback of other code.
     if signals.is_interrupted():
         return
-    run.errors = errors
-    requested = [
-        header
-        for header in solution.columns
-        if {header, remove_unit(header), Header.of(header).name}.intersection(run.plot.columns)
-    ]
-    run.accuracy_warning = verification.accuracy_warning(solution, errors, requested)
+    if errors is not None:
+        run.errors = errors.columns()
+    run.error_warnings = sentences
     with signals.defer_interrupts():
-        warnings = _run_warnings(run, solution)
-        results = {"errors": _errors_by_column(run, solution), "warnings": warnings}
+        results = {
+            "errors": _errors_by_column(run, solution),
+            "warnings": _warnings(run, solution),
+        }
         write_metadata(run.latest_table, solution.metadata(**results))
 
 
@@ -337,7 +335,7 @@ def _certificate_results(run: Run, solution: Solution) -> dict[str, Any]:
     return {
         "certificate": run.certificate.settings(),
         "errors": _errors_by_column(run, solution),
-        "warnings": _run_warnings(run, solution),
+        "warnings": _warnings(run, solution),
     }
 
 
@@ -345,6 +343,8 @@ def _errors_by_column(run: Run, solution: Solution) -> dict[str, Any]:
     """Return the error estimates of each observed column; missing estimates are None."""
     import numpy as np
 
+    if run.errors is None:
+        return {}
     rows = zip(*(np.asarray(values).tolist() for values in run.errors.values()), strict=True)
     return {
         column: {name: _replace_non_finite(x) for name, x in zip(run.errors, row, strict=True)}
@@ -481,22 +481,8 @@ def _compare_with_data(run: Run, solution: Solution) -> dict[str, dict[str, floa
 
 
 def _warnings(run: Run, solution: Solution) -> list[str]:
-    """Return the warnings to show, with the one about large errors first."""
-    return [*filter(None, [run.accuracy_warning]), *_run_warnings(run, solution)]
-
-
-def _run_warnings(run: Run, solution: Solution) -> list[str]:
-    """Return the warnings of a run that the estimates of its errors do not refute."""
-    if run.errors is None:
-        return list(solution.warnings)
-    from beamdae.results.diagnostics.suspected_errors import refuted_warnings
-    from beamdae.results.run_checks import find_suspected_errors
-    from beamdae.verification import RELATIVE_ERROR
-
-    errors = run.errors[RELATIVE_ERROR if RELATIVE_ERROR in run.errors else "time"]
-    refuted = refuted_warnings(find_suspected_errors(solution), solution.columns, errors)
-    withdraw_warnings(refuted)
-    return [x for x in solution.warnings if x not in refuted]
+    """Return the warnings to show."""
+    return [*run.error_warnings, *solution.model_warnings]
 
 
 def _json_results(run: Run, solution: Solution) -> dict[str, Any]:
@@ -504,7 +490,7 @@ def _json_results(run: Run, solution: Solution) -> dict[str, Any]:
 
     results = solution.metadata()
     del results["equations"], results["warnings"]
-    errors = {} if run.errors is None else _errors_by_column(run, solution)
+    errors = _errors_by_column(run, solution)
     observed = text_tables.column_extremes(solution.columns, solution.step_extremes).items()
     table = {"observed": {name: x | errors.get(name, {}) for name, x in observed}}
     certificate = {} if run.certificate is None else {"certificate": run.certificate.settings()}

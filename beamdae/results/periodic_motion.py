@@ -12,10 +12,8 @@ from beamdae.errors import list_first
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header
 from beamdae.results.diagnostics.meshes.beam_ranges import MAX_UNREPORTED_ERROR, range_warnings
-from beamdae.results.diagnostics.meshes.fast_loads import fast_load_warnings
 from beamdae.results.displays import HasPage, HasTable, Plot
 from beamdae.results.outcome import Status
-from beamdae.results.run_checks import BEAMS, skip_error_estimates
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
@@ -243,16 +241,9 @@ def run_warnings(
     includes_rows
         False to omit warnings about rows that miss values between them.
     """
-    # A more accurate beam does not repeat the motion: its periodic motion starts elsewhere.
-    with skip_error_estimates(BEAMS):
-        sentences = solution.warnings
+    sentences = solution.model_warnings
     has_exact_strains = error is not None and error.has_exact_strains
     replaced = set(range_warnings(solution.validity)) if has_exact_strains else set()
-    if error is not None and error.has_fine_mesh and error.columns:
-        replaced |= set(solution.element_warnings)
-    if solution.fast_load_warnings:
-        motion = solution.equations, solution.trajectory, solution.step_extremes
-        replaced |= {*solution.fast_load_warnings} - {*fast_load_warnings(*motion, True)}
     about_rows = {x: f"{x.rpartition('; ')[0]}; {_ROW_REMEDY}" for x in solution.row_warnings}
     if not includes_rows:
         replaced |= set(about_rows)

@@ -13,7 +13,6 @@ import numpy as np
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.errors import BeamdaeError, BeamdaeWarning, format_percent, short_repr, warn_user
 from beamdae.integrators import Auto, GeneralizedAlpha, Ida, Radau
-from beamdae.results.run_checks import skip_error_estimates
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
@@ -131,7 +130,7 @@ def warn_of_step_errors(
         again = repeat(other)
         return {x: _relative_difference(again[x], fine[x]) for x in words}
 
-    with warnings.catch_warnings(), skip_error_estimates():
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore", BeamdaeWarning)
         try:
             fine = derivatives()
