@@ -1,3 +1,5 @@
+from .accuracy.errors import Errors as Errors
+from .accuracy.runs import verify as verify
 from .analysis.fit.fit import fit as fit
 from .analysis.fit.profile import ProfileLikelihood as ProfileLikelihood
 from .analysis.fit.result import Fit as Fit
@@ -179,7 +181,5 @@ from .studies import compare as compare
 from .studies import grid as grid
 from .studies import study as study
 from .studies import sweep as sweep
-from .verification import error_estimate as error_estimate
-from .verification import verify as verify
 
 __version__: str

@@ -390,8 +390,8 @@ GROUPS = (
         (
             Public("check", "beamdae.checks"),
             Public("Check", "beamdae.checks"),
-            Public("error_estimate", "beamdae.verification"),
-            Public("verify", "beamdae.verification"),
+            Public("Errors", "beamdae.accuracy.errors"),
+            Public("verify", "beamdae.accuracy.runs"),
             Public("certify", "beamdae.certification.runs"),
             Public("Certificate", "beamdae.results.certificate"),
             Public("certify_equilibrium", "beamdae.certification.analyses"),

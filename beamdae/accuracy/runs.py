@@ -15,11 +15,12 @@ from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.values import ColumnDifferences, compare_columns
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, short_repr
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
+from beamdae.integrators.integrator import require_integrator
 from beamdae.integrators.limits import Progress
 from beamdae.integrators.pilot_run import reuse_motion
-from beamdae.interrupts import Interrupted
+from beamdae.interrupts import Interrupted, interruptible
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
@@ -66,73 +67,79 @@ def measure_run(
     Interrupted
         If the companion is interrupted.
     """
-    headers = tuple(run.columns)
-    sizes = np.array([np.max(np.abs(x), initial=0.0) for x in run.columns.values()])
-    reason = _find_obstacle(run)
-    if reason:
-        return Errors.unchecked(headers, sizes, reason)
+    if reason := _find_obstacle(run):
+        return _state_obstacle(run, reason)
     method = _refine_method(run, time_limit)
     try:
         refinement, motion = _refine_equations(run)
         equations = run.equations if refinement is None else refinement.equations
         other = _repeat(run, method, equations, motion, progress)
     except BeamdaeError as problem:
-        return Errors.unchecked(headers, sizes, f"a refined run cannot begin: {problem}")
-    refined = _describe(run, refinement)
-    if not other.status.success:
-        reason = f"{refined} does not reach the end ({other.status.sentence})"
-        errors = Errors.unchecked(headers, sizes, reason)
-        return replace(errors, refined=refined, has_failed=True)
-    found = compare_columns(run, other)
-    total = _relative_errors(found)
+        return _state_obstacle(run, f"a refined run cannot begin: {problem}")
 
     def split() -> dict[str, Array]:
         assert refinement is not None
         return _split(run, other, method, refinement)
 
-    return Errors(headers, found.values, found.others, total, found.rows, refined, split=split)
+    return replace(_compare(run, other, _describe(run, refinement)), split=split)
 
 
-def compare_methods(
-    run: Solution, method: Integrator | None = None, progress: Progress | None = None
+@interruptible
+def verify(
+    solution: Solution, integrator: Integrator | None = None, progress: Progress | None = None
 ) -> Errors:
-    """Return the differences of the columns of a run from those of another integrator.
+    """Compare a run with one by a different method and a tighter tolerance.
 
     Parameters
     ----------
-    run
+    solution
         The run.
-    method
-        The other integrator. Defaults to `Radau`, or to `GeneralizedAlpha` if Radau made the run,
-        with a tenth of the tolerance, or with 1e-6 beside fixed steps.
+    integrator
+        Integrator of the second run. Defaults to `Radau`, or to `GeneralizedAlpha` if Radau made
+        the run, with a tenth of the tolerance, but at least 1e-10. If the run has fixed steps, the
+        tolerance is 1e-6.
     progress
-        Progress function of the other run; see `simulate`.
+        Progress function of the second run; see `simulate`.
+
+    Returns
+    -------
+    Errors
+        The differences of the observed columns. They contain no error of the mesh and the strains.
 
     Raises
     ------
+    BeamdaeError
+        If `solution` is not a solution, or `integrator` is not an integrator.
     Interrupted
-        If the other run is interrupted.
+        If the second run is interrupted.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+    >>> bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+    >>> rod = mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
+    >>> mech.observe("bob", bob.point)
+    >>> bool(bd.verify(bd.simulate(mech, t_end=1.0)).largest < 1e-3)
+    True
     """
-    headers = tuple(run.columns)
-    sizes = np.array([np.max(np.abs(x), initial=0.0) for x in run.columns.values()])
-    reason = _find_obstacle(run)
-    if reason:
-        return Errors.unchecked(headers, sizes, reason)
-    own: Any = run.made_by
+    if not isinstance(solution, Solution):
+        raise BeamdaeError(
+            f"verify: solution must be a Solution of a run, got {short_repr(solution)}."
+        )
+    if integrator is not None:
+        require_integrator("verify", integrator)
+    if reason := _find_obstacle(solution):
+        return _state_obstacle(solution, reason)
+    own: Any = solution.made_by
     name, value = own.accuracy
-    if method is None:
+    if integrator is None:
         rtol = max(0.1 * value, _MIN_RTOL) if name == "rtol" else _RTOL_OF_ANOTHER_METHOD
-        is_radau = run.integrator.get("method") == "Radau"
-        method = GeneralizedAlpha(rtol=rtol) if is_radau else Radau(rtol)
-    other = _repeat(run, method, run.equations, run.trajectory, progress)
-    refined = Refined(accuracy=(name, value), order=own.order, method=method.label)
-    if not other.status.success:
-        reason = f"{refined} does not reach the end ({other.status.sentence})"
-        errors = Errors.unchecked(headers, sizes, reason)
-        return replace(errors, refined=refined, has_failed=True)
-    found = compare_columns(run, other)
-    total = np.maximum(found.peaks, found.means)
-    return Errors(headers, found.values, found.others, total, found.rows, refined)
+        is_radau = solution.integrator.get("method") == "Radau"
+        integrator = GeneralizedAlpha(rtol=rtol) if is_radau else Radau(rtol)
+    other = _repeat(solution, integrator, solution.equations, solution.trajectory, progress)
+    refined = Refined(accuracy=(name, value), order=own.order, method=integrator.label)
+    return _compare(solution, other, refined, factor=1.0)
 
 
 def check_run(run: Solution, progress: Progress | None = None) -> Iterator[str]:
@@ -163,6 +170,20 @@ def _find_obstacle(run: Solution) -> str:
     if run.trajectory.start != 0.0:
         return "the run was resumed"
     return "the run has a single row" if len(run.t) < 2 else ""
+
+
+def _state_obstacle(run: Solution, reason: str) -> Errors:
+    sizes = [np.max(np.abs(x), initial=0.0) for x in run.columns.values()]
+    return Errors.unchecked(tuple(run.columns), np.array(sizes), reason)
+
+
+def _compare(run: Solution, other: Solution, refined: Refined, factor: float = FACTOR) -> Errors:
+    if not other.status.success:
+        reason = f"{refined} does not reach the end ({other.status.sentence})"
+        return replace(_state_obstacle(run, reason), refined=refined, has_failed=True)
+    x = compare_columns(run, other)
+    total = factor * np.maximum(x.peaks, x.means)
+    return Errors(tuple(run.columns), x.values, x.others, total, x.rows, refined)
 
 
 def _refine_method(run: Solution, time_limit: float | None) -> Integrator:

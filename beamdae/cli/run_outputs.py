@@ -301,7 +301,8 @@ def estimate_errors(run: Run, solution: Solution, verify: bool) -> None:
     the second run is interrupted. Without observed columns, nothing is done.
     """
     from beamdae.accuracy.errors import Errors
-    from beamdae.accuracy.runs import check_run, compare_methods
+    from beamdae.accuracy.runs import check_run
+    from beamdae.accuracy.runs import verify as compare_methods
     from beamdae.results.storage.files import write_metadata
 
     if not solution.columns:
@@ -310,8 +311,9 @@ def estimate_errors(run: Run, solution: Solution, verify: bool) -> None:
     with show_run_progress(float(solution.t[-1]), task) as show_progress:
         progress = partial(show_progress, run.integrator.label)
         if verify:
-            errors: Errors | None = compare_methods(solution, progress=progress)
-            sentences = list(errors.sentences())
+            compared = compare_methods(solution, progress=progress)
+            errors: Errors | None = compared
+            sentences = list(compared.sentences())
         else:
             sentences = list(check_run(solution, progress))
             errors = solution.errors if "errors" in vars(solution) else None

@@ -22,10 +22,6 @@ from beamdae.results.column_ranges import (
     refine_step_extremes,
 )
 from beamdae.results.columns import ColumnDict, Header
-from beamdae.results.diagnostics.contacts.hard_impacts import (
-    HardImpact,
-    find_hard_impacts,
-)
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
 from beamdae.results.diagnostics.meshes.beam_ranges import (
     BeamRange,
@@ -222,13 +218,6 @@ class RunData:
             lambda: find_drift(self),
             magnitudes,
         )
-
-    @cached_property
-    def _hard_impacts(self) -> tuple[HardImpact, ...]:
-        """Contacts whose force rises faster than the elements of a beam resolve."""
-        has_failed = self.status.kind == "failed"
-        motion = self.equations, self.trajectory, self.step_extremes, self._observe_at
-        return find_hard_impacts(*motion, has_failed)
 
     def all_columns(self) -> dict[str, Array]:
         """Return the columns (k,) of `table` by header."""

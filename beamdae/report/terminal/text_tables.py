@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _ROUNDING = 1e-12
 _MIN_RATE = 1e-3  # of decay or growth [1/s]; those of free motions are rounding errors
 _HEADER_LINE_LETTERS = 12
-_SHOWN_HEADERS = {"total": "error over half the range", "rows": "largest of rows"}
+_SHOWN_HEADERS = {"total": "error", "rows": "largest error of rows"}
 
 _SETTINGS_IN_FILES = ("orders", "error_test_failures")  # shown only in files
 _SETTINGS_WITH_ROWS = ("integrator", "amplitudes", "limited_by")  # shown in separate rows

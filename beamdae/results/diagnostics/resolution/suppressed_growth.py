@@ -28,7 +28,6 @@ from beamdae.equations.friction_sliding import SlidingTerm, compile_sliding
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.rank import scaled_null_space
 from beamdae.errors import BeamdaeError
-from beamdae.results.diagnostics.resolution.sudden_vibrations import amplify_by_radau
 from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.symbolic.force_kernel import ForceKernel
 from beamdae.symbolic.kernel_groups import group_by_kernel
@@ -235,7 +234,7 @@ def _select_amplification(integrator: Mapping[str, Any]) -> Amplify | None:
     """Return the factor by which a step multiplies a mode, a function of s h; None if unknown."""
     method = integrator.get("method", integrator.get("integrator"))
     if method == "Radau":
-        return amplify_by_radau
+        return _amplify_by_radau
     if method == "Ida":
         return partial(_amplify_by_bdf, max_order=integrator["max_order"])
     if method == "GeneralizedAlpha":
@@ -243,6 +242,11 @@ def _select_amplification(integrator: Mapping[str, Any]) -> Amplify | None:
         parameters = family.family_parameters(integrator["family"], integrator["rho_inf"])
         return partial(_amplify_by_alpha, parameters=parameters)
     return None
+
+
+def _amplify_by_radau(z: Array) -> Array:
+    """Return the factor of a step of Radau IIA with three stages, (3, 2)-Pade of exp(z)."""
+    return (1.0 + 0.4 * z + z**2 / 20.0) / (1.0 - 0.6 * z + 0.15 * z**2 - z**3 / 60.0)
 
 
 def _amplify_by_bdf(z: Array, max_order: int) -> Array:
@@ -538,10 +542,10 @@ def _describe(x: _Suppressed, amplify: Amplify, has_beams: bool) -> str:
     step = max_step = float(max(np.max(y.lengths) for y in x.steps))
     for _ in range(_MAX_HALVINGS):
         max_step *= 0.5
-        if x.growth_by_steps(amplify_by_radau, max_step) > _RECOMMENDED_RATIO * x.growth:
+        if x.growth_by_steps(_amplify_by_radau, max_step) > _RECOMMENDED_RATIO * x.growth:
             break
     remedy = f"max_step={max_step:.1g}"
-    if amplify is not amplify_by_radau:
+    if amplify is not _amplify_by_radau:
         remedy = f"Radau({remedy})"
     if has_beams:
         remedy += ", or set damping= of the sections"
