@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from beamdae.verification import estimate_errors
 from typer.testing import CliRunner
 
 import beamdae as bd
@@ -12,7 +13,6 @@ from beamdae.cli.app import app
 from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.report.run_page import build_run_page
 from beamdae.results.columns import Header
-from beamdae.verification import estimate_errors
 
 HEADER = "d(mass.x)/d(stiffness) [m per unit of stiffness]"
 ALPHA = bd.GeneralizedAlpha(step=0.02)

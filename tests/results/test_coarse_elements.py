@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from beamdae.results.diagnostics.meshes.element_errors import instant_warnings
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import State
 from beamdae.errors import BeamdaeWarning
-from beamdae.results.diagnostics.meshes.element_errors import instant_warnings
 from beamdae.results.run_checks import BEAMS, skip_error_estimates
 from beamdae.results.trajectory import Interval, Trajectory
 

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
+from beamdae.verification import accuracy_warning
 from numpy.testing import assert_allclose
 from tolerances.mechanisms import parallelogram
 
@@ -15,7 +16,6 @@ import beamdae as bd
 from beamdae.results import solution as solutions
 from beamdae.results.columns import observed_columns
 from beamdae.studies.run_values import tabulate_trajectory
-from beamdae.verification import accuracy_warning
 
 
 def bar(law=None, gravity=(0.0, -9.81), angle=0.0):

@@ -15,17 +15,10 @@ WRONG, ACCURATE = 0.04, 0.01  # true errors [-]
 FACTOR = 2.0  # of a stated error from the true one
 # Columns are compared if the uncertainty is below 1 %, or below 10 % and a quarter of the error.
 UNCERTAIN, MOST_UNCERTAIN, UNCERTAIN_SHARE = 0.01, 0.1, 0.25
-_PERCENT = re.compile(r"(\d+(?:\.\d+)?)(?:e([+-]?\d+))? %")
 _NUMBER = r"(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?)"
 _PEAK = re.compile(rf"miss its (?:smallest|largest) value, {_NUMBER}.*?reach only {_NUMBER}")
 _OTHER_PEAK = re.compile(rf"^ \({_NUMBER} [^,]*, rows {_NUMBER}")
 _ROWS = "the output rows"
-# Sentences that state an error without a number, by the remedy.
-_REMEDY = re.compile(
-    r"use (at least |more than |about |twice |four times )?(shorter )?elements|elements=\d|rtol=\d"
-    r"|reduce (the step|rtol|output_step)|output_step=\d|an integrator with rtol|friction_speed"
-    r"|strain='exact'|step of \d"
-)
 
 
 class Statement(NamedTuple):
@@ -47,46 +40,39 @@ class Statement(NamedTuple):
 
 
 def read_statement(solution: bd.Solution) -> Statement:
-    """Return what the warnings of a run state; a run that does not end is a statement as well."""
-    sentences = list(solution.warnings)
+    """Return what the errors and the warnings of a run state.
+
+    A run that does not end is a statement as well, and so is a companion that does not.
+    """
+    measured = solution.errors
+    total = measured.table()["total"]
+    errors = {header: x for header, x in total.items() if x > WRONG}
+    has_warned = bool(errors) or measured.has_failed or not solution.status.success
+    return Statement(errors, _read_peaks(solution), has_warned)
+
+
+def _read_peaks(solution: bd.Solution) -> dict[str, float]:
+    """Return the errors of extremes that the warnings about output rows state."""
     observed = solution.observed
     headers = {re.sub(r" \[[^]]*\]$", "", x): x for x in observed.columns if x != "t [s]"}
     names = sorted(headers, key=len, reverse=True)
     # Parts of names: "tip.x" is neither in "tip.x_dot" nor in "left tip.x".
     pattern = re.compile(rf"(?<![\w.])({'|'.join(map(re.escape, names))})(?![\w.]*\w)")
-    errors: dict[str, float] = {}
     peaks: dict[str, float] = {}
-
-    def state(stated: dict[str, float], name: str, error: float) -> None:
-        header = headers[name]
-        stated[header] = max(stated.get(header, 0.0), error)
-
-    for sentence in sentences:
+    for sentence in (x for x in solution.warnings if _ROWS in x):
         found = list(pattern.finditer(sentence))
         ends = [*(match.start() for match in found[1:]), len(sentence)][: len(found)]
-        percents = [_read_percent(match) for match in _PERCENT.finditer(sentence)]
         for k, (match, end) in enumerate(zip(found, ends, strict=True)):
             after = sentence[match.end() : end]
-            if _ROWS in sentence:
-                peak = _OTHER_PEAK.match(after) if k else _PEAK.search(sentence)
-                if peak:
-                    exact, reached = map(float, peak.groups())
-                    rows = observed[headers[match[1]]]
-                    half_range = 0.5 * (max(rows.max(), exact) - min(rows.min(), exact))
-                    state(peaks, match[1], abs(exact - reached) / half_range)
-                continue
-            own = _PERCENT.search(after)
-            if own:
-                state(errors, match[1], _read_percent(own))
-            elif percents:
-                state(errors, match[1], percents[0])
-    others = [x for x in sentences if _ROWS not in x]
-    has_warned = any(_PERCENT.search(x) or _REMEDY.search(x) for x in others)
-    return Statement(errors, peaks, has_warned or not solution.status.success)
-
-
-def _read_percent(match: re.Match[str]) -> float:
-    return float(match[1]) * 10.0 ** int(match[2] or 0) / 100.0
+            peak = _OTHER_PEAK.match(after) if k else _PEAK.search(sentence)
+            if peak:
+                exact, reached = map(float, peak.groups())
+                header = headers[match[1]]
+                rows = observed[header]
+                half_range = 0.5 * (max(rows.max(), exact) - min(rows.min(), exact))
+                error = abs(exact - reached) / half_range
+                peaks[header] = max(peaks.get(header, 0.0), error)
+    return peaks
 
 
 class Comparison(NamedTuple):

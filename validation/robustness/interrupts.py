@@ -40,7 +40,7 @@ CALLS = {
     "compare": "bd.compare([bd.Case(model, {}, bd.Radau())])",
     "sweep": "bd.sweep(model, {'frequency': [2.0, 3.0]})",
     "verify": "bd.verify(bd.simulate(model, bd.Radau()))",
-    "error_estimate": "bd.error_estimate(bd.simulate(model, bd.Radau()))",
+    "errors": "bd.simulate(model, bd.Radau()).errors",
     "section_forces": "bd.simulate(model, bd.Radau()).section_forces('beam')",
 }
 COMMANDS = {

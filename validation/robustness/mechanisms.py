@@ -15,7 +15,6 @@ import numpy as np
 
 import beamdae as bd
 from beamdae.results.columns import Header
-from beamdae.verification import RELATIVE_ERROR, error_estimate
 from robustness.random_parts import describe_mechanism, end_time, random_mechanism
 from robustness.trial_class import SKIPPED, TrialClass
 
@@ -201,7 +200,7 @@ def measure_errors(
     """Return the fields of a row that compare a run and its error estimate with a reference."""
     errors = compare_columns(solution, reference)
     column = max(errors, key=lambda header: errors[header], default="")
-    estimates = error_estimate(solution)[RELATIVE_ERROR]
+    estimates = solution.errors.table()["time"]
     floor = max(_MIN_COUNTED_ERROR * RTOL, 3.0 * disagreement)
     counted = {header: error for header, error in errors.items() if error > floor}
     ratios = [error / max(float(estimates[header]), 1e-300) for header, error in counted.items()]

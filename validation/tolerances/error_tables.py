@@ -12,7 +12,6 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
-from beamdae.verification import RELATIVE_ERROR
 from tolerances.references import SUMMARY
 from tolerances.tolerance_case import ToleranceCase
 
@@ -106,7 +105,7 @@ def _error_row(
         "chosen": solution.integrator.get("method", name),
     }
     if estimate:
-        estimates = bd.error_estimate(solution)[RELATIVE_ERROR] if success else None
+        estimates = solution.errors.table()["time"] if success else None
         for heading, names in columns.items():
             ratio = (
                 np.array([np.nan])

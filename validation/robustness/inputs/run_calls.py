@@ -101,7 +101,6 @@ SWEEP_CALLS: dict[str, WorkingCall] = {
 
 
 SOLUTION_CALLS: dict[str, WorkingCall] = {
-    "error_estimate": WorkingCall(lambda box: {"solution": box.solution}, return_result),
     "verify": WorkingCall(
         lambda box: {"solution": box.solution, "integrator": bd.Radau(1e-4)}, return_result
     ),
