@@ -89,6 +89,8 @@ class Task:
         Functions of the solution by name; their values are recorded.
     is_measured
         True if the outputs are functions of the model, which is not run.
+    is_checked
+        True if the errors of the run are measured by a refined one, for its warnings.
     """
 
     key: str
@@ -102,6 +104,7 @@ class Task:
     name: str = ""
     outputs: Mapping[str, Callable[[Any], Any]] = field(default_factory=dict)
     is_measured: bool = False
+    is_checked: bool = False
 
     def serialize(self, models: SerializedModels) -> bytes:
         """Serialize the task for another process, including the code of the model.

@@ -49,6 +49,7 @@ _BETWEEN_WARNINGS = re.compile(r"(?<=\.) (?=(?:(?!\. )[^:;,]){1,60}: )")
 # Column and side of an extreme between output rows; further columns follow in the same warning.
 _MISSED_EXTREME = re.compile(r"^.*: the output rows miss its (?:smallest|largest) value")
 _FURTHER_COLUMNS = re.compile(r"(?=, also |; )")
+_CHECKED_EVERY = 20  # cases whose errors are measured, and the last one
 _MAX_WARNING_KINDS = 5  # kinds of warnings that are described
 _MAX_NOTES = 20  # notes on damaged files; further notes are only counted
 
@@ -84,13 +85,18 @@ class StudyPlan:
         digests: DigestCache = {}
         task_by_case = {id(case): study.task(case, digests=digests) for case in study.cases}
         groups = group_cases(study, task_by_case, digests)
+        group_by_case = {id(case): group for group, cases in groups.items() for case in cases}
         methods = {
             group: create_reference_tasks(study, cases, digests)
             for group, cases in groups.items()
             if study.computes_errors(len({task_by_case[id(case)].key for case in cases}))
         }
+        # References measure the errors of the other cases.
+        for k, case in enumerate(study.cases):
+            is_checked = k % _CHECKED_EVERY == 0 or k == len(study.cases) - 1
+            is_checked &= group_by_case[id(case)] not in methods
+            task_by_case[id(case)] = replace(task_by_case[id(case)], is_checked=is_checked)
         reference_tasks = [task for group in methods.values() for m in group for task in m]
-        group_by_case = {id(case): group for group, cases in groups.items() for case in cases}
         tasks = _merge_tasks([*reference_tasks, *task_by_case.values()])
         return cls(study, task_by_case, group_by_case, methods, tasks)
 
@@ -107,6 +113,7 @@ def _merge_tasks(tasks: list[Task]) -> list[Task]:
             earlier,
             repetitions=max(earlier.repetitions, task.repetitions),
             frames=max(earlier.frames, task.frames),
+            is_checked=earlier.is_checked or task.is_checked,
         )
     names = create_file_names((task.case.group, task.case.label) for task in merged.values())
     return [replace(x, name=name) for x, name in zip(merged.values(), names, strict=True)]
