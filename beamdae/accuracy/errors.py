@@ -12,6 +12,7 @@ import numpy as np
 from beamdae.errors import format_percent, join_names, list_first, name_with_others
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import remove_unit
+from beamdae.results.displays import HasTable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -76,7 +77,7 @@ class Refined(NamedTuple):
 
 @read_only_data
 @dataclass(frozen=True, repr=False)
-class Errors:
+class Errors(HasTable):
     """Errors of a result, measured by one repetition in which everything is refined together.
 
     Attributes
@@ -227,7 +228,7 @@ class Errors:
         if not wrong:
             return
         largest, *others = (
-            f"{remove_unit(self.headers[k])}: the error is about {_format_error(self.total[k])}"
+            f"{remove_unit(self.headers[k])}: the error is {_describe(self.total[k])}"
             if k == wrong[0]
             else f"{remove_unit(self.headers[k])} {_format_error(self.total[k])}"
             for k in wrong
@@ -264,6 +265,10 @@ class Errors:
 
 
 _NAMES_OF_CAUSES = {"time": "steps", "mesh": "elements", "theory": "strains"}
+
+
+def _describe(error: float) -> str:
+    return f"about {format_percent(error)}" if error <= 1.0 else "more than 100 %"
 
 
 def _format_error(error: float) -> str:

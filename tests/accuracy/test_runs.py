@@ -4,11 +4,11 @@ import warnings
 
 import numpy as np
 import pytest
-
-import beamdae as bd
 from hub_beam import hub_beam
 from mechanisms import beam_pendulum
 from quick_return import quick_return
+
+import beamdae as bd
 
 # The sizes that are stated are right within a factor of two.
 FACTOR = 2.0

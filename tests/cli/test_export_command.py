@@ -41,5 +41,5 @@ def test_adaptive_steps(here):
 def test_regression_warnings_of_the_trial_run_are_printed(here):
     """An FMU whose fixed steps changed the period of a vibration was written without a word."""
     arguments = ["--set", "stiffness=4e5", "--set", "stretch=0.01", "--integrator", "alpha"]
-    message = "the error with fixed steps of 0.001 s is estimated at more than 100 %"
-    assert message in run(*arguments).stderr.replace("\n", " ")
+    text = run(*arguments).stderr.replace("\n", " ")
+    assert "the error is more than 100 % of half its range" in text

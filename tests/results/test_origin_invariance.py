@@ -1,8 +1,7 @@
-"""Amplitudes, errors, warnings and certificates do not depend on the origin of the drawing."""
+"""Errors and warnings do not depend on the origin of the drawing."""
 
 import numpy as np
 import pytest
-from beamdae.verification import HALF_RANGE, RELATIVE_ERROR
 
 import beamdae as bd
 from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
@@ -62,32 +61,10 @@ def test_errors_and_warnings_do_not_depend_on_the_origin(model, name):
         bd.simulate(model(*place), INTEGRATORS[name], t_end=0.3, output_step=0.003)
         for place in ((0.0, 0.0), FAR)
     ]
-    near, far = map(bd.error_estimate, runs)
-    # Rounding errors of positions at 100 m.
-    noise = 1e-11
-    np.testing.assert_allclose(near[HALF_RANGE], far[HALF_RANGE], rtol=0.01, atol=1e4 * noise)
-    errors = (frame[RELATIVE_ERROR] * frame[HALF_RANGE] for frame in (near, far))
-    np.testing.assert_allclose(*errors, rtol=0.3, atol=1e2 * noise)
+    near, far = (run.errors.table() for run in runs)
+    # Rounding errors of positions at 100 m leave a few digits of motions of 1e-7 m.
+    np.testing.assert_allclose(near["total"], far["total"], rtol=0.3, atol=1e-3)
     assert len(runs[0].warnings) == len(runs[1].warnings)
-
-
-@pytest.mark.parametrize("place", [(0.0, 0.0), (0.3, 0.5), FAR])
-def test_regression_amplitudes_of_small_motions_do_not_contain_the_position(place):
-    """A tip at 0.5 m that moved by 6.5e-8 m had half a range of 0.5 m."""
-    solution = bd.simulate(small_vibration(*place), bd.Ida(1e-4), t_end=0.3, output_step=0.003)
-    errors = bd.error_estimate(solution)
-    half_range = 0.5 * np.ptp(solution["tip.y"])
-    np.testing.assert_allclose(errors.loc["tip.y [m]", HALF_RANGE], half_range)
-    assert half_range < 1e-6
-    assert errors.loc["tip.y [m]", RELATIVE_ERROR] > 1e-5
-
-
-@pytest.mark.parametrize("place", [(0.0, 0.0), FAR])
-def test_amplitudes_of_steady_positions_are_displacements(place):
-    solution = bd.simulate(steady_deflection(*place), bd.Ida(1e-3), t_end=0.3, output_step=0.003)
-    errors = bd.error_estimate(solution)
-    deflection = np.max(np.abs(solution["tip.y"] - place[1]))
-    np.testing.assert_allclose(errors.loc["tip.y [m]", HALF_RANGE], deflection, rtol=1e-6)
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0), FAR])
@@ -96,26 +73,10 @@ def test_regression_fixed_points_have_no_errors(place):
     solution = bd.simulate(
         crank(*place), bd.GeneralizedAlpha(step=5e-3), t_end=0.3, output_step=0.003
     )
-    errors = bd.error_estimate(solution)[RELATIVE_ERROR]
+    errors = solution.errors.table()["total"]
     pivot = ["pivot.x [m]", "pivot.y [m]", "pivot.x_dot [m/s]", "pivot.y_dot [m/s]"]
     assert (errors[pivot] == 0.0).all()
     assert errors["slider.x_dot [m/s]"] > 0.0
-
-
-@pytest.mark.parametrize("place", [(0.0, 0.0), FAR])
-def test_regression_certificates_do_not_name_the_rates_of_fixed_points(place):
-    """Rates of 1e-6 m/s of a pivot exceeded the accuracy."""
-    certificate = bd.certify(crank(*place, torque=2.0), accuracy=0.01, t_end=0.3)
-    assert certificate.status.sentence == "all required columns are within 0.01 of half their range"
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_regression_certificates_assess_small_motions_that_no_joint_prescribes():
-    """Motions of the size of rtol have errors, also if these are as large as the motion."""
-    certificate = bd.certify(small_vibration(0.0, 0.5), accuracy=0.01, t_end=0.1)
-    errors = certificate.budget["total"]
-    assert errors["tip.y [m]"] > 1e-6
-    assert errors["tip.x_dot [m/s]"] > 1e-6
 
 
 @pytest.mark.parametrize("offset", [0.0, 100.0])

@@ -8,7 +8,6 @@ import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
-from beamdae.verification import accuracy_warning
 from numpy.testing import assert_allclose
 from tolerances.mechanisms import parallelogram
 
@@ -363,24 +362,12 @@ def test_observables_may_have_the_names_of_drift_columns():
     names = list(solution.observed)
     assert {"drift.x [m]", "drift.position.x [m]"} <= set(names)
     assert observed_columns(tabulate_trajectory(solution)) == names
-    assert list(bd.error_estimate(solution).index) == names
+    assert list(solution.errors.table().index) == names
     system = particle(
         lambda t, q: -q, start=1.0, names=["energy"], observe={"drift.position": ca.SX(1.0)}
     )
     solution = bd.simulate(system, bd.Ida(1e-3), 1.0)
     assert observed_columns(tabulate_trajectory(solution)) == ["energy [-]", "drift.position [-]"]
-
-
-def test_unfinished_runs_have_no_accuracy_warning():
-    """Tolerances are relative to the range of the whole motion."""
-    short = bd.simulate(
-        bar(angle=1.0), bd.Ida(1e-7, max_step=1e-3), 1.0, progress=lambda t: "enough"
-    )
-    assert short.status.kind == "limited"
-    errors = bd.error_estimate(short)
-    errors.iloc[:, 1] = 1.0
-    assert accuracy_warning(short, errors) == ""
-    assert set(bd.verify(short)["verdict"].str.split().str[0]) <= {"time", "not"}
 
 
 @pytest.mark.parametrize("integrator", [bd.Radau(1e-4), bd.GeneralizedAlpha(step=1e-3)])

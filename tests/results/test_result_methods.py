@@ -18,6 +18,7 @@ METHODS = {
     "Campbell": {"plot", "page"},
     "Equilibrium": {"plot", "page"},
     "EquilibriumSensitivities": set(),
+    "Errors": set(),
     "Fit": {"plot", "page"},
     "FrequencyResponse": {"plot", "page"},
     "KnockDown": {"plot", "page"},
@@ -35,7 +36,7 @@ METHODS = {
     "SweepResults": {"plot", "page"},
 }
 # Results without warnings: quantities of another result.
-WITHOUT_WARNINGS = {"SectionForces"}
+WITHOUT_WARNINGS = {"Errors", "SectionForces"}
 OTHER_RESULTS = {"AnalysisCertificate", "Certificate", "Check", "ExportedFmu", "Gradient"}
 NAMES = {"table", "to_csv", "to_parquet", "plot", "page"}
 
