@@ -31,18 +31,18 @@ from beamdae.errors import (
 )
 from beamdae.read_only import read_only, read_only_data
 from beamdae.symbolic.formula import Formula
+from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
     Local,
-    RangeKernel,
-    StrainDefectKernel,
     Variable,
 )
 
 Array = np.ndarray
 T = TypeVar("T")
 
+_MAX_NUMBERS = 1e6  # of the local coordinates at which strains are evaluated together
 _MAX_CACHED_GEOMETRIES = 32  # of earlier beams
 # Smaller absolute values of shape functions are rounding errors of zero.
 _MIN_SHAPE_FUNCTION = 1e-12
@@ -158,28 +158,6 @@ class PointValues(NamedTuple):
 
     operator: sp.csr_array
     values: Callable[[Local], SX]
-
-
-class StrainValidity(NamedTuple):
-    """Data from which the validity of the strains is assessed; see `RangeStatement`.
-
-    Attributes
-    ----------
-    kernel
-        Kernel of the largest deflection / length, rotation [rad] and strain of an element.
-    data
-        Data of the kernel, one column per element.
-    defect
-        Kernel of the elastic forces for exact strains minus those for the strains of the element;
-        None if the element uses exact strains.
-    remedies
-        Settings that extend the valid range.
-    """
-
-    kernel: RangeKernel
-    data: Array
-    defect: StrainDefectKernel | None = None
-    remedies: tuple[str, ...] = ()
 
 
 class LocalAxis(NamedTuple):
@@ -341,18 +319,10 @@ class Kinematics(ABC):
         """
         return None
 
-    @property
-    def strain_validity(self) -> StrainValidity | None:
-        """Data for assessing the strains, in element coordinates; None (default) for no assessment.
-
-        Strains that hold for any deformation need no assessment.
-        """
-        return None
-
     def largest_strain(self, q: Array) -> float:
         """Return the largest axial strain of outer fibers [-] in the states q (k, n).
 
-        Returns 0 (default) if the strains are not known, or if `strain_validity` measures them.
+        Returns 0 (default) if the strains are not known.
         """
         return 0.0
 
@@ -459,6 +429,22 @@ class FormulationKinematics(Kinematics):
     def frame_angle(self) -> float:
         """Angle of the reference frame in the reference configuration [rad]."""
         return compute_frame_angle(self.name, self.mesh.curve, str(self.frame))
+
+    @property
+    def strain_function(self) -> RowFunction:
+        """Function of (q, data) for the largest strain of an element."""
+        raise NotImplementedError
+
+    def largest_strain(self, q: Array) -> float:
+        """Return the largest axial strain of outer fibers [-] in the states q (k, n)."""
+        data, size = self.data(np.zeros(2)), self.element.size
+        count = max(int(_MAX_NUMBERS / (self.operator.shape[0] + data.size)), 1)
+        largest = 0.0
+        for first in range(0, len(q), count):
+            rows = q[first : first + count]
+            columns = np.asarray(self.operator @ rows.T).reshape(-1, size, len(rows))
+            largest = max(largest, float(np.max(self.strain_function.on_copies(columns, data))))
+        return largest
 
     def _require_off_chord_ends(self, s: float) -> None:
         """Reject deformations at the ends of a chord frame, which follows the ends.

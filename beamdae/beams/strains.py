@@ -84,6 +84,20 @@ def elastic_force_function(element: _StrainElement) -> RowFunction:
     return RowFunction(ca.Function("elastic_forces", [local.q, local.data], [values]))
 
 
+def outer_strain_function(local: Local, data: ElementData, strains: Sequence[SX]) -> RowFunction:
+    """Return the function of (q, data) for the largest of the strains of the outer fibers [-].
+
+    It is |eps11| + h/2 |kappa11| of the strains at the stiffness points, with the height
+    h = sqrt(12 I / A) of a rectangle; for a solid circle, this h is 13 % less than the diameter.
+    """
+    outer = [
+        ca.fabs(strain[AXIAL]) + half_height(data.elasticity(k)) * ca.fabs(strain[BENDING])
+        for k, strain in enumerate(strains)
+    ]
+    largest = ca.densify(ca.mmax(ca.vertcat(*outer)))
+    return RowFunction(ca.Function("strain", [local.q, local.data], [largest]))
+
+
 def half_height(stiffness: SX) -> SX:
     """Return half the height of a rectangle with the stiffnesses (EA, GA, EI) [m]."""
     return ca.sqrt(3.0 * stiffness[BENDING] / stiffness[AXIAL])

@@ -439,8 +439,6 @@ def print_results(run: Run, solution: Solution) -> None:
         console.print(text_tables.range_table(solution.columns, run.errors, solution.step_extremes))
     if solution.derivatives is not None:
         console.print(text_tables.range_table(solution.derivatives.columns()))
-    if solution.validity:
-        console.print(text_tables.validity_table(solution.validity))
     print_warnings(console, _warnings(run, solution))
 
 

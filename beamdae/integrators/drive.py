@@ -63,11 +63,11 @@ from beamdae.interrupts import Interrupted, acknowledge, attach_partial
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import release_freed_memory, retain_freed_memory
 from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
-from beamdae.results.diagnostics.meshes.beam_ranges import (
+from beamdae.results.diagnostics.resolution.followed_vibrations import describe_followed_vibration
+from beamdae.results.diagnostics.strain_limits import (
     MEANINGLESS_DEFORMATION,
     describe_meaningless_strain,
 )
-from beamdae.results.diagnostics.resolution.followed_vibrations import describe_followed_vibration
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution

@@ -120,12 +120,10 @@ def _build_tables(
             solution.equations, solution.trajectory, solution.event_records
         )
     observed = {name: columns[name] for name in observed_columns(columns)}
-    validity = terminal.validity_table(solution.validity)
     tables: list[PageTable] = [
         export_table("Observed", terminal.range_table(observed, steps=solution.step_extremes)),
         {"title": "Parameters", "rows": _list_parameters(solution)},
         {"title": "Certificate", "rows": list((certificate or {}).items()), "section": "errors"},
-        export_table("Validity of the beams", validity, "errors"),
         {"title": "Run", "rows": list(facts.items()), "section": "solver"},
         {"title": "Provenance", "rows": _list_provenance(solution), "section": "solver"},
     ]

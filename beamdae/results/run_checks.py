@@ -37,7 +37,6 @@ from beamdae.results.diagnostics.contacts.untouched_contacts import (
     untouched_contact_warnings,
 )
 from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
-from beamdae.results.diagnostics.meshes.beam_ranges import sample_positions, strain_warnings
 from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
 from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
 from beamdae.results.diagnostics.rare_samples import rare_sample_warnings
@@ -60,6 +59,7 @@ from beamdae.results.diagnostics.singular_positions import (
     unbounded_warnings,
 )
 from beamdae.results.diagnostics.start_transients import start_transient_warnings
+from beamdae.results.diagnostics.strain_limits import sample_positions, strain_warnings
 from beamdae.results.diagnostics.table_ranges import (
     table_range_warnings,
     unentered_table_warnings,
@@ -139,8 +139,7 @@ def _singular_positions(run: RunData) -> Iterable[str]:
 
 @_once_a_run
 def _strains(run: RunData) -> tuple[str, ...]:
-    positions = partial(sample_positions, run.trajectory)
-    return tuple(strain_warnings(run.equations, run.validity, positions))
+    return tuple(strain_warnings(run.equations, sample_positions(run.trajectory)))
 
 
 def _suppressed_growth(run: RunData) -> Iterable[str]:

@@ -23,10 +23,6 @@ from beamdae.results.column_ranges import (
 )
 from beamdae.results.columns import ColumnDict, Header
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
-from beamdae.results.diagnostics.meshes.beam_ranges import (
-    BeamRange,
-    measure_beam_ranges_of_run,
-)
 from beamdae.results.diagnostics.resolution.missed_peaks import (
     UNITS_OF_MOTIONS,
     StepExtremes,
@@ -263,11 +259,6 @@ class RunData:
         """Requested start, and its changes per part to satisfy the joints."""
         first = self.trajectory.intervals[0].rows
         return compare_start(self.equations, State(*(rows[0] for rows in first)))
-
-    @cached_property
-    def validity(self) -> tuple[BeamRange, ...]:
-        """Largest deformation of each floating-frame beam, and estimated error of its strains."""
-        return measure_beam_ranges_of_run(self.equations, self.trajectory)
 
     @cached_property
     def singular_positions(self) -> tuple[SingularPosition, ...]:

@@ -382,7 +382,6 @@ class Solution(RunData, TimeSeries):
                 "changed by the joints": [asdict(change) for change in self.start.changes],
                 "moved by settling": [asdict(motion) for motion in self.start.settling],
             },
-            "validity": [asdict(beam) for beam in self.validity],
             "singular positions": [asdict(position) for position in self.singular_positions],
             "events": [record.as_dict() for record in self.event_records],
             "warnings": list(self.warnings),

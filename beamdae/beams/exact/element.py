@@ -17,7 +17,7 @@ import numpy as np
 from beamdae.beams.element_data import ElementData, ElementDataLayout
 from beamdae.beams.kinematics import Element, InertiaPoint, StrainRatePoint
 from beamdae.beams.shape_functions import gauss_points, shape_functions
-from beamdae.beams.strains import AXIAL, BENDING, elastic_work, half_height
+from beamdae.beams.strains import elastic_work, outer_strain_function
 from beamdae.symbolic.formula import cache_kernels
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import SX, ForceKernel, Local
@@ -149,18 +149,11 @@ def exact_kernel(element: ExactElement) -> ForceKernel:
 
 @cache
 def strain_function(element: ExactElement) -> RowFunction:
-    """Return the function of (q, data) for the largest axial strain of an element's fibers.
-
-    The height of the section is that of a rectangle, as in `BeamRange.strain`.
-    """
+    """Return the function of (q, data) for the largest axial strain of an element's fibers."""
     local = Local(element.size, element.n_data)
     data = element.layout.split(local.data)
-    strains = [
-        ca.fabs(strain[AXIAL]) + half_height(data.elasticity(k)) * ca.fabs(strain[BENDING])
-        for k, (_, strain) in enumerate(element.strain_points(data.stiffness, local.q))
-    ]
-    largest = ca.mmax(ca.vertcat(*strains))
-    return RowFunction(ca.Function("strain", [local.q, local.data], [ca.densify(largest)]))
+    strains = [strain for _, strain in element.strain_points(data.stiffness, local.q)]
+    return outer_strain_function(local, data, strains)
 
 
 def _inertial_work(element: ExactElement, local: Local, data: ElementData) -> tuple[SX, SX, SX]:

@@ -26,6 +26,7 @@ from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_
 from beamdae.beams.strains import InterpolatedStrains, interpolation_weights
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
+from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.sparse_operators import build_selection
 from beamdae.symbolic.statements import SX, Variable
 
@@ -163,12 +164,10 @@ class GeometricallyExact(FormulationKinematics):
             Formula(ExactSectionMotion(len(nodes), has_offset), tuple(map(float, numbers))),
         )
 
-    def largest_strain(self, q: Array) -> float:
-        """Return the largest axial strain of outer fibers [-] in the states q (k, n)."""
-        # The operator selects the coordinates of each element.
-        element = q[:, self.operator.indices].reshape(-1, self.element.size)
-        data = np.tile(self.data(np.zeros(2)).T, (len(q), 1))
-        return float(np.max(strain_function(self.element)(element, data)))
+    @property
+    def strain_function(self) -> RowFunction:
+        """Function of (q, data) for the largest strain of an element."""
+        return strain_function(self.element)
 
     @property
     def floating_frame(self) -> MaterialPoint:

@@ -8,7 +8,7 @@ shared by all elements of the same type, curved or straight.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import casadi as ca
@@ -17,8 +17,9 @@ import numpy as np
 from beamdae.beams.element_data import ElementData, ElementDataLayout
 from beamdae.beams.kinematics import Element, InertiaPoint, StrainRatePoint
 from beamdae.beams.shape_functions import gauss_points, shape_functions
-from beamdae.beams.strains import elastic_work
+from beamdae.beams.strains import elastic_work, outer_strain_function
 from beamdae.symbolic.formula import cache_kernels
+from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
 # Local coordinates: (x0, y0, theta) of the frame, then (u, v, phi) of each node.
@@ -241,6 +242,15 @@ def _mass_points(
         weight, x, y, cosine, sine = (point[k] for k in range(len(MASS_POINT_VALUES)))
         points.append((row, weight, ca.vertcat(x, y), rotation_matrix(cosine, sine).T))
     return points
+
+
+@cache
+def strain_function(element: FloatingFrameElement) -> RowFunction:
+    """Return the function of (q, data) for the largest axial strain of an element's fibers."""
+    local = Local(element.size, element.n_data)
+    data = element.layout.split(local.data)
+    points = strain_points(element, data.stiffness, local.q[FRAME_SIZE:])
+    return outer_strain_function(local, data, [strain for _, strain in points])
 
 
 def strain_points(element: FloatingFrameElement, points: SX, nodal: SX) -> list[tuple[SX, SX]]:

@@ -10,25 +10,27 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.element_data import assemble_point_data, compute_prestrains, is_damped
-from beamdae.beams.floating_frame.element import FRAME_SIZE, NODE_SIZE, FloatingFrameElement
+from beamdae.beams.floating_frame.element import (
+    FRAME_SIZE,
+    NODE_SIZE,
+    FloatingFrameElement,
+    strain_function,
+)
 from beamdae.beams.floating_frame.formulas import (
     FloatingFrameDeformation,
     SectionMotion,
     SectionRotation,
     frame_motion,
 )
-from beamdae.beams.floating_frame.strain_validity import range_kernel, strain_defect_kernel
 from beamdae.beams.kinematics import (
     FormulationKinematics,
     LocalAxis,
     MaterialPoint,
     PointValues,
-    StrainValidity,
     geometric_property,
     nonzero_shape_functions,
 )
 from beamdae.beams.mesh import Mesh
-from beamdae.beams.reference_frames import has_chord
 from beamdae.beams.sections import VaryingSection
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_functions
 from beamdae.beams.strains import InterpolatedStrains, interpolation_weights
@@ -36,14 +38,13 @@ from beamdae.curves.plane_curves import rotate_points
 from beamdae.errors import BeamdaeError, require_choice
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
+from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.sparse_operators import select_rows
 from beamdae.symbolic.statements import SX, Variable
 
 Array = np.ndarray
 
 STRAINS = ("nonlinear", "green", "linear", "exact")
-# Number of samples of the tangent angle for its range along a curve.
-_TURN_SAMPLES = 65
 # Entries of the operator up to this size are rounding errors of the angles of straight beams.
 # Derivatives need neighboring models with the same entries.
 _OPERATOR_ROUNDING = 1e-14
@@ -294,31 +295,9 @@ class FloatingFrame(FormulationKinematics):
         )
 
     @property
-    def strain_validity(self) -> StrainValidity:
-        """Data from which the validity of the strains is assessed."""
-        curve = self.mesh.curve
-        data = self.data(np.zeros(2))
-        lengths = np.full((1, self.mesh.elements), curve.length)
-        turning = self._turning
-        # Measured: the curvature in the quadratic strains improves results only in a chord frame.
-        remedies = {
-            "frame='chord'": self.frame == "tangent" and has_chord(curve),
-            "strain='green'": self.frame == "chord" and self.strain == "nonlinear" and turning > 0,
-            "strain='nonlinear'": self.strain == "linear",
-            "strain='exact'": self.strain != "exact",
-        }
-        return StrainValidity(
-            range_kernel(self.element),
-            np.concatenate([data, lengths]),
-            None if self.strain == "exact" else strain_defect_kernel(self.element),
-            tuple(setting for setting, helps in remedies.items() if helps),
-        )
-
-    @geometric_property
-    def _turning(self) -> float:
-        """Range of the tangent angles of the curve [rad]."""
-        samples = np.linspace(0.0, self.mesh.curve.length, _TURN_SAMPLES)
-        return float(np.ptp(self.mesh.curve.tangent_angle(samples)))
+    def strain_function(self) -> RowFunction:
+        """Function of (q, data) for the largest strain of an element."""
+        return strain_function(self.element)
 
     @geometric_property
     def floating_frame(self) -> MaterialPoint:

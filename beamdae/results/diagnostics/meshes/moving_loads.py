@@ -11,7 +11,7 @@ from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import format_percent
 from beamdae.parts.signals import Sensor
-from beamdae.results.diagnostics.meshes.beam_ranges import sample_times
+from beamdae.results.diagnostics.strain_limits import sample_times
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.statements import Quantity
 
