@@ -63,7 +63,6 @@ from beamdae.symbolic.statements import (
     ForceStatement,
     Piece,
     Quantity,
-    RangeStatement,
     Variable,
     rebuilt_for_mesh,
 )
@@ -532,14 +531,6 @@ class Beam(Part):
         """
         kernel, piece = self.kinematics.element.kernel(), Piece(self, self.kinematics.operator)
         return [ForceStatement(self.name, kernel, (piece,), self.kinematics.data(gravity))]
-
-    def ranges(self) -> list[RangeStatement]:
-        """Return the statement for assessing the strains, or [] if the kinematics provide none."""
-        validity = self.kinematics.strain_validity
-        if validity is None:
-            return []
-        pieces = (Piece(self, self.kinematics.operator),)
-        return [RangeStatement(self.name, validity.kernel, pieces, *validity[1:])]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
         """Return a drawing of `points` equidistant sections along the axis."""

@@ -11,7 +11,7 @@ import numpy as np
 from beamdae.errors import list_first
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header
-from beamdae.results.diagnostics.meshes.beam_ranges import MAX_UNREPORTED_ERROR, range_warnings
+from beamdae.results.diagnostics.meshes.beam_ranges import MAX_UNREPORTED_ERROR
 from beamdae.results.displays import HasPage, HasTable, Plot
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -242,8 +242,7 @@ def run_warnings(
         False to omit warnings about rows that miss values between them.
     """
     sentences = solution.model_warnings
-    has_exact_strains = error is not None and error.has_exact_strains
-    replaced = set(range_warnings(solution.validity)) if has_exact_strains else set()
+    replaced: set[str] = set()
     about_rows = {x: f"{x.rpartition('; ')[0]}; {_ROW_REMEDY}" for x in solution.row_warnings}
     if not includes_rows:
         replaced |= set(about_rows)
