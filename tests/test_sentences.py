@@ -549,10 +549,6 @@ def test_formulas_and_numbers_are_accepted_as_laws(law):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (
-            lambda s: bd.error_estimate(3),
-            "error_estimate: solution must be a Solution of a run, got 3.",
-        ),
         (lambda s: bd.verify(None), "verify: solution must be a Solution of a run, got None."),
         (lambda s: s.to_csv(3), "to_csv: path must be the path of a file, got 3."),
         (lambda s: s.to_csv("a\0b"), "to_csv: path must be the path of a file, got 'a\\x00b'."),

@@ -114,7 +114,7 @@ def test_regression_few_elements_do_not_change_the_velocity_of_a_fixed_pivot(
 def test_regression_few_elements_still_change_deformations_beside_a_fixed_pivot() -> None:
     mech = four_bar(1, accelerations=False, observed=True)
     (sentence,) = sentences(lambda: bd.simulate(mech, t_end=0.6, output_step=1e-3))
-    assert "middle.phi differs" in sentence
+    assert sentence.startswith("middle.phi: the error is about")
     assert "rocker" not in sentence
 
 

@@ -53,15 +53,12 @@ def solve_path(equations, times):
     return np.array(equilibria)
 
 
-def solve_tips_and_rotations(equations, times):
-    """Return tips (k, 2) [m] and largest rotations (k,) [rad] relative to the frames."""
+def solve_tips(equations, times):
+    """Return tips (k, 2) [m]."""
     q = solve_path(equations, times)
     zeros = np.zeros((len(q), 2)), np.zeros_like(q), np.zeros((len(q), equations.m))
     observables = measures.ObservedRows(equations)(zeros[0], q, zeros[1], zeros[1], zeros[2])
-    rotation = [
-        max(term.largest_deformation(row[None])[1] for term in equations.ranges) for row in q
-    ]
-    return observables[:, :2], np.array(rotation)
+    return observables[:, :2]
 
 
 def solve_exact_tips(curve, force, moment, times):

@@ -1,0 +1,53 @@
+"""Strains of beams beyond linear elasticity."""
+
+import warnings
+
+import pytest
+
+import beamdae as bd
+
+SOFT = bd.Material(E=1e7, nu=0.3, rho=1000.0)
+STRIP = bd.Section.rectangle(SOFT, width=1.0, height=0.01, damping=0.3)
+LINE = bd.Line((0.0, 0.0), (1.0, 0.0))
+
+
+@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.parametrize("settings", [{"formulation": "exact"}, {"strain": "exact"}, {}])
+@pytest.mark.parametrize(("strain", "is_reported"), [(-101.0, True), (0.9, True), (0.1, False)])
+def test_strains_beyond_linear_elasticity_are_reported(settings, strain, is_reported):
+    """A cantilever pulled to (1 + strain) of its length; at -100 m, its axis is inverted."""
+    if not settings and abs(strain) > 1.0:
+        settings = {"strain": "linear"}
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("bar", LINE, STRIP, elements=2, **settings))
+    mech.add(bd.Weld("clamp", mech.ground.at(*LINE.start), beam.start))
+    mech.add(bd.Force("pull", beam.end, (strain * STRIP.EA, 0.0)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        result = bd.equilibrium(mech)
+        sentences = [x for x in result.warnings if "linear elasticity" in x]
+        assert bool(sentences) == is_reported
+        assert all(x.startswith("bar: the largest strain is") for x in sentences)
+        if strain == 0.9 or settings.get("strain") == "linear":
+            return
+        mech.start = "equilibrium"
+        run = bd.simulate(mech, bd.Radau(1e-4), 1e-5)
+    assert any("linear elasticity" in x for x in run.warnings) == is_reported
+    if settings.get("formulation") == "exact":
+        (sentence,) = sentences or ("strain is 0.1,",)
+        assert float(sentence.split("strain is ")[1].split(",")[0]) == pytest.approx(abs(strain))
+
+
+@pytest.mark.parametrize(
+    ("modulus", "strain"), [(2.1e11, 0.03), (7e10, 0.07), (1e10, 0.07), (1e9, 0.6)]
+)
+def test_regression_stiff_materials_are_not_strained_by_several_percent(modulus, strain):
+    """Steel at 44 GPa, and a steel rod at five times the Euler load, 2 % strain, were silent."""
+    section = bd.Section.rectangle(bd.Material(modulus, 0.3, 7850.0), 0.01, 0.001)
+    for factor, is_reported in ((1.0, True), (0.5, False)):
+        mech = bd.Mechanism()
+        beam = mech.add(bd.Beam("leaf", LINE, section, elements=2, formulation="exact"))
+        mech.add(bd.Weld("clamp", mech.ground.at(*LINE.start), beam.start))
+        mech.add(bd.Force("pull", beam.end, (factor * strain * section.EA, 0.0)))
+        sentences = [x for x in bd.equilibrium(mech).warnings if "linear elasticity" in x]
+        assert bool(sentences) == is_reported
