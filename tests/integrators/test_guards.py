@@ -215,21 +215,6 @@ def test_signal_at_any_moment_keeps_the_steps_or_is_raised(integrator):
             assert np.isfinite(solution.table().to_numpy()).all()
 
 
-def test_regression_an_interrupted_measurement_of_errors_is_raised():
-    """The error was NaN."""
-    calls = []
-
-    def interrupt(t, state, k):
-        calls.append(k)
-        if len(calls) == 120:
-            raise KeyboardInterrupt
-        return t, state
-
-    solution = bd.simulate(ball(), OwnMethod(change=interrupt), 1.0)
-    with pytest.raises(KeyboardInterrupt):
-        _ = solution.errors
-
-
 # Vibrations of undamped beams ---------------------------------------------------------------------
 
 
