@@ -33,7 +33,7 @@ NOT_SUBJECT = {
     *("EquilibriumSensitivities", "ModeSensitivities", "PeriodicSensitivities", "Fit"),
     *("ProfileLikelihood", "Objective", "export_fmu", "ExportedFmu", "Optimization", "Quantity"),
     *("Sweep", "SweepResults", "study", "Study", "Case", "grid", "compare", "Check", "verify"),
-    *("error_estimate", "certify", "Certificate", "certify_periodic", "AnalysisCertificate"),
+    *("Errors", "certify", "Certificate", "certify_periodic", "AnalysisCertificate"),
     *("BeamdaeError", "BeamdaeWarning", "Interrupted", "knock_down", "at_most", "LargestOf"),
     *("EquilibriumValue", "EquilibriumErrors", "CriticalLoad", "ParameterFunction"),
 }

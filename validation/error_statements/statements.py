@@ -46,8 +46,8 @@ def read_statement(solution: bd.Solution) -> Statement:
     """
     measured = solution.errors
     total = measured.table()["total"]
-    errors = {header: x for header, x in total.items() if x > WRONG}
-    has_warned = bool(errors) or measured.has_failed or not solution.status.success
+    errors = {str(header): x for header, x in total.dropna().items()}
+    has_warned = measured.largest > WRONG or measured.has_failed or not solution.status.success
     return Statement(errors, _read_peaks(solution), has_warned)
 
 
