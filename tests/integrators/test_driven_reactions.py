@@ -38,7 +38,7 @@ def simulate(mech, method, t_end=1.0):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
         run = bd.simulate(mech, method, t_end)
-    return run, [x for x in run.warnings if "drivers prescribe" in x]
+    return run, [x for x in run.warnings if x.startswith("drive.F: the error")]
 
 
 def relative_error(run, **motion):
