@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.equations.commands import limit_warnings
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.measures import ObservedRows
@@ -21,10 +22,8 @@ from beamdae.results.columns import Header, can_select, merge_columns, select_co
 from beamdae.results.diagnostics.meshes.beam_ranges import (
     BeamRange,
     measure_beam_ranges,
-    range_warnings,
     strain_warnings,
 )
-from beamdae.results.diagnostics.meshes.mesh_errors import LoadedStates, find_mesh_errors
 from beamdae.results.displays import HasPage, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.section_forces.recovery import recover_section_forces_at_state
@@ -107,8 +106,7 @@ class Equilibrium(HasPage):
         Lagrange multipliers of the constraints (k, m) [N or N m].
     unstable
         Number of unstable directions of each equilibrium under constant loads (k,), or -1 if it is
-        not known, for example because a finer mesh disagrees (see `notes`). If it is 0, the
-        equilibrium is stable, unless it can move without stiffness.
+        not known. If it is 0, the equilibrium is stable, unless it can move without stiffness.
     critical
         Limit, branch and flutter points, in the order of the path.
     settings
@@ -121,8 +119,6 @@ class Equilibrium(HasPage):
         For each row, name of the coordinate that moves most in a motion without stiffness, along
         which the equilibrium is arbitrary; "" if there is none. The critical modes of critical
         points are not counted.
-    has_compared_strains
-        True if `notes` name the changes with exact strains, instead of the estimates of `validity`.
     over
         Header of the quantity that varies in place of a load factor, such as "t [s]"; "" if none.
     times
@@ -144,7 +140,6 @@ class Equilibrium(HasPage):
     model: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default=(), repr=False)
     free_coordinates: tuple[str, ...] = field(default=(), repr=False)
-    has_compared_strains: bool = field(default=False, repr=False)
     over: str = ""
     times: Array | None = field(default=None, repr=False)
     numbers: Array | None = field(default=None, repr=False)
@@ -432,19 +427,13 @@ class Equilibrium(HasPage):
         Interrupted
             If Ctrl-C ends the call.
         """
-        _, state, ((_, factors),) = self._select_loaded_states(np.array([-1]))
+        at_rest = np.zeros_like(self.q[-1:])
+        state = State(self.q[-1:], at_rest, at_rest, self.lam[-1:])
+        factors = dict.fromkeys(self._inactive, 0.0)
+        # A path over another quantity has no scaled loads.
+        for names, factor in zip(self.loads, self.factors[-1].tolist(), strict=False):
+            factors |= dict.fromkeys(names, factor)
         return recover_section_forces_at_state(self.equations, beam, self.t, state, factors, s)
-
-    def _select_loaded_states(self, rows: Array) -> LoadedStates:
-        """Return the states and the load factors of rows; those of inactive parts are zero."""
-        q, lam = self.q[rows], self.lam[rows]
-        at_rest, groups = np.zeros_like(q), []
-        for k, row in enumerate(self.factors[rows].tolist()):
-            factors = dict.fromkeys(self._inactive, 0.0)
-            for names, factor in zip(self.loads, row, strict=True):
-                factors |= dict.fromkeys(names, factor)
-            groups.append((np.array([k]), factors))
-        return LoadedStates(self._times[rows], State(q, at_rest, at_rest, lam), groups)
 
     def diagram(self, beam: Any, what: str = "M") -> Plot:
         """Plot a section force of a beam at the end of the path over its arc length.
@@ -468,6 +457,11 @@ class Equilibrium(HasPage):
         """Largest deformation of each floating-frame beam, and estimated error of its strains."""
         return measure_beam_ranges(self.equations, self._checked_positions)
 
+    @cached_property
+    def errors(self) -> Any:
+        """Errors of the end and of critical points, see `Errors`, measured with refined beams."""
+        return deferred.module("accuracy.statics").measure_equilibrium(self)
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the model and the reliability of the result; `equilibrium` issues them."""
@@ -485,13 +479,8 @@ class Equilibrium(HasPage):
                     "equilibrium position is arbitrary; add a spring or a joint, or choose the "
                     f"position with start={{{self.free!r}: ...}}."
                 )
-        beams = () if self.has_compared_strains else range_warnings(self.validity)
         strains = strain_warnings(self.equations, self.validity, lambda: self._checked_positions)
         outside = list_arguments_outside(self.equations, self._times[-1], self._checked_positions)
-        # Other columns are evaluated on first access, which takes as long as a load step.
-        meshes = find_mesh_errors(
-            self.equations, lambda header: self.columns[header], self._select_loaded_states
-        ).warnings
         limits: Iterable[str] = ()
         if self.status.success:
             limits = limit_warnings(
@@ -502,8 +491,6 @@ class Equilibrium(HasPage):
                 "so this equilibrium is that of the limit, not of the loop; enlarge the limits, or "
                 "change the target or the load.",
             )
-        if self.numbers is not None:
-            meshes = ()  # estimated for the numbers of the last row only
         of_model = self.equations.build_warnings
         found = (
             *of_model,
@@ -511,8 +498,7 @@ class Equilibrium(HasPage):
             *self.notes,
             self.instability,
             free,
-            *beams,
-            *meshes,
+            *deferred.module("accuracy.statics").check_equilibrium(self),
             *outside,
             *limits,
         )

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -10,11 +13,10 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
+from beamdae import deferred
 from beamdae.analysis.eigenproblems.eigensolution import locate_largest
-from beamdae.analysis.statics.buckling_mesh_errors import buckling_mesh_warnings
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
-from beamdae.analysis.statics.load_scaling import Loading, build_loading
-from beamdae.analysis.statics.mesh_dependence import RefinedPath
+from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.path_controls import LoadControl, PathDirection, StepNorm
 from beamdae.analysis.statics.path_tracing import (
     dominant_coordinate,
@@ -23,15 +25,21 @@ from beamdae.analysis.statics.path_tracing import (
     free_coordinate,
 )
 from beamdae.analysis.statics.static_equilibrium import initial_positions
-from beamdae.errors import BeamdaeError, require_count, require_finite, warn_of_result
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.errors import (
+    BeamdaeError,
+    require_count,
+    require_finite,
+    warn_of_result,
+    warnings_are_ignored,
+)
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.linear.factorizations import SingularMatrixError, create_factorization
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
-from beamdae.results.diagnostics.meshes.beam_ranges import buckling_warnings
-from beamdae.results.diagnostics.meshes.coarse_elements import describe_changes, find_coarse_beam
 from beamdae.results.displays import HasModeShapes
+from beamdae.simulation import skips_result_checks
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,11 +89,12 @@ class Buckling(HasModeShapes):
         Names of the scaled loads.
     q
         Coordinates of the unloaded equilibrium, (n,).
-    mechanism
-        Mechanism for pictures of the modes; None if the model is not a `Mechanism`.
-    warnings
+    equations
+        The equations of motion.
+    t
+        Time at which the loads are evaluated [s].
+    notes
         Warnings of the model, and warnings that displacements before buckling are not negligible,
-        that the elements of a beam are too long for modes (estimated errors of factors above 1 %),
         that there are fewer factors than requested, or that the loads have no potential.
     """
 
@@ -94,8 +103,9 @@ class Buckling(HasModeShapes):
     moves: tuple[str, ...]
     loads: tuple[str, ...]
     q: Array = field(repr=False)
-    mechanism: Mechanism | None = field(repr=False)
-    warnings: tuple[str, ...]
+    equations: EquationsOfMotion = field(repr=False)
+    t: float
+    notes: tuple[str, ...]
 
     def __len__(self) -> int:
         return len(self.factors)
@@ -104,6 +114,21 @@ class Buckling(HasModeShapes):
         factors = ", ".join(f"{x:.6g}" for x in self.factors[:_REPR_FACTORS])
         more = ", ..." if len(self) > _REPR_FACTORS else ""
         return f"<Buckling under {', '.join(self.loads)}: {factors or 'no factors'}{more}>"
+
+    @property
+    def mechanism(self) -> Mechanism | None:
+        """The mechanism, for pictures of the modes."""
+        return self.equations.mechanism
+
+    @cached_property
+    def errors(self) -> Any:
+        """Errors of the load factors, see `Errors`, measured with refined beams."""
+        return deferred.module("accuracy.statics").measure_buckling(self)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The `notes`, and a warning if `errors` are above 4 %; `buckling` issues them."""
+        return (*self.notes, *self.errors.sentences())
 
     @property
     def about(self) -> str:
@@ -158,9 +183,9 @@ def buckling(
     under pressure. If the first one deviates by more than 3 % from the first critical point of the
     equilibrium path, which may be the onset of flutter, `Buckling.warnings` contains a warning; use
     `equilibrium` instead. Loads without a potential have a warning if there is no factor, or one
-    of a motion above 5 % of the size of the mechanism, which is not checked. So have factors whose
-    errors by the elements of beams are estimated at 0.8 % or more or, if a beam has up to 3, that
-    change by more than 1 % with halved elements.
+    of a motion above 5 % of the size of the mechanism, which is not checked. So
+    have factors that differ by more than 4 % from those of halved elements with exact strains; see
+    `Buckling.errors`.
 
     Parameters
     ----------
@@ -210,7 +235,8 @@ def buckling(
     if isinstance(model, Model):
         model = model()
     equations, q = initial_positions(_NAME, model, start)
-    loading = build_loading(model, equations, loads, require_finite(_NAME, "t", t), _NAME)
+    t = require_finite(_NAME, "t", t)
+    loading = build_loading(model, equations, loads, t, _NAME)
     if len(loading.stages) != 1:
         raise BeamdaeError(
             f"{_NAME}: loads must be one list of names, got {len(loading.stages)} stages; name the "
@@ -224,7 +250,7 @@ def buckling(
             f"{_NAME}: {free_coordinate(system.equations, begin)} can move without stiffness; add "
             "a joint or a spring."
         )
-    try:
+    with _name_singular_response():
         path = _linearize_along_path(corrector, begin)
         factors, vectors, reversed_factor = _solve(path, count)
         asymmetry = abs(path.rate - path.rate.T).max()
@@ -237,19 +263,7 @@ def buckling(
             warnings = _check_prebuckling(
                 corrector, begin, path.response, float(factors[0]), has_potential
             )
-    except (CorrectorError, SingularMatrixError, ArpackError, la.LinAlgError) as error:
-        raise BeamdaeError(
-            f"{_NAME}: the unloaded equilibrium has no unique linear response ({error}); check "
-            "joints and supports."
-        ) from None
     e = system.equations
-    if len(factors):
-        of_mesh = _compare_with_halved_elements(loading, begin, factors)
-        if of_mesh is None:
-            of_mesh = buckling_mesh_warnings(
-                e, begin.x[: e.n], path.response.x[: e.n], factors, vectors[: e.n]
-            )
-        warnings += of_mesh
     shapes = vectors[: e.n] / e.position_scales[:, None]
     largest = shapes[locate_largest(shapes), np.arange(shapes.shape[1])]
     shapes = shapes * e.position_scales[:, None] / largest
@@ -266,15 +280,40 @@ def buckling(
         fewer.append(text + ".")
     # Without any factor, the direction of the loads may be wrong.
     warn_of_result(warnings if len(factors) else [*warnings, *fewer], e.build_warnings)
-    return Buckling(
+    result = Buckling(
         factors,
         shapes.T,
         tuple(dominant_coordinate(e, shape) for shape in shapes.T),
         loading.stages[0],
         begin.x[: e.n],
-        model if isinstance(model, Mechanism) else None,
+        equations,
+        t,
         (*e.build_warnings, *warnings, *fewer),
     )
+    if not (skips_result_checks() or warnings_are_ignored()):
+        warn_of_result(list(result.errors.sentences()))
+    return result
+
+
+def repeat_buckling(result: Buckling, equations: EquationsOfMotion, q: Array) -> Array:
+    """Return the load factors (k,) of a refined mechanism, whose equilibrium is near `q` (n,)."""
+    loads = list(result.loads)
+    loading = build_loading(equations.mechanism, equations, loads, result.t, _NAME)
+    corrector = Corrector(loading.systems[0])
+    with _name_singular_response():
+        begin = find_unloaded_equilibrium(corrector, q)
+        return _solve(_linearize_along_path(corrector, begin), len(result))[0]
+
+
+@contextmanager
+def _name_singular_response() -> Iterator[None]:
+    try:
+        yield
+    except (CorrectorError, SingularMatrixError, ArpackError, la.LinAlgError) as error:
+        raise BeamdaeError(
+            f"{_NAME}: the unloaded equilibrium has no unique linear response ({error}); check "
+            "joints and supports."
+        ) from None
 
 
 def _linearize_along_path(corrector: Corrector, begin: EquilibriumPoint) -> _LinearizedPath:
@@ -299,35 +338,6 @@ def _linearize_along_path(corrector: Corrector, begin: EquilibriumPoint) -> _Lin
     return _LinearizedPath(system.matrix(tangent), system.matrix(rate), response, motion)
 
 
-def _compare_with_halved_elements(
-    loading: Loading, begin: EquilibriumPoint, factors: Array
-) -> list[str] | None:
-    """Return a warning if factors change by over 1 % with halved elements, otherwise [].
-
-    Returns None if no beam has few elements or the factors cannot be compared.
-    """
-    e = begin.system.equations
-    doubt = find_coarse_beam(e, begin.x[None, : e.n])
-    refined = None if doubt is None else RefinedPath.of(loading)
-    if doubt is None or refined is None:
-        return None
-    system, x = refined.transfer(begin)
-    corrector = Corrector(system)
-    try:
-        point = corrector.correct(LoadControl(), begin.mu, x, begin.mu)
-        finer, *_ = _solve(_linearize_along_path(corrector, point), len(factors))
-    except (CorrectorError, SingularMatrixError, ArpackError, la.LinAlgError):
-        return None
-    if len(finer) < len(factors):
-        return None
-    values = {
-        f"the load factor of mode {k + 1} [-]": pair
-        for k, pair in enumerate(zip(factors.tolist(), finer.tolist(), strict=True))
-    }
-    scales = {name: factor for name, (factor, _) in values.items()}
-    return list(describe_changes(e, doubt, values, scales))
-
-
 def _check_prebuckling(
     corrector: Corrector,
     begin: EquilibriumPoint,
@@ -339,11 +349,10 @@ def _check_prebuckling(
 
     There is none if the points of the linearization are in equilibrium, as those of columns whose
     imperfections are rounding errors of the drawing. Otherwise, there is one if the first critical
-    point of the path is not at the factor `first`, or if the path cannot be followed, and one for
-    beams whose strains at the critical point cause errors. Displacements are not judged by their
-    size, because even a rotation by the ratio of thickness to length makes the linearized stiffness
-    of a slender beam useless; nor by the factor from an equilibrium on the way, because its
-    difference from the first factor changes sign with the rise of an arch.
+    point of the path is not at the factor `first`, or if the path cannot be followed. Displacements
+    are not judged by their size, because even a rotation by the ratio of thickness to length makes
+    the linearized stiffness of a slender beam useless; nor by the factor from an equilibrium on the
+    way, because its difference from the first factor changes sign with the rise of an arch.
     """
     if has_potential:
         ends = [
@@ -352,18 +361,15 @@ def _check_prebuckling(
         ]
         before, after = (x.negative_count for x in ends)
         if before == begin.negative_count < after and max(map(_imbalance, ends)) < _MAX_IMBALANCE:
-            q = 0.5 * (ends[0].x + ends[1].x)[: begin.system.equations.n]
-            return list(buckling_warnings(begin.system.equations, q))
+            return []
     # Without a potential, a direction may be stable again soon after the first factor.
     targets = ((1.0 + _MAX_ERROR) * first, _SEARCH_RATIO * first)
     path = follow_to_critical_point(corrector, begin, targets)
-    warnings: list[str] = []
     if path.critical:
         critical = path.critical[0]
         point = path.points[critical.row]
-        warnings += buckling_warnings(point.system.equations, point.x[: point.system.equations.n])
         if abs(point.mu - first) <= _MAX_ERROR * point.mu:
-            return warnings
+            return []
         reason = f"the first critical point of the path is a {critical.kind} at {point.mu:.5g}"
     elif path.status.success or path.end.mu > (1.0 + _MAX_ERROR) * first:
         reason = f"the path has no critical point up to the load factor {path.end.mu:.5g}"
@@ -374,8 +380,7 @@ def _check_prebuckling(
         cause = "the loads have no potential"
     return [
         f"{_NAME}: {cause}: {reason}, but the first linear factor is {first:.5g}; use equilibrium "
-        "with control='arc length' instead.",
-        *warnings,
+        "with control='arc length' instead."
     ]
 
 

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.statics.buckling_mesh_errors import critical_point_mesh_note
 from beamdae.analysis.statics.continuation import (
     ContinuationSettings,
     StagePath,
@@ -44,7 +43,6 @@ from beamdae.errors import (
 )
 from beamdae.interrupts import acknowledge
 from beamdae.parts.joints.drivers import DrivenJoint
-from beamdae.results.diagnostics.meshes.beam_ranges import measure_beam_ranges, range_warnings
 from beamdae.results.equilibrium import CriticalPoint
 from beamdae.results.outcome import REACHED_END, Status
 
@@ -71,10 +69,6 @@ _MAX_INITIAL_MOTION = 0.05
 # The end of a failed path is probably near a limit point if the lowest positive eigenvalue of the
 # stiffness has fallen below this fraction of its initial value.
 _SOFT_RATIO = 0.2
-# Estimated relative error of deflections by the strains of a beam above which a loss of stiffness
-# is probably theirs. It is 0.37 to 0.42 for a cantilever in compression with one floating frame;
-# with exact strains, its load has no maximum.
-_MIN_ERROR_OF_LIMIT_POINT = 0.1
 # Paths with a larger bound on rounding errors have a note. It is up to 1e-4 at L/h = 1e5, and 2e-4
 # to 2e-1 at 1e6, where errors of critical loads are up to 5e-5 and 1e-2 (measured).
 _MAX_ROUNDING_RATIO = 2e-4
@@ -236,8 +230,6 @@ class EquilibriumPath(NamedTuple):
         Number of Newton iterations, including those of failed steps but not of relaxation.
     notes
         Remarks on stages in which rounding errors of critical loads are not negligible.
-    mesh_notes
-        Remarks on critical points for which the elements of beams are too long, by estimates.
     approach
         Positions (n,) through which drivers are led from the drawing to the first point.
     """
@@ -248,7 +240,6 @@ class EquilibriumPath(NamedTuple):
     status: Status
     iterations: int
     notes: tuple[str, ...]
-    mesh_notes: tuple[str, ...]
     approach: list[Array]
 
 
@@ -275,7 +266,6 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
     factors: list[Array] = []
     critical: list[CriticalPoint] = []
     notes: list[str] = []
-    mesh_notes: list[str] = []
     approach: list[Array] = []
     last_control: Control = LoadControl()
     if settings.column:
@@ -322,7 +312,6 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             notes += _zero_load_notes(path, loading) + _unknown_notes(path) + _rounding_notes(path)
             notes += _damping_notes(path)
             notes += _range_notes(path, loading.quantity) + jump_notes
-            mesh_notes += _mesh_notes(path)
         iterations += corrector.iterations
         status = _end_status(path, system, control, loading.quantity)
         if not status.success and path.is_stuck and isinstance(last_control, DisplacementControl):
@@ -331,8 +320,9 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         if not status.success:
             break
     all_factors = np.array(factors).reshape(len(points), len(loading.stages) + varies)
-    remarks = tuple(notes), tuple(mesh_notes), approach
-    return EquilibriumPath(points, all_factors, tuple(critical), status, iterations, *remarks)
+    return EquilibriumPath(
+        points, all_factors, tuple(critical), status, iterations, tuple(notes), approach
+    )
 
 
 def _list_drivers(equations: EquationsOfMotion) -> list[str]:
@@ -434,21 +424,6 @@ def _range_notes(path: StagePath, quantity: str) -> list[str]:
         for low, high in ranges
         if high - low > _SAME_LOAD_RATIO * abs(high)
     ]
-
-
-def _mesh_notes(path: StagePath) -> list[str]:
-    """Return a remark on the first critical point for which the elements of beams are too long."""
-    for one in path.critical:
-        point = path.points[one.row]
-        e = point.system.equations
-        note = (
-            ""
-            if one.kind == FLUTTER
-            else critical_point_mesh_note(e, one.kind, point.mu, point.x[: e.n], one.mode)
-        )
-        if note:
-            return [f"equilibrium: {note}"]
-    return []
 
 
 def _jump_notes(corrector: Corrector, path: StagePath, quantity: str) -> list[str]:
@@ -792,13 +767,6 @@ def _remedy(path: StagePath, e: EquationsOfMotion, control: str) -> str:
     )
     if rounding:
         return f"{lost}{rounding}, or control='arc length' if this is a limit point"
-    ranges = measure_beam_ranges(e, path.end.x[None, : e.n])
-    wrong = [x for x in ranges if x.error is not None and x.error > _MIN_ERROR_OF_LIMIT_POINT]
-    if doubt := next(range_warnings(wrong), ""):
-        return (
-            f"{lost}, which may be an error of the strains of {doubt.removesuffix('.')}, before "
-            "you try control='arc length'"
-        )
     return (
         f"{lost}, which suggests a limit point; use control='arc length' to continue past "
         "this point"

@@ -16,7 +16,6 @@ from beamdae.analysis.statics.load_scaling import (
     build_loading,
     vary_parameter,
 )
-from beamdae.analysis.statics.mesh_dependence import PathComparison, compare_path, recheck_stability
 from beamdae.analysis.statics.path_parameters import resolve_parameter
 from beamdae.analysis.statics.path_tracing import (
     EquilibriumPath,
@@ -34,6 +33,7 @@ from beamdae.errors import (
     short_repr,
     warn_of_incomplete_result,
     warn_of_result,
+    warnings_are_ignored,
 )
 from beamdae.interrupts import PARTIAL_RESULTS, Interrupted, PartialResult, interruptible
 from beamdae.linear.blas_threads import single_threaded
@@ -88,10 +88,8 @@ def equilibrium(
     Stability is assessed for constant loads, by the number of negative eigenvalues of the tangent
     stiffness in the motions that the joints allow. For loads without a potential (follower loads),
     it is assessed by the growing modes of the linearized equations of motion, see `modes`, which
-    involve mass and damping. If an eigenvalue is below 2 % of the next one, its sign is compared
-    with a mesh of halved elements; where the meshes disagree, the stability is not known, and
-    critical points that vanish on the finer mesh are omitted, with a warning. Paths with `over` are
-    not compared with other meshes.
+    involve mass and damping. A warning names values and stability at the end, and critical points,
+    that differ by more than 4 % with halved elements and exact strains; see `Equilibrium.errors`.
 
     Parameters
     ----------
@@ -205,7 +203,6 @@ def equilibrium(
         path = trace_path(loading, q, settings)
         states = np.array([point.x for point in path.points])
         positions, multipliers = states[:, : equations.n], states[:, equations.n :]
-        recheck = recheck_stability(loading, path)
         start_warnings: tuple[str, ...] = ()
         if equations.start is None and from_ is None and not isinstance(start, Equilibrium):
             first = loading.systems[0]
@@ -225,9 +222,6 @@ def equilibrium(
             equations = replace(last, start=equations.start)
         # The numbers of the equations are those of the last row.
         ranges = measure_beam_ranges(equations, positions if numbers is None else positions[-1:])
-        comparison = PathComparison((), False, False)
-        if not skips_result_checks():
-            comparison = compare_path(loading, path, settings, ranges, q)
         has_friction = any(term.rows is not None for term in equations.forces)
         result = Equilibrium(
             equations,
@@ -237,8 +231,8 @@ def equilibrium(
             path.factors,
             positions,
             loading.full_multipliers(positions, multipliers, times),
-            recheck.unstable,
-            recheck.critical,
+            np.array([point.unstable_count for point in path.points]),
+            path.critical,
             {**settings.description, "iterations": path.iterations},
             information,
             (
@@ -246,13 +240,9 @@ def equilibrium(
                 *((_FRICTION_WARNING,) if has_friction else ()),
                 *_turning_notes(loading.systems[-1], states[-1], path.points[-1].mu),
                 *_describe_deep_contacts(loading, path),
-                *recheck.notes,
-                *comparison.notes,
                 *path.notes,
-                *(() if comparison.has_critical_points else path.mesh_notes),
             ),
             _free_coordinates(equations, path),
-            comparison.has_exact_strains,
             "" if parameter is None else parameter.header,
             times,
             numbers,
@@ -262,7 +252,7 @@ def equilibrium(
         raise Interrupted(result.status.sentence, result, _NAME)
     if not result.status.success:
         warn_of_incomplete_result(_describe_early_end(result))
-    if not skips_result_checks():
+    if not (skips_result_checks() or warnings_are_ignored()):
         warn_of_result(result.warnings, equations.build_warnings)
     return result
 

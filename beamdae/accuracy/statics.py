@@ -1,0 +1,344 @@
+"""Errors of equilibria, critical points and buckling loads, measured by refined equations."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import cache
+from itertools import takewhile
+
+import numpy as np
+
+from beamdae.accuracy.errors import Errors, Refined
+from beamdae.accuracy.refinement import Refinement, refine
+from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
+from beamdae.analysis.statics.linear_buckling import Buckling, repeat_buckling
+from beamdae.analysis.statics.load_scaling import Loading, build_loading, vary_parameter
+from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
+from beamdae.analysis.statics.path_controls import DisplacementControl, LoadControl
+from beamdae.analysis.statics.path_parameters import quantity_units, resolve_parameter
+from beamdae.analysis.statics.path_tracing import EquilibriumPath, PathSettings, trace_path
+from beamdae.beams.beam import Beam, beams_of
+from beamdae.equations.equations_of_motion import EquationsOfMotion, format_headers
+from beamdae.errors import BeamdaeError, hold_messages
+from beamdae.linear.blas_threads import single_threaded
+from beamdae.results.columns import UNITS_OF_POSITIONS, Header, mark_resting_columns
+from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
+from beamdae.results.diagnostics.rounding_limits import rounding_limits
+from beamdae.results.equilibrium import FACTOR, UNSTABLE, Equilibrium
+from beamdae.results.section_forces.section_forces import SectionForces
+
+Array = np.ndarray
+Values = dict[str, float]
+
+# The companion takes steps of similar size: more points are a path to another place.
+_MAX_POINTS_RATIO, _MORE_POINTS = 3, 20
+# Ends of one path by different searches are closer than this share of the changes of coordinates.
+_SAME_END = 1e-3
+_SECTIONS = 9  # of a beam, for its largest section forces
+
+
+def measure_equilibrium(path: Equilibrium) -> Errors:
+    """Return the errors of a path of equilibria.
+
+    They are those of the observed columns at its end, of its number of unstable directions, and of
+    the load factors of its critical points and, if a position is prescribed or the path failed, of
+    its end. Errors of columns are relative to their range along the path or, for section forces, to
+    their largest value along the beam if it is larger.
+    """
+    values = _list_values(path)
+    headers, sizes = tuple(values), np.array(list(values.values()))
+    reason = _find_obstacle(path)
+    if reason:
+        return Errors.unchecked(headers, sizes, reason)
+    if not beams_of(path.equations.mechanism):
+        return Errors.of_values(headers, sizes, sizes, Refined())
+    return _measure(
+        path.equations, headers, sizes, lambda x: _repeat(path, x), lambda: _find_scales(path)
+    )
+
+
+def measure_buckling(result: Buckling) -> Errors:
+    """Return the errors of the load factors of linear buckling."""
+    headers = [f"load factor of mode {k + 1} [-]" for k in range(len(result))]
+
+    def repeat(refinement: Refinement) -> Values:
+        q = refinement.start + refinement.prolongation @ result.q
+        return dict(zip(headers, repeat_buckling(result, refinement.equations, q), strict=False))
+
+    return _measure(result.equations, tuple(headers), result.factors, repeat, dict)
+
+
+def check_equilibrium(path: Equilibrium) -> Iterator[str]:
+    """Yield the sentences of the errors of a path, and one if its stability is not decided."""
+    errors = path.errors
+    yield from errors.select(set(errors.headers) - {UNSTABLE}).sentences()
+    counts = dict(zip(errors.headers, np.stack([errors.values, errors.companions], 1), strict=True))
+    count, refined = counts.get(UNSTABLE, (0, 0))
+    if np.isfinite(refined) and count != refined:
+        yield (
+            f"equilibrium: the stability at {path.quantity} {path.factor:.6g} is not decided, "
+            f"because the number of unstable directions is {count:g}, but {refined:g} in "
+            f"{errors.refined}; use more elements."
+        )
+
+
+def _measure(
+    equations: EquationsOfMotion,
+    headers: tuple[str, ...],
+    values: Array,
+    repeat: Callable[[Refinement], Values],
+    find_scales: Callable[[], Values],
+) -> Errors:
+    """Return the errors of values that `repeat` computes for refined equations."""
+
+    def refine_and_repeat(strains: bool) -> tuple[Refinement, Array]:
+        with hold_messages(), single_threaded:
+            refinement = refine(equations, strains=strains)
+            if refinement is None or not refinement.halved:
+                raise BeamdaeError("no beam can be refined.")
+            found = repeat(refinement)
+        return refinement, np.array([found.get(x, np.nan) for x in headers])
+
+    def compare(first: Array, second: Array) -> Array:
+        return Errors.of_values(headers, first, second, refined, scales).total
+
+    def split() -> dict[str, Array]:
+        causes = {"time": np.zeros(len(headers)), "mesh": errors.total}
+        try:
+            _, halved = refine_and_repeat(False)
+        except (BeamdaeError, CorrectorError):
+            return causes | {"theory": np.full(len(headers), np.nan)}
+        return causes | {"mesh": compare(values, halved), "theory": compare(halved, companions)}
+
+    try:
+        refinement, companions = refine_and_repeat(True)
+    except (BeamdaeError, CorrectorError) as problem:
+        reason = f"the refined result is not found: {problem}".removesuffix(".")
+        return Errors.unchecked(headers, values, reason)
+    of_columns = find_scales()
+    scales = np.array(
+        [of_columns.get(x, abs(y)) for x, y in zip(headers, companions.tolist(), strict=True)]
+    )
+    elements = {
+        x.name: x.mesh.elements
+        for x in beams_of(equations.mechanism)
+        if x.name in refinement.halved
+    }
+    refined = Refined(elements, refinement.exact, kept=refinement.kept)
+    errors = Errors.of_values(headers, values, companions, refined, scales, split)
+    return replace(errors, relative_to="its largest value")
+
+
+def _find_obstacle(path: Equilibrium) -> str:
+    if path.equations.mechanism is None:
+        return "equations have no elements"
+    return "" if path.status.kind in ("ok", "failed") else "the path ended early"
+
+
+def _list_values(path: Equilibrium) -> Values:
+    """Return the values at the end of a path, and those of its critical points, by header."""
+    end = {path.header: path.factor}
+    if not path.status.success:
+        return end
+    values = {x: float(y[-1]) for x, y in path.columns.items() if np.isfinite(y[-1])}
+    if isinstance(path.settings["to"], dict):
+        values |= end
+    if path.unstable[-1] >= 0 and not any(x.row == len(path.q) - 1 for x in path.critical):
+        values[UNSTABLE] = float(path.unstable[-1])
+    unit, counts = Header.of(path.over or FACTOR).unit, Counter[str]()
+    for one in path.critical:
+        counts[one.kind] += 1
+        values[f"{one.kind} {counts[one.kind]} [{unit}]"] = one.factor
+    return values
+
+
+def _find_scales(path: Equilibrium) -> Values:
+    """Return the sizes to which errors of columns are relative; inf for rounding errors."""
+    e = path.equations
+    first = replace(
+        path, q=np.vstack([e.q0, path.q[:1]]), lam=path.lam[[0, 0]], times=None, numbers=None
+    )
+    scales = {path.header: float(np.max(np.abs(path.factors), initial=0.0))}
+    headers = list(path.columns)
+    rows = np.array([np.append(first.columns[x][0], path.columns[x]) for x in headers]).T
+    if not len(rows):
+        return scales
+    is_position = [Header.of(x).unit in UNITS_OF_POSITIONS for x in headers]
+    sizes = np.where(is_position, np.ptp(rows, axis=0), np.max(np.abs(rows[1:]), axis=0))
+    forces = _largest_by_unit([x.unit for x in e.multipliers], path.lam)
+    is_noise = mark_resting_columns(headers, rows, 0.5 * sizes, e.length, others=forces)
+    is_noise |= 0.5 * sizes <= rounding_limits(e, headers)
+    scales |= dict(zip(headers, np.where(is_noise, np.inf, sizes).tolist(), strict=True))
+    for header, size in _measure_sections(path):
+        scales[header] = max(scales[header], size)
+    return scales
+
+
+def _largest_by_unit(units: list[str], rows: Array) -> Values:
+    largest: Values = {}
+    for unit, x in zip(units, np.max(np.abs(rows), axis=0, initial=0.0).tolist(), strict=True):
+        largest[unit] = max(largest.get(unit, 0.0), 0.5 * x)
+    return largest
+
+
+def _measure_sections(path: Equilibrium) -> Iterator[tuple[str, float]]:
+    """Yield headers of section forces, strains and stresses, and largest values on the beam."""
+    mechanism = path.equations.mechanism
+    assert mechanism is not None
+
+    @cache
+    def forces_along(beam: Beam) -> SectionForces:
+        return path.section_forces(beam, np.linspace(0.0, beam.length, _SECTIONS))
+
+    for name, observed in mechanism.observables.items():
+        quantity, names = measured_quantity(observed)
+        sections = Beam.sections_of_strains(quantity)
+        if sections is None:
+            continue
+        forces = forces_along(sections[0])
+        rows = np.concatenate([forces.N, forces.Q, forces.M])
+        values = Beam.values_of_section_forces(quantity, rows, forces.s.tolist())
+        largest = np.abs(values).max(axis=-1)
+        of_column = dict(zip((x.name for x in quantity.columns), largest.tolist(), strict=True))
+        for header, column in zip(format_headers(name, observed.columns), names, strict=True):
+            yield header, of_column[column]
+
+
+def _repeat(path: Equilibrium, refinement: Refinement) -> Values:
+    """Return the values of the refined path.
+
+    Its end is sought near that of the path. The whole path is traced if it has critical points or
+    failed, or if its end is not found or has other unstable directions.
+
+    Raises
+    ------
+    BeamdaeError
+        If the refined path does not begin, or leads to another end.
+    """
+    loading, settings = _load(path, refinement.equations), _read_settings(path)
+    end = _correct_end(path, refinement, loading, settings) if path.status.success else None
+    is_critical = any(x.row == len(path.q) - 1 for x in path.critical)
+    is_near = end is not None and (is_critical or end.unstable_count == path.unstable[-1])
+    ends = {} if end is None else _list_values(_as_equilibrium(path, loading, [end]))
+    if is_near and not path.critical:
+        return ends
+    if _is_whole(path, loading, settings):
+        start = refinement.start + refinement.prolongation @ path.q[0]
+        # The refined path may switch to the mirrored branch.
+        for sign in (1, -1) if settings.switch else (1,):
+            switch = tuple(sign * x for x in settings.switch)
+            traced = trace_path(loading, start, replace(settings, switch=switch))
+            is_complete = traced.status.success or not path.status.success
+            if end is not None and not _is_same_end(refinement, path, end, traced.points[-1]):
+                is_complete &= not (settings.switch or is_near)
+            if is_complete:
+                return ends | _list_values(_as_equilibrium(path, loading, traced.points, traced))
+    if not is_near:
+        raise BeamdaeError("with refined beams, the path leads elsewhere.")
+    return ends
+
+
+def _load(path: Equilibrium, equations: EquationsOfMotion) -> Loading:
+    over = path.settings.get("over")
+    # A parameter of a model function is constant at the end of its path, under all loads.
+    if not over or over not in quantity_units(None, equations.mechanism):
+        return build_loading(equations.mechanism, equations, [list(x) for x in path.loads], path.t)
+    begin, target = float(path.factors[0, 0]), path.settings["to"][-1]
+    parameter = resolve_parameter(equations.mechanism, equations, over, begin, target, path.t)
+    return vary_parameter(parameter.equations_at(begin), parameter)
+
+
+def _read_settings(path: Equilibrium) -> PathSettings:
+    to, count = path.settings["to"], _MAX_POINTS_RATIO * len(path.q) + _MORE_POINTS
+    control, step, switch, over = (
+        path.settings.get(x) for x in ("control", "step", "switch", "over")
+    )
+    return PathSettings.from_arguments(to, control, step, switch or 0, count, over)
+
+
+def _is_whole(path: Equilibrium, loading: Loading, settings: PathSettings) -> bool:
+    """Return False for paths over a parameter of a model, and rows of longer paths."""
+    if settings.varies and loading.parameter is None:
+        return False
+    if settings.column or not path.status.success or not path.factors.shape[1]:
+        return True
+    target = settings.targets[-1]
+    return abs(path.factor - target) <= 1e-9 * abs(target)
+
+
+def _correct_end(
+    path: Equilibrium, refinement: Refinement, loading: Loading, settings: PathSettings
+) -> EquilibriumPoint | None:
+    """Return the refined equilibrium near the end of a path, or None if it is not found."""
+    stage, mu = _find_stage(path), path.factor
+    if path.factors.shape[1]:
+        mu = float(path.factors[-1, stage])
+    system = loading.systems[stage]
+    lam = dict(zip(path.equations.lam_names, path.lam[-1].tolist(), strict=True))
+    x = np.append(
+        refinement.start + refinement.prolongation @ path.q[-1],
+        [lam.get(name, 0.0) for name in system.equations.lam_names],
+    )
+    if path.free and system.has_scaled_loads:
+        system = hold_neutral_motions(system, x)
+    control, target = LoadControl(), mu
+    if settings.column:
+        control, coarse = (
+            DisplacementControl.from_name(e, settings.column, system.loaded.time)
+            for e in (refinement.equations, path.equations)
+        )
+        target = coarse.value(np.append(path.q[-1], path.lam[-1]), mu)
+    try:
+        return Corrector(system).correct(control, target, x, mu)
+    except CorrectorError:
+        return None
+
+
+def _find_stage(path: Equilibrium) -> int:
+    """Return the index of the load stage at the end of a path."""
+    return int(np.max(np.flatnonzero(path.factors[-1]), initial=0))
+
+
+def _as_equilibrium(
+    path: Equilibrium,
+    loading: Loading,
+    points: list[EquilibriumPoint],
+    traced: EquilibriumPath | None = None,
+) -> Equilibrium:
+    """Return refined points as a result with the loads of a path.
+
+    Critical points are those up to the first one of another kind.
+    """
+    e, parameter, factors = loading.full_equations, loading.parameter, path.factors[-1:].copy()
+    q, lam = (np.array([p.x[part] for p in points]) for part in (slice(e.n), slice(e.n, None)))
+    times = np.array([p.system.time_at(p.mu) for p in points])
+    numbers = None
+    if parameter is not None and parameter.time is not None:
+        numbers = np.array([parameter.equations_at(p.mu).p for p in points])
+    factors[:, _find_stage(path) :][:, :1] = points[-1].mu
+    refined = () if traced is None else traced.critical
+    pairs = zip(path.critical, refined, strict=False)
+    return replace(
+        path,
+        equations=e,
+        factors=factors if traced is None else traced.factors,
+        q=q,
+        lam=loading.full_multipliers(q, lam, times),
+        unstable=np.full(len(points), points[-1].unstable_count),
+        critical=tuple(y for _, y in takewhile(lambda x: x[0].kind == x[1].kind, pairs)),
+        times=times,
+        numbers=numbers,
+    )
+
+
+def _is_same_end(
+    refinement: Refinement, path: Equilibrium, end: EquilibriumPoint, traced: EquilibriumPoint
+) -> bool:
+    """Return False if a traced path leads to another end, such as that of a mirrored branch."""
+    n = refinement.equations.n
+    scale = refinement.equations.position_scales
+    motion = (refinement.prolongation @ (path.q[-1] - path.q[0])) / scale
+    difference = np.abs(end.x[:n] - traced.x[:n]) / scale
+    return bool(np.max(difference) <= _SAME_END * np.max(np.abs(motion), initial=1e-9))
