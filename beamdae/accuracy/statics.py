@@ -16,12 +16,13 @@ from beamdae.analysis.statics.corrector import Corrector, CorrectorError, Equili
 from beamdae.analysis.statics.linear_buckling import Buckling, repeat_buckling
 from beamdae.analysis.statics.load_scaling import Loading, build_loading, vary_parameter
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
-from beamdae.analysis.statics.path_controls import DisplacementControl, LoadControl
+from beamdae.analysis.statics.path_controls import Control, DisplacementControl, LoadControl
 from beamdae.analysis.statics.path_parameters import quantity_units, resolve_parameter
 from beamdae.analysis.statics.path_tracing import EquilibriumPath, PathSettings, trace_path
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, format_headers
 from beamdae.errors import BeamdaeError, hold_messages
+from beamdae.interrupts import Interrupted
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.results.columns import UNITS_OF_POSITIONS, Header, mark_resting_columns
 from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
@@ -230,6 +231,8 @@ def _repeat(path: Equilibrium, refinement: Refinement) -> Values:
         for sign in (1, -1) if settings.switch else (1,):
             switch = tuple(sign * x for x in settings.switch)
             traced = trace_path(loading, start, replace(settings, switch=switch))
+            if traced.status.kind == "interrupted":
+                raise Interrupted(traced.status.sentence)
             is_complete = traced.status.success or not path.status.success
             if end is not None and not _is_same_end(refinement, path, end, traced.points[-1]):
                 is_complete &= not (settings.switch or is_near)
@@ -283,7 +286,8 @@ def _correct_end(
     )
     if path.free and system.has_scaled_loads:
         system = hold_neutral_motions(system, x)
-    control, target = LoadControl(), mu
+    control: Control = LoadControl()
+    target = mu
     if settings.column:
         control, coarse = (
             DisplacementControl.from_name(e, settings.column, system.loaded.time)

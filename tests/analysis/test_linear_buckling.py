@@ -1,6 +1,5 @@
 """Linear buckling loads against closed forms, paths and each other."""
 
-import warnings
 from itertools import pairwise
 
 import numpy as np
@@ -217,75 +216,6 @@ def test_result_is_a_table_and_a_picture(tmp_path):
     assert list(table) == ["mode", "load factor [-]", "moves most"]
     assert "2.46" in repr(result)
     assert bd.draw_modes(result).save(tmp_path / "modes.png").stat().st_size > 1000
-
-
-@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
-def test_regression_long_elements_have_a_warning(formulation):
-    """Factors of short waves were too high without a word."""
-    mech = hinged_column(4, formulation)
-    with pytest.warns(bd.BeamdaeWarning, match=r"elements are too long for mode \d"):
-        coarse = bd.buckling(mech, n=6)
-    euler = mech.part("column").section.EI * np.pi**2 * np.arange(1.0, 7.0) ** 2
-    assert coarse.factors[0] < 1.001 * euler[0]
-    assert coarse.factors[5] > 1.01 * euler[5]
-    fine = bd.buckling(hinged_column(16, formulation), n=6)
-    assert not fine.warnings
-    assert_allclose(fine.factors, euler, rtol=2e-3)
-
-
-@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
-def test_regression_factors_of_few_elements_are_compared_with_halved_ones(formulation):
-    """The factors of a hinged column of one element were 1.3 and 52 % too high without a word."""
-    mech = hinged_column(1, formulation)
-    euler = mech.part("column").section.EI * np.pi**2 * np.array([1.0, 4.0])
-    with pytest.warns(bd.BeamdaeWarning, match="column: 1 element is too few") as caught:
-        coarse = bd.buckling(mech, n=2).factors
-    with warnings.catch_warnings(record=True) as of_fine:
-        warnings.simplefilter("always")
-        fine = bd.buckling(hinged_column(2, formulation), n=2).factors
-    assert_allclose(fine[0], euler[0], rtol=1e-3)
-    first, second = (100.0 * (1.0 - fine / coarse)).tolist()
-    changes = f"a change of {second:.0f} % (also the load factor of mode 1 {first:.1f} %)"
-    assert changes in str(caught[0].message)
-    # The second factor of two elements is that of one per half wave.
-    assert [("mode 2" in str(x.message), "mode 1" in str(x.message)) for x in of_fine] == [
-        (True, False)
-    ]
-
-
-def test_waves_on_elastic_supports_are_longer_than_the_load_implies():
-    """Supports carry half the load: the wave number is 0.7 times that of a free column."""
-    mech = hinged_column(8, "exact")
-    column = mech.part("column")
-    for k in range(1, 8):
-        s = k / 8.0
-        support = mech.ground.at(0.0, s)
-        mech.add(bd.Bushing(f"support {k}", support, column.at(s), kx=2000.0, angle=0.0))
-    assert not bd.buckling(mech, n=5).warnings
-
-
-def test_regression_critical_points_of_long_elements_have_a_note():
-    """The branch point of a propped column of one element was 9 % too high without a word."""
-
-    def propped(elements):
-        mech = bd.Mechanism()
-        strip = bd.Section.rectangle(STEEL, width=0.02, height=0.004)
-        line = bd.Line((0.0, 0.0), (0.0, 1.0))
-        beam = mech.add(bd.Beam("column", line, strip, elements, formulation="exact"))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-        mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 1.0), beam.end, (0.0, 1.0)))
-        mech.add(bd.Force("press", beam.end, (0.0, -strip.EI)))
-        mech.observe("top", beam.end)
-        return mech
-
-    coarse, fine = (bd.equilibrium(propped(elements), to=23.0) for elements in (1, 4))
-    assert fine.critical[0].factor == pytest.approx(20.19, rel=1e-3)
-    assert coarse.critical[0].factor > 1.08 * fine.critical[0].factor
-    (note,) = coarse.notes
-    assert note.startswith("column: 1 element is too few: with halved elements, load factor of the")
-    change = 1.0 - fine.critical[0].factor / coarse.critical[0].factor
-    assert f"branch point is 20.234 instead of 22.019, a change of {100.0 * change:.0f}" in note
-    assert not fine.notes
 
 
 def side_spring_column(stiffness, formulation="exact"):

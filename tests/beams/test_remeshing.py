@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
+from beamdae.beams.prolongation import halve_elements, prolongation_matrix
 from beamdae.beams.remeshing import with_meshes
 
 ALLOY = bd.Material(E=6.9e10, nu=0.3, rho=2700.0)
@@ -146,3 +147,34 @@ def test_regression_laws_without_a_module_are_copied():
     mech.add(bd.ForceLaw("law", beam.end, law))
     copied = with_meshes(mech, {"beam": beam.mesh}, {})
     assert bd.equations_of_motion(copied).n == bd.equations_of_motion(mech).n
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"formulation": "exact"},
+        {"formulation": "exact", "nodes": 3},
+        {"frame": "chord"},
+        {"frame": "tangent"},
+        {"elements_shape": "straight", "elements": 40},
+    ],
+)
+def test_motions_on_both_meshes_are_equal(options):
+    elements = options.pop("elements", 6)
+    curve, section = bd.Arc(0.5, 1.0, angle=1.0), bd.Section.rectangle(ALLOY, 0.02, 2e-3)
+    coarse = bd.Beam("arch", curve, section, elements, **options)
+    fine = coarse.with_mesh(halve_elements(coarse.mesh))
+    matrix = prolongation_matrix(coarse, fine)
+    # The neglected angles between axes are up to 0.05 for straight elements, times the amplitude.
+    amplitude = 1e-3
+    rng = np.random.default_rng(1)
+    change = amplitude * rng.standard_normal(len(coarse.coordinates))
+    q = coarse.initial_position + change
+    other = fine.initial_position + matrix @ change
+    for s in np.linspace(0.0, 1.0, 4):
+        positions = []
+        for beam, coordinates in ((coarse, q), (fine, other)):
+            point = beam.kinematics.material_point(float(s))
+            values = point.motion(point.operator @ coordinates)
+            positions.append(np.array(values[0]).ravel())
+        assert positions[0] == pytest.approx(positions[1], abs=1e-4)

@@ -15,9 +15,8 @@ from beamdae.analysis.linear_dynamics.linearization import (
     linearize_at_rest,
     load_path_end,
 )
-from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
+from beamdae.analysis.statics.corrector import Corrector, CorrectorError
 from beamdae.analysis.statics.load_scaling import build_loading
-from beamdae.analysis.statics.mesh_dependence import RefinedPath
 from beamdae.analysis.statics.path_controls import LoadControl
 from beamdae.equations.assembly.refined_beams import RefinedBeams
 from beamdae.errors import BeamdaeError
@@ -96,8 +95,11 @@ def _linearize_path_end(
     coarse, loaded, factor = load_path_end(mechanism, e, path)
     loads = [list(stage) for stage in path.loads] or None
     fine = build_loading(refined.mechanism, refined.equations, loads, path.t)
-    point = EquilibriumPoint(loaded, np.append(lin.state.q, lin.state.lam), factor)
-    system, x = RefinedPath(coarse, fine, refined).transfer(point)
+    k = [system.loaded is loaded.loaded for system in coarse.systems].index(True)
+    system, names = fine.systems[k], loaded.equations.lam_names
+    multipliers = dict(zip(names, lin.state.lam.tolist(), strict=True))
+    lam = [multipliers.get(name, 0.0) for name in system.equations.lam_names]
+    x = np.append(refined.start + refined.prolongation @ lin.state.q, lam)
     point = Corrector(system).correct(LoadControl(), factor, x, factor)
     equations = system.equations
     equations = replace(equations, q0=point.x[: equations.n], v0=np.zeros(equations.n))

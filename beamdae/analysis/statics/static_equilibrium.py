@@ -35,7 +35,13 @@ from beamdae.errors import (
     warn_of_result,
     warnings_are_ignored,
 )
-from beamdae.interrupts import PARTIAL_RESULTS, Interrupted, PartialResult, interruptible
+from beamdae.interrupts import (
+    PARTIAL_RESULTS,
+    Interrupted,
+    PartialResult,
+    acknowledge,
+    interruptible,
+)
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
@@ -253,7 +259,15 @@ def equilibrium(
     if not result.status.success:
         warn_of_incomplete_result(_describe_early_end(result))
     if not (skips_result_checks() or warnings_are_ignored()):
-        warn_of_result(result.warnings, equations.build_warnings)
+        try:
+            sentences = result.warnings
+        except KeyboardInterrupt:
+            acknowledge()
+            if partial == "raise":
+                reason = "interrupted while its errors were measured"
+                raise Interrupted(reason, result, _NAME) from None
+            sentences = ()
+        warn_of_result(sentences, equations.build_warnings)
     return result
 
 

@@ -1,0 +1,160 @@
+"""Errors of equilibria and buckling loads beside closed forms."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+
+STEEL = bd.Material.of("steel")
+STRIP = bd.Section.rectangle(STEEL, width=0.05, height=0.0015)
+LEAF = bd.Section.rectangle(STEEL, width=0.045, height=4.3e-3)
+COLUMN = bd.Section.rectangle(STEEL, width=0.02, height=1e-3)
+LIMIT = 0.04
+
+
+def cantilever(section, length, elements, force, **options):
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (length, 0.0))
+    beam = mech.add(bd.Beam("beam", line, section, elements, **options))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.end, force))
+    mech.observe("root", beam.stress(0.0, "top"))
+    mech.observe("clamp", beam.section_forces(0.0))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+def column(elements, support="hinge", **options):
+    """Return a column of 1 m under a force of EI / L^2, with a guide at its end."""
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (1.0, 0.0)), COLUMN, elements, **options))
+    joint = bd.Weld if support == "clamp" else bd.Revolute
+    mech.add(joint("left", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.PointOnLine("right", mech.ground.at(0.0, 0.0), beam.end))
+    mech.add(bd.Force("press", beam.end, (-COLUMN.EI, 0.0)))
+    mech.observe("tip", beam.end)
+    mech.observe("end", beam.section_forces(1.0))
+    return mech
+
+
+def assert_stated(result, header, error):
+    """The error of a value is stated within a factor of two, and in a sentence above 4 %."""
+    total = result.errors.table()["total"][header]
+    assert min(error, 1.0) / 2.0 < min(total, 1.0) < 2.0 * error
+    name = header.rpartition(" [")[0]
+    assert any(name in x for x in result.errors.sentences()) == (total > LIMIT)
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize("options", [{}, {"formulation": "exact"}], ids=["frame", "exact"])
+@pytest.mark.parametrize(("tension", "force", "elements"), [(200.0, 1.0, 2), (4e3, 100.0, 6)])
+def test_boundary_layers_of_beams_under_tension(tension, force, elements, options):
+    result = bd.equilibrium(cantilever(STRIP, 0.6, elements, (tension, -force), **options))
+    layer = math.sqrt(STRIP.EI / tension)
+    moment = force * layer * math.tanh(0.6 / layer)
+    stress = tension / STRIP.area + 0.5 * 0.0015 * moment * STEEL.E / STRIP.EI
+    assert_stated(result, "root [Pa]", abs(result["root [Pa]"].iloc[-1] / stress - 1.0))
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize("load", [300.0, 600.0, 900.0])
+def test_strains_of_moderate_rotations(load):
+    # Vertical forces are in equilibrium with the shear force in the horizontal clamp.
+    result = bd.equilibrium(cantilever(LEAF, 0.35, 4, (0.0, -load)))
+    assert_stated(result, "clamp.Q [N]", abs(-result["clamp.Q"].iloc[-1] / load - 1.0))
+    causes = result.errors.table().loc["clamp.Q [N]"]
+    assert causes["theory"] > 10.0 * causes["mesh"]
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize("options", [{}, {"formulation": "exact"}], ids=["frame", "exact"])
+@pytest.mark.parametrize("elements", [1, 2, 3])
+def test_buckling_loads(elements, options):
+    result = bd.buckling(column(elements, **options), n=2)
+    for k, factor in enumerate(result.factors):
+        euler = ((k + 1) * math.pi) ** 2
+        if factor / euler > 1.001:
+            assert_stated(result, f"load factor of mode {k + 1} [-]", factor / euler - 1.0)
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+def test_critical_points_of_coarse_paths():
+    result = bd.equilibrium(column(1, "clamp", formulation="exact"), to=23.0)
+    assert_stated(result, "branch point 1 [-]", result.critical[0].factor / 20.1907 - 1.0)
+
+
+@pytest.mark.slow(reason="one second")
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize("elements", [6, 8, 12])
+def test_stability_beyond_the_figure_eight(elements):
+    # One direction is unstable (second variation by a spectral method); its eigenvalue is 1e-3 of
+    # the next one, and 6 and 8 elements have a branch point at 76.2 and 90.5 before.
+    mech = column(elements, formulation="exact")
+    path = bd.equilibrium(mech, to={"tip.x": -0.6}, switch=1)
+    table = path.errors.table()
+    assert table["companion"]["unstable directions [-]"] == 1.0
+    is_named = any("the stability at load factor 100" in x for x in path.warnings)
+    assert is_named == (elements < 12)
+    # The refined path may switch to the mirrored branch first.
+    pairs = table.loc[["branch point 1 [-]", "branch point 2 [-]"]]
+    assert np.allclose(pairs["value"], pairs["companion"], rtol=1e-4)
+
+
+def test_accurate_paths_have_no_sentence():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        settings = {"elements": 24, "formulation": "exact"}
+        path = bd.equilibrium(cantilever(STRIP, 0.6, force=(200.0, -1.0), **settings))
+        bd.buckling(column(12, formulation="exact"), n=3)
+    assert path.errors.largest < LIMIT
+
+
+def test_columns_that_are_zero_have_no_error():
+    path = bd.equilibrium(cantilever(STRIP, 0.6, 8, (0.0, 0.0), formulation="exact"))
+    assert path.errors.largest == 0.0
+    # Moments at hinges are errors of elements, small beside the moment along the beam.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        bent = bd.equilibrium(column(8, formulation="exact"), to={"tip.x": 0.8}, switch=1)
+    assert bent.errors.table()["total"]["end.M [N m]"] < 0.01
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize(("over", "to"), [("pull", 0.25), ("load", 600.0)])
+def test_paths_over_other_quantities(over, to):
+    def pulled(elements, **options):
+        @bd.model(t_end=1.0)
+        def leaf(load=100.0):
+            mech = cantilever(LEAF, 0.35, elements, (0.0, -load), **options)
+            if over == "pull":
+                pin = mech.ground.at(0.35, 0.4)
+                mech.add(bd.Distance("pull", pin, mech.parts["beam"].end))
+            return mech
+
+        return bd.equilibrium(leaf, over=over, to=to)
+
+    path, fine = pulled(3), pulled(12, formulation="exact")
+    largest = np.abs(path.section_forces("beam").Q).max()
+    change = abs(path["clamp.Q"].iloc[-1] - fine["clamp.Q"].iloc[-1])
+    assert_stated(path, "clamp.Q [N]", change / max(largest, path["clamp.Q"].abs().max()))
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+def test_results_that_cannot_be_checked_have_a_reason():
+    path = bd.equilibrium(column(3), to=12.0, switch=-1)
+    row = path.at(len(path.q) - 1) if path.status.success else path.at(len(path.q) // 2)
+    (reason,) = {x for x in row.errors.table()["status"] if x != "measured"}
+    assert reason.startswith("not checked: the refined result is not found: with refined beams")
+    assert not list(row.errors.sentences())
+
+
+def test_nothing_is_measured_where_warnings_are_ignored():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        path = bd.equilibrium(cantilever(LEAF, 0.35, 2, (0.0, -600.0)))
+    assert "errors" not in vars(path)
+    with pytest.warns(bd.BeamdaeWarning, match="clamp.Q: the error is about 5.9 %"):
+        bd.equilibrium(cantilever(LEAF, 0.35, 2, (0.0, -600.0)))
