@@ -90,9 +90,7 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> PageContent:
             "rows": critical,
         },
         export_table("Observed", terminal.range_table(observed)) if observed else {"rows": []},
-        export_table(
-            "Validity of the beams", terminal.validity_table(equilibrium.validity), "errors"
-        ),
+        export_table("Errors", terminal.errors_table(equilibrium.errors), "errors"),
         _settings_table(equilibrium.settings),
     ]
     lengths = [x for x in observed if Header.of(x).unit == "m"]

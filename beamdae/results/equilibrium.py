@@ -19,11 +19,7 @@ from beamdae.errors import format_count, require_count
 from beamdae.interrupts import interruptible
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header, can_select, merge_columns, select_columns
-from beamdae.results.diagnostics.meshes.beam_ranges import (
-    BeamRange,
-    measure_beam_ranges,
-    strain_warnings,
-)
+from beamdae.results.diagnostics.strain_limits import strain_warnings
 from beamdae.results.displays import HasPage, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.section_forces.recovery import recover_section_forces_at_state
@@ -453,11 +449,6 @@ class Equilibrium(HasPage):
         return self.section_forces(beam).diagram(what)
 
     @cached_property
-    def validity(self) -> tuple[BeamRange, ...]:
-        """Largest deformation of each floating-frame beam, and estimated error of its strains."""
-        return measure_beam_ranges(self.equations, self._checked_positions)
-
-    @cached_property
     def errors(self) -> Any:
         """Errors of the end and of critical points, see `Errors`, measured with refined beams."""
         return deferred.module("accuracy.statics").measure_equilibrium(self)
@@ -479,7 +470,7 @@ class Equilibrium(HasPage):
                     "equilibrium position is arbitrary; add a spring or a joint, or choose the "
                     f"position with start={{{self.free!r}: ...}}."
                 )
-        strains = strain_warnings(self.equations, self.validity, lambda: self._checked_positions)
+        strains = strain_warnings(self.equations, self._checked_positions)
         outside = list_arguments_outside(self.equations, self._times[-1], self._checked_positions)
         limits: Iterable[str] = ()
         if self.status.success:

@@ -158,3 +158,31 @@ def test_nothing_is_measured_where_warnings_are_ignored():
     assert "errors" not in vars(path)
     with pytest.warns(bd.BeamdaeWarning, match="clamp.Q: the error is about 5.9 %"):
         bd.equilibrium(cantilever(LEAF, 0.35, 2, (0.0, -600.0)))
+
+
+@pytest.mark.slow(reason="half a second")
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+def test_columns_near_their_buckling_load():
+    """Deflections were off by 15 %, and by more near a false limit point, beside small strains."""
+
+    def column(factor, **settings):
+        mech = bd.Mechanism()
+        steel = bd.Material(E=205e9, nu=0.3, rho=7850.0)
+        section = bd.Section.rectangle(steel, width=0.025, height=3e-3)
+        beam = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (0.0, 0.9)), section, **settings))
+        mech.add(bd.Revolute("foot", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.TorsionSpring("clamp", mech.ground.at(0.0, 0.0), beam.start, 15.0))
+        mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.9), beam.end, (0.0, 1.0)))
+        mech.add(bd.Force("press", beam.end, (0.0, -168.6 * factor)))
+        mech.add(bd.Force("side", beam.at(0.45), (0.5, 0.0)))
+        mech.observe("middle", beam.at(0.45))
+        return bd.equilibrium(mech)
+
+    bent, exact = column(0.975), column(0.975, elements=12, formulation="exact")
+    reference = exact["middle.x"].iloc[-1]
+    assert_stated(bent, "middle.x [m]", bent["middle.x"].iloc[-1] / reference - 1.0)
+    assert exact.errors.largest < LIMIT
+    # This path ends before its load, which it reaches with exact strains.
+    failed = column(0.99)
+    assert not failed.status.success
+    assert failed.errors.companions.tolist() == [1.0]

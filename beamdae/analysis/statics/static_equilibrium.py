@@ -29,7 +29,6 @@ from beamdae.errors import (
     hold_messages,
     require_choice,
     require_finite,
-    set_fields,
     short_repr,
     warn_of_incomplete_result,
     warn_of_result,
@@ -47,11 +46,8 @@ from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.parts.rotation import Rotation
 from beamdae.results.diagnostics.contacts.deep_contacts import deep_rest_warnings
-from beamdae.results.diagnostics.meshes.beam_ranges import (
-    describe_meaningless_strain,
-    measure_beam_ranges,
-)
 from beamdae.results.diagnostics.start_changes import drawing_warnings
+from beamdae.results.diagnostics.strain_limits import describe_meaningless_strain
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.outcome import Status
 from beamdae.simulation import as_equations, skips_result_checks
@@ -226,8 +222,6 @@ def equilibrium(
             numbers = np.array([parameter.equations_at(point.mu).p for point in path.points])
             last = parameter.equations_at(path.points[-1].mu)
             equations = replace(last, start=equations.start)
-        # The numbers of the equations are those of the last row.
-        ranges = measure_beam_ranges(equations, positions if numbers is None else positions[-1:])
         has_friction = any(term.rows is not None for term in equations.forces)
         result = Equilibrium(
             equations,
@@ -253,7 +247,6 @@ def equilibrium(
             times,
             numbers,
         )
-        set_fields(result, validity=ranges)  # already measured
     if result.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(result.status.sentence, result, _NAME)
     if not result.status.success:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -234,15 +234,18 @@ def _print_results(result: Equilibrium, name: str) -> None:
     console = print_facts(name, path_facts(result), lambda: _json_results(result))
     if result.columns:
         console.print(text_tables.range_table(result.columns, None))
-    if result.validity:
-        console.print(text_tables.validity_table(result.validity))
-    print_warnings(console, result.warnings)
+    warnings = result.warnings
+    if "errors" in vars(result):
+        console.print(text_tables.errors_table(result.errors))
+    print_warnings(console, warnings)
 
 
 def _json_results(result: Equilibrium) -> dict[str, Any]:
     from beamdae.report.terminal import text_tables
 
-    results = result.metadata(validity=[asdict(beam) for beam in result.validity])
+    errors = dict(zip(result.errors.headers, result.errors.total.tolist(), strict=True))
+    finite = {name: x if math.isfinite(x) else None for name, x in errors.items()}
+    results = result.metadata(**{"relative errors": finite})
     del results["warnings"]
     observed = text_tables.column_extremes(result.columns)
     return results | {"points": len(result.q), "observed": observed}

@@ -18,7 +18,7 @@ from beamdae.report.text import make_printable
 if TYPE_CHECKING:
     import pandas as pd
 
-    from beamdae.results.diagnostics.meshes.beam_ranges import BeamRange
+    from beamdae.accuracy.errors import Errors
     from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
     from beamdae.results.solution import Solution
 
@@ -144,19 +144,17 @@ def sampling_facts(solution: Solution) -> dict[str, str]:
     }
 
 
-def validity_table(beams: Iterable[BeamRange]) -> ResponsiveTable:
-    """Return a table of each beam's largest deflection, rotation, strain and estimated error."""
-    columns = [
-        Column("deflection\nof length", 2),
-        Column("rotation\n[rad]", 3),
-        Column("strain\n[-]", 1),
-        Column("estimated\nerror [-]"),
-    ]
+def errors_table(errors: Errors) -> ResponsiveTable:
+    """Return a table of the values of a result, of its companion, and the errors by cause."""
+    columns = [Column("value", 1), Column("refined", 2), Column("error\n[-]")]
+    columns += [Column("by\nelements", 3), Column("by\nstrains", 4)]
+    causes = (errors.causes[x] for x in ("mesh", "theory"))
+    values = (errors.values, errors.companions, errors.total, *causes)
     rows = [
-        (x.name, *(format_number(v, 2) for v in (x.deflection, x.rotation, x.strain, x.error)))
-        for x in beams
+        (header, *(format_number(x, 4 if k < 2 else 2) for k, x in enumerate(row)))
+        for header, row in zip(errors.headers, np.stack(values, axis=1).tolist(), strict=True)
     ]
-    return ResponsiveTable("beam", columns, rows, "the JSON file")
+    return ResponsiveTable("errors", columns, rows, "the JSON file")
 
 
 def range_table(
