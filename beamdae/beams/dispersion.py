@@ -1,4 +1,4 @@
-"""Errors of the frequencies of waves in beams, and of buckling loads, by long elements."""
+"""Errors of the frequencies of waves in beams by long elements."""
 
 from __future__ import annotations
 
@@ -15,14 +15,10 @@ Array = np.ndarray
 _BENDING = {4: (6, 1.05e-5), 3: (4, 1.9e-3), 2: (2, 8e-2)}
 # The same for axial waves, from the theory of the elements.
 _AXIAL = {4: (6, 1.0 / 201600.0), 3: (4, 1.0 / 1440.0), 2: (2, 1.0 / 24.0)}
-# Relative error of the load of a buckling mode with the wave number k, by number of nodes.
-# Measured on hinged columns with 1 to 16 elements in both formulations: c is 0.7 to 1.2 times as
-# large up to k h = pi, and half as large at 2 pi.
-_BUCKLING = {4: (6, 1.6e-5), 3: (4, 2.4e-3), 2: (2, 0.18)}
 
 
 def convergence_order(beam: Beam) -> int:
-    """Return the order of convergence of frequencies and buckling loads with the element length."""
+    """Return the order of convergence of frequencies with the element length."""
     return _BENDING[beam.mesh.nodes][0]
 
 
@@ -63,21 +59,6 @@ def bending_wave_errors(beam: Beam, rates: Array, tension: Array | float = 0.0) 
     lengths = beam.mesh.element_lengths
     powers = (lengths * bending_wave_numbers(beam, rates, tension)) ** order
     return np.asarray(factor * (powers @ lengths) / np.sum(lengths))
-
-
-def buckling_errors(beam: Beam, wave_numbers: Array) -> Array:
-    """Return the relative errors of the loads of buckling modes, (k,).
-
-    Parameters
-    ----------
-    beam
-        The beam.
-    wave_numbers
-        Wave numbers of the modes in the elements, (k, elements) [1/m].
-    """
-    order, factor = _BUCKLING[beam.mesh.nodes]
-    lengths = beam.mesh.element_lengths
-    return np.asarray(factor * ((lengths * wave_numbers) ** order @ lengths) / np.sum(lengths))
 
 
 def axial_wave_error(beam: Beam, rate: float) -> float:

@@ -20,9 +20,6 @@ from beamdae.linear.factorizations import SingularMatrixError
 
 Array = np.ndarray
 
-# Relative tolerance of the ratio of two eigenvalues.
-_RATIO_TOLERANCE = 1e-3
-
 
 class CorrectorError(ArithmeticError):
     """Raised if a path cannot be computed at a point; the message has no final period."""
@@ -74,19 +71,6 @@ class EquilibriumPoint:
     def is_count_certain(self) -> bool:
         """True if forces have a potential and no eigenvalue is zero up to rounding of pivots."""
         return self._certain_count is not None
-
-    @cached_property
-    def eigenvalue_ratio(self) -> float:
-        """Ratio of the two smallest eigenvalues by magnitude; infinity if not applicable."""
-        bordered = self.system.bordered
-        modes = bordered.nearest_modes(self.x, self.mu, 2, _RATIO_TOLERANCE, with_vectors=False)
-        zero = 0.0 if modes else self.stability.zero_tolerance
-        eigenvalues = modes.eigenvalues if modes else self.stability.eigenvalues
-        sizes = sorted(map(abs, eigenvalues.tolist()))[:2]
-        # A motion without stiffness has none on any mesh.
-        if len(sizes) < 2 or sizes[0] <= zero:
-            return np.inf
-        return float(sizes[0] / sizes[1])
 
     @cached_property
     def rounding_ratio(self) -> float:
