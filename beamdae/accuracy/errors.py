@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Array = np.ndarray
+T = TypeVar("T")
 
 # Errors that have a sentence, and those at which recommended settings aim.
 LIMIT, AIM = 0.04, 0.01
@@ -100,7 +101,7 @@ class Errors(HasTable):
     has_failed
         True if the companion does not reach the end.
     relative_to
-        What errors are relative to, for sentences.
+        What the errors, or those of each column, are relative to, for sentences.
     split
         Function that returns `causes`, if there may be several.
     """
@@ -113,7 +114,7 @@ class Errors(HasTable):
     refined: Refined
     reason: str = ""
     has_failed: bool = False
-    relative_to: str = "half its range"
+    relative_to: str | tuple[str, ...] = "half its range"
     split: Callable[[], Mapping[str, Array]] | None = None
 
     @classmethod
@@ -154,8 +155,37 @@ class Errors(HasTable):
             split=split,
         )
 
+    @classmethod
+    def join(cls, parts: Sequence[Errors]) -> Errors:
+        """Return the errors of several results, refined in the same way, as those of one."""
+
+        def split() -> dict[str, Array]:
+            return {x: np.concatenate([part.causes[x] for part in parts]) for x in CAUSES}
+
+        def collect(name: str) -> Array:
+            return np.concatenate([getattr(part, name) for part in parts])
+
+        failed = [x for x in parts if x.reason]
+        relative_to: tuple[str, ...] = ()
+        for x in parts:
+            text = x.relative_to
+            relative_to += (text,) * len(x.headers) if isinstance(text, str) else text
+        return cls(
+            tuple(header for x in parts for header in x.headers),
+            collect("values"),
+            collect("companions"),
+            collect("total"),
+            collect("rows"),
+            parts[0].refined,
+            failed[0].reason if failed else "",
+            any(x.has_failed for x in parts),
+            relative_to,
+            split,
+        )
+
     def __repr__(self) -> str:
-        worst = f"largest {format_percent(self.largest)}" if not self.reason else self.reason
+        is_known = bool(np.isfinite(self.total).any())
+        worst = f"largest {format_percent(self.largest)}" if is_known else self.reason
         return f"<Errors of {len(self.headers)} columns: {worst}>"
 
     @property
@@ -173,7 +203,7 @@ class Errors(HasTable):
         has_mesh = bool(self.refined.elements or self.refined.friction_speeds)
         is_possible = bool(self.refined.accuracy[0]), has_mesh, bool(self.refined.inexact)
         possible = dict(zip(CAUSES, is_possible, strict=True))
-        if sum(possible.values()) < 2 or self.split is None or self.reason:
+        if sum(possible.values()) < 2 or self.split is None:
             return {x: self.total if possible[x] else np.zeros_like(self.total) for x in CAUSES}
         return self.split()
 
@@ -236,7 +266,9 @@ class Errors(HasTable):
         causes = {x: y[wrong[0]] for x, y in self.causes.items() if y[wrong[0]] > 0.0}
         parts = ", ".join(f"{_NAMES_OF_CAUSES[x]} {_format_error(y)}" for x, y in causes.items())
         by = f", by {parts}" if len(causes) > 1 else ""
-        text = name_with_others(f"{largest} of {self.relative_to}{by}", others, _MAX_NAMES)
+        relative_to = self.relative_to
+        of = relative_to if isinstance(relative_to, str) else relative_to[wrong[0]]
+        text = name_with_others(f"{largest} of {of}{by}", others, _MAX_NAMES)
         advice = self.recommend()
         yield f"{text}, measured by {self.refined}{'; use ' if advice else ''}{advice}."
 
@@ -262,6 +294,40 @@ class Errors(HasTable):
             ratio **= 1.0 / refined.order if name == "step" else 1.0
             texts.append(f"{name}={ratio * value:.1g}")
         return join_names(texts) if texts else ""
+
+
+def split_causes(
+    result: T,
+    companion: T,
+    repeat: Callable[[bool], T | None],
+    compare: Callable[[T, T], Array],
+    has_theory: bool,
+) -> dict[str, Array]:
+    """Return the errors of the columns by cause.
+
+    Parameters
+    ----------
+    result, companion
+        The result and its companion.
+    repeat
+        Function that repeats the result with refined steps and, if its argument is True, halved
+        elements with original strains; None if it fails.
+    compare
+        Function that returns the errors (columns,) of its first argument relative to its second.
+    has_theory
+        True if the companion has other strains.
+    """
+    timed = repeat(False)
+    if timed is None:
+        return dict.fromkeys(CAUSES, np.full_like(compare(result, companion), np.nan))
+    causes = {"time": compare(result, timed), "mesh": compare(timed, companion)}
+    causes["theory"] = np.zeros_like(causes["mesh"])
+    if has_theory and np.nanmax(causes["mesh"], initial=0.0) >= AIM:
+        meshed = repeat(True)
+        if meshed is not None:
+            causes["mesh"] = compare(timed, meshed)
+            causes["theory"] = compare(meshed, companion)
+    return causes
 
 
 _NAMES_OF_CAUSES = {"time": "steps", "mesh": "elements", "theory": "strains"}

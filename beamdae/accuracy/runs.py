@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import replace
@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.accuracy.errors import AIM, FACTOR, Errors, Refined
+from beamdae.accuracy.errors import FACTOR, Errors, Refined, split_causes
 from beamdae.accuracy.refinement import Refinement, refine
-from beamdae.accuracy.values import ColumnDifferences, compare_columns
+from beamdae.accuracy.values import compare_columns
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import BeamdaeError, short_repr
@@ -69,7 +69,7 @@ def measure_run(
     """
     if reason := _find_obstacle(run):
         return _state_obstacle(run, reason)
-    method = _refine_method(run, time_limit)
+    method = refine_method(run, time_limit)
     try:
         refinement, motion = _refine_equations(run)
         equations = run.equations if refinement is None else refinement.equations
@@ -77,11 +77,26 @@ def measure_run(
     except BeamdaeError as problem:
         return _state_obstacle(run, f"a refined run cannot begin: {problem}")
 
-    def split() -> dict[str, Array]:
-        assert refinement is not None
-        return _split(run, other, method, refinement)
+    refined = describe_refinement(run, refinement)
 
-    return replace(_compare(run, other, _describe(run, refinement)), split=split)
+    def repeat(is_halved: bool) -> Solution | None:
+        equations, motion = run.equations, run.trajectory
+        try:
+            if is_halved:
+                halved, motion = _refine_equations(run, strains=False)
+                assert halved is not None
+                equations = halved.equations
+            return _repeat(run, method, equations, motion)
+        except BeamdaeError:
+            return None
+
+    def compare(first: Solution, second: Solution) -> Array:
+        return _compare(first, second, refined).total
+
+    def split() -> dict[str, Array]:
+        return split_causes(run, other, repeat, compare, bool(refined.inexact))
+
+    return replace(_compare(run, other, refined), split=split)
 
 
 @interruptible
@@ -144,20 +159,35 @@ def verify(
 
 def check_run(run: Solution, progress: Progress | None = None) -> Iterator[str]:
     """Yield the sentences of the errors of a run, unless its companion takes too long."""
+    yield from check_result(run, run, lambda limit: measure_run(run, limit, progress))
+
+
+def check_result(result: Any, run: Solution, measure: Callable[[float], Errors]) -> Iterator[str]:
+    """Yield the sentences of the errors of a result, and store them as its `errors`.
+
+    Parameters
+    ----------
+    result
+        The result.
+    run
+        The result, or a typical run of it.
+    measure
+        Function that measures the errors; its argument limits the time of a run [s].
+    """
     if not _are_checked.get():
         return
-    if "errors" not in vars(run):
+    if "errors" not in vars(result):
         spent = run.statistics.setup_time + run.statistics.wall_time
         limit = max(_MIN_TIME_LIMIT, _MAX_TIME_RATIO * spent)
-        errors = measure_run(run, limit, progress)
+        errors = measure(limit)
         if errors.has_failed and "time limit" in errors.reason:
             yield (
                 f"errors: not checked, because {errors.refined} takes more than "
                 f"{limit:.2g} s; use the errors of the result."
             )
             return
-        vars(run)["errors"] = errors
-    yield from run.errors.sentences()
+        vars(result)["errors"] = errors
+    yield from result.errors.sentences()
 
 
 def _find_obstacle(run: Solution) -> str:
@@ -186,7 +216,7 @@ def _compare(run: Solution, other: Solution, refined: Refined, factor: float = F
     return Errors(tuple(run.columns), x.values, x.others, total, x.rows, refined)
 
 
-def _refine_method(run: Solution, time_limit: float | None) -> Integrator:
+def refine_method(run: Solution, time_limit: float | None) -> Integrator:
     """Return the integrator of a companion run: a third of the tolerance, or `Radau`."""
     method: Any = run.made_by
     name, value = method.accuracy
@@ -238,7 +268,8 @@ def _repeat(
     return replace(other, t=other.t[1:]) if is_later else other
 
 
-def _describe(run: Solution, refinement: Refinement | None) -> Refined:
+def describe_refinement(run: Solution, refinement: Refinement | None) -> Refined:
+    """Return the description of what the companion of a run refines."""
     method: Any = run.made_by
     accuracy, order = tuple(method.accuracy), method.order
     if refinement is None:
@@ -248,32 +279,3 @@ def _describe(run: Solution, refinement: Refinement | None) -> Refined:
     return Refined(
         elements, refinement.exact, refinement.sharpened, accuracy, order, refinement.kept
     )
-
-
-def _relative_errors(differences: ColumnDifferences) -> Array:
-    return FACTOR * np.maximum(differences.peaks, differences.means)
-
-
-def _split(
-    run: Solution, other: Solution, method: Integrator, refinement: Refinement
-) -> dict[str, Array]:
-    """Return the errors by cause: the run is repeated with refined steps, and with elements."""
-    timed = _repeat(run, method, run.equations, run.trajectory)
-    causes = dict.fromkeys(("time", "mesh", "theory"), np.full(len(run.columns), np.nan))
-    if not timed.status.success:
-        return causes
-    causes["time"] = _relative_errors(compare_columns(run, timed))
-    causes["mesh"] = _relative_errors(compare_columns(timed, other))
-    causes["theory"] = np.zeros(len(run.columns))
-    if not refinement.exact or np.nanmax(causes["mesh"]) < AIM:
-        return causes
-    try:
-        halved, motion = _refine_equations(run, strains=False)
-    except BeamdaeError:
-        return causes
-    assert halved is not None
-    meshed = _repeat(run, method, halved.equations, motion)
-    if meshed.status.success:
-        causes["mesh"] = _relative_errors(compare_columns(timed, meshed))
-        causes["theory"] = _relative_errors(compare_columns(meshed, other))
-    return causes

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.errors import kind_of_message
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import (
@@ -19,11 +20,7 @@ from beamdae.results.columns import (
 )
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 from beamdae.results.outcome import Status
-from beamdae.results.periodic_motion import (
-    BeamError,
-    largest_modulus,
-    run_warnings,
-)
+from beamdae.results.periodic_motion import PeriodicMotion, largest_modulus, run_warnings
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
@@ -58,8 +55,6 @@ class ResponsePoint:
         Floquet multipliers, complex, sorted by descending modulus; see `PeriodicMotion`.
     forward
         True if the parameter increases along the curve at this point.
-    beam_error
-        Errors of the columns by the strains and elements of beams, see `PeriodicMotion`.
     """
 
     parameter: float
@@ -67,7 +62,11 @@ class ResponsePoint:
     solution: Solution
     multipliers: Array
     forward: bool = True
-    beam_error: BeamError | None = None
+
+    @cached_property
+    def errors(self) -> Any:
+        """Errors of the columns and of the largest multiplier, see `Errors`."""
+        return PeriodicMotion(self.solution, self.period, self.multipliers).errors
 
     @property
     def stable(self) -> bool:
@@ -113,12 +112,16 @@ class FrequencyResponse(HasTable, HasPage):
         """Name of the parameter with its unit, such as "frequency [Hz]"."""
         return f"{self.parameter} [{self.unit}]" if self.unit else self.parameter
 
+    @cached_property
+    def errors(self) -> Any:
+        """Errors of the first, the last, each 20th and the largest motions, see `Errors`."""
+        return deferred.module("accuracy.periodic").measure_response(self)
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """Reason if the curve ended early, and warnings of the motions.
 
-        Of the errors of beams, the largest one; of other warnings that differ only in numbers, the
-        first one.
+        The second one is about `errors`. Of others that differ only in numbers, the first one.
         """
         return self._list_warnings(includes_model=True)
 
@@ -127,30 +130,17 @@ class FrequencyResponse(HasTable, HasPage):
         first: dict[str, str] = {}
         if not self.status.success:
             first[""] = f"frequency_response: {self.status.sentence}."
-        first |= self._beam_warnings()
+        about_errors = deferred.module("accuracy.periodic").check_response(self)
+        first |= {x: x for x in about_errors}
         for point in self.points:
             solution = point.solution
             # Sizes of columns do not depend on rows.
-            for sentence in run_warnings(solution, point.beam_error, includes_rows=False):
+            for sentence in run_warnings(solution, includes_rows=False):
                 if not includes_model and sentence in solution.equations.build_warnings:
                     continue
                 text = f"{self.parameter} = {point.parameter:.6g}: {sentence}"
                 first.setdefault(kind_of_message(sentence), text)
         return tuple(first.values())
-
-    def _beam_warnings(self) -> dict[str, str]:
-        """Return the warning of the largest error of beams, and the first of an unknown error."""
-        errors = [(x.parameter, x.beam_error) for x in self.points if x.beam_error is not None]
-        texts = {}
-        for is_known in (True, False):
-            reported = [x for x in errors if x[1].warning and bool(x[1].columns) is is_known]
-            if reported:
-                value, error = max(reported, key=lambda x: x[1].size)
-                count = f" Such motions: {len(reported)} of {len(self.points)}."
-                texts[f"beams {is_known}"] = (
-                    f"{self.parameter} = {value:.6g}: {error.warning}{count}"
-                )
-        return texts
 
     def table(self) -> pd.DataFrame:
         """Return one row per motion: parameter, period, and sizes of the observed columns.

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import list_first
+from beamdae import deferred
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header
-from beamdae.results.diagnostics.meshes.beam_ranges import MAX_UNREPORTED_ERROR
 from beamdae.results.displays import HasPage, HasTable, Plot
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -24,70 +24,11 @@ Array = np.ndarray
 _STABILITY_MARGIN = 1e-4  # moduli of the multipliers of stable motions may exceed 1 by this
 # Larger errors leave the stability open if they exceed the distance of the largest modulus from 1.
 _MAX_MULTIPLIER_ERROR = 1e-2
-_MAX_NAMES = 3  # of beams and of columns in a warning
-_ROUNDED_PERCENT = 10.0  # larger errors are stated without decimals
 # In place of the remedy of warnings about output rows, an option that periodic motions do not have.
 _ROW_REMEDY = (
     "amplitudes include the steps between the rows, but curves and the table of the rows do not."
 )
 _IMAGINARY_ROUNDING = 1e-6  # largest imaginary part / modulus of a real multiplier
-
-
-@dataclass(frozen=True)
-class BeamError:
-    """Error of a periodic motion by the strains and elements of beams.
-
-    Attributes
-    ----------
-    beams
-        Names of the beams that more accurate ones replace.
-    has_exact_strains, has_fine_mesh
-        Whether these have exact strains, and elements of half the length.
-    columns
-        Relative error of each column by its header, positive if the motion is too large: of the
-        half range or of the largest magnitude, whichever is larger. "period [s]" is the period.
-        Empty if no motion of the more accurate beams was found.
-    """
-
-    beams: tuple[str, ...]
-    has_exact_strains: bool
-    has_fine_mesh: bool
-    columns: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def size(self) -> float:
-        """Largest absolute error; infinite if unknown."""
-        return max(map(abs, self.columns.values()), default=np.inf)
-
-    @property
-    def warning(self) -> str | None:
-        """Warning if the error exceeds 1 %, otherwise None."""
-        if self.size <= MAX_UNREPORTED_ERROR:
-            return None
-        causes = ["strains"] * self.has_exact_strains + ["elements"] * self.has_fine_mesh
-        remedies = ["strain='exact'"] * self.has_exact_strains
-        remedies += ["twice as many elements"] * self.has_fine_mesh
-        beams, remedy = list_first(self.beams, _MAX_NAMES), " and ".join(remedies)
-        if not self.columns:
-            return (
-                f"{beams}: with {remedy}, no periodic motion close to this one was found, so its "
-                f"amplitudes are uncertain; use {remedy}."
-            )
-        largest = sorted(self.columns.items(), key=lambda x: -abs(x[1]))
-        errors = [
-            f"{_format_percent(error)} of {name.partition(' [')[0]}"
-            for name, error in largest
-            if abs(error) > MAX_UNREPORTED_ERROR
-        ]
-        return (
-            f"{beams}: errors by the {' and '.join(causes)} are {list_first(errors, _MAX_NAMES)}; "
-            f"use {remedy}."
-        )
-
-
-def _format_percent(error: float) -> str:
-    percent = 100.0 * error
-    return f"{percent:+.0f} %" if abs(percent) >= _ROUNDED_PERCENT else f"{percent:+.2g} %"
 
 
 @read_only_data
@@ -118,11 +59,8 @@ class PeriodicMotion(HasTable, HasPage):
         Number of Newton iterations.
     status
         Outcome of the search; `status.kind` is "ok" if the search converged.
-    warnings
-        Warnings of `solution`, and others that the call issued.
-    beam_error
-        Largest error of a column by the strains and elements of beams, including its amplification
-        by resonances. None if there are no columns, or no such beams.
+    is_free
+        True if the period was an unknown.
     """
 
     solution: Solution
@@ -132,8 +70,18 @@ class PeriodicMotion(HasTable, HasPage):
     off: float = np.inf
     iterations: int = 0
     status: Status = field(default=Status("ok", "repeats after one period"))
-    warnings: tuple[str, ...] = field(default=(), repr=False)
-    beam_error: BeamError | None = None
+    is_free: bool = False
+
+    @cached_property
+    def errors(self) -> Any:
+        """Errors of the columns, a free period and the largest multiplier, see `Errors`."""
+        return deferred.module("accuracy.periodic").measure_motion(self)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences on `errors`, and warnings of `solution`; `periodic` issues them."""
+        about_errors = deferred.module("accuracy.periodic").check_motion(self)
+        return (*about_errors, *run_warnings(self.solution))
 
     def __repr__(self) -> str:
         return f"<PeriodicMotion: period {self.period:g} s, {self.status.kind}, {self.stability}>"
@@ -227,26 +175,19 @@ class PeriodicMotion(HasTable, HasPage):
         return pd.DataFrame.from_dict(rows, orient="index", columns=names)
 
 
-def run_warnings(
-    solution: Solution, error: BeamError | None, includes_rows: bool = True
-) -> tuple[str, ...]:
-    """Return the warnings of a run over one period, without estimates that the error replaces.
+def run_warnings(solution: Solution, includes_rows: bool = True) -> tuple[str, ...]:
+    """Return the warnings of a run over one period.
 
     Parameters
     ----------
     solution
         The run.
-    error
-        Error of the periodic motion by its beams; None if it is not known.
     includes_rows
         False to omit warnings about rows that miss values between them.
     """
-    sentences = solution.model_warnings
-    replaced: set[str] = set()
     about_rows = {x: f"{x.rpartition('; ')[0]}; {_ROW_REMEDY}" for x in solution.row_warnings}
-    if not includes_rows:
-        replaced |= set(about_rows)
-    return tuple(about_rows.get(x, x) for x in sentences if x not in replaced)
+    sentences = solution.model_warnings
+    return tuple(about_rows.get(x, x) for x in sentences if includes_rows or x not in about_rows)
 
 
 def largest_modulus(multipliers: Array) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.accuracy.errors import Errors
 from beamdae.analysis.periodic.monodromy import LinearizationError
 from beamdae.analysis.periodic.periodic_continuation import (
     _NOT_CONVERGED,
@@ -267,7 +268,7 @@ def arc_point(value, s, slope):
     solution = run_with_columns({"x [m]": np.array([s, -s])})
     point = ResponsePoint(value, 1.0, solution, np.zeros(0), forward=slope > 0.0)
     return SimpleNamespace(
-        value=value, iterations=3, position=s, as_response_point=lambda sign, errors: point
+        value=value, iterations=3, position=s, as_response_point=lambda sign: point
     )
 
 
@@ -410,7 +411,7 @@ def test_regression_steps_against_the_tangents_are_rejected(value, slopes, reaso
 
 def test_peaks_of_monotonic_curves_are_between_their_points():
     rows = [(0.0, 0.0), (9.9, 1.0), (10.0, 0.999), (10.1, 0.998)]
-    points = tuple(arc_point(p, x, 1.0).as_response_point(1.0, None) for p, x in rows)
+    points = tuple(arc_point(p, x, 1.0).as_response_point(1.0) for p, x in rows)
     response = FrequencyResponse("speed", points, Status("ok", "done"))
     ((value, _),) = response.peaks("x")
     assert 0.0 <= value <= 10.0
@@ -423,12 +424,13 @@ def test_regression_warnings_of_motions_are_those_of_the_response():
         ResponsePoint(
             k,
             1.0,
-            SimpleNamespace(warnings=(text,), row_warnings=(), fast_load_warnings=()),
+            SimpleNamespace(model_warnings=(text,), row_warnings=()),
             np.ones(1),
         )
         for k, text in enumerate(texts)
     )
     response = FrequencyResponse("speed", points, Status("ok", "reached the end"))
+    vars(response)["errors"] = Errors.unchecked((), np.zeros(0), "none of these is a motion")
     assert response.warnings == ("speed = 0: " + texts[0], "speed = 2: " + texts[2])
 
 

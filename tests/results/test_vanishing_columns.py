@@ -147,7 +147,7 @@ def test_regression_periodic_motions_have_no_beam_errors_of_fixed_points(
 def test_regression_periodic_motions_still_have_beam_errors_beside_fixed_points() -> None:
     mech = four_bar(1, law=swing(0.1), observed=True)
     texts = sentences(lambda: bd.periodic(mech, period=PERIOD))
-    assert any("errors by the strains and elements are -44 % of middle.phi" in x for x in texts)
+    assert any(x.startswith("middle.phi: the error is about ") for x in texts)
     assert not any("rocker" in x or "pivot" in x for x in texts)
 
 

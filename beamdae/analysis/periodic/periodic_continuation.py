@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import scipy.linalg as la
 
-from beamdae.analysis.periodic.beam_errors import BeamErrorEstimator
 from beamdae.analysis.periodic.law_periods import require_repeating_laws
 from beamdae.analysis.periodic.monodromy import LinearizationError
 from beamdae.analysis.periodic.shooting import (
@@ -37,6 +36,7 @@ from beamdae.errors import (
     short_repr,
     warn_of_incomplete_result,
     warn_of_result,
+    warnings_are_ignored,
 )
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
@@ -230,12 +230,10 @@ def frequency_response(
     )
     if status.kind == "interrupted" and partial == "raise":
         raise Interrupted(status.sentence, response, _NAME)
-    messages = response._list_warnings(includes_model=False)
     if not status.success:
-        # The first one is the status.
-        warn_of_incomplete_result(messages[0])
-        messages = messages[1:]
-    warn_of_result(messages)
+        warn_of_incomplete_result(f"{_NAME}: {status.sentence}.")
+    if not warnings_are_ignored():
+        warn_of_result(response._list_warnings(includes_model=False)[not status.success :])
     return response
 
 
@@ -263,11 +261,10 @@ def _follow_curve(
     """Append the points of the curve to `points`, and return the reason for its end."""
 
     def append(point: CurvePoint) -> None:
-        points.append(point.as_response_point(sign, errors))
+        points.append(point.as_response_point(sign))
         if progress is not None:
             progress(points[-1])
 
-    errors = BeamErrorEstimator()
     step, (first, last) = first_step, curve.ends
     sign = 1.0 if last > first else -1.0
     previous: CurvePoint | None = None
@@ -406,13 +403,12 @@ class CurvePoint:
         """Return the norm of a direction (2 n + 1,) relative to the amplitudes."""
         return float(np.linalg.norm(self.scale(direction)))
 
-    def as_response_point(self, sign: float, errors: BeamErrorEstimator) -> ResponsePoint:
+    def as_response_point(self, sign: float) -> ResponsePoint:
         """Convert to a point of the result; `sign` is 1 for an ascending range, -1 otherwise."""
-        error = errors.measure(self.run, self.monodromy)
         multipliers = floquet_multipliers(self.monodromy)
         forward = sign * self.direction[-1] > 0.0
         period = self.run.period_map.period
-        return ResponsePoint(self.value, period, self.run.solution, multipliers, forward, error)
+        return ResponsePoint(self.value, period, self.run.solution, multipliers, forward)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.periodic.beam_errors import BeamErrorEstimator
 from beamdae.analysis.periodic.law_periods import require_repeating_laws
 from beamdae.analysis.periodic.monodromy import LinearizationError, dominant_range
 from beamdae.analysis.periodic.shooting import (
@@ -31,6 +30,7 @@ from beamdae.errors import (
     require_positive,
     warn_of_incomplete_result,
     warn_of_result,
+    warnings_are_ignored,
 )
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
@@ -42,7 +42,6 @@ from beamdae.results.periodic_motion import (
     PeriodicMotion,
     floquet_multipliers,
     largest_modulus,
-    run_warnings,
 )
 
 Array = np.ndarray
@@ -140,8 +139,8 @@ def periodic(
     Warns
     -----
     BeamdaeWarning
-        If no periodic motion was found, for errors by strains and elements of beams above 1 %, and
-        for each warning of the run over the period.
+        If no periodic motion was found, if `PeriodicMotion.errors` exceed 4 %, and for each warning
+        of the run over the period.
 
     Examples
     --------
@@ -180,15 +179,10 @@ def periodic(
             error.solution,
             guess,
             status=Status("failed", sentence),
-            warnings=error.solution.warnings,
         )
     else:
-        multipliers, error_estimate, monodromy = _refine_multipliers(run)
+        multipliers, error_estimate = _refine_multipliers(run)
         status = _describe_outcome(run, iterations, limits, is_free, multipliers)
-        beam_error = None
-        if status.success and monodromy is not None:
-            beam_error = BeamErrorEstimator().measure(run, monodromy, is_free)
-        beam_warning = None if beam_error is None else beam_error.warning
         motion = PeriodicMotion(
             run.solution,
             run.period_map.period,
@@ -197,12 +191,12 @@ def periodic(
             run.relative_deviation,
             iterations,
             status,
-            (*filter(None, [beam_warning]), *run_warnings(run.solution, beam_error)),
-            beam_error,
+            is_free=is_free,
         )
     if not motion.status.success:
         warn_of_incomplete_result(f"periodic: {motion.status.sentence}.")
-    warn_of_result(motion.warnings, equations.build_warnings)
+    if not warnings_are_ignored():
+        warn_of_result(motion.warnings, equations.build_warnings)
     return motion
 
 
@@ -305,14 +299,14 @@ def _find_drifting_state(run: PeriodRun) -> str:
     return parts[0].name if len(parts) == 1 and parts[0].is_state else ""
 
 
-def _refine_multipliers(run: PeriodRun) -> tuple[Array, float, Array | None]:
-    """Return the Floquet multipliers, an error estimate, and the monodromy matrix if known.
+def _refine_multipliers(run: PeriodRun) -> tuple[Array, float]:
+    """Return the Floquet multipliers and an error estimate.
 
     The estimate is the change of the largest modulus if the steps are halved, or that expected of
     all further halvings. Of the matrix with twice the first steps, only the restriction to the
     range of the next matrix is computed.
     """
-    multipliers, monodromy, persistent = np.zeros(0, complex), None, None
+    multipliers, persistent = np.zeros(0, complex), None
     change, error, is_resolved = np.inf, np.inf, False
     first = run.steps_per_node
     for refinement in range(_MAX_REFINEMENTS + 1):
@@ -338,7 +332,7 @@ def _refine_multipliers(run: PeriodRun) -> tuple[Array, float, Array | None]:
         multipliers = refined
         if error <= _MULTIPLIER_TOLERANCE and is_resolved:
             break
-    return multipliers, float(error), monodromy
+    return multipliers, float(error)
 
 
 def _modulus_change(refined: Array, multipliers: Array) -> float:

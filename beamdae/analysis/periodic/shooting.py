@@ -751,17 +751,13 @@ def solve_shooting(
     v: Array,
     tolerance: Tolerance,
     free_period: bool = False,
-    linearization: Linearization | None = None,
     amplitudes: Array | None = None,
-    max_difference: float = np.inf,
 ) -> tuple[PeriodRun, int]:
     """Return the best result of Newton's method, and the number of iterations.
 
     The method has converged if `relative_deviation` is at most `tolerance.accepted`. With
     `free_period`, the period is an unknown; the phase condition keeps corrections of the state
-    orthogonal to its time derivative. `linearization` and `amplitudes`, (n,), are those of a
-    similar motion, or None. The iteration ends if a deviation or a correction, relative to the
-    amplitudes, exceeds `max_difference`.
+    orthogonal to its time derivative. `amplitudes`, (n,), are those of a similar motion, or None.
 
     Raises
     ------
@@ -771,9 +767,7 @@ def solve_shooting(
     BeamdaeError
         If loads or drivers are not periodic or, with `free_period`, depend on time.
     """
-    run, iterations, _ = _iterate(
-        period_map, q, v, tolerance, free_period, linearization, amplitudes, max_difference
-    )
+    run, iterations, _ = _iterate(period_map, q, v, tolerance, free_period, None, amplitudes)
     return run, iterations
 
 
@@ -825,7 +819,6 @@ def _iterate(
     free_period: bool,
     linearization: Linearization | None = None,
     amplitudes: Array | None = None,
-    max_difference: float = np.inf,
 ) -> tuple[PeriodRun, int, Linearization | None]:
     """Return the best result of Newton's method, the number of iterations and the last matrix.
 
@@ -863,8 +856,6 @@ def _iterate(
                 raise
             change, stretch, share = linearization.newton_step(result, largest_change)
             correction = max(result.relative_size(change), abs(stretch))
-        if max(correction, result.relative_deviation) > max_difference:
-            return best, iteration - 1, linearization
         last, result = result, _shoot_from(result, change, stretch, linearization.persistent)
         if not free_period:
             linearization = linearization.update(last, result)
@@ -906,11 +897,7 @@ class Linearization:
     def from_run(cls, run: PeriodRun, free_period: bool) -> Linearization:
         """Return the linearization at a run."""
         directions = run.rates if free_period else ()
-        return cls.from_monodromy(run, run.resolved_monodromy(*directions), free_period)
-
-    @classmethod
-    def from_monodromy(cls, run: PeriodRun, monodromy: Array, free_period: bool) -> Linearization:
-        """Return the linearization at a run whose monodromy matrix is known."""
+        monodromy = run.resolved_monodromy(*directions)
         start, end = run.rates
         matrix = monodromy - np.eye(len(run.deviation))
         if free_period:
@@ -937,21 +924,11 @@ class Linearization:
         They are this share of those that remove the deviation, the third value, because changes of
         (q, v) are limited to `largest` times the amplitudes or to the deviation.
         """
-        return self.limit(run, largest, *self.solve(run.period_map.deviation(run.solution)))
-
-    def solve(self, deviation: Array) -> tuple[Array, float]:
-        """Return the changes that remove a deviation (2 n,) of (q, v)."""
-        reduced = self.run.projection @ deviation
+        reduced = self.run.projection @ run.period_map.deviation(run.solution)
         right = np.append(reduced, np.zeros(len(self.matrix) - len(reduced)))
         solution = -np.linalg.lstsq(self.matrix, right, rcond=_NEUTRAL_RATIO)[0]
         change = self.run.basis @ solution[: len(reduced)]
-        return change, float(np.sum(solution[len(reduced) :]))
-
-    @staticmethod
-    def limit(
-        run: PeriodRun, largest: float, change: Array, stretch: float
-    ) -> tuple[Array, float, float]:
-        """Return the changes, shortened if they are too large for the run, and their share."""
+        stretch = float(np.sum(solution[len(reduced) :]))
         # Disturbances that decay within the period are corrected by their whole deviation.
         deviations = np.abs(run.period_map.deviation(run.solution))
         limits = np.maximum(largest * run.scales, deviations)

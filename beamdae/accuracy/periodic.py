@@ -1,0 +1,168 @@
+"""Errors of periodic motions, measured by the same motion with everything refined together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from beamdae.accuracy.errors import FACTOR, Errors, Refined, split_causes
+from beamdae.accuracy.refinement import Refinement, refine
+from beamdae.accuracy.runs import check_result, describe_refinement, refine_method
+from beamdae.accuracy.values import compare_columns
+from beamdae.analysis.periodic.shooting import (
+    PeriodMap,
+    Tolerance,
+    settle_and_solve,
+    solve_shooting,
+)
+from beamdae.errors import BeamdaeError, hold_messages
+from beamdae.integrators import Integrator
+from beamdae.linear.blas_threads import single_threaded
+from beamdae.model_parameters import split_unit
+from beamdae.results.frequency_response import FrequencyResponse
+from beamdae.results.periodic_motion import PeriodicMotion, floquet_multipliers, largest_modulus
+
+Array = np.ndarray
+
+_FAILURES = (BeamdaeError, np.linalg.LinAlgError)
+
+# Beside fixed steps: resonances amplify errors of steps.
+_RTOL_BESIDE_STEPS = 1e-6
+_STRIDE = 20  # of the checked motions of a curve, besides its ends and its largest motions
+
+
+@single_threaded
+def measure_motion(motion: PeriodicMotion, time_limit: float | None = None) -> Errors:
+    """Return the errors of the columns, of a free period and of the largest multiplier of a motion.
+
+    Parameters
+    ----------
+    motion
+        The motion.
+    time_limit
+        Largest time of each run of the companion [s].
+    """
+    run = motion.solution
+    headers = tuple(run.columns)
+    sizes = np.array([np.max(np.abs(x), initial=0.0) for x in run.columns.values()])
+    if not motion.status.success:
+        return Errors.unchecked(headers, sizes, "no periodic motion was found")
+    if not isinstance(run.made_by, Integrator):
+        return Errors.unchecked(headers, sizes, "the motion was loaded from a file")
+    method: Any = refine_method(run, time_limit)
+    if run.made_by.accuracy.name == "step":
+        method = replace(method, rtol=_RTOL_BESIDE_STEPS)
+    refinement = None
+    try:
+        refinement = refine(run.equations)
+        other = _find_motion(motion, method, refinement)
+    except _FAILURES as problem:
+        refined = describe_refinement(run, refinement)
+        sentence = str(problem).removeprefix("periodic: ").rstrip(".")
+        reason = f"{refined} finds no such motion ({sentence})"
+        errors = Errors.unchecked(headers, sizes, reason)
+        return replace(errors, refined=refined, has_failed=True)
+    refined = describe_refinement(run, refinement)
+
+    def repeat(is_halved: bool) -> PeriodicMotion | None:
+        try:
+            halved = refine(run.equations, strains=False) if is_halved else None
+            return _find_motion(motion, method, halved)
+        except _FAILURES:
+            return None
+
+    def compare(first: PeriodicMotion, second: PeriodicMotion) -> Array:
+        return _compare(first, second, refined).total
+
+    def split() -> dict[str, Array]:
+        return split_causes(motion, other, repeat, compare, bool(refined.inexact))
+
+    return replace(_compare(motion, other, refined), split=single_threaded(split))
+
+
+def measure_response(response: FrequencyResponse, time_limit: float | None = None) -> Errors:
+    """Return the errors of motions along a curve: its ends, largest motions and every 20th one."""
+    points = response.points
+    numbers = {*range(0, len(points), _STRIDE), len(points) - 1}
+    numbers |= {int(np.argmax(response.curve(x)[1])) for x in response.varying_columns}
+    parts = []
+    for point in (points[k] for k in sorted(numbers) if k >= 0):
+        motion = PeriodicMotion(point.solution, point.period, point.multipliers)
+        errors = measure_motion(motion, time_limit)
+        at = f"at {response.parameter} = {point.parameter:.6g}"
+        names = (split_unit(x) for x in errors.headers)
+        headers = tuple(f"{name} {at} [{unit}]" for name, unit in names)
+        parts.append(replace(errors, headers=headers))
+    return Errors.join(parts) if parts else Errors.unchecked((), np.zeros(0), "no motion was found")
+
+
+def check_motion(motion: PeriodicMotion) -> Iterator[str]:
+    """Yield the sentences of the errors of a motion, unless its companion takes too long."""
+    yield from check_result(motion, motion.solution, partial(measure_motion, motion))
+
+
+def check_response(response: FrequencyResponse) -> Iterator[str]:
+    """Yield the sentences of the errors along a curve, unless a companion takes too long."""
+    if response.points:
+        first = response.points[0].solution
+        yield from check_result(response, first, partial(measure_response, response))
+
+
+def _find_motion(
+    motion: PeriodicMotion, method: Integrator, refinement: Refinement | None
+) -> PeriodicMotion:
+    """Return the motion of the refined mechanism near a motion.
+
+    Raises
+    ------
+    BeamdaeError, numpy.linalg.LinAlgError
+        If it is not found.
+    """
+    run = motion.solution
+    first = run.trajectory.intervals[0].state
+    equations, q, v = run.equations, first.q[0], first.v[0]
+    if refinement is not None:
+        equations, prolongation = refinement.equations, refinement.prolongation
+        q, v = refinement.start + prolongation @ q, prolongation @ v
+    equations = replace(equations, q0=q, v0=v)
+    tolerance = Tolerance.for_integrator("periodic", None, method)
+    with hold_messages():
+        period_map = PeriodMap.from_equations(equations, method, float(run.t[0]), motion.period)
+        if motion.is_free:
+            q, v, _ = period_map.settle(0)
+            other, _ = solve_shooting(period_map, q, v, tolerance, free_period=True)
+        else:
+            other, _ = settle_and_solve(period_map, 0, tolerance)
+        multipliers = floquet_multipliers(other.resolved_monodromy())
+    if other.relative_deviation > tolerance.accepted:
+        raise BeamdaeError("Newton's method does not converge")
+    period = other.period_map.period
+    return PeriodicMotion(other.solution, period, multipliers, is_free=motion.is_free)
+
+
+def _compare(motion: PeriodicMotion, other: PeriodicMotion, refined: Refined) -> Errors:
+    """Return the errors of a motion relative to another one, without their causes.
+
+    The phase of motions with a free period is arbitrary, so that only peaks are compared.
+    """
+    names = [*["period [s]"] * motion.is_free, "largest multiplier [-]"]
+    values, others = (
+        np.array([*[x.period] * motion.is_free, largest_modulus(x.multipliers)])
+        for x in (motion, other)
+    )
+    # Multipliers are compared with 1, the limit of stability.
+    scales = np.append(others[:-1], max(1.0, others[-1]))
+    errors = Errors.of_values(names, values, others, refined, scales)
+    columns = motion.solution.columns
+    if not columns:
+        return errors
+    found = compare_columns(motion.solution, other.solution)
+    total, rows = FACTOR * np.maximum(found.peaks, found.means), found.rows
+    if motion.is_free:
+        total, rows = FACTOR * found.peaks, np.full(len(columns), np.nan)
+    of_columns = Errors(tuple(columns), found.values, found.others, total, rows, refined)
+    return Errors.join([of_columns, errors])
