@@ -272,13 +272,13 @@ class Errors(HasTable):
         advice = self.recommend()
         yield f"{text}, measured by {self.refined}{'; use ' if advice else ''}{advice}."
 
-    def recommend(self) -> str:
-        """Return settings that reduce all errors to about 1 %, or an empty text."""
+    def recommend(self, aim: float = AIM) -> str:
+        """Return settings that reduce all errors to about `aim` [-], or an empty text."""
         of_cause = {x: float(np.nanmax(y, initial=0.0)) for x, y in self.causes.items()}
-        needed = {x: y for x, y in of_cause.items() if y > 2.0 * AIM}
+        needed = {x: y for x, y in of_cause.items() if y > 2.0 * aim}
         texts, refined = [], self.refined
         if "mesh" in needed and refined.elements:
-            factor = 2 ** int(np.ceil(np.log2(min(needed["mesh"], 1.0) / AIM) / _MESH_ORDER))
+            factor = 2 ** int(np.ceil(np.log2(min(needed["mesh"], 1.0) / aim) / _MESH_ORDER))
             counts = [f"{factor * x} elements of {name}" for name, x in refined.elements.items()]
             texts.append(list_first(counts, _MAX_NAMES))
         if "mesh" in needed and refined.friction_speeds:
@@ -290,7 +290,7 @@ class Errors(HasTable):
             texts.append(f'strain="exact" of {list_first(refined.inexact, _MAX_NAMES)}')
         if "time" in needed:
             name, value = refined.accuracy
-            ratio = AIM / min(needed["time"], 1.0)
+            ratio = aim / min(needed["time"], 1.0)
             ratio **= 1.0 / refined.order if name == "step" else 1.0
             texts.append(f"{name}={ratio * value:.1g}")
         return join_names(texts) if texts else ""
@@ -321,8 +321,9 @@ def split_causes(
     if timed is None:
         return dict.fromkeys(CAUSES, np.full_like(compare(result, companion), np.nan))
     causes = {"time": compare(result, timed), "mesh": compare(timed, companion)}
+    largest_of_steps, of_mesh = (np.nanmax(x, initial=0.0) for x in causes.values())
     causes["theory"] = np.zeros_like(causes["mesh"])
-    if has_theory and np.nanmax(causes["mesh"], initial=0.0) >= AIM:
+    if has_theory and of_mesh >= min(AIM, largest_of_steps):
         meshed = repeat(True)
         if meshed is not None:
             causes["mesh"] = compare(timed, meshed)

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from beamdae.accuracy.errors import FACTOR, Errors, Refined, split_causes
 from beamdae.accuracy.refinement import Refinement, refine
-from beamdae.accuracy.runs import check_result, describe_refinement, refine_method
+from beamdae.accuracy.runs import (
+    RTOL_BESIDE_ACCURATE_STEPS,
+    check_result,
+    describe_refinement,
+    refine_method,
+)
 from beamdae.accuracy.values import compare_columns
 from beamdae.analysis.periodic.shooting import (
     PeriodMap,
@@ -30,8 +34,6 @@ Array = np.ndarray
 
 _FAILURES = (BeamdaeError, np.linalg.LinAlgError)
 
-# Beside fixed steps: resonances amplify errors of steps.
-_RTOL_BESIDE_STEPS = 1e-6
 _STRIDE = 20  # of the checked motions of a curve, besides its ends and its largest motions
 
 
@@ -53,20 +55,18 @@ def measure_motion(motion: PeriodicMotion, time_limit: float | None = None) -> E
         return Errors.unchecked(headers, sizes, "no periodic motion was found")
     if not isinstance(run.made_by, Integrator):
         return Errors.unchecked(headers, sizes, "the motion was loaded from a file")
-    method: Any = refine_method(run, time_limit)
-    if run.made_by.accuracy.name == "step":
-        method = replace(method, rtol=_RTOL_BESIDE_STEPS)
+    method = refine_method(run, time_limit, RTOL_BESIDE_ACCURATE_STEPS)
     refinement = None
     try:
         refinement = refine(run.equations)
         other = _find_motion(motion, method, refinement)
     except _FAILURES as problem:
-        refined = describe_refinement(run, refinement)
+        refined = describe_refinement(run.equations, refinement, run)
         sentence = str(problem).removeprefix("periodic: ").rstrip(".")
         reason = f"{refined} finds no such motion ({sentence})"
         errors = Errors.unchecked(headers, sizes, reason)
         return replace(errors, refined=refined, has_failed=True)
-    refined = describe_refinement(run, refinement)
+    refined = describe_refinement(run.equations, refinement, run)
 
     def repeat(is_halved: bool) -> PeriodicMotion | None:
         try:

@@ -32,6 +32,8 @@ _are_checked: ContextVar[bool] = ContextVar("are_checked", default=True)
 _RTOL_RATIO = 1.0 / 3.0
 # Fixed steps share blind spots with half their length: another method takes their place.
 _RTOL_BESIDE_STEPS, _STEP_RATIO = 1e-4, 0.37
+# Resonances amplify errors of steps, and many data errors of predictions.
+RTOL_BESIDE_ACCURATE_STEPS = 1e-6
 _MAX_STEPS_RATIO, _MIN_MAX_STEPS = 8, 3000
 _RTOL_OF_ANOTHER_METHOD, _MIN_RTOL = 1e-6, 1e-10
 # Runs are checked by themselves up to this time [s], or this multiple of their own.
@@ -77,7 +79,7 @@ def measure_run(
     except BeamdaeError as problem:
         return _state_obstacle(run, f"a refined run cannot begin: {problem}")
 
-    refined = describe_refinement(run, refinement)
+    refined = describe_refinement(run.equations, refinement, run)
 
     def repeat(is_halved: bool) -> Solution | None:
         equations, motion = run.equations, run.trajectory
@@ -216,7 +218,9 @@ def _compare(run: Solution, other: Solution, refined: Refined, factor: float = F
     return Errors(tuple(run.columns), x.values, x.others, total, x.rows, refined)
 
 
-def refine_method(run: Solution, time_limit: float | None) -> Integrator:
+def refine_method(
+    run: Solution, time_limit: float | None, rtol_beside_steps: float = _RTOL_BESIDE_STEPS
+) -> Integrator:
     """Return the integrator of a companion run: a third of the tolerance, or `Radau`."""
     method: Any = run.made_by
     name, value = method.accuracy
@@ -224,7 +228,7 @@ def refine_method(run: Solution, time_limit: float | None) -> Integrator:
     changes = {"rtol": _RTOL_RATIO * value, "max_steps": max_steps, "time_limit": time_limit}
     if name == "step":
         method = Radau(max_step=_STEP_RATIO * value)
-        changes["rtol"] = _RTOL_BESIDE_STEPS
+        changes["rtol"] = rtol_beside_steps
     return replace(method, **{x: y for x, y in changes.items() if hasattr(method, x)})
 
 
@@ -268,14 +272,15 @@ def _repeat(
     return replace(other, t=other.t[1:]) if is_later else other
 
 
-def describe_refinement(run: Solution, refinement: Refinement | None) -> Refined:
-    """Return the description of what the companion of a run refines."""
-    method: Any = run.made_by
-    accuracy, order = tuple(method.accuracy), method.order
+def describe_refinement(
+    equations: EquationsOfMotion, refinement: Refinement | None, run: Solution | None
+) -> Refined:
+    """Return the description of what a companion refines: beams and, if there is one, a run."""
+    method: Any = None if run is None else run.made_by
+    of_steps = {} if run is None else {"accuracy": tuple(method.accuracy), "order": method.order}
     if refinement is None:
-        return Refined(accuracy=accuracy, order=order)
-    beams = beams_of(run.equations.mechanism)
+        return Refined(**of_steps)
+    beams = beams_of(equations.mechanism)
     elements = {x.name: x.mesh.elements for x in beams if x.name in refinement.halved}
-    return Refined(
-        elements, refinement.exact, refinement.sharpened, accuracy, order, refinement.kept
-    )
+    of_beams = elements, refinement.exact, refinement.sharpened
+    return Refined(*of_beams, kept=refinement.kept, **of_steps)

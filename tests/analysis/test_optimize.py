@@ -456,17 +456,15 @@ def test_regression_warnings_of_the_analyses_of_the_best_design_are_kept():
         bd.at_most(bd.EquilibriumValue("stress 0", step=0.5), 1e12),
     ]
     given, bounds = {"height": (0.003,), "load": 20.0}, {"height": (0.002, 0.05)}
-    message = "with exact strains, tip"
-    with pytest.warns(bd.BeamdaeWarning, match=message) as caught:
+    with pytest.warns(bd.BeamdaeWarning) as caught:
         design = bd.optimize(cantilever, bd.Mass(), "height", limits, bounds, parameters=given)
-    with pytest.warns(bd.BeamdaeWarning, match=message):
+    with pytest.warns(bd.BeamdaeWarning):
         expected = bd.equilibrium(cantilever(**{**given, **design.parameters})).warnings
-    assert sum(message in x for x in expected) == 1
     # Both paths end in the same equilibrium.
     assert sum(isinstance(x, bd.Equilibrium) for x in design.analyses) == 2
-    assert design.warnings[2:] == expected
+    assert design.warnings[-len(expected) :] == expected
     # Designs of the search are not reported.
-    assert [str(x.message) for x in caught[2:]] == list(expected)
+    assert [str(x.message) for x in caught][-len(expected) :] == list(expected)
 
 
 @pytest.mark.slow(reason="a second")
@@ -941,11 +939,13 @@ def test_regression_steps_that_change_the_design_are_told():
     # x = 1 + 0.2 sin(w t) / w is 1 at t = 1 s if w = pi.
     target = bd.SquaredErrors("mass.x", [1.0], [1.0]) * 1e3
     arguments = (oscillator, target, "stiffness", bd.at_most(bd.EndValue("mass.x_dot"), -0.1))
-    with pytest.warns(bd.BeamdaeWarning, match="mass.x.*about .* %; use Gen"):
+    with pytest.warns(
+        bd.BeamdaeWarning, match="mass.x.* is about .* % of its value, .*; use step="
+    ):
         result = bd.optimize(
             *arguments, {"stiffness": (5.0, 35.0)}, bd.GeneralizedAlpha(step=0.25, rho_inf=0.5)
         )
-    assert "the steps of the run change" in repr(result)
+    assert "the error is about" in repr(result)
     result = bd.optimize(*arguments, {"stiffness": (5.0, 35.0)})
     assert not result.warnings
     assert result.parameters["stiffness"] == pytest.approx(np.pi**2, rel=1e-3)
@@ -960,7 +960,7 @@ def test_regression_errors_of_steps_are_relative_to_values_far_beyond_their_limi
     arguments = (oscillator, size, "stiffness", limit, {"stiffness": (25.0, 35.0)}, method)
     result = bd.optimize(*arguments, max_evaluations=3)
     assert result.status.kind == "limited"
-    assert not any("steps of the run" in x for x in result.warnings)
+    assert not any("the error is about" in x for x in result.warnings)
 
 
 @bd.model(t_end=0.1)
@@ -1502,28 +1502,6 @@ def bent_strip(height=2e-3, elements=4, strain=None):
     return mech
 
 
-@pytest.mark.slow(reason="half a second and more")
-def test_regression_active_limits_state_their_error_by_the_beams():
-    """Searches end exactly at limits that more accurate beams exceed, without a word."""
-    limits = [
-        bd.at_least(bd.EquilibriumValue("tip.y"), -0.5),
-        bd.at_most(bd.EquilibriumValue("stress"), 1e12),
-    ]
-    bounds = {"height": (1e-3, 4e-3)}
-    with pytest.warns(bd.BeamdaeWarning, match=r"tip.y .* >= -0.5: with exact strains, the best"):
-        design = bd.optimize(bent_strip, bd.Mass(), "height", limits[:1], bounds)
-    (message,) = (x for x in design.warnings if "exceeds this limit by" in x)
-    stated = float(message.partition("exceeds this limit by ")[2].partition(" %")[0])
-    finer = bd.equilibrium(bent_strip(**design.parameters, elements=8, strain="exact"))
-    assert stated == pytest.approx(100.0 * (finer["tip.y"].iloc[-1] / -0.5 - 1.0), rel=0.05)
-    # The same limit is accurate with these beams.
-    parameters = {"strain": "exact"}
-    accurate = bd.optimize(
-        bent_strip, bd.Mass(), "height", limits[:1], bounds, parameters=parameters
-    )
-    assert accurate.warnings == ()
-
-
 @pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("repeats", [False, True], ids=["once", "twice"])
 def test_regression_best_designs_of_interrupted_searches_are_checked(repeats, monkeypatch):
@@ -1532,14 +1510,14 @@ def test_regression_best_designs_of_interrupted_searches_are_checked(repeats, mo
     def interrupt(*numbers):
         raise KeyboardInterrupt
 
-    def compare(problem, values):
+    def compare(problem, values, *others):
         compared.append(values)
         if repeats:
             raise KeyboardInterrupt
-        return np.zeros(2)
+        return problem.design(values).values
 
     compared = []
-    monkeypatch.setattr(DesignProblem, "beam_errors", compare)
+    monkeypatch.setattr(DesignProblem, "repeat", compare)
     name = "beamdae.analysis.optimization.result._MAX_CHECKED_TIME"
     monkeypatch.setattr(name, math.inf)
     limit = bd.at_least(bd.EquilibriumValue("tip.y"), -0.4)

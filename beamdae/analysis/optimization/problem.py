@@ -20,10 +20,8 @@ from beamdae.analysis.optimization.analyses import (
     DesignModel,
     EquilibriumAnalysis,
     ModeAnalysis,
-    RunAnalysis,
     RunSettings,
     analysis_key,
-    assemble_design,
     create_analysis,
 )
 from beamdae.analysis.optimization.quantities import (
@@ -44,7 +42,6 @@ from beamdae.beams.section_samples import (
     list_known_sections,
     merge_known_sections,
 )
-from beamdae.equations.assembly.refined_beams import make_accurate
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
@@ -57,7 +54,7 @@ from beamdae.errors import (
     require_sequence,
     short_repr,
 )
-from beamdae.integrators.integrator import Integrator, refine
+from beamdae.integrators.integrator import Integrator
 from beamdae.model_parameters import parse_unit, split_unit
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, skip_result_checks
@@ -155,19 +152,13 @@ class Design:
 
 
 @dataclass(frozen=True)
-class _AccurateModel(FlatModel):
-    """Model whose floating-frame beams have exact strains, halved elements, or both."""
+class _FixedModel(FlatModel):
+    """Model with the same mechanism for all values."""
 
-    exact: bool
-    halved: bool
+    mechanism: Any
 
     def __call__(self, **values: float) -> Any:
-        equations = assemble_design(super().__call__(**values))
-        assert equations.mechanism is not None
-        refined = make_accurate(equations, self.exact, self.halved, equations.mechanism.start)
-        if refined is None:
-            raise BeamdaeError(f"{_NAME}: no beam of {self.name} can be more accurate.")
-        return refined.mechanism
+        return self.mechanism
 
 
 class DesignProblem:
@@ -354,51 +345,27 @@ class DesignProblem:
         """Let designs have their own stress sections."""
         self._designs, self._sections = {}, {}
 
-    def step_errors(self, values: Array) -> Array:
-        """Return how more accurate runs change the values (1 + C,) of a design; 0 without runs.
-
-        Raises
-        ------
-        BeamdaeError
-            If a run fails.
-        """
-        design = self.design(values)
-        if not any(isinstance(x, RunAnalysis) for x in design.analyses.values()):
-            return np.zeros_like(design.values)
-        finer = copy.copy(self)
-        finer._settings = replace(self._settings, integrator=refine(self.integrator))
-        return finer._analyze(values).values - design.values
-
-    def beam_errors(self, values: Array, exact: bool = True, halved: bool = True) -> Array:
-        """Return how more accurate beams change the values (1 + C,) of a design.
-
-        Parameters
-        ----------
-        values
-            Values (k,) of the numbers.
-        exact, halved
-            True for exact strains and for halved elements.
-
-        Returns
-        -------
-        Array
-            0 if no quantity depends on the beams, or no beam can be more accurate.
+    def repeat(self, values: Array, mechanism: Any, integrator: Integrator | None) -> Array:
+        """Return the values (1 + C,) of a design with another mechanism and integrator.
 
         Raises
         ------
         BeamdaeError
             If an analysis fails.
         """
-        design = self.design(values)
-        unchanged = np.zeros_like(design.values)
-        if not any(hasattr(x, "equations") for x in design.results):
-            return unchanged
+        other = self.without_designs()
         flat = self.flat
-        accurate = self.without_designs()
-        accurate.flat = _AccurateModel(flat.model, flat.parameters, flat.entries, exact, halved)
-        accurate._sections = dict(design.sections)
+        other.flat = _FixedModel(flat.model, flat.parameters, flat.entries, mechanism)
+        other._settings = replace(self._settings, integrator=integrator)
+        other._sections = dict(self.design(values).sections)
         with skip_result_checks():
-            return accurate._analyze(values).values - design.values
+            return other._analyze(values).values
+
+    def start_of(self, equations: EquationsOfMotion) -> Any:
+        """Return the start of the runs and equilibria of a design."""
+        mechanism = equations.mechanism
+        assert mechanism is not None
+        return mechanism.start if self._settings.start is None else self._settings.start
 
     def _analyze(self, values: Array) -> Design:
         begin = clock.perf_counter()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -39,14 +40,11 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.dependent_constraints import analyze_constraint_rank
 from beamdae.equations.starts.mobility import describe_free_motions
 from beamdae.errors import (
-    BeamdaeError,
     format_count,
-    format_error,
     format_percent,
     list_first,
     name_with_others,
 )
-from beamdae.integrators.integrator import refine
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import format_with_unit
 from beamdae.read_only import read_only_data
@@ -63,14 +61,6 @@ if TYPE_CHECKING:
 
     from beamdae.parts.mechanism import Mechanism
 
-# Relative change by more accurate runs above which values of a design depend on the steps.
-_MAX_STEP_ERROR = 0.01
-_RECOMMENDED_STEP_ERROR = 2e-3
-# Changes by more accurate beams from which a design is reported: of an active limit, at which the
-# design ends exactly, or a limit that is then exceeded, and of the objective, relative to both.
-_MAX_LIMIT_ERROR, _MAX_OBJECTIVE_ERROR = 5e-3, 0.01
-# Share of the change by which strains, or elements, are named as a cause.
-_CAUSE_SHARE = 0.3
 # The best design of an interrupted search is checked if its analyses took less time [s]; the checks
 # take two to eight times as long.
 _MAX_CHECKED_TIME = 1.0
@@ -191,14 +181,11 @@ class Optimization:
     model
         Name and all parameters of the model of the best design.
     warnings
-        Sentences on values that depend on the steps of the run (a run with half the step or a tenth
-        of `rtol` would change the objective or a constrained quantity by more than 1 %), on limits
-        that the design exceeds, or active ones that it does not reach, by more than 0.5 % with
-        exact strains and halved elements, or an objective that these change by more than 1 %, on
-        stresses, and quantities of one sign, within a limit of their signed value whose magnitude
-        is beyond it, on quantities that are zero or negligible for every design, on designs of
-        which all numbers are at bounds, far from all limits, on limits that are over 20 times away
-        from the values of all designs, and the warnings of `analyses`.
+        Sentences on `errors` above 4 %, on stresses, and quantities of one sign, within a limit of
+        their signed value whose magnitude is beyond it, on quantities that are zero or negligible
+        for every design, on designs of which all numbers are at bounds, far from all limits, on
+        limits that are over 20 times away from the values of all designs, and the warnings of
+        `analyses`.
     """
 
     parameters: Mapping[str, Any]
@@ -248,6 +235,14 @@ class Optimization:
                     limit = format_with_unit(float(bound), units[name])
                     notes.append(f"{name} is at its {side} limit {limit}")
         return tuple(notes)
+
+    @cached_property
+    def errors(self) -> Any:
+        """Errors of the objective and of the limited quantities at the best design, see `Errors`.
+
+        They are relative to the larger one of the value and the limit.
+        """
+        return deferred.module("accuracy.designs").measure_design(self._problem, self._search)
 
     @property
     def solution(self) -> Solution | None:
@@ -438,14 +433,15 @@ def create_optimization(
     )
     results, status = design.results, search.status
     own: tuple[str, ...] = ()
+    errors = None
     of_user_code: tuple[str, ...] = ()
     if not search.was_ended or design.wall_time <= _MAX_CHECKED_TIME:
         try:
             results, of_user_code = problem.checked_results(design)
             zeros = _check_zeros(problem, search)
+            errors = deferred.module("accuracy.designs").measure_design(problem, search)
             own = (
-                *_check_steps(problem, search),
-                *_check_beams(problem, search, constraints),
+                *errors.sentences(),
                 *(
                     zeros
                     or _check_inactive_limits(problem, constraints, best.numbers, design)
@@ -463,7 +459,7 @@ def create_optimization(
         # Paths of critical loads end beyond these.
         about_end = [x.instability for x in results if isinstance(x, Equilibrium)]
         messages = tuple(x for x in messages if x not in about_end)
-    return Optimization(
+    optimization = Optimization(
         parameter_values(problem.flat, best.numbers),
         float(best.values[0]),
         constraints,
@@ -482,6 +478,9 @@ def create_optimization(
         search,
         starts,
     )
+    if errors is not None:
+        vars(optimization)["errors"] = errors
+    return optimization
 
 
 def list_warnings(results: Sequence[Any]) -> tuple[str, ...]:
@@ -575,38 +574,6 @@ def _relative_margin(limit: Limit, margin: float, first: float, noise: float) ->
     return margin / size if size else float("nan")
 
 
-def _check_steps(problem: DesignProblem, search: SearchResult) -> tuple[str, ...]:
-    """Return a warning if errors of the steps change values of the best design.
-
-    Changes are relative to the larger one of the limit and the value, and to the first or the best
-    value of the objective and of quantities whose limit is zero. Errors e of a method of order p
-    are proportional to h^p, where h is the step or `rtol`: a finer one, f h, changes a value by
-    (1 - f^p) e.
-    """
-    best, first = search.best, search.trials[0]
-    try:
-        changes, method = np.abs(problem.step_errors(best.numbers)), problem.integrator
-    except BeamdaeError:
-        # For example a limit on the number of steps: the values are those of the given steps.
-        return ()
-    bounds = np.abs([0.0, *(x.bound for x in problem.limits)])
-    values, firsts = np.abs(best.values), np.abs(first.values)
-    sizes = np.maximum(values, np.where(bounds, bounds, firsts))
-    changes /= np.maximum(sizes, np.finfo(float).tiny)
-    worst = int(np.argmax(changes))
-    if changes[worst] <= _MAX_STEP_ERROR:
-        return ()
-    name, value = method.accuracy
-    finer = refine(method).accuracy.value / value
-    error = float(changes[worst]) / (1.0 - finer**method.order)
-    sufficient = value * (_RECOMMENDED_STEP_ERROR / error) ** (1.0 / method.order)
-    label = problem.quantities[worst].label
-    return (
-        f"{label}: the steps of the run change its value at the best design by "
-        f"{format_error(error, 1.0)}; use {method.method}({name}={sufficient:.1g}).",
-    )
-
-
 def _check_distant_limits(
     problem: DesignProblem, search: SearchResult, constraints: Sequence[Constraint]
 ) -> tuple[str, ...]:
@@ -635,87 +602,6 @@ def _check_distant_limits(
         f"{name}: the limit of {limit_text} is {comparison} magnitude of all designs, {value}, "
         "and has no effect; check its unit (numbers are in SI units).",
     )
-
-
-def _check_beams(
-    problem: DesignProblem, search: SearchResult, constraints: Sequence[Constraint]
-) -> tuple[str, ...]:
-    """Return warnings if more accurate beams change the limits or the objective of the best design.
-
-    The search moves the design to the limits of its own beams, so that errors of these are those of
-    the design: an active limit is exceeded, or not reached. Limits that the design violates anyway
-    have none.
-    """
-    best = search.best
-    try:
-        changes = problem.beam_errors(best.numbers)
-    except BeamdaeError:
-        # For example a critical point that is not on the path: the values are those of the beams.
-        return ()
-    # Sums of squared errors are small at their minimum.
-    size = max(abs(best.values[0]), abs(search.trials[0].values[0]))
-    error = float(abs(changes[0]) / size) if size else 0.0
-    changed = [0] if error > _MAX_OBJECTIVE_ERROR else []
-    excesses = _limit_excesses(problem, search, constraints, changes)
-    if not changed and not excesses:
-        return ()
-    causes, remedy = _find_beam_causes(problem, search, [*excesses, *changed], changes)
-    messages = []
-    if excesses:
-        worst, *others = sorted(excesses, key=lambda k: -abs(excesses[k]))
-        excess, name = excesses[worst], constraints[worst - 1].name
-        verb = "exceeds this limit by" if excess > 0.0 else "could come closer to this limit by"
-        also = [constraints[k - 1].name for k in others]
-        tighten = f", or tighten the limit by {format_percent(excess)}" if excess > 0.0 else ""
-        messages.append(
-            f"{name_with_others(name, also, most=1)}: with {causes}, the best design {verb} "
-            f"{format_percent(abs(excess))}; {remedy}{tighten}."
-        )
-    if changed:
-        messages.append(
-            f"{problem.objective.label}: {causes} change its value at the best design by "
-            f"{format_percent(error)}; {remedy}."
-        )
-    return tuple(messages)
-
-
-def _limit_excesses(
-    problem: DesignProblem,
-    search: SearchResult,
-    constraints: Sequence[Constraint],
-    changes: np.ndarray,
-) -> dict[int, float]:
-    """Return by how much `changes` (1 + C,) of the values exceed limits, by the number of these.
-
-    Excesses are relative to the limits, and negative for active limits that are not reached.
-    """
-    firsts, excesses = np.abs(search.trials[0].values), {}
-    rows = zip(problem.limits, constraints, search.ratios.tolist(), strict=True)
-    for k, (limit, constraint, ratio) in enumerate(rows, 1):
-        size = abs(limit.bound) or float(firsts[k])
-        value = constraint.value + ratio * float(changes[k])
-        excess = -limit.margin(value) / size if size else 0.0
-        is_active = constraint.relative_margin == 0.0
-        is_satisfied = is_active or constraint.margin > 0.0
-        if is_satisfied and (abs(excess) if is_active else excess) > _MAX_LIMIT_ERROR:
-            excesses[k] = excess
-    return excesses
-
-
-def _find_beam_causes(
-    problem: DesignProblem, search: SearchResult, rows: Sequence[int], changes: np.ndarray
-) -> tuple[str, str]:
-    """Return whether strains or elements of beams change some values, and the remedy."""
-    try:
-        by_strains = problem.beam_errors(search.best.numbers, halved=False)
-    except BeamdaeError:
-        # No beam has other strains than exact ones.
-        by_strains = np.zeros_like(changes)
-    shares = np.abs([by_strains[rows], (changes - by_strains)[rows]]) / np.abs(changes[rows])
-    has_strains, has_elements = (np.max(shares, axis=1) >= _CAUSE_SHARE).tolist()
-    causes = ["exact strains"] * has_strains + ["halved elements"] * has_elements
-    remedies = ["set strain='exact'"] * has_strains + ["use twice as many elements"] * has_elements
-    return " and ".join(causes), " and ".join(remedies)
 
 
 def _check_signs(
