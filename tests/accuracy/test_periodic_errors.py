@@ -71,9 +71,7 @@ def true_errors(motion, other, column):
     ],
 )
 def test_stated_errors_are_true(build, column, elements, cause):
-    with pytest.warns(
-        bd.BeamdaeWarning, match=f"{column.split()[0]}.*measured by a repetition"
-    ):
+    with pytest.warns(bd.BeamdaeWarning, match=f"{column.split()[0]}.*measured by a repetition"):
         motion = bd.periodic(*build(elements=elements), RUNS)
     exact = bd.periodic(*build(elements=4 * elements, strain="exact"), RUNS)
     smaller, larger = true_errors(motion, exact, column)

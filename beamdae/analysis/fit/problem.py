@@ -22,14 +22,13 @@ from beamdae.analysis.fit.sensors import Sensor, Sensors, read_sensors
 from beamdae.analysis.parameter_bounds import convert_bounds, require_bounds_around
 from beamdae.analysis.sensitivities.differentiable_methods import (
     DERIVATIVE_METHOD,
-    require_differentiable_method,
 )
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
     require_parameters,
 )
-from beamdae.equations.assembly.refined_beams import make_accurate
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
@@ -42,7 +41,7 @@ from beamdae.errors import (
     warn_user,
 )
 from beamdae.integrators import Integrator
-from beamdae.integrators.integrator import refine, require_integrator
+from beamdae.integrators.integrator import require_integrator
 from beamdae.model_parameters import (
     conversion_factor,
     format_with_unit,
@@ -359,31 +358,49 @@ class FitProblem:
         derivatives = self._differentiate(runs, times)
         return self._project(values, runs, model, derivatives, is_omitted)
 
-    def _change_of_residuals(
-        self, evaluation: Evaluation, change: Callable[[Any], Any] = lambda mechanism: mechanism
+    def change_of_residuals(
+        self,
+        evaluation: Evaluation,
+        change: Callable[[EquationsOfMotion], Any],
+        method: Integrator,
     ) -> Array:
-        """Return the change of the residuals (N,) of an evaluation in runs without derivatives.
+        """Return the change of the residuals (N,) of an evaluation in runs with another method.
 
-        `change` returns the mechanism that takes the place of that of the model.
+        `change` returns the mechanism that takes the place of that of the equations.
+
+        Raises
+        ------
+        BeamdaeError
+            If a run fails.
         """
-        values = evaluation.values
-        times = self._shift_times(values)
-        method = require_differentiable_method(self.integrator)
+        times = self._shift_times(evaluation.values)
         solutions = {}
-        for experiment in self.data.experiments:
+        for experiment, run in evaluation.runs.items():
             with warnings.catch_warnings(), skip_result_checks():
                 warnings.simplefilter("ignore", BeamdaeWarning)
-                mechanism = change(self.model(**self._parameters(experiment, values)))
+                mechanism = change(run.solution.equations)
                 t_end = self._t_end[experiment]
-                run = simulate(mechanism, method, t_end, start=self.start, keep_steps=True)
-                if run.trajectory.end < t_end:
-                    raise BeamdaeError(f"fit: the run was {run.status.sentence}.")
-                solutions[experiment] = run.at_times(self._needed_times(experiment, times))
+                other = simulate(mechanism, method, t_end, start=self.start, keep_steps=True)
+                if other.trajectory.end < t_end:
+                    raise BeamdaeError(f"fit: the run was {other.status.sentence}.")
+                solutions[experiment] = other.at_times(self._needed_times(experiment, times))
         model, is_omitted = self._read(solutions, times)
         derivatives = np.zeros((len(times), len(self.variables)))
-        other = self._project(values, {}, model, derivatives, is_omitted)
+        compared = self._project(evaluation.values, {}, model, derivatives, is_omitted)
         is_omitted = is_omitted | evaluation.is_omitted
-        return np.where(is_omitted, 0.0, other.residuals - evaluation.residuals)
+        return np.where(is_omitted, 0.0, compared.residuals - evaluation.residuals)
+
+    @property
+    def units_of_variables(self) -> dict[str, str]:
+        """Units of the parameters that the search varies, by name; "-" if a unit is unknown."""
+        info = self.model.parameter_info
+        units = [info[name].unit for name in self.names] + [x.unit for x in self.sensors.shifts]
+        return {name: unit or "-" for name, unit in zip(self.variables, units, strict=True)}
+
+    def start_of(self, equations: EquationsOfMotion) -> Any:
+        """Return the start of the runs of a model."""
+        mechanism = equations.mechanism
+        return self.start if self.start is not None or mechanism is None else mechanism.start
 
     def _shift_times(self, values: Array) -> Array:
         """Return the times (N,) of the runs at which they are compared with the data."""
@@ -433,37 +450,6 @@ class FitProblem:
         for sensor, scale in zip(self.sensors.scales, evaluation.coefficients, strict=False):
             result[sensor.rows] *= scale
         return np.where(evaluation.is_omitted, 0.0, result * self.weights)
-
-    def step_errors(self, evaluation: Evaluation) -> Array:
-        """Return how an evaluation changes the weighted residuals (N,) with more accurate runs.
-
-        Raises
-        ------
-        BeamdaeError
-            If a run fails.
-        """
-        finer = copy.copy(self)
-        finer.integrator = refine(self.integrator)
-        return finer._change_of_residuals(evaluation)
-
-    def beam_errors(self, evaluation: Evaluation, exact: bool, halved: bool) -> Array:
-        """Return how exact strains or halved elements, or both, change the weighted residuals (N,).
-
-        Raises
-        ------
-        BeamdaeError
-            If no beam can be more accurate, or a run fails.
-        """
-
-        def make(mechanism: Any) -> Any:
-            start = mechanism.start if self.start is None else self.start
-            equations = as_equations("fit", mechanism, self.start)
-            refined = make_accurate(equations, exact, halved, start)
-            if refined is None:
-                raise BeamdaeError("fit: no beam can be more accurate.")
-            return refined.mechanism
-
-        return self._change_of_residuals(evaluation, make)
 
     def _run(self, experiment: str, values: Array, times: Array) -> Sensitivities:
         t_end = self._t_end[experiment]

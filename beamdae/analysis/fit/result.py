@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -49,8 +48,9 @@ _MAX_RELATIVE_DEVIATION = 1.0
 _MIN_SINGULAR_RATIO = 1e-9
 # Changes of parameters below this ratio to their first value are relative to the first value.
 _MIN_RELATIVE_VALUE = 1e-3
-# Estimates that more accurate runs change by more, in standard deviations, depend on the steps.
-_MAX_STEP_ERROR = 0.3
+# Changes of the estimates by refined runs, in standard deviations, that are reported, and those
+# at which recommended settings aim.
+_MAX_SHIFT, _AIM_OF_SHIFT = 0.3, 0.1
 # Searches with a larger difference of their sums of squares, in variances, have other minima.
 _MAX_SUM_DIFFERENCE = 0.1
 # Data with smaller errors, relative to their size, are computed: the runs are as accurate.
@@ -155,6 +155,7 @@ class Fit:
     _search: SearchResult = field(default=None, repr=False)  # type: ignore[assignment]
     _starts: Any = field(default=None, repr=False)
     _first: Evaluation | None = field(default=None, repr=False)
+    _last: Evaluation = field(default=None, repr=False)  # type: ignore[assignment]
 
     def __repr__(self) -> str:
         values = ", ".join(
@@ -234,13 +235,21 @@ class Fit:
         """Runs with the estimates by experiment, at the times of the data."""
         return {name: run.solution for name, run in self.sensitivities.items()}
 
+    @cached_property
+    def errors(self) -> Any:
+        """Errors of the estimates and of the fitted columns by runs and beams, see `Errors`.
+
+        Errors of estimates are relative to their values, those of columns to half the range of the
+        data.
+        """
+        return deferred.module("accuracy.fits").measure_fit(self._problem, self._last)
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the estimates, followed by `run_warnings`.
 
-        Sentences on values of parameters that the model rejected, on estimates that depend on the
-        steps of the runs (a run with half the step or a tenth of `rtol` would change them by more
-        than 0.3 standard deviations; so would exact strains or halved elements), on models that do
+        Sentences on values of parameters that the model rejected, on estimates that refined runs
+        would change by more than 0.3 standard deviations (see `errors`), on models that do
         not explain the data (`sigma` is known, and larger values of chi-square have a probability
         below 1e-3, or, without `sigma`, more than half of the variance is left), on a given `sigma`
         of more than 1.4 times the residuals of its column (if smaller residuals have a probability
@@ -805,12 +814,14 @@ def create_fit(
     np.fill_diagonal(covariance, variances)
     status = search.status
     steps: tuple[str, ...] = ()
+    errors = None
     # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
     scatter = float(np.sqrt(np.mean(residuals**2)))
     if status.kind != "interrupted" and not search.recording_error:
         try:
-            accuracy = problem, evaluation, estimate, max(1.0, scatter)
-            steps = (*_check_steps(*accuracy), *_check_beams(*accuracy))
+            if not _are_computed(problem, estimate * max(1.0, scatter)):
+                errors = deferred.module("accuracy.fits").measure_fit(problem, evaluation)
+                steps = _check_errors(evaluation, errors, estimate, max(1.0, scatter))
         except KeyboardInterrupt:
             acknowledge()
             status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
@@ -819,7 +830,7 @@ def create_fit(
         doubts = _check_residuals(problem, evaluation, residuals, len(all_names))
     count = len(problem.names)
     values = dict(zip(all_names, estimates.tolist(), strict=True))
-    return Fit(
+    fit = Fit(
         parameters={name: values[name] for name in all_names[:count]},
         sensors={name: values[name] for name in all_names[count:]},
         covariance=covariance,
@@ -858,7 +869,11 @@ def create_fit(
         _search=search,
         _starts=starts,
         _first=first,
+        _last=evaluation,
     )
+    if errors is not None:
+        vars(fit)["errors"] = errors
+    return fit
 
 
 def _distances_to_bounds(
@@ -1178,53 +1193,23 @@ def _find_outliers(residuals: Array) -> Array:
     return rows if are_few else rows[:0]
 
 
-def _check_steps(
-    problem: FitProblem, evaluation: Evaluation, sigma: float, scatter: float
+def _check_errors(
+    evaluation: Evaluation, errors: Any, sigma: float, scatter: float
 ) -> tuple[str, ...]:
-    """Return a warning if errors of the steps change estimates.
+    """Return a warning if errors of the runs change estimates by over 0.3 standard deviations.
 
-    The projection of the changes of the residuals onto the columns of the Jacobian is the change of
-    the estimates in standard deviations. `sigma` is the estimated factor of the standard
-    deviations of the data, and `scatter` the ratio of the residuals to these if it exceeds 1.
+    `sigma` is the estimated factor of the standard deviations of the data, and `scatter` the ratio
+    of the residuals to these if it exceeds 1.
     """
-    if _are_computed(problem, sigma * scatter):
+    values = evaluation.values
+    change = evaluation.projected_jacobian @ (errors.companions[: len(values)] - values)
+    shift = float(np.linalg.norm(change))
+    if not shift > _MAX_SHIFT * sigma * scatter:
         return ()
-    try:
-        changes = problem.step_errors(evaluation)
-    except BeamdaeError:
-        # For example a limit on the number of steps: the estimates are those of the given steps.
-        return ()
-    shift = _measure_shift(evaluation, changes)
-    if shift <= _MAX_STEP_ERROR * sigma * scatter:
-        return ()
+    aim = errors.largest * _AIM_OF_SHIFT * sigma / shift
     return (
-        f"More accurate runs would change the estimates by up to {shift / sigma:.2g} standard "
-        f"deviations; use {_describe_accuracy(problem)}.",
-    )
-
-
-def _check_beams(
-    problem: FitProblem, evaluation: Evaluation, sigma: float, scatter: float
-) -> tuple[str, ...]:
-    """Return a warning if errors of strains or elements of beams change estimates.
-
-    See `_check_steps`.
-    """
-    if _are_computed(problem, sigma * scatter):
-        return ()
-    shifts = {}
-    causes = {"exact strains": (True, False), "halved elements": (False, True)}
-    for cause, settings in causes.items():
-        # For example, all beams have exact strains.
-        with suppress(BeamdaeError):
-            shifts[cause] = _measure_shift(evaluation, problem.beam_errors(evaluation, *settings))
-    largest = max(shifts, key=shifts.__getitem__, default="")
-    if not largest or shifts[largest] <= _MAX_STEP_ERROR * sigma * scatter:
-        return ()
-    remedy = "strain='exact'" if largest == "exact strains" else "twice as many elements"
-    return (
-        f"Beams with {largest} would change the estimates by up to {shifts[largest] / sigma:.2g} "
-        f"standard deviations; use {remedy}.",
+        f"The estimates would change by up to {shift / sigma:.2g} standard deviations in "
+        f"{errors.refined}; use {errors.recommend(aim)}.",
     )
 
 
@@ -1232,16 +1217,6 @@ def _are_computed(problem: FitProblem, deviation: float) -> bool:
     """Return True if the data seem to be those of a run, by the deviation of the residuals."""
     largest = max(float(np.abs(x.values / x.sigma).max()) for x in problem.data.series)
     return deviation <= _MIN_RELATIVE_SIGMA * largest and not problem.data.is_sigma_known
-
-
-def _measure_shift(evaluation: Evaluation, changes: Array) -> float:
-    """Return the change of the estimates by changes of the residuals (N,), for sigma = 1."""
-    directions, singular, _ = np.linalg.svd(
-        evaluation.projected_jacobian * np.where(evaluation.values, evaluation.values, 1.0),
-        full_matrices=False,
-    )
-    is_determined = singular > _MIN_SINGULAR_RATIO * singular[0]
-    return float(np.linalg.norm(changes @ directions[:, is_determined]))
 
 
 def _describe_accuracy(problem: FitProblem) -> str:
