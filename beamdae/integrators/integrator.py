@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -34,9 +34,6 @@ DEFAULT_RTOL = 1e-4
 _MIN_RTOL = 1e-14
 # Larger tolerances do not resolve the motion.
 _MAX_RTOL = 0.1
-# Factors of the step and of `rtol` in `refine`.
-_FINER_STEP = 0.5
-_FINER_RTOL = 0.1
 
 
 class Accuracy(NamedTuple):
@@ -148,13 +145,6 @@ class AdaptiveIntegrator(Integrator):
     def order(self) -> int:
         """1, because the errors of positions and velocities are proportional to rtol."""
         return 1
-
-
-def refine(integrator: Any) -> Any:
-    """Return the integrator with half the step or a tenth of `rtol`, to estimate its errors."""
-    name, value = integrator.accuracy
-    finer = _FINER_STEP * value if name == "step" else max(_FINER_RTOL * value, _MIN_RTOL)
-    return replace(integrator, **{name: finer})
 
 
 def require_tolerance(settings: Any) -> None:

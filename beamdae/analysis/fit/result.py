@@ -50,7 +50,7 @@ _MIN_SINGULAR_RATIO = 1e-9
 _MIN_RELATIVE_VALUE = 1e-3
 # Changes of the estimates by refined runs, in standard deviations, that are reported, and those
 # at which recommended settings aim.
-_MAX_SHIFT, _AIM_OF_SHIFT = 0.3, 0.1
+_MAX_SHIFT, _AIM_OF_SHIFT = 0.4, 0.1
 # Searches with a larger difference of their sums of squares, in variances, have other minima.
 _MAX_SUM_DIFFERENCE = 0.1
 # Data with smaller errors, relative to their size, are computed: the runs are as accurate.
@@ -249,7 +249,7 @@ class Fit:
         """Warnings about the estimates, followed by `run_warnings`.
 
         Sentences on values of parameters that the model rejected, on estimates that refined runs
-        would change by more than 0.3 standard deviations (see `errors`), on models that do
+        would change by more than 0.4 standard deviations (see `errors`), on models that do
         not explain the data (`sigma` is known, and larger values of chi-square have a probability
         below 1e-3, or, without `sigma`, more than half of the variance is left), on a given `sigma`
         of more than 1.4 times the residuals of its column (if smaller residuals have a probability
@@ -272,7 +272,7 @@ class Fit:
         kinds: dict[str, dict[str, str]] = {}
         for experiment, run in self.solutions.items():
             omitted = set(run.row_warnings)
-            for sentence in (x for x in run.warnings if x not in omitted):
+            for sentence in (x for x in run.model_warnings if x not in omitted):
                 if self._is_side_effect(experiment, sentence):
                     continue
                 kinds.setdefault(kind_of_message(sentence), {}).setdefault(experiment, sentence)
@@ -287,7 +287,7 @@ class Fit:
         """Return True for a warning about values of a failed search, unlike the first ones."""
         if self.status.kind != "limited" or self._first is None:
             return False
-        first = self._first.runs[experiment].solution.warnings
+        first = self._first.runs[experiment].solution.model_warnings
         return kind_of_message(sentence) not in set(map(kind_of_message, first))
 
     @property
@@ -1196,7 +1196,7 @@ def _find_outliers(residuals: Array) -> Array:
 def _check_errors(
     evaluation: Evaluation, errors: Any, sigma: float, scatter: float
 ) -> tuple[str, ...]:
-    """Return a warning if errors of the runs change estimates by over 0.3 standard deviations.
+    """Return a warning if errors of the runs change estimates by over 0.4 standard deviations.
 
     `sigma` is the estimated factor of the standard deviations of the data, and `scatter` the ratio
     of the residuals to these if it exceeds 1.

@@ -486,11 +486,12 @@ def create_optimization(
 def list_warnings(results: Sequence[Any]) -> tuple[str, ...]:
     """Return the warnings of results of analyses, each once.
 
-    Those about the output rows of runs are omitted, because quantities are integrals over the
-    steps.
+    Those about the output rows and errors of runs are omitted, because quantities are integrals
+    over the steps whose errors are measured.
     """
     omitted = {x for result in results if isinstance(result, Solution) for x in result.row_warnings}
-    messages = dict.fromkeys(message for x in results for message in x.warnings)
+    sentences = (x.model_warnings if isinstance(x, Solution) else x.warnings for x in results)
+    messages = dict.fromkeys(message for x in sentences for message in x)
     return tuple(x for x in messages if x not in omitted)
 
 
