@@ -79,9 +79,10 @@ class PeriodicMotion(HasTable, HasPage):
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences on `errors`, and warnings of `solution`; `periodic` issues them."""
+        """Sentences on `errors`, warnings of `solution` and, after a failure, the reason."""
         about_errors = deferred.module("accuracy.periodic").check_motion(self)
-        return (*about_errors, *run_warnings(self.solution))
+        outcome = () if self.status.success else (f"periodic: {self.status.sentence}.",)
+        return (*about_errors, *run_warnings(self.solution), *outcome)
 
     def __repr__(self) -> str:
         return f"<PeriodicMotion: period {self.period:g} s, {self.status.kind}, {self.stability}>"

@@ -24,7 +24,6 @@ from beamdae.analysis.periodic.shooting import (
 )
 from beamdae.errors import (
     BeamdaeError,
-    record_warnings,
     require_count,
     require_finite,
     require_positive,
@@ -70,7 +69,6 @@ _INTEGRATOR_LIMITED_DEVIATION = 1e-4
 
 @single_threaded
 @interruptible
-@record_warnings
 def periodic(
     model: Any,
     period: float | None = None,
@@ -196,7 +194,8 @@ def periodic(
     if not motion.status.success:
         warn_of_incomplete_result(f"periodic: {motion.status.sentence}.")
     if not warnings_are_ignored():
-        warn_of_result(motion.warnings, equations.build_warnings)
+        about_outcome = () if motion.status.success else motion.warnings[-1:]
+        warn_of_result(motion.warnings, (*equations.build_warnings, *about_outcome))
     return motion
 
 
