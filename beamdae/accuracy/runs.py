@@ -21,6 +21,7 @@ from beamdae.integrators.integrator import require_integrator
 from beamdae.integrators.limits import Progress
 from beamdae.integrators.pilot_run import reuse_motion
 from beamdae.interrupts import Interrupted, interruptible
+from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
@@ -50,6 +51,7 @@ def unchecked() -> Iterator[None]:
         _are_checked.reset(token)
 
 
+@single_threaded
 def measure_run(
     run: Solution, time_limit: float | None = None, progress: Progress | None = None
 ) -> Errors:
@@ -102,6 +104,7 @@ def measure_run(
 
 
 @interruptible
+@single_threaded
 def verify(
     solution: Solution, integrator: Integrator | None = None, progress: Progress | None = None
 ) -> Errors:
