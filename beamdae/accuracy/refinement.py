@@ -50,7 +50,11 @@ class Refinement(NamedTuple):
 
 
 def refine(
-    equations: EquationsOfMotion, start: Any = AS_DRAWN, *, strains: bool = True
+    equations: EquationsOfMotion,
+    start: Any = AS_DRAWN,
+    *,
+    strains: bool = True,
+    friction: bool = True,
 ) -> Refinement | None:
     """Return the mechanism with halved elements, exact strains and sharper friction.
 
@@ -63,8 +67,8 @@ def refine(
         Equations of motion of the mechanism.
     start
         Start of the refined equations, see `Mechanism`.
-    strains
-        False to keep the strains.
+    strains, friction
+        False to keep the strains, or the friction speeds.
 
     Raises
     ------
@@ -89,7 +93,7 @@ def refine(
     sharpened = []
 
     def sharpen(part: Part) -> None:
-        if part.sharpen_friction(SPEED_RATIO):
+        if friction and part.sharpen_friction(SPEED_RATIO):
             sharpened.append(part.name)
 
     with hold_messages():  # Warnings about these beams do not concern the user.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from beamdae.errors import (
     require_sequence,
     short_repr,
     warn_of_result,
+    warnings_are_ignored,
 )
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
@@ -47,7 +48,7 @@ _GROWTH_ROUNDING = 5e4 * np.finfo(float).eps
 _LEAST_GROWTH_SHARE, _LARGEST_GROWTH_SHARE = 1e-9, 1e-4
 _MIN_POLE = 1e-4  # [1/s]; smaller poles are zero
 _FREQUENCY_MARGIN = 10.0  # of the range, below the slowest and above the listed poles
-_MIN_RANGE = 3.0  # of the range above the lowest resonance, also if elements are too long for it
+_MIN_RANGE = 3.0  # of the range above the lowest resonance, also if its error is large
 _MAX_PEAK_DAMPING = 0.7  # damping ratio above which a pole has no peak
 _MAX_FREQUENCY_RATIO = 1e6  # of the range
 _MAX_FREQUENCIES, _MIN_FREQUENCIES = 600, 60
@@ -120,23 +121,35 @@ class Bode(HasTable, HasPage):
         Frequencies [Hz], (k,), ascending.
     response
         Complex transfer matrices, (k, outputs, inputs), in units of output per unit of input.
-    warnings
-        Warnings of the linear model, those of `LinearModel.frequency_response`, and one if the
-        model is unstable, so that it does not reach the response.
     """
 
     model: LinearModel
     frequencies: Array
     response: Array = field(repr=False)
-    warnings: tuple[str, ...]
+    _remarks: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         first, last = self.frequencies[[0, -1]].tolist()
         count = len(self.model.outputs) * len(self.model.inputs)
+        warnings = vars(self).get("warnings", self.model.warnings + self._remarks)
         return (
             f"<Bode: {format_count(count, 'transfer function')} at {len(self.frequencies)} "
-            f"frequencies, {first:g} to {last:g} Hz>" + "".join(f" {x}" for x in self.warnings)
+            f"frequencies, {first:g} to {last:g} Hz>" + "".join(f" {x}" for x in warnings)
         )
+
+    @cached_property
+    def errors(self) -> Any:
+        """Errors of the natural frequencies and the transfer functions, see `Errors`.
+
+        They are measured by a model of refined beams, and relative to the frequency or to the
+        largest magnitude.
+        """
+        return self.model.measure_errors(self.frequencies, self.response)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings of the linear model, and those that `bode` issues."""
+        return (*self.model.warnings, *self._remarks, *self.errors.sentences())
 
     @cached_property
     @single_threaded
@@ -149,7 +162,7 @@ class Bode(HasTable, HasPage):
             for i, output in enumerate(model.outputs)
             if output.name != source.name  # The response of an input to itself is 1.
         ]
-        units = {(i, j): _divide_units(model.outputs[i], model.inputs[j]) for i, j in pairs}
+        units = {(i, j): divide_units(model.outputs[i], model.inputs[j]) for i, j in pairs}
         scales = {unit: max(sizes[x] for x in pairs if units[x] == unit) for unit in units.values()}
         order = list(dict.fromkeys(units.values()))
         pairs.sort(key=lambda x: order.index(units[x]))
@@ -241,8 +254,8 @@ def bode(
     between
         Smallest and largest of the default frequencies [Hz]. Defaults to a tenth of the lowest and
         ten times the highest one of the first 24 natural frequencies. It ends before, but not below
-        three times the lowest one, where the elements of beams are too long for modes up to 1.5
-        times the largest frequency.
+        three times the lowest one, where the first natural frequency has an error of more than
+        1 %.
 
     Returns
     -------
@@ -260,7 +273,8 @@ def bode(
     Warns
     -----
     BeamdaeWarning
-        See `LinearModel.frequency_response`, and if the model is unstable.
+        If the model is unstable, frequencies miss peaks (see `LinearModel.frequency_response`), or
+        `Bode.errors` exceed 4 %; they are measured unless warnings are filtered out.
 
     Examples
     --------
@@ -302,7 +316,8 @@ def bode(
         values = choose_frequencies(
             model.poles, len(model.states), ends, model.find_resolved_frequency
         )
-    response, warnings = model.respond(values.tolist())
+    response = model.evaluate_response(values.tolist())
+    warnings = model.find_missed_peaks(values, response)
     growing = find_growing_poles(model.poles)
     if len(growing):
         rate = float(np.max(growing.real))
@@ -311,8 +326,10 @@ def bode(
             "settle to this response; linearize about a stable state, or close the control loop.",
             *warnings,
         )
-    warn_of_result(warnings)
-    return Bode(model, values, response, (*model.warnings, *warnings))
+    diagram = Bode(model, values, response, tuple(warnings))
+    if not warnings_are_ignored():
+        warn_of_result((*warnings, *diagram.errors.sentences()))
+    return diagram
 
 
 def describe_poles(poles: Array) -> list[PoleDescription]:
@@ -369,8 +386,8 @@ def choose_frequencies(
 ) -> Array:
     """Return frequencies [Hz] around the listed poles, or between `ends` [Hz].
 
-    `find_resolved_frequency` returns the frequency up to which elements are short enough, at most
-    its argument. The frequencies contain all natural frequencies and half-power frequencies, and
+    `find_resolved_frequency` returns the frequency up to which errors are small, at most its
+    argument. The frequencies contain all natural frequencies and half-power frequencies, and
     are denser near lightly damped ones.
     """
     poles = all_poles[all_poles.imag >= 0.0]
@@ -434,6 +451,7 @@ def _peak_ratios(size: Array) -> dict[int, float]:
     return ratios
 
 
-def _divide_units(output: Variable, source: Variable) -> str:
+def divide_units(output: Variable, source: Variable) -> str:
+    """Return the unit of an output per unit of an input."""
     divisor = source.unit if source.unit.isalpha() or source.unit == "-" else f"({source.unit})"
     return f"{output.unit}/{divisor}" if divisor != "-" else output.unit

@@ -21,6 +21,7 @@ from beamdae.errors import (
     require_sequence,
     stated_error,
     warn_of_result,
+    warnings_are_ignored,
 )
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
@@ -204,11 +205,11 @@ class Campbell(HasTable, HasPage):
 
     def _issue_warnings(self) -> None:
         """Issue the warnings that `modes` issues, and those of lost modes."""
-        of_states = [x for at_speed in self.modes for x in at_speed._linearization.warnings]
+        remarks = {x for at_speed in self.modes for x in at_speed._remarks}
         issued = set(map(kind_of_message, self.modes[0]._linearization.equations.build_warnings))
         for sentence, text in self._describe_states():
             kind = kind_of_message(sentence)
-            if sentence in of_states and kind not in issued:
+            if sentence not in remarks and kind not in issued:
                 issued.add(kind)
                 warn_of_result([text])
         warn_of_result(self._describe_lost_modes())
@@ -443,17 +444,14 @@ def campbell(
     if isinstance(model, Model):
         model = model()
 
-    # Errors by elements change little with the speed, and a comparison of meshes takes longer than
-    # the modes.
+    # Errors change little with the speed.
     ends = {min(values, key=abs), max(values, key=abs)}
 
     def solve(speed: float, assessed: int = 0) -> Modes:
         about, total = rotation(speed, center), count + _EXTRA_MODES
-        return compute_modes(
-            model, about, total, damping, assessed=assessed, assesses_meshes=speed in ends
-        )
+        return compute_modes(model, about, total, damping, assessed=assessed)
 
-    all_modes = [solve(speed, count) for speed in values]
+    all_modes = [solve(speed, count if speed in ends else 0) for speed in values]
     order = np.arange(min(count, *map(len, all_modes)))
     stops = [_Stop(values[0], all_modes[0], order, np.zeros(len(order), bool))]
     rows = [all_modes[0].eigenvalues[order]]
@@ -464,7 +462,8 @@ def campbell(
     diagram = Campbell(
         np.array(values), np.array(rows), tuple(all_modes), place, damping, numbers, tuple(stops)
     )
-    diagram._issue_warnings()
+    if not warnings_are_ignored():
+        diagram._issue_warnings()
     return diagram
 
 

@@ -10,21 +10,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.linalg as la
 
+from beamdae import deferred
 from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
     linearize_about,
     solve_for_accelerations,
 )
-from beamdae.analysis.linear_dynamics.mesh_errors import (
-    find_resolved_frequency,
-    response_mesh_warnings,
-)
-from beamdae.analysis.linear_dynamics.refined_linearization import linearize_refined
-from beamdae.beams.beam import beams_of
 from beamdae.equations.assembly.building import build_equations
 from beamdae.equations.assembly.coordinate_map import map_coordinates
-from beamdae.equations.assembly.refined_beams import refine_beams
 from beamdae.equations.assembly.statement_checks import collect_statements
 from beamdae.equations.equations_of_motion import EquationsOfMotion, InputTerm, Observable, State
 from beamdae.equations.formulations.tangents import compute_tangent, differentiate_tangent
@@ -35,7 +29,6 @@ from beamdae.errors import (
     format_count,
     format_percent,
     list_first,
-    name_with_others,
     require_finite,
     require_positive,
     require_sequence,
@@ -43,6 +36,7 @@ from beamdae.errors import (
     suggest,
     warn_of_result,
     warn_user,
+    warnings_are_ignored,
 )
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
@@ -51,12 +45,6 @@ from beamdae.model_parameters import split_unit
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.read_only import read_only_data
-from beamdae.results.diagnostics.meshes.coarse_elements import (
-    LONG,
-    LONG_FOR_STRAINS,
-    find_coarse_beam,
-    headers_of_sections,
-)
 from beamdae.results.displays import HasPage
 from beamdae.symbolic.statements import Variable
 
@@ -81,18 +69,6 @@ _DISTANCE_RATIO = 0.3
 # Damping ratios of vibrations with a finite peak; smaller ones are rounding errors.
 _MAX_DAMPING_RATIO = 0.3
 _MIN_DAMPING_RATIO = 1e-9
-# Smaller changes of responses with halved elements are not reported, nor those by shifts of
-# frequencies up to this one: `mesh_warnings` reports errors of frequencies from 0.7 % on. In 46
-# responses of rotating blades with 2 to 12 elements, stresses and section forces at the clamp have
-# errors of 1.1 to 1.8 times these changes, beside 48 elements.
-_MAX_CHANGE, _MAX_SHIFT = 0.015, 0.01
-# Magnitudes are small below these shares of the median within an octave, of the largest one of
-# outputs with the same unit, and of the bound by the norms of matrices.
-_MIN_SHARE_OF_MEDIAN, _MIN_SHARE_OF_UNIT, _MIN_SHARE_OF_BOUND = 0.3, 1e-2, 1e-9
-# Work of a comparison, in frequencies times number of states cubed, about three seconds at most,
-# and numbers of frequencies that are compared; with fewer, the model is too large for it.
-_COMPARISON_WORK = 5e9
-_MIN_COMPARED_FREQUENCIES, _MAX_COMPARED_FREQUENCIES = 8, 100
 _MAX_NAMES = 4  # of inputs or outputs without a finite derivative
 _FINITE_REMEDY = "or add a small positive number under a square root of zero"
 # Distance from undamped resonances at which responses are compared, relative to the frequency.
@@ -243,11 +219,9 @@ class LinearModel(HasPage):
         Warns
         -----
         BeamdaeWarning
-            If the elements of a beam are too long for the modes up to 1.5 times the largest
-            frequency, or 20 or more frequencies miss the peak of a resonance between them by more
-            than 5 %, or the response changes by more than 1.5 % with halved elements, which is
-            examined if a beam has up to 3, or long ones for its tension; for stresses, strains and
-            section forces, elements longer than 1.2 sqrt(EI / N) are long.
+            If 20 or more frequencies miss the peak of a resonance between them by more than 5 %, or
+            errors exceed 4 % of the frequency or the largest magnitude (see `Bode.errors`), which
+            are measured unless warnings are filtered out.
         """
         values = [
             require_finite("frequency_response", "frequencies", f)
@@ -255,117 +229,32 @@ class LinearModel(HasPage):
                 "frequency_response", "frequencies", frequencies, "a list [Hz]"
             )
         ]
-        response, warnings = self.respond(values)
-        for warning in warnings:
+        response, grid = self.evaluate_response(values), np.array(values)
+        for warning in self.find_missed_peaks(grid, response):
             # The response is an array, whose warnings cannot be read later.
             warn_user(warning, merges=False)
+        if values and not warnings_are_ignored():
+            for sentence in self.measure_errors(grid, response).sentences():
+                warn_user(f"frequency_response: {sentence}", merges=False)
         return response
 
-    def respond(self, values: Sequence[float]) -> tuple[Array, tuple[str, ...]]:
-        """Return the transfer matrices at frequencies [Hz], and warnings about them."""
-        response = self._evaluate_response(values)
-        warnings = []
-        if self._linearization is not None and values:
-            highest = float(np.max(np.abs(values)))
-            about, t = (REFERENCE, 0.0) if self._request is None else self._request[:2]
-            warnings = [
-                f"frequency_response: {x}"
-                for x in response_mesh_warnings(self._linearization, highest, about, t)
-            ]
-            warnings += filter(None, [self._coarse_element_warning(np.array(values), response)])
-        missed_peak = self._missed_peak_warning(np.array(values), response)
-        return response, (*warnings, *filter(None, [missed_peak]))
+    @cached_property
+    def errors(self) -> Any:
+        """Errors of the three slowest natural frequencies, see `Errors`.
+
+        `Bode.errors` are those of natural frequencies and responses in a band.
+        """
+        return deferred.module("accuracy.linear_models").measure_frequencies(self)
+
+    def measure_errors(self, frequencies: Array, response: Array) -> Any:
+        """Return the errors of responses (k, outputs, inputs) at frequencies [Hz], (k,)."""
+        module = deferred.module("accuracy.linear_models")
+        return module.measure_response(self, frequencies, response)
 
     def find_resolved_frequency(self, highest: float) -> float:
-        """Return the frequency up to which elements are short for responses, at most `highest`."""
-        lin = self._linearization
-        return highest if lin is None else find_resolved_frequency(lin, highest)
-
-    @cached_property
-    def _refined(self) -> tuple[str, str, LinearModel] | None:
-        """Cause and remedy of elements that are few or long, and the model with halved ones."""
-        lin, request = self._linearization, self._request
-        if lin is None or request is None:
-            return None
-        e = lin.full_equations
-        has_strains = not headers_of_sections(e).isdisjoint(x.header for x in self.outputs)
-        long = LONG_FOR_STRAINS if has_strains else LONG
-        doubt = find_coarse_beam(e, lin.state.q[None], long)
-        halved = None if doubt is None else refine_beams(e)
-        if doubt is None or halved is None:
-            return None
-        fine_lin = linearize_refined(lin, halved, request.about, request.t, self.poles)
-        if fine_lin is None:
-            return None
-        try:
-            columns = [x.header for x in self.outputs]
-            finer = _build_linear_model(
-                halved.mechanism, fine_lin, request._replace(outputs=columns)
-            )
-        except BeamdaeError:
-            return None
-        counts = {x.name: x.mesh.elements for x in beams_of(halved.mechanism)}
-        remedy = f"use elements={counts[doubt.name]} or more"
-        return f"{doubt.cause}: {doubt.comparison}", remedy, finer
-
-    def _coarse_element_warning(self, frequencies: Array, response: Array) -> str | None:
-        """Return a warning if the response changes by over 1.5 % with halved elements.
-
-        Small changes of resonances are ignored: the response is compared with those at this
-        frequency and at that with the same ratio to the nearest resonance, and those in between.
-        """
-        # Halved elements have about twice as many states.
-        count = int(_COMPARISON_WORK / max(2 * len(self.A), 1) ** 3)
-        if not self.inputs or not self.outputs or count < _MIN_COMPARED_FREQUENCIES:
-            return None
-        if self._refined is None:
-            return None
-        cause, remedy, fine = self._refined
-        count = min(count, _MAX_COMPARED_FREQUENCIES)
-        rows = np.unique(np.linspace(0, len(frequencies) - 1, count).astype(int))
-        values, coarse = frequencies[rows], response[rows]
-        poles, fine_poles = (x.poles.imag[x.poles.imag > 0.0] for x in (self, fine))
-        ratios = np.ones((len(values), 2))
-        if len(poles) and len(fine_poles):
-            nearest = poles[_find_nearest(poles, 2.0 * np.pi * np.abs(values))]
-            ratio = fine_poles[_find_nearest(fine_poles, nearest)] / nearest
-            ratios[:, 1] = np.clip(ratio, 1.0 - _MAX_SHIFT, 1.0 + _MAX_SHIFT)
-        try:
-            segments = [
-                fine._evaluate_response((f * ratio).tolist())
-                for f, ratio in zip(values, ratios, strict=True)
-            ]
-        except BeamdaeError:  # An undamped mode has one of these frequencies.
-            return None
-        errors = measure_changes(self._mark_significant(values, coarse), coarse, np.array(segments))
-        worst: dict[str, tuple[float, float, str]] = {}
-        for i, output in enumerate(self.outputs):
-            k, j = np.unravel_index(np.argmax(errors[:, i]), errors[:, i].shape)
-            if errors[k, i, j] > _MAX_CHANGE:
-                at = float(values[k]), self.inputs[j].name
-                worst[output.name] = (float(errors[k, i, j]), *at)
-        if not worst:
-            return None
-        first, *others = sorted(worst, key=lambda x: -worst[x][0])
-        change, f, source = worst[first]
-        also = [f"{x} {format_percent(worst[x][0])}" for x in others]
-        return (
-            f"frequency_response: {cause}, the response of {first} to {source} at {f:.4g} Hz "
-            f"changes by {name_with_others(format_percent(change), also)}; {remedy}."
-        )
-
-    def _mark_significant(self, frequencies: Array, response: Array) -> Array:
-        """Return True where magnitudes are neither small nor rounding errors, as `response`."""
-        sizes = np.abs(response)
-        # Close to antiresonances, small shifts of them are large relative changes.
-        f = np.abs(frequencies)
-        medians = [np.median(sizes[(f <= 2.0 * x) & (2.0 * f >= x)], axis=0) for x in f]
-        limits = _MIN_SHARE_OF_MEDIAN * np.array(medians)
-        units = np.array([x.unit for x in self.outputs])
-        of_unit = np.stack([sizes[:, units == unit].max(axis=1) for unit in units], axis=1)
-        middle = frequencies[[len(frequencies) // 2]]
-        noise = _MIN_SHARE_OF_BOUND * self.bound_magnitudes(middle)
-        return (sizes > limits) & (sizes > _MIN_SHARE_OF_UNIT * of_unit) & (sizes > noise)
+        """Return the frequency up to which natural frequencies are accurate, at most `highest`."""
+        module = deferred.module("accuracy.linear_models")
+        return float(module.find_resolved_frequency(self, highest))
 
     def bound_magnitudes(self, frequencies: Array) -> Array:
         """Return the median over the frequencies [Hz] of |C (i w I - A)^-1| |B|, w = 2 pi f.
@@ -380,11 +269,11 @@ class LinearModel(HasPage):
             bounds.append(np.outer(la.norm(gains, axis=0), la.norm(self.B, axis=0)))
         return np.asarray(np.median(bounds, axis=0))
 
-    def _missed_peak_warning(self, frequencies: Array, response: Array) -> str | None:
+    def find_missed_peaks(self, frequencies: Array, response: Array) -> list[str]:
         """Return a warning if peaks at poles exceed the response at both adjacent frequencies."""
         grid, rows = np.unique(np.abs(frequencies), return_index=True)
         if len(grid) < _MIN_GRID_SIZE:
-            return None
+            return []
         rates, decays = self.poles.imag / (2.0 * np.pi), np.abs(self.poles.real) / (2.0 * np.pi)
         is_inside = (rates > grid[0]) & (rates < grid[-1])
         vibrates = decays < rates * _MAX_DAMPING_RATIO
@@ -395,31 +284,31 @@ class LinearModel(HasPage):
             after = int(np.searchsorted(grid, rates[k]))
             # Peaks of modes without damping are infinite.
             at = rates[k] * (1.0 + _UNDAMPED_DISTANCE * is_undamped[k])
-            peak = np.abs(self._evaluate_response([float(at)])[0])
+            peak = np.abs(self.evaluate_response([float(at)])[0])
             nearest = np.max(np.abs(response[rows[after - 1 : after + 1]]), axis=0)
             share = float(np.min(nearest[peak > 0.0] / peak[peak > 0.0], initial=1.0))
             if share < _MIN_PEAK_SHARE:
                 bandwidth = 0.0 if is_undamped[k] else 2.0 * float(decays[k])
                 missed[float(rates[k])] = (share, bandwidth)
         if not missed:
-            return None
+            return []
         f = min(missed, key=lambda x: missed[x])
         share, bandwidth = missed[f]
         more = f" (as do {len(missed) - 1} others)" if len(missed) > 1 else ""
         if bandwidth == 0.0:
-            return (
+            return [
                 f"frequency_response: the resonance at {f:.6g} Hz{more} lies between frequencies "
                 "and has no damping, so its peak is infinite and the largest response depends on "
                 "the frequencies; add damping."
-            )
-        return (
+            ]
+        return [
             f"frequency_response: the resonance at {f:.6g} Hz{more} lies between frequencies "
             f"that reach {format_percent(share)} of its peak, because its bandwidth is "
             f"{bandwidth:.2g} Hz; add those of abs(model.poles.imag) / (2 * np.pi) between "
             f"{grid[0]:.4g} and {grid[-1]:.4g} Hz to the frequencies."
-        )
+        ]
 
-    def _evaluate_response(self, values: Sequence[float]) -> Array:
+    def evaluate_response(self, values: Sequence[float]) -> Array:
         """Return the transfer matrix at frequencies [Hz], (k, outputs, inputs)."""
         response = np.zeros((len(values), len(self.outputs), len(self.inputs)), complex)
         right, diagonal = self.B.astype(complex), np.arange(len(self.A))
@@ -438,31 +327,6 @@ class LinearModel(HasPage):
                     "other frequencies."
                 )
         return response
-
-
-def measure_changes(is_significant: Array, coarse: Array, segments: Array) -> Array:
-    """Return distances of responses from segments, relative to the larger magnitude.
-
-    Parameters
-    ----------
-    is_significant
-        False where the distance is set to zero, (k, outputs, inputs).
-    coarse
-        Responses, (k, outputs, inputs).
-    segments
-        Ends of the segments in the complex plane, (k, 2, outputs, inputs).
-    """
-    start, step = segments[:, 0], segments[:, 1] - segments[:, 0]
-    from_start, square = coarse - start, np.abs(step) ** 2
-    along = np.real(from_start * step.conj()) / np.where(square > 0.0, square, 1.0)
-    distance = np.abs(from_start - np.clip(along, 0.0, 1.0) * step)
-    size = np.maximum(np.abs(coarse), np.abs(segments).max(axis=1))
-    return np.where(is_significant, distance / np.where(size > 0.0, size, 1.0), 0.0)
-
-
-def _find_nearest(values: Array, targets: Array) -> Array:
-    """Return the indices of the values nearest to the targets."""
-    return np.argmin(np.abs(values - targets[:, None]), axis=1)
 
 
 def compute_poles(matrix: Array) -> Array:
@@ -541,7 +405,8 @@ def linearize(
     Warns
     -----
     BeamdaeWarning
-        For each of `LinearModel.warnings`.
+        For each of `LinearModel.warnings`, and if `LinearModel.errors` exceed 4 %, which are
+        measured unless warnings are filtered out.
 
     Examples
     --------
@@ -562,10 +427,12 @@ def linearize(
     time = require_finite("linearize", "t", t)
     lin = linearize_about("linearize", model, about, time)
     request = _Request(about, time, inputs, outputs)
-    linear = _build_linear_model(model, lin, request)
+    linear = build_linear_model(model, lin, request)
     if isinstance(model, Mechanism):
         linear = replace(linear, _request=request)
     warn_of_result(linear.warnings, lin.equations.build_warnings)
+    if not warnings_are_ignored():
+        warn_of_result(linear.errors.sentences())
     return linear
 
 
@@ -578,7 +445,8 @@ class _Request(NamedTuple):
     outputs: Sequence[str] | None
 
 
-def _build_linear_model(model: Any, lin: Linearization, request: _Request) -> LinearModel:
+def build_linear_model(model: Any, lin: Linearization, request: _Request) -> LinearModel:
+    """Return the state-space model of a linearization with the requested inputs and outputs."""
     model_inputs = _resolve_inputs(model, lin, request.inputs)
     undefined = [x.quantity.name for x in model_inputs if not np.all(np.isfinite(x.force))]
     warnings = _report_undefined(undefined, "inputs", request.inputs)

@@ -10,7 +10,7 @@ A v + b = 0, have J = d(A v + b)/dq, V = A, and A in place of G.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -42,12 +42,7 @@ from beamdae.errors import (
 )
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
-from beamdae.results.diagnostics.meshes.beam_ranges import (
-    BeamRange,
-    frequency_warnings,
-    measure_frequency_ranges,
-    rotation_warnings,
-)
+from beamdae.results.diagnostics.meshes.beam_ranges import rotation_warnings
 from beamdae.results.diagnostics.start_changes import compare_start, drawing_warnings
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant
@@ -90,14 +85,14 @@ class Linearization:
     warnings
         Warnings that name the coordinate with the largest acceleration if the state is at rest but
         not an equilibrium, that the state is the end of an equilibrium path or a run that ended
-        early, that a rotor has its bearing away from the center of rotation, of errors of the
-        strains of deformed beams, and of commands at their limits.
+        early, that a rotor has its bearing away from the center of rotation, and of commands at
+        their limits.
     zero_square
         Squared frequencies up to this magnitude [1/s^2] are treated as zero.
     rotation
         Steady rotation, or None. If set, coordinates refer to the rotating frame.
-    bent_beams
-        Beams whose strains cause errors of frequencies by the estimates in `warnings`.
+    companions
+        Refined linearizations, which measurements of errors compute once.
     """
 
     equations: EquationsOfMotion
@@ -109,7 +104,7 @@ class Linearization:
     warnings: tuple[str, ...] = ()
     zero_square: float = 0.0
     rotation: Rotation | None = None
-    bent_beams: tuple[BeamRange, ...] = ()
+    companions: dict[bool, Any] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def linearized_equations(self) -> LinearizedEquations:
@@ -144,8 +139,6 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
         If `about` is invalid, no such state exists, or a coordinate has no inertia.
     """
     lin = _linearize(name, model, about, t)
-    bent_beams = measure_frequency_ranges(lin.equations, lin.state.q)
-    strains = frequency_warnings(bent_beams)
     turning = () if isinstance(about, (Instant, Rotation)) else _turning_warnings(lin)
     rotations: list[str] = []
     if isinstance(about, Rotation):
@@ -153,7 +146,7 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
             *filter(None, [center_warning(lin.full_equations, about)]),
             *rotation_warnings(lin.equations, lin.state.q, about.speed),
         ]
-    lin = replace(lin, warnings=(*lin.warnings, *turning, *rotations, *strains))
+    lin = replace(lin, warnings=(*lin.warnings, *turning, *rotations))
     q, v = (x[None] for x in lin.state[:2])
     # The slope of a table is zero where its value is held.
     outside = list_arguments_outside(lin.equations, lin.time, q, v, includes_held=True)
@@ -170,7 +163,7 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
         inactive = whole.configurations.initially_inactive if now is None else now.inactive
         whole = whole.without_loads_of(inactive)
     warnings = (*lin.equations.build_warnings, *lin.warnings, *outside, *limits)
-    return replace(lin, full_equations=whole, warnings=warnings, bent_beams=tuple(bent_beams))
+    return replace(lin, full_equations=whole, warnings=warnings)
 
 
 def _turning_warnings(lin: Linearization) -> tuple[str, ...]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.analysis.eigenproblems.eigensolution import (
     DECAY,
     RIGID,
@@ -23,12 +24,8 @@ from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
     linearize_about,
-    warn_of_state,
 )
-from beamdae.analysis.linear_dynamics.mesh_errors import kinetic_energy_shares, mesh_warnings
-from beamdae.analysis.linear_dynamics.refined_linearization import solve_refined_eigenvalues
 from beamdae.beams.beam import Beam
-from beamdae.equations.assembly.refined_beams import RefinedBeams, refine_beams
 from beamdae.equations.starts.mobility import find_free_groups
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
@@ -39,14 +36,14 @@ from beamdae.errors import (
     require_count,
     require_finite,
     short_repr,
+    warn_of_result,
+    warnings_are_ignored,
 )
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
-from beamdae.results.diagnostics.meshes.beam_ranges import find_strain_doubt, frequency_warnings
-from beamdae.results.diagnostics.meshes.coarse_elements import describe_changes, pair_frequencies
 from beamdae.results.displays import HasModeShapes
 from beamdae.simulation import skips_result_checks
 
@@ -74,6 +71,19 @@ _MAX_NAMES = 4  # of parts of a group without a joint
 _REPR_FREQUENCIES = 5
 
 
+class _Request(NamedTuple):
+    """State and time [s] of modes, see `modes`, and the number of modes whose errors are measured.
+
+    If `is_checked` is set, warnings contain these errors.
+    """
+
+    about: Any
+    t: float
+    damping: bool
+    assessed: int
+    is_checked: bool
+
+
 @read_only_data
 @dataclass(frozen=True, repr=False)
 class Modes(HasModeShapes):
@@ -99,12 +109,6 @@ class Modes(HasModeShapes):
         Coordinates of the state, (n,).
     mechanism
         Mechanism for pictures of the modes; None if the model is not a `Mechanism`.
-    warnings
-        Warnings that the state is unstable, not an equilibrium, or the end of an equilibrium path
-        or a run that ended early, that the command of a controller has reached its limit, that
-        there are no modes, that rounding errors of the stiffness hide slow modes, that nothing
-        holds a body, or that the elements of a beam are too long for modes (errors of frequencies
-        above 0.7 %, which are changes with halved elements unless the model is large).
     """
 
     about: str
@@ -113,8 +117,9 @@ class Modes(HasModeShapes):
     kinds: tuple[str, ...]
     q: Array = field(repr=False)
     mechanism: Mechanism | None = field(repr=False)
-    warnings: tuple[str, ...]
     _linearization: Linearization = field(repr=False)
+    _remarks: tuple[str, ...] = ()
+    _request: _Request | None = None
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
@@ -123,9 +128,36 @@ class Modes(HasModeShapes):
         shown = zip(self.kinds, self.frequencies[:_REPR_FREQUENCIES].tolist(), strict=False)
         frequencies = ", ".join(f"{x:.4g} Hz" if x else kind for kind, x in shown)
         more = ", ..." if len(self) > _REPR_FREQUENCIES else ""
-        count = len(self.warnings)
+        count = len(vars(self).get("warnings", self._state_warnings))
         note = f"; {format_count(count, 'warning')}, see .warnings" if count else ""
         return f"<Modes about {self.about}: {len(self)}, {frequencies}{more}{note}>"
+
+    @cached_property
+    def errors(self) -> Any:
+        """Errors of the eigenvalues, see `Errors`, measured by modes of refined beams."""
+        return deferred.module("accuracy.modes").measure_modes(self)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about the state and the modes; `modes` issues them.
+
+        They say that the state is unstable, not an equilibrium, or the end of an equilibrium path
+        or a run that ended early, that the command of a controller has reached its limit, that
+        there are no modes, that rounding errors of the stiffness hide slow modes, that nothing
+        holds a body, or that `errors` of eigenvalues exceed 4 %.
+        """
+        is_checked = self._request is not None and self._request.is_checked
+        return self._state_warnings + (tuple(self.errors.sentences()) if is_checked else ())
+
+    @property
+    def _state_warnings(self) -> tuple[str, ...]:
+        return self._linearization.warnings + self._remarks
+
+    def _issue_warnings(self) -> None:
+        """Issue all warnings except unstable states and missing modes."""
+        if not warnings_are_ignored():
+            issued = (x for x in self.warnings if x not in self._remarks)
+            warn_of_result(issued, self._linearization.equations.build_warnings)
 
     def describe(self, k: int) -> str:
         """Return a label of mode `k`, counted from 0: number k + 1, frequency, damping ratio.
@@ -160,7 +192,10 @@ class Modes(HasModeShapes):
     @cached_property
     def shares(self) -> dict[str, Array]:
         """Share of each moving part in the kinetic energy of each mode [-], (k,), by part name."""
-        return kinetic_energy_shares(self._linearization, self.shapes)
+        energy = np.real(self.shapes.conj().T * (self._linearization.tangent.mass @ self.shapes.T))
+        energy /= np.where(energy.sum(axis=0) > 0.0, energy.sum(axis=0), 1.0)
+        parts = self._linearization.equations.parts
+        return {part.name: energy[part.rows].sum(axis=0) for part in parts}
 
     @cached_property
     def effective_masses(self) -> Array:
@@ -290,7 +325,8 @@ def modes(
     Warns
     -----
     BeamdaeWarning
-        For each of `Modes.warnings`, except unstable states and missing modes.
+        For each of `Modes.warnings`, except unstable states and missing modes. The `errors` are
+        measured unless warnings are filtered out.
 
     Examples
     --------
@@ -303,7 +339,7 @@ def modes(
     2.0
     """
     result = compute_modes(model, about, n, damping, t)
-    warn_of_state(result._linearization)
+    result._issue_warnings()
     return result
 
 
@@ -315,27 +351,26 @@ def compute_modes(
     damping: bool = True,
     t: float = 0.0,
     assessed: int | None = None,
-    assesses_meshes: bool = True,
 ) -> Modes:
     """Compute natural modes as `modes` does, without issuing the warnings of the result.
 
-    Errors by the strains and, if `assesses_meshes` is set, by the elements of beams are estimated
-    for the first `assessed` modes; None means all.
+    Errors are measured for the first `assessed` modes; None means all.
     """
     count = None if n is None else require_count("modes", "n", n)
     is_damped = require_choice("modes", "damping", damping, (True, False))
     if isinstance(model, Model):
         model = model()
-    lin = linearize_about("modes", model, about, require_finite("modes", "t", t))
+    time = require_finite("modes", "t", t)
+    lin = linearize_about("modes", model, about, time)
     solution = solve_eigenproblem(lin.linearized_equations, count, is_damped)
     kinds = classify_modes(lin.linearized_equations, solution)
     mechanism = model if isinstance(model, Mechanism) else None
     lin = replace(lin, warnings=(*lin.warnings, *_rounding_warnings(lin, solution, mechanism)))
     lin = replace(lin, warnings=(*lin.warnings, *_decay_warnings(solution, kinds, count)))
     lin = replace(lin, warnings=(*lin.warnings, *_free_body_warnings(lin, kinds, count)))
-    warnings = list(lin.warnings)
+    remarks = []
     if lin.equations.n <= lin.equations.m:
-        warnings.append("there are no modes because joints and drivers fix every coordinate.")
+        remarks.append("there are no modes because joints and drivers fix every coordinate.")
     growing = [
         float(value.real)
         for value, kind in zip(solution.values, kinds, strict=True)
@@ -343,55 +378,26 @@ def compute_modes(
     ]
     if growing:
         number = "one mode grows" if len(growing) == 1 else f"{len(growing)} modes grow"
-        warnings.append(
+        remarks.append(
             f"the state is unstable: {number}, and the fastest growth is by a factor of e in "
             f"{1.0 / max(growing):.3g} s."
         )
-    result = Modes(
-        lin.about, solution.values, solution.shapes.T, kinds, lin.state.q, mechanism, (), lin
+    request = None
+    if mechanism is not None:
+        number_assessed = len(kinds) if assessed is None else min(assessed, len(kinds))
+        is_checked = number_assessed > 0 and not skips_result_checks()
+        request = _Request(about, time, is_damped, number_assessed, is_checked)
+    return Modes(
+        lin.about,
+        solution.values,
+        solution.shapes.T,
+        kinds,
+        lin.state.q,
+        mechanism,
+        lin,
+        tuple(remarks),
+        request,
     )
-    if mechanism is not None and not skips_result_checks():
-        values, shapes = result.eigenvalues[:assessed], result.shapes[:assessed]
-        shares = {name: x[:assessed] for name, x in result.shares.items()}
-
-        def solve_refined(refined: RefinedBeams) -> Array | None:
-            return solve_refined_eigenvalues(lin, refined, about, t, values, is_damped)
-
-        sentences = []
-        if assesses_meshes:
-            sentences += mesh_warnings(lin, values, shapes, shares, solve_refined)
-        if len(values):
-            found, replaced = _compare_with_exact_strains(lin, values, solve_refined)
-            sentences += found
-            warnings = [x for x in warnings if x not in replaced]
-            lin = replace(lin, warnings=tuple(x for x in lin.warnings if x not in replaced))
-        warnings.extend(sentences)
-        lin = replace(lin, warnings=(*lin.warnings, *sentences))
-    return replace(result, warnings=tuple(warnings), _linearization=lin)
-
-
-def _compare_with_exact_strains(
-    lin: Linearization,
-    eigenvalues: Array,
-    solve_refined: Callable[[RefinedBeams], Array | None],
-) -> tuple[list[str], set[str]]:
-    """Return warnings of frequencies that change by over 1 % with exact strains of beams.
-
-    They are compared if estimates of their errors exceed 1 %. The second set contains the warnings
-    with these estimates, if the frequencies were compared.
-    """
-    e, strained = lin.full_equations, find_strain_doubt(lin.bent_beams)
-    if strained is None:
-        return [], set()
-    doubt, names = strained
-    refined = refine_beams(e, exact=names, halved=())
-    finer = None if refined is None else solve_refined(refined)
-    if finer is None:
-        return [], set()
-    frequencies = pair_frequencies(eigenvalues, finer, len(eigenvalues))
-    sizes = {name: x[0] for name, x in frequencies.items()}
-    changes = list(describe_changes(e, doubt, frequencies, sizes))
-    return changes, set(frequency_warnings(lin.bent_beams))
 
 
 def _rounding_warnings(

@@ -17,7 +17,6 @@ from beamdae.analysis.linear_dynamics.linearization import (
     active_equations,
     load_path_end,
     solve_for_accelerations,
-    warn_of_state,
 )
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.analysis.sensitivities.eigen_derivatives import EigenpairDerivatives, Pencil
@@ -282,7 +281,7 @@ def mode_sensitivities(
         shapes[name] = np.full(result.shapes.shape, complex(np.nan, np.nan))
         for k, pair in pairs.items():
             eigenvalues[name][k], shapes[name][k] = pair.derivative(change)
-    warn_of_state(lin)
+    result._issue_warnings()
     return ModeSensitivities(
         result,
         {name: float(values[name]) for name in names},
