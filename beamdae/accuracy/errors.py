@@ -26,7 +26,6 @@ LIMIT, AIM = 0.04, 0.01
 # third of the tolerance two thirds.
 FACTOR = 1.15
 CAUSES = ("time", "mesh", "theory")
-_MESH_ORDER = 2  # of rates and section forces, in which errors of elements are largest
 _MAX_NAMES = 6
 
 
@@ -49,6 +48,8 @@ class Refined(NamedTuple):
         Reasons why beams are not refined, by name.
     method
         Label of another integrator that is compared instead.
+    mesh_order
+        Order of errors by elements: 2 for rates and section forces, in which they are largest.
     """
 
     elements: Mapping[str, int] = {}
@@ -58,6 +59,7 @@ class Refined(NamedTuple):
     order: int = 1
     kept: Mapping[str, str] = {}
     method: str = ""
+    mesh_order: int = 2
 
     def __str__(self) -> str:
         """Describe the companion."""
@@ -263,7 +265,8 @@ class Errors(HasTable):
             else f"{remove_unit(self.headers[k])} {_format_error(self.total[k])}"
             for k in wrong
         )
-        causes = {x: y[wrong[0]] for x, y in self.causes.items() if y[wrong[0]] > 0.0}
+        least = AIM * self.total[wrong[0]]
+        causes = {x: y[wrong[0]] for x, y in self.causes.items() if y[wrong[0]] > least}
         parts = ", ".join(f"{_NAMES_OF_CAUSES[x]} {_format_error(y)}" for x, y in causes.items())
         by = f", by {parts}" if len(causes) > 1 else ""
         relative_to = self.relative_to
@@ -278,7 +281,8 @@ class Errors(HasTable):
         needed = {x: y for x, y in of_cause.items() if y > 2.0 * aim}
         texts, refined = [], self.refined
         if "mesh" in needed and refined.elements:
-            factor = 2 ** int(np.ceil(np.log2(min(needed["mesh"], 1.0) / aim) / _MESH_ORDER))
+            halvings = np.log2(min(needed["mesh"], 1.0) / aim) / refined.mesh_order
+            factor = 2 ** int(np.ceil(halvings))
             counts = [f"{factor * x} elements of {name}" for name, x in refined.elements.items()]
             texts.append(list_first(counts, _MAX_NAMES))
         if "mesh" in needed and refined.friction_speeds:

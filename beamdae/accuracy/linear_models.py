@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from beamdae.accuracy.errors import AIM, Errors
@@ -17,7 +19,7 @@ from beamdae.linear.blas_threads import single_threaded
 Array = np.ndarray
 
 _SLOWEST = 3  # vibrations of a linear model without a band of frequencies
-# Fewer frequencies are single values rather than a curve whose peaks are read.
+_EXAMINED = 24  # vibrations for default bands
 _MIN_CURVE_SIZE = 20
 # A companion has twice as many states and takes eight times as long for each frequency.
 _COMPARED_SHARE, _MIN_COMPARED = 0.125, 20
@@ -27,72 +29,85 @@ _FIRST_MODES = 10  # to begin with
 _REACH = 1.5  # of the modes of the companion beyond the band, whose frequencies may be higher
 
 
-def measure_frequencies(model: LinearModel, limit: float | None = None) -> Errors:
-    """Return the errors of the natural frequencies of a linear model up to a limit [Hz].
+def measure_frequencies(model: LinearModel, count: int = _SLOWEST) -> Errors:
+    """Return the errors of the slowest natural frequencies of a linear model.
 
-    By default, those of the three slowest vibrations. They are undamped frequencies, unless the
-    model has first-order states.
+    They are magnitudes of eigenvalues, without damping unless the model has first-order states.
     """
-    return _measure(model, limit, np.zeros(1), np.zeros((1, 0, 0)))
+    return _measure(model, _Band(count), np.zeros(1), np.zeros((1, 0, 0)))
 
 
 def measure_response(model: LinearModel, frequencies: Array, response: Array) -> Errors:
     """Return the errors of responses (k, outputs, inputs) at frequencies [Hz], (k,).
 
-    They are relative to the largest magnitude at these frequencies. Of curves of 20 or more
-    frequencies, natural frequencies are columns as well, and responses are compared at equal ratios
-    to them, so that a shifted peak is an error of its frequency only.
+    Of curves of 20 or more frequencies, they are relative to the largest magnitude. Natural
+    frequencies are columns as well, and responses are compared at equal ratios to them, so that a
+    shifted peak is an error of its frequency only. Fewer frequencies are columns of their own.
     """
     count = max(int(_COMPARED_SHARE * len(frequencies)), min(_MIN_COMPARED, len(frequencies)))
     peaks = np.argmax(np.abs(response), axis=0).ravel()
     rows = np.linspace(0, len(frequencies) - 1, count).astype(int)
     rows = np.unique(np.append(rows, peaks))
-    is_curve = len(frequencies) >= _MIN_CURVE_SIZE
-    limit = float(np.max(np.abs(frequencies))) if is_curve else 0.0
-    return _measure(model, limit, frequencies[rows], response[rows])
+    is_curve = _is_curve(frequencies)
+    band = _Band(limit=float(np.max(np.abs(frequencies))) if is_curve else 0.0)
+    return _measure(model, band, frequencies[rows], response[rows])
 
 
 def find_resolved_frequency(model: LinearModel, highest: float) -> float:
     """Return the frequency [Hz] up to which natural frequencies have errors of at most 1 %.
 
-    It is in the middle between two of them, and at most `highest`.
+    It is in the middle between two of the first 24 ones, and at most `highest`.
     """
-    errors = measure_frequencies(model, highest)
-    wrong = np.flatnonzero(errors.total > AIM)
-    if not len(wrong):
+    errors = measure_frequencies(model, _EXAMINED)
+    if not errors.refined.elements:
         return highest
-    between = errors.values[max(wrong[0] - 1, 0) : wrong[0] + 1]
+    wrong = np.append(np.flatnonzero(errors.total > AIM), len(errors.total))[0]
+    between = errors.values[max(wrong - 1, 0) : wrong + 1]
     return float(min(highest, np.exp(np.mean(np.log(between)))))
 
 
+def _is_curve(frequencies: Array) -> bool:
+    """Return False for single values rather than a curve whose peaks are read."""
+    return len(frequencies) >= _MIN_CURVE_SIZE
+
+
+class _Band(NamedTuple):
+    """Largest number of vibrations, and their largest frequency [Hz]."""
+
+    count: float = np.inf
+    limit: float = np.inf
+
+
 @single_threaded
-def _measure(
-    model: LinearModel, limit: float | None, frequencies: Array, response: Array
-) -> Errors:
+def _measure(model: LinearModel, band: _Band, frequencies: Array, response: Array) -> Errors:
     lin, request = model._linearization, model._request
     if lin is None or request is None:
         return Errors.unchecked((), np.zeros(0), "the model is not a mechanism")
-    vibrations = _find_vibrations(lin, limit)
-    rates = vibrations.values.imag / (2.0 * np.pi)
+    vibrations = _find_vibrations(lin, band)
+    rates = np.abs(vibrations.values) / (2.0 * np.pi)
     headers = [f"frequency {k} [Hz]" for k in range(1, len(rates) + 1)]
+    is_curve = _is_curve(frequencies)
     headers += [
-        f"{output.name} / {source.name} [{divide_units(output, source)}]"
+        f"{output.name} / {source.name}{place} [{divide_units(output, source)}]"
         for output in model.outputs[: response.shape[1]]
         for source in model.inputs
+        for place in ([""] if is_curve else [f" at {f:.6g} Hz" for f in frequencies])
     ]
-    is_noise = np.zeros(response.shape[1:], bool)
+    is_noise = np.zeros(response.shape, bool)
     if is_noise.size:
         middle = frequencies[[len(frequencies) // 2]]
-        is_noise = np.abs(response).max(axis=0) <= _NOISE_SHARE * model.bound_magnitudes(middle)
+        is_noise = np.abs(response) <= _NOISE_SHARE * model.bound_magnitudes(middle)
 
     def join(rates: Array, response: Array) -> Array:
-        curves = np.where(is_noise, 0.0, response).reshape(len(response), -1).T
-        return np.vstack([np.tile(rates[:, None], len(response)), curves])
+        """Return the samples of all columns."""
+        responses = np.where(is_noise, 0.0, response).reshape(len(response), -1).T
+        columns = responses if is_curve else responses.reshape(-1, 1)
+        return np.vstack([np.tile(rates[:, None], columns.shape[1]), columns])
 
     def solve(refinement: Refinement, finer: Linearization) -> Array:
-        others = _find_vibrations(finer, None if limit is None else _REACH * limit, _FIRST_MODES)
+        others = _find_vibrations(finer, _Band(band.count + _FIRST_MODES, _REACH * band.limit))
         pairs = pair_modes(refinement, finer, vibrations.shapes, others)
-        finer_rates = np.append(others.values.imag, np.nan)[pairs] / (2.0 * np.pi)
+        finer_rates = np.append(np.abs(others.values), np.nan)[pairs] / (2.0 * np.pi)
         if not response.size:
             return join(finer_rates, response)
         known = np.isfinite(finer_rates)
@@ -119,19 +134,18 @@ def _find_peaks(samples: Array) -> Array:
     return np.abs(samples).max(axis=1)
 
 
-def _find_vibrations(
-    lin: Linearization, limit: float | None, slowest: int = _SLOWEST
-) -> EigenSolution:
-    """Return the vibrations up to a frequency [Hz], or the slowest ones if it is None."""
+def _find_vibrations(lin: Linearization, band: _Band) -> EigenSolution:
+    """Return the vibrations in a band in ascending order of their frequencies."""
     e, count = lin.equations, _FIRST_MODES
-    is_damped = len(e.states) > 0
-    largest = np.inf if limit is None else 2.0 * np.pi * limit
-    solution = solve_eigenproblem(lin.linearized_equations, count, is_damped)
-    while limit is not None and count < e.n - e.m and solution.values[-1].imag <= largest:
+    largest = 2.0 * np.pi * band.limit
+    while True:
+        solution = solve_eigenproblem(lin.linearized_equations, count, len(e.states) > 0)
+        rates = np.abs(solution.values)
+        order = np.argsort(rates, kind="stable")
+        order = order[(solution.values.imag[order] > 0.0) & (rates[order] <= largest)]
+        is_complete = len(order) >= band.count or np.max(rates, initial=0.0) > largest
+        if is_complete or count >= e.n - e.m:
+            break
         count *= 2
-        solution = solve_eigenproblem(lin.linearized_equations, count, is_damped)
-    rates = solution.values.imag
-    order = np.argsort(rates, kind="stable")
-    order = order[(rates[order] > 0.0) & (rates[order] <= largest)]
-    order = order[: None if limit is not None else slowest]
+    order = order[: int(min(band.count, len(order)))]
     return EigenSolution(solution.values[order], solution.shapes[:, order])

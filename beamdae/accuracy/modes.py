@@ -133,7 +133,8 @@ def measure_about_state(
 
     refinement = companion[0]
     elements = {x.name: x.mesh.elements for x in beams if x.name in refinement.halved}
-    refined = Refined(elements, refinement.exact, kept=refinement.kept)
+    order = min((2 * x.mesh.nodes - 2 for x in beams if x.name in elements), default=2)
+    refined = Refined(elements, refinement.exact, kept=refinement.kept, mesh_order=order)
     errors = Errors.of_values(names, values, summarize(others), refined, split=split)
     return replace(errors, total=_measure_changes(samples, others))
 
