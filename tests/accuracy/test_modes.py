@@ -1,0 +1,186 @@
+"""Errors of natural modes: stated beside true ones, about states of all kinds."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+
+STEEL = bd.Material.of("steel")
+PLASTIC = bd.Material(E=2.6e9, nu=0.36, rho=1230.0)
+STRIP = bd.Section.rectangle(STEEL, width=0.02, height=0.004)
+WRONG, ACCURATE = 0.04, 0.01
+
+
+def cantilever(elements, section=STRIP, **settings):
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (0.6, 0.0))
+    beam = mech.add(bd.Beam("beam", line, section, elements=elements, **settings))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+def clamped_arc(elements, **settings):
+    mech = bd.Mechanism()
+    arc = bd.Arc(radius=0.6, length=0.8)
+    beam = mech.add(bd.Beam("arc", arc, STRIP, elements=elements, **settings))
+    mech.add(bd.Weld("left", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Weld("right", mech.ground.at(*beam.end.point), beam.end))
+    return mech
+
+
+def heated_column(elements, **settings):
+    """Return a column between hinges under nine tenths of its buckling load."""
+    critical = np.pi**2 * STRIP.EI / (1.0 + np.pi**2 * STRIP.EI / STRIP.GA)
+    mech = bd.Mechanism()
+    line, free = (bd.Line((0.0, 0.0), (x, 0.0)) for x in (1.0, 1.0 + 0.9 * critical / STRIP.EA))
+    beam = mech.add(bd.Beam("column", line, STRIP, elements, free_curve=free, **settings))
+    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Revolute("right", mech.ground.at(1.0, 0.0), beam.end))
+    return mech
+
+
+def bent_reed(elements, damping=0.0, **settings):
+    """Return a reed whose end a force bends by half its length."""
+    section = bd.Section.rectangle(PLASTIC, width=0.02, height=0.008, damping=damping)
+    mech = cantilever(elements, section, **settings)
+    mech.add(bd.Force("load", mech.parts["beam"].end, (0.0, -2.5 * section.EI / 0.6**2)))
+    return mech
+
+
+def blade(elements, speed=0.0, **settings):
+    """Return a blade on a hub that turns at `speed` [rad/s]."""
+    mech = bd.Mechanism()
+    center = mech.ground.at(0.0, 0.0)
+    hub = mech.add(bd.RigidBody("hub", mass=1.0, inertia=1.0))
+    mech.add(bd.Revolute("bearing", center, hub.at(0.0, 0.0)))
+    mech.add(bd.Driver("motor", center, hub.at(0.0, 0.0), lambda t: speed * t))
+    line = bd.Line((0.1, 0.0), (0.6, 0.0))
+    beam = mech.add(bd.Beam("blade", line, STRIP, elements=elements, **settings))
+    mech.add(bd.Weld("clamp", hub.at(0.1, 0.0), beam.start))
+    return mech
+
+
+def about_equilibrium(mech):
+    return "equilibrium"
+
+
+def about_path(mech):
+    return bd.equilibrium(mech)
+
+
+def about_instant(mech):
+    """Return the state of a run whose strong vibration has decayed."""
+    return bd.simulate(mech, bd.Radau(1e-4), t_end=1.5).at(1.5)
+
+
+def about_rotation(mech):
+    return bd.rotation(300.0)
+
+
+def spinning_blade(elements, **settings):
+    return blade(elements, 300.0, **settings)
+
+
+FLOATING, EXACT = {"formulation": "floating frame"}, {"formulation": "exact"}
+CASES = [
+    *((cantilever, k, x, None) for k in (1, 2, 3) for x in (FLOATING, EXACT)),
+    (cantilever, 2, {"nodes": 3}, None),
+    (cantilever, 12, FLOATING, None),
+    (clamped_arc, 2, EXACT, None),
+    (clamped_arc, 3, FLOATING, None),
+    (heated_column, 1, FLOATING, about_equilibrium),
+    (heated_column, 8, EXACT, about_equilibrium),
+    (bent_reed, 6, FLOATING, about_equilibrium),
+    (bent_reed, 6, FLOATING, about_path),
+    (bent_reed, 1, EXACT, about_path),
+    (bent_reed, 8, EXACT, about_path),
+    (spinning_blade, 1, EXACT, about_rotation),
+    (spinning_blade, 10, FLOATING, about_rotation),
+]
+
+
+def frequencies_of(model, about, n):
+    modes = bd.modes(model, "reference" if about is None else about(model), n=n)
+    return modes, modes.frequencies
+
+
+@pytest.mark.slow(reason="modes of fine meshes")
+@pytest.mark.parametrize(("build", "elements", "settings", "about"), CASES)
+def test_stated_errors_are_true_errors(build, elements, settings, about):
+    count = 2 if build is heated_column else 3  # The third one of one element is axial.
+    modes, values = frequencies_of(build(elements, **settings), about, count)
+    _, exact = frequencies_of(build(max(4 * elements, 8), **EXACT), about, count)
+    errors = np.abs(values / exact - 1.0)
+    stated = modes.errors.total
+    assert list(modes.errors.headers) == [f"frequency {k} [Hz]" for k in range(1, count + 1)]
+    wrong, accurate = errors > WRONG, errors < ACCURATE
+    assert np.all(stated[wrong] > 0.5 * errors[wrong])
+    assert np.all(stated[wrong] < 2.0 * errors[wrong])
+    assert np.all(stated[accurate] < WRONG)
+    assert bool(modes.warnings) == bool(np.any(stated > WRONG))
+
+
+@pytest.mark.slow(reason="a run")
+@pytest.mark.parametrize("elements", [1, 4])
+def test_errors_about_an_instant_are_those_about_the_equilibrium_that_it_approaches(elements):
+    model = bent_reed(elements, damping=1e-2, **(EXACT if elements == 1 else FLOATING))
+    of_run, of_rest = (bd.modes(model, x, n=20) for x in (about_instant(model), "equilibrium"))
+    # The two slowest vibrations; the others decay.
+    at_end, at_rest = (x.errors.total[x.eigenvalues.imag > 0.0][:2] for x in (of_run, of_rest))
+    assert_allclose(at_end, at_rest, rtol=0.02)
+    assert at_end[-1] > WRONG
+
+
+def test_causes_are_elements_and_strains():
+    coarse, strained = (bd.modes(x, "equilibrium", n=3) for x in (bent_reed(1), bent_reed(6)))
+    causes = coarse.errors.causes
+    assert causes["mesh"][2] > 0.2
+    table = strained.errors.table()
+    assert list(table) == [
+        "value", "companion", "rows", "total", "time", "mesh", "theory", "status",
+    ]  # fmt: skip
+    assert np.all(table["mesh"] < 1e-3)
+    assert_allclose(table["theory"], table["total"], atol=1e-3)
+    assert np.all(table["status"] == "measured")
+    (sentence,) = strained.warnings
+    assert sentence.startswith("frequency ")
+    assert sentence.endswith('use strain="exact" of beam.')
+
+
+def test_modes_are_paired_by_their_shapes():
+    """The second mode of one element is axial: four bending modes of two elements are slower."""
+    section = bd.Section.rectangle(STEEL, width=0.02, height=0.12)
+    coarse = bd.modes(cantilever(1, section), n=3)
+    exact = 0.25 * np.sqrt(STEEL.E / STEEL.rho) / 0.6
+    axial = int(np.argmin(np.abs(coarse.frequencies / exact - 1.0)))
+    # Linear axial strains of one element of four nodes.
+    assert abs(coarse.frequencies[axial] / exact - 1.0) < 1e-3
+    assert coarse.errors.total[axial] < 2e-3
+    assert coarse.errors.total[axial - 1] > WRONG or coarse.errors.total[axial + 1] > WRONG
+
+
+def test_modes_that_cannot_be_refined_are_exact_or_not_checked():
+    mech = bd.Mechanism()
+    bob = mech.add(bd.PointMass("bob", 2.0, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), bob.point))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness=8.0))
+    assert bd.modes(mech).errors.largest == 0.0
+    equations = bd.equations_of_motion(mech)
+    (status,) = bd.modes(equations).errors.statuses
+    assert status == "not checked: the model is not a mechanism"
+    named = bd.modes(cantilever(2), {"beam.x0": 0.0}, n=2)
+    assert set(named.errors.statuses) == {"not checked: no beam can be refined"}
+    assert not named.warnings
+
+
+@pytest.mark.filterwarnings("always::beamdae.BeamdaeWarning")
+def test_modes_and_campbell_diagrams_warn_of_requested_modes_only():
+    with pytest.warns(bd.BeamdaeWarning, match=r"frequency 2: .* halved elements of blade"):
+        bd.modes(blade(1), n=2)
+    diagram = bd.campbell(blade(1), [0.0, 20.0, 50.0], n=2)
+    (warning,) = diagram.warnings
+    assert "frequency 2: " in warning
+    assert "frequency 3" not in warning
+    assert not bd.campbell(blade(1), [0.0, 50.0], n=1).warnings
