@@ -74,7 +74,7 @@ def _is_curve(frequencies: Array) -> bool:
 class _Band(NamedTuple):
     """Largest number of vibrations, and their largest frequency [Hz]."""
 
-    count: float = np.inf
+    most: float = np.inf
     limit: float = np.inf
 
 
@@ -105,7 +105,7 @@ def _measure(model: LinearModel, band: _Band, frequencies: Array, response: Arra
         return np.vstack([np.tile(rates[:, None], columns.shape[1]), columns])
 
     def solve(refinement: Refinement, finer: Linearization) -> Array:
-        others = _find_vibrations(finer, _Band(band.count + _FIRST_MODES, _REACH * band.limit))
+        others = _find_vibrations(finer, _Band(band.most + _FIRST_MODES, _REACH * band.limit))
         pairs = pair_modes(refinement, finer, vibrations.shapes, others)
         finer_rates = np.append(np.abs(others.values), np.nan)[pairs] / (2.0 * np.pi)
         if not response.size:
@@ -143,9 +143,9 @@ def _find_vibrations(lin: Linearization, band: _Band) -> EigenSolution:
         rates = np.abs(solution.values)
         order = np.argsort(rates, kind="stable")
         order = order[(solution.values.imag[order] > 0.0) & (rates[order] <= largest)]
-        is_complete = len(order) >= band.count or np.max(rates, initial=0.0) > largest
+        is_complete = len(order) >= band.most or np.max(rates, initial=0.0) > largest
         if is_complete or count >= e.n - e.m:
             break
         count *= 2
-    order = order[: int(min(band.count, len(order)))]
+    order = order[: int(min(band.most, len(order)))]
     return EigenSolution(solution.values[order], solution.shapes[:, order])

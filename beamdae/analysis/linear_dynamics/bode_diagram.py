@@ -317,18 +317,18 @@ def bode(
             model.poles, len(model.states), ends, model.find_resolved_frequency
         )
     response = model.evaluate_response(values.tolist())
-    warnings = model.find_missed_peaks(values, response)
+    remarks = model.find_missed_peaks(values, response)
     growing = find_growing_poles(model.poles)
     if len(growing):
         rate = float(np.max(growing.real))
-        warnings = (
+        unstable = (
             f"the linear model is unstable (largest growth rate {rate:.4g} 1/s), so motions do not "
-            "settle to this response; linearize about a stable state, or close the control loop.",
-            *warnings,
+            "settle to this response; linearize about a stable state, or close the control loop."
         )
-    diagram = Bode(model, values, response, tuple(warnings))
+        remarks = [unstable, *remarks]
+    diagram = Bode(model, values, response, tuple(remarks))
     if not warnings_are_ignored():
-        warn_of_result((*warnings, *diagram.errors.sentences()))
+        warn_of_result((*remarks, *diagram.errors.sentences()))
     return diagram
 
 
