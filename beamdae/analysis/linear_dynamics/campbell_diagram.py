@@ -166,6 +166,11 @@ class Campbell(HasTable, HasPage):
         return float(conversion_factor(self.speed_unit, "rad/s") or 1.0)
 
     @property
+    def errors(self) -> Any:
+        """Errors of the eigenvalues at the fastest rotation, see `Modes.errors`."""
+        return self.modes[int(np.argmax(np.abs(self.speeds)))].errors
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the model, the modes at the speeds, and modes that were not followed."""
         return tuple(text for _, text in self._describe_states()) + self._describe_lost_modes()
@@ -416,8 +421,8 @@ def campbell(
     Warns
     -----
     BeamdaeWarning
-        For each warning that `modes` issues, of long elements at the slowest and the fastest
-        rotation, and for modes that were not followed.
+        For each warning that `modes` issues, of `errors` at the slowest and the fastest rotation,
+        and for modes that were not followed.
 
     Examples
     --------

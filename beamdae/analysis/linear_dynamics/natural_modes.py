@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -67,6 +68,10 @@ _MIN_DEFORMATION_SHARE = 1e-3
 _EQUAL_RATE_TOLERANCE = 1e-3
 _MAX_DECAY_SHARE = 0.5
 _MAX_NAMES = 4  # of parts of a group without a joint
+# Time [s] up to which errors of all modes are among the warnings. A companion takes eight times as
+# long with dense matrices of twice the size, and is repeated for causes of errors; a few modes take
+# two to four times as long.
+_MAX_TIME, _TIME_RATIO_OF_ALL = 2.0, 16.0
 # Number of frequencies shown in the repr.
 _REPR_FREQUENCIES = 5
 
@@ -74,7 +79,8 @@ _REPR_FREQUENCIES = 5
 class _Request(NamedTuple):
     """State and time [s] of modes, see `modes`, and the number of modes whose errors are measured.
 
-    If `is_checked` is set, warnings contain these errors.
+    If `is_checked` is set, warnings contain these errors, unless they take long by a prediction of
+    the time [s].
     """
 
     about: Any
@@ -82,6 +88,7 @@ class _Request(NamedTuple):
     damping: bool
     assessed: int
     is_checked: bool
+    predicted_time: float
 
 
 @read_only_data
@@ -146,8 +153,15 @@ class Modes(HasModeShapes):
         there are no modes, that rounding errors of the stiffness hide slow modes, that nothing
         holds a body, or that `errors` of eigenvalues exceed 4 %.
         """
-        is_checked = self._request is not None and self._request.is_checked
-        return self._state_warnings + (tuple(self.errors.sentences()) if is_checked else ())
+        if self._request is None or not self._request.is_checked:
+            return self._state_warnings
+        if self._request.predicted_time > _MAX_TIME and "errors" not in vars(self):
+            unchecked = (
+                f"errors: not checked, because all modes of halved elements take more than "
+                f"{_MAX_TIME:g} s; use the errors of the result."
+            )
+            return (*self._state_warnings, unchecked)
+        return (*self._state_warnings, *self.errors.sentences())
 
     @property
     def _state_warnings(self) -> tuple[str, ...]:
@@ -361,6 +375,7 @@ def compute_modes(
     if isinstance(model, Model):
         model = model()
     time = require_finite("modes", "t", t)
+    begin = perf_counter()
     lin = linearize_about("modes", model, about, time)
     solution = solve_eigenproblem(lin.linearized_equations, count, is_damped)
     kinds = classify_modes(lin.linearized_equations, solution)
@@ -386,7 +401,8 @@ def compute_modes(
     if mechanism is not None:
         number_assessed = len(kinds) if assessed is None else min(assessed, len(kinds))
         is_checked = number_assessed > 0 and not skips_result_checks()
-        request = _Request(about, time, is_damped, number_assessed, is_checked)
+        predicted = _TIME_RATIO_OF_ALL * (perf_counter() - begin) if count is None else 0.0
+        request = _Request(about, time, is_damped, number_assessed, is_checked, predicted)
     return Modes(
         lin.about,
         solution.values,
