@@ -49,6 +49,16 @@ def bent_reed(elements, damping=0.0, **settings):
     return mech
 
 
+def stretched_band(elements, **settings):
+    """Return a band of soft material whose axial mode, the third one, has errors of strains."""
+    soft = bd.Material(E=5e6, nu=0.48, rho=1100.0)
+    section = bd.Section.rectangle(soft, width=0.02, height=0.02)
+    mech = cantilever(elements, section, **settings)
+    mech.add(bd.PointMass("bob", 0.2, on=mech.parts["beam"].end))
+    mech.add(bd.Force("pull", mech.parts["beam"].end, (0.08 * section.EA, 0.0)))
+    return mech
+
+
 def blade(elements, speed=0.0, **settings):
     """Return a blade on a hub that turns at `speed` [rad/s]."""
     mech = bd.Mechanism()
@@ -96,6 +106,8 @@ CASES = [
     (bent_reed, 6, FLOATING, about_path),
     (bent_reed, 1, EXACT, about_path),
     (bent_reed, 8, EXACT, about_path),
+    (stretched_band, 4, FLOATING, about_equilibrium),
+    (stretched_band, 4, FLOATING, about_path),
     (spinning_blade, 1, EXACT, about_rotation),
     (spinning_blade, 10, FLOATING, about_rotation),
 ]
