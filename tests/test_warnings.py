@@ -199,7 +199,7 @@ def _swing():
     ("analyze", "text"),
     [
         (_bend_column, "displacements before buckling are not negligible"),
-        (_rotate_rubber, "at 2 speeds from 30 to 40 rad/s (here 40 rad/s), blade"),
+        (_rotate_rubber, "at 40 rad/s, frequency "),
         pytest.param(
             lambda: bd.periodic(_swing(), 2.0, bd.Radau(1e-3), settle=0),
             "no periodic motion close to this one",

@@ -19,6 +19,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
 )
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError
+from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
 from beamdae.analysis.statics.path_controls import LoadControl
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -163,11 +164,15 @@ def pair_modes(
     )
     mac = np.abs(prolonged.conj().T @ (mass @ solution.shapes)) ** 2 / np.outer(masses, others)
     pairs = np.full(len(mac), -1)
+    if not mac.size:
+        return pairs
     for k, row in enumerate(mac):
+        # Motions at equal rates may have nearly the same shape.
+        row[pairs[pairs >= 0]] = 0.0
         best = int(np.argmax(row))
-        if row[best] > _MIN_MAC and best not in pairs:
+        if row[best] > _MIN_MAC:
             pairs[k] = best
-    rest = [k for k in range(mac.shape[1]) if k not in pairs]
+    rest = np.setdiff1d(np.flatnonzero(solution.values), pairs)
     rows = np.flatnonzero(pairs < 0)[: len(rest)]
     pairs[rows] = rest[: len(rows)]
     return pairs
@@ -216,12 +221,11 @@ def _linearize_path_end(
     q = refinement.start + refinement.prolongation @ lin.state.q
     fine = replace(refinement.equations, q0=q, v0=np.zeros(len(q)))
     _, system, factor = load_path_end(fine.mechanism, fine, path)
-    e, multipliers = (
-        system.equations,
-        dict(zip(lin.equations.lam_names, lin.state.lam, strict=True)),
-    )
+    e = system.equations
+    multipliers = dict(zip(lin.equations.lam_names, lin.state.lam, strict=True))
     x = np.append(q, [multipliers.get(name, 0.0) for name in e.lam_names])
-    x = Corrector(system).correct(LoadControl(), factor, x, factor).x
+    held = hold_neutral_motions(system, x)
+    x = Corrector(held).correct(LoadControl(), factor, x, factor).x
     e = replace(e, q0=x[: e.n], v0=np.zeros(e.n))
     rest = linearize_at_rest(e, system.loaded.time, lambda x: system.motion_tangent(x, factor))
     return Linearization(e, fine, lin.about, system.loaded.time, *rest)

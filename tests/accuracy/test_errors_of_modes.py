@@ -145,6 +145,25 @@ def test_errors_about_an_instant_are_those_about_the_equilibrium_that_it_approac
     assert at_end[-1] > WRONG
 
 
+def test_free_motions_at_the_end_of_a_path_are_held():
+    mech = bent_reed(2)
+    tip = mech.parts["beam"].end
+    disk = mech.add(bd.RigidBody.disk("disk", tip.point, radius=0.1, mass=0.2))
+    mech.add(bd.Revolute("pin", tip, disk.at(*tip.point)))
+    at_end, at_rest = (bd.modes(mech, x, n=3) for x in (bd.equilibrium(mech), "equilibrium"))
+    assert at_end.kinds[0] == "free motion"
+    assert_allclose(at_end.errors.total, at_rest.errors.total, rtol=1e-3)
+
+
+def test_motions_at_equal_rates_are_paired():
+    """A translation in the rotating frame was paired with a free motion."""
+    mech = bd.Mechanism()
+    circle = bd.Arc(radius=1.0, length=2.0 * np.pi)
+    bd.welded_beams(mech, "ring", circle, STRIP, 4, closed=True, elements=4, formulation="exact")
+    modes = bd.modes(mech, bd.rotation(5.0, (0.0, 1.0)), n=11)
+    assert modes.errors.largest < ACCURATE
+
+
 def test_causes_are_elements_and_strains():
     coarse, strained = (bd.modes(x, "equilibrium", n=3) for x in (bent_reed(1), bent_reed(6)))
     causes = coarse.errors.causes
