@@ -71,6 +71,7 @@ def test_linear_models_and_responses_warn_of_their_errors():
         model.frequency_response([95.0])
 
 
+@pytest.mark.slow(reason="a default band of frequencies")
 def test_accurate_models_have_no_warning(recwarn):
     model = shaken_strip(8)
     model.frequency_response([1.0, 9.0, 95.0])

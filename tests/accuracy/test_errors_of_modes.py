@@ -145,6 +145,7 @@ def test_errors_about_an_instant_are_those_about_the_equilibrium_that_it_approac
     assert at_end[-1] > WRONG
 
 
+@pytest.mark.slow(reason="modes of several meshes")
 def test_free_motions_at_the_end_of_a_path_are_held():
     mech = bent_reed(2)
     tip = mech.parts["beam"].end
@@ -155,6 +156,7 @@ def test_free_motions_at_the_end_of_a_path_are_held():
     assert_allclose(at_end.errors.total, at_rest.errors.total, rtol=1e-3)
 
 
+@pytest.mark.slow(reason="modes of several meshes")
 def test_motions_at_equal_rates_are_paired():
     """A translation in the rotating frame was paired with a free motion."""
     mech = bd.Mechanism()
@@ -164,6 +166,7 @@ def test_motions_at_equal_rates_are_paired():
     assert modes.errors.largest < ACCURATE
 
 
+@pytest.mark.slow(reason="modes of several meshes")
 def test_causes_are_elements_and_strains():
     coarse, strained = (bd.modes(x, "equilibrium", n=3) for x in (bent_reed(1), bent_reed(6)))
     causes = coarse.errors.causes
@@ -206,6 +209,7 @@ def test_modes_that_cannot_be_refined_are_exact_or_not_checked():
     assert not named.warnings
 
 
+@pytest.mark.slow(reason="modes of several meshes")
 @pytest.mark.filterwarnings("always::beamdae.BeamdaeWarning")
 def test_modes_and_campbell_diagrams_warn_of_requested_modes_only():
     with pytest.warns(bd.BeamdaeWarning, match=r"frequency 2: .* halved elements of blade"):
