@@ -159,7 +159,6 @@ from .report.pictures.run_animation import animate as animate
 from .report.pictures.time_plots import plot as plot
 from .results.analysis_certificate import AnalysisCertificate as AnalysisCertificate
 from .results.certificate import Certificate as Certificate
-from .results.diagnostics.meshes.beam_ranges import BeamRange as BeamRange
 from .results.displays import Animation as Animation
 from .results.displays import Plot as Plot
 from .results.equilibrium import CriticalPoint as CriticalPoint

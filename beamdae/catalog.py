@@ -243,7 +243,6 @@ GROUPS = (
             Public("load", "beamdae.simulation"),
             Public("StepResponse", "beamdae.results.step_response"),
             Public("SectionForces", "beamdae.results.section_forces.section_forces"),
-            Public("BeamRange", "beamdae.results.diagnostics.meshes.beam_ranges"),
         ),
     ),
     Group(

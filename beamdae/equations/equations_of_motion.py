@@ -6,7 +6,7 @@ They include a structure, which models that differ only in numbers share, and th
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, Protocol
@@ -15,7 +15,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae import deferred
-from beamdae.equations.banded_stiffness import BandedStiffness, plan_banded_stiffness
 from beamdae.equations.singular_laws import PartLaw
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.errors import BeamdaeError
@@ -31,8 +30,6 @@ from beamdae.symbolic.signal_pickling import pickle_with_signals
 from beamdae.symbolic.statements import (
     ConstraintStatement,
     ForceStatement,
-    RangeStatement,
-    StrainDefectKernel,
     Variable,
 )
 
@@ -50,165 +47,6 @@ class State(NamedTuple):
     v: Array
     a: Array
     lam: Array
-
-
-@read_only_data
-@dataclass(frozen=True)
-class RangeTerm:
-    """Deformation measures of a part as functions of the global coordinates."""
-
-    statement: RangeStatement
-    operator: sp.csr_array
-
-    def largest_deformation(self, q: Array) -> Array:
-        """Return the largest deflection / length [-], rotation [rad] and strain [-], (3,).
-
-        Each entry is the maximum over the rows of q and the copies of the kernel.
-        """
-        return np.max([self._largest_values(x) for x in self._column_blocks(q)], axis=0)
-
-    def largest_and_motions(self, q: Array) -> tuple[Array, Array, Array]:
-        """Return `largest_deformation`, `rotations` and `axial_displacements` for rows of `q`."""
-        along, _ = self._defect.displacements
-        values, motions, first = [], [], 0
-        for columns in self._column_blocks(q):
-            values.append(self._largest_values(columns))
-            blocks = [self._rotations(columns), self._nodal(columns, along)]
-            if not first:
-                # Not joined at the end, which would take twice the memory. Stored by node, because
-                # NumPy reduces few long columns ten times as fast as many short rows.
-                motions = [np.empty((block.shape[1], len(q))).T for block in blocks]
-            for motion, block in zip(motions, blocks, strict=True):
-                motion[first : first + len(block)] = block
-            first += columns.shape[2]
-        rotations, axial_displacements = motions
-        return np.max(values, axis=0), rotations, axial_displacements
-
-    def rotations(self, q: Array) -> Array:
-        """Return the section rotations of all nodes [rad], one column each, for the rows of `q`.
-
-        The `defect` of `statement` must not be None.
-        """
-        return np.concatenate([self._rotations(x) for x in self._column_blocks(q)])
-
-    def displacements(self, q: Array) -> Array:
-        """Return both components of the displacements of all nodes [m], as `rotations`."""
-        components = self._defect.displacements
-        return np.concatenate(
-            [
-                np.hstack([self._nodal(x, component) for component in components])
-                for x in self._column_blocks(q)
-            ]
-        )
-
-    @property
-    def length(self) -> float:
-        """Length of the part [m], the last of the data of each copy."""
-        return float(self.statement.data[-1, 0])
-
-    def axial_displacements(self, q: Array) -> Array:
-        """Return the displacements of all nodes along the axis [m], as `rotations`."""
-        along, _ = self._defect.displacements
-        return np.concatenate([self._nodal(x, along) for x in self._column_blocks(q)])
-
-    def deformation_changes(self, q: Array) -> tuple[Array, Array]:
-        """Return the deformations, and their changes due to exact strains, for k rows of `q`.
-
-        Both arrays, (k, 3), contain the largest displacement [m], the largest rotation [rad] and
-        the largest displacement along the axis [m] of a node. Changes are computed to first order
-        for the part alone, under the same section forces at its ends; they are infinite if the
-        stiffness is singular. The `defect` of `statement` must not be None.
-        """
-        width = 3 * self._stiffness_plan.bandwidth + 1  # of banded factors
-        numbers = self.statement.data.shape[1] * self._defect.size * (self._defect.size + width)
-        blocks = [self._deformation_changes(rows) for rows in _split_rows(q, numbers)]
-        deformations, changes = zip(*blocks, strict=True)
-        return np.concatenate(deformations), np.concatenate(changes)
-
-    def _deformation_changes(self, q: Array) -> tuple[Array, Array]:
-        defect, copies = self._defect, self.statement.data.shape[1]
-        values = defect.function(self._local_coordinates(q), self._data_of_rows(len(q)))
-        force, stiffness = np.split(values, [defect.size], axis=1)
-        # The stiffness is symmetric, so the order of its entries does not matter.
-        stiffness = stiffness.reshape(len(q), copies, defect.size, defect.size)
-        changes = self._solve_for_changes(force.reshape(len(q), -1), stiffness)
-        changes = changes.reshape(len(q), copies, defect.size)
-        return self._largest(self._deformations(q)), self._largest(changes)
-
-    def _solve_for_changes(self, force: Array, stiffness: Array) -> Array:
-        """Return the deformations (k, copies * size) under k forces; infinite where singular."""
-        plan, count = self._stiffness_plan, len(stiffness)
-        try:
-            solution = plan.solve(stiffness, (plan.to_local.T @ force.T).T.ravel())
-            return np.asarray(plan.to_local @ solution.reshape(count, -1).T).T
-        except np.linalg.LinAlgError:
-            # Some matrices are singular, or a failed run left numbers that are not finite.
-            if count == 1:
-                return np.full_like(force, np.inf)
-            rows = (self._solve_for_changes(force[[k]], stiffness[[k]]) for k in range(count))
-            return np.concatenate(list(rows))
-
-    @cached_property
-    def _stiffness_plan(self) -> BandedStiffness:
-        size = self.statement.kernel.local.size
-        return plan_banded_stiffness(self.operator, size, self._defect.deformations)
-
-    def _largest(self, deformations: Array) -> Array:
-        """Return the largest displacement, rotation and axial displacement (k, 3).
-
-        Deformations have the shape (k, copies, size).
-        """
-        defect = self._defect
-        u, v = (deformations[..., component] for component in defect.displacements)
-        values = (np.hypot(u, v), np.abs(deformations[..., defect.rotations]), np.abs(u))
-        return np.stack([np.max(x, axis=(1, 2)) for x in values], axis=1)
-
-    def _deformations(self, q: Array) -> Array:
-        """Return the deformations (k, copies, size)."""
-        local = self._local_coordinates(q)[:, self._defect.deformations]
-        return local.reshape(len(q), -1, self._defect.size)
-
-    @property
-    def _defect(self) -> StrainDefectKernel:
-        defect = self.statement.defect
-        assert defect is not None
-        return defect
-
-    def _largest_values(self, columns: Array) -> Array:
-        values = self.statement.kernel.function.on_copies(columns, self.statement.data)
-        return values.max(axis=(1, 2))
-
-    def _rotations(self, columns: Array) -> Array:
-        return self._nodal(columns, self._defect.rotations)
-
-    def _nodal(self, columns: Array, component: slice) -> Array:
-        """Return one deformation of all nodes (k, nodes) of local coordinates (copies, size, k)."""
-        deformations = columns[:, self._defect.deformations]
-        return deformations[:, component].reshape(-1, columns.shape[2]).T
-
-    def _column_blocks(self, q: Array) -> Iterator[Array]:
-        """Yield the local coordinates (copies, size, k) of blocks of rows of `q`.
-
-        The local coordinates and data of a block take little memory.
-        """
-        size = self.statement.kernel.local.size
-        for rows in _split_rows(q, self.operator.shape[0] + self.statement.data.size):
-            yield np.asarray(self.operator @ rows.T).reshape(-1, size, len(rows))
-
-    def _local_coordinates(self, q: Array) -> Array:
-        """Return the local coordinates (k * copies, size) of coordinates q (k, n)."""
-        size = self.statement.kernel.local.size
-        return np.asarray(self.operator @ q.T).T.reshape(-1, size)
-
-    def _data_of_rows(self, count: int) -> Array:
-        return np.tile(self.statement.data.T, (count, 1))
-
-
-def _split_rows(q: Array, numbers: int) -> Iterator[Array]:
-    """Yield blocks of rows of `q`; `numbers` is the count of intermediate numbers of a row."""
-    count = max(int(_MAX_BLOCK_BYTES / (_BYTES_PER_NUMBER * numbers)), 1)
-    for first in range(0, len(q), count):
-        yield q[first : first + count]
 
 
 @read_only_data
@@ -488,8 +326,6 @@ class EquationsOfMotion:
     scales
         Amplitude of each coordinate, in the unit of the coordinate, (n,). If None, adaptive
         integrators estimate the amplitudes.
-    ranges
-        Deformation measures of the parts.
     laws
         Time-dependent laws, with the names of their parts or, in a constrained system, of their
         symbols.
@@ -532,7 +368,6 @@ class EquationsOfMotion:
     observables: tuple[Observable, ...]
     structure: Structure = field(repr=False)
     scales: Array | None = None
-    ranges: tuple[RangeTerm, ...] = field(default=(), repr=False)
     laws: tuple[PartLaw, ...] = field(default=(), repr=False)
     start: Start | None = field(default=None, repr=False)
     redundant: bool = False

@@ -20,7 +20,6 @@ from beamdae.symbolic.statements import (
     ConstraintStatement,
     ForceStatement,
     Quantity,
-    RangeStatement,
     Variable,
 )
 
@@ -239,10 +238,6 @@ class Part:
         of a single force that acts between their attachments.
         """
         return "points"
-
-    def ranges(self) -> Sequence[RangeStatement]:
-        """Return the measures from which the validity of the strains in a run is assessed."""
-        return ()
 
     @property
     def events(self) -> Sequence[Event]:

@@ -18,9 +18,9 @@ from beamdae.beams.beam import Beam
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
 from beamdae.equations.measures import ObservedRows
 from beamdae.parts.forces.force_element import ForceElement
-from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
+from beamdae.parts.signals import Sensor
 from beamdae.results.trajectory import Interval, Trajectory
-from beamdae.symbolic.statements import LOAD_UNITS
+from beamdae.symbolic.statements import LOAD_UNITS, Quantity
 
 Array = np.ndarray
 
@@ -102,3 +102,12 @@ def interpolate_elastic_columns(
         here = index == k
         if interval.record is None and here.any():
             columns[here] = interval.interpolate_forces(values[k], times[here])
+
+
+def measured_quantity(observed: Quantity) -> tuple[Quantity, tuple[str, ...]]:
+    """Return a quantity and the names of its observed columns; sensors measure one of them."""
+    recipe = observed.recipe
+    sensor = recipe.arguments[0] if recipe is not None and recipe.arguments else None
+    if isinstance(sensor, Sensor):
+        return sensor.of, (sensor.of.columns[sensor.column].name,)
+    return observed, tuple(column.name for column in observed.columns)

@@ -37,7 +37,6 @@ from beamdae.results.diagnostics.contacts.untouched_contacts import (
     untouched_contact_warnings,
 )
 from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
-from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
 from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
 from beamdae.results.diagnostics.rare_samples import rare_sample_warnings
 from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
@@ -58,6 +57,7 @@ from beamdae.results.diagnostics.singular_positions import (
     singularity_warnings,
     unbounded_warnings,
 )
+from beamdae.results.diagnostics.sliding_overrun import overrun_warnings
 from beamdae.results.diagnostics.start_transients import start_transient_warnings
 from beamdae.results.diagnostics.strain_limits import sample_positions, strain_warnings
 from beamdae.results.diagnostics.table_ranges import (
@@ -318,7 +318,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _of_motion(deep_contact_warnings),
     _of_motion(soft_contact_warnings),
     _untouched_contacts,
-    _of_motion(moving_load_warnings),
+    _of_motion(overrun_warnings),
     # Remarks on the start and on parts without effect.
     _start_transients,
     _unstable_path,

@@ -21,7 +21,7 @@ from beamdae.read_only import read_only_data
 from beamdae.symbolic.constraint_kernel import ConstraintKernel, NonholonomicKernel
 from beamdae.symbolic.force_kernel import ForceKernel
 from beamdae.symbolic.functions.compiled import RowFunction
-from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
+from beamdae.symbolic.local_symbols import SX, Local
 from beamdae.symbolic.signals import (
     SignalBinding,
     SignalNumbers,
@@ -44,8 +44,6 @@ __all__ = [
     "Piece",
     "Quantity",
     "QuantityKernel",
-    "RangeKernel",
-    "RangeStatement",
     "Variable",
     "forget_meshes",
     "rebuilt_for_mesh",
@@ -215,112 +213,6 @@ def _with_laws(statement: _Statement, laws: Mapping[str, Callable[[SX], SX]]) ->
         return statement
     outputs = bind_laws(kernel.local, kernel.outputs, statement.signals, laws)
     return replace(statement, kernel=type(kernel).from_outputs(kernel.local, outputs))
-
-
-_N_RANGE_VALUES = 3
-
-
-@dataclass(frozen=True)
-class RangeKernel:
-    """Deformation measures of one copy, which determine the validity of its strains.
-
-    Attributes
-    ----------
-    local
-        Symbols of the coordinates and data.
-    values
-        Nonnegative expressions (deflection / length [-], rotation [rad], strain [-]) in terms of q
-        and data of `local`.
-    """
-
-    local: Local
-    values: SX
-
-    # Deformation measures do not depend on time.
-    has_branches = False
-
-    @cached_property
-    def expression_error(self) -> str:
-        """Error message about the expression; '' if it is valid."""
-        return describe_column_error(
-            "values", self.values, _N_RANGE_VALUES, self.local.q, self.local.data
-        )
-
-    @cached_property
-    def function(self) -> RowFunction:
-        """Function from rows of (q, data) to rows of `values`."""
-        inputs = [self.local.q, self.local.data]
-        return RowFunction(ca.Function("range", inputs, [ca.densify(self.values)]))
-
-
-@dataclass(frozen=True)
-class StrainDefectKernel:
-    """Difference between the exact strains and those of a formulation, as forces of one copy.
-
-    With force f and stiffness K assembled for the part, exact strains would change the deformation
-    under the same loads by -K^-1 f, to first order.
-
-    Attributes
-    ----------
-    local
-        Symbols of the coordinates and data, as in the `RangeKernel` of the statement.
-    deformations
-        Slice of the local coordinates on which the strains depend.
-    displacements
-        Slices of `deformations` with the two components of the nodal displacements [m].
-    rotations
-        Slice of `deformations` with the section rotations of the nodes [rad].
-    force
-        Elastic forces of the exact strains minus those of the formulation, on `deformations`.
-    stiffness
-        Symmetric positive semidefinite stiffness matrix on `deformations`.
-    """
-
-    local: Local
-    deformations: slice
-    displacements: tuple[slice, slice]
-    rotations: slice
-    force: SX
-    stiffness: SX
-
-    @property
-    def size(self) -> int:
-        """Number of deformations of one copy."""
-        return self.force.shape[0]
-
-    @cached_property
-    def function(self) -> RowFunction:
-        """Function from rows of (q, data) to rows of force and stiffness, column by column."""
-        inputs = [self.local.q, self.local.data]
-        values = ca.densify(ca.vertcat(self.force, ca.vec(self.stiffness)))
-        return RowFunction(ca.Function("strain_defect", inputs, [values]))
-
-
-@dataclass(frozen=True)
-class RangeStatement:
-    """Data from which the validity of the strains of a part is assessed.
-
-    Attributes
-    ----------
-    part
-        Name of the part.
-    kernel
-        Deformation measures of one copy.
-    pieces, data
-        Local coordinates and data of all copies, as in `ForceStatement`.
-    defect
-        Forces of exact strains minus those of the part. None if the strains are valid at any
-        rotation.
-    remedies
-        Settings that reduce the error, besides dividing the part into several bodies.
-    """
-
-    part: str
-    kernel: RangeKernel
-    pieces: tuple[Piece, ...]
-    data: np.ndarray
-    defect: StrainDefectKernel | None = None
-    remedies: tuple[str, ...] = ()
 
 
 LOAD_UNITS = ("N", "N m", "W")  # of forces, moments and powers

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from active_damping import active_damping
+from beamdae.equations.assembly.refined_beams import refine_beams
 from conformance import tuned
 from four_bar import four_bar
 from governor import governor
@@ -25,7 +26,6 @@ from voice_coil_stage import voice_coil_stage
 
 import beamdae as bd
 from beamdae.beams.beam import beams_of
-from beamdae.equations.assembly.refined_beams import refine_beams
 from beamdae.parts.mechanism import AS_DRAWN
 
 FOLDER = Path(__file__).parents[2] / "models"

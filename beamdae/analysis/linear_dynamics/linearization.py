@@ -42,8 +42,8 @@ from beamdae.errors import (
 )
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
-from beamdae.results.diagnostics.meshes.beam_ranges import rotation_warnings
 from beamdae.results.diagnostics.start_changes import compare_start, drawing_warnings
+from beamdae.results.diagnostics.strain_limits import rotation_warnings
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant
 from beamdae.simulation import as_equations

@@ -50,7 +50,6 @@ from beamdae.symbolic.statements import (
     ConstraintStatement,
     ForceStatement,
     Quantity,
-    RangeStatement,
     Variable,
     forget_meshes,
 )
@@ -128,12 +127,11 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     statements: list[PartStatements] = []
     forces: list[ForceStatement] = []
     constraints: list[ConstraintStatement] = []
-    ranges: list[RangeStatement] = []
     # The outlines of the bodies and the attachments of joints determine the size of the mechanism;
     # a single point mass without joints has that of its springs.
     joints = set()
     for part in parts:
-        part_forces, part_constraints, part_ranges = collect_statements(
+        part_forces, part_constraints = collect_statements(
             part, mechanism.gravity, coordinate_map.sizes
         )
         if mechanism.gravity_laws is not None:
@@ -141,7 +139,6 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         statements.append(PartStatements(part, tuple(part_constraints), tuple(part_forces)))
         forces += part_forces
         constraints += part_constraints
-        ranges += part_ranges
         if part_constraints:
             joints.add(id(part))
     for name, quantity in snapshot.observables.items():
@@ -172,7 +169,6 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         time_scale=min(time_scales) if time_scales else None,
         forces=forces,
         constraints=constraints,
-        ranges=ranges,
         observables=snapshot.observables,
         coordinate_map=coordinate_map,
         laws=collect_unbounded_laws([*parts, *filter(None, [mechanism.gravity_laws])]),

@@ -30,7 +30,6 @@ from beamdae.equations.equations_of_motion import (
     Observable,
     PartCoordinates,
     PartStatements,
-    RangeTerm,
     format_headers,
 )
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
@@ -64,7 +63,6 @@ from beamdae.symbolic.statements import (
     Local,
     Quantity,
     QuantityKernel,
-    RangeStatement,
     Variable,
 )
 from beamdae.symbolic.sums.rotations import RotatedOperator, factor_operator
@@ -94,7 +92,6 @@ def build_equations(
     constraints: list[ConstraintStatement],
     observables: dict[str, Quantity],
     coordinate_map: CoordinateMap,
-    ranges: Sequence[RangeStatement] = (),
     scales: Array | None = None,
     laws: tuple[PartLaw, ...] = (),
     events: Sequence[Event] = (),
@@ -195,7 +192,6 @@ def build_equations(
         scales=None if scales is None else read_only_copy(scales),
         observables=tuple(observable_terms),
         structure=intern_structure(structure),
-        ranges=tuple(RangeTerm(x, coordinate_map.global_operator(x.pieces)) for x in ranges),
         laws=laws,
         events=event_terms,
         configurations=configurations,

@@ -23,13 +23,12 @@ from beamdae.symbolic.statements import (
     ConstraintStatement,
     ForceStatement,
     Piece,
-    RangeStatement,
     Variable,
 )
 
 T = TypeVar("T")
 Sizes = Mapping[int, int]
-Statement = ForceStatement | ConstraintStatement | RangeStatement
+Statement = ForceStatement | ConstraintStatement
 
 _MAX_CACHED_CHECKS = 256  # parts with different names or coordinates
 
@@ -102,8 +101,8 @@ def require_columns_fit(part: str, columns: Any) -> None:
         require_unit(part, column.unit)
 
 
-def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list, list]:
-    """Return the force, constraint and range statements of a part.
+def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list]:
+    """Return the force and constraint statements of a part.
 
     `sizes` maps `id(body)` to the number of coordinates of the body.
 
@@ -129,11 +128,7 @@ def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[l
         raise BeamdaeError(
             f"{part.name}: the part has no effect; define coordinates, forces() or constraints()."
         )
-    ranges = _require_list(
-        part.name, "ranges()", call_part(part.name, "ranges()", part.ranges), RangeStatement
-    )
-    copied: list[ForceStatement | RangeStatement] = [*forces, *ranges]
-    for statement in copied:
+    for statement in forces:
         _require_statement_fits(part, statement, np.shape(statement.data)[-1:], sizes)
     for constraint in constraints:
         _require_statement_fits(part, constraint, (1,), sizes)
@@ -144,7 +139,7 @@ def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[l
                 f"{constraint.kernel.local.n_multipliers}, one entry per constraint, got "
                 f"length {len(multipliers)}."
             )
-    return forces, constraints, ranges
+    return forces, constraints
 
 
 def call_part(part: str, what: str, function: Callable[..., Any], *arguments: Any) -> Any:

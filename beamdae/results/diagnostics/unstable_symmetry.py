@@ -15,19 +15,15 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg as la
 
-from beamdae.beams.beam import beams_of
-from beamdae.beams.dispersion import section_values
+from beamdae.beams.beam import Beam, beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.starts.rank import scaled_null_space
-from beamdae.results.diagnostics.meshes.sampled_vibrations import (
-    coordinates_of,
-    turning_coordinates,
-    turns,
-)
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
+
+_MAX_TURN = 0.5  # of frames with constant matrices [rad]
 
 # Intervals over which the smallest eigenvalue is averaged, as fractions of the run. Loads that
 # vibrate about less than the buckling load do not buckle a column, although they exceed it at
@@ -83,16 +79,16 @@ def unstable_symmetry_warnings(
     if equations.controllers:
         return
     length = sum(beam.length for beam in beams)
-    stiffness = min(float(np.min(section_values(beam, "EI"))) for beam in beams)
+    stiffness = min(_smallest_stiffness(beam) for beam in beams)
     if largest_force * length**2 < _MIN_LOAD * stiffness:
         return
     sampled = np.linspace(trajectory.start, trajectory.end, _MOTION_SAMPLES)
     q = trajectory.positions_at(sampled)
-    turning = [beam for beam in beams if turns(q[:, turning_coordinates(equations, beam)])]
+    turning = [beam for beam in beams if _turns(q[:, _turning_coordinates(equations, beam)])]
     if len(turning) == len(beams):
         return
     of_turning = np.concatenate(
-        [np.zeros(0, int), *(coordinates_of(equations, x) for x in turning)]
+        [np.zeros(0, int), *(_coordinates_of(equations, x) for x in turning)]
     )
     for interval in _INTERVALS:
         begin, end = (trajectory.start + duration * x for x in interval)
@@ -211,3 +207,26 @@ def _describe(equations: EquationsOfMotion, shape: Array, t: float) -> str:
         "above its buckling load does, because nothing disturbs its symmetry; an actual structure "
         "leaves it; add an imperfection (bd.imperfect) or a small load."
     )
+
+
+def _smallest_stiffness(beam: Beam) -> float:
+    middles = 0.5 * (beam.mesh.element_bounds[1:] + beam.mesh.element_bounds[:-1])
+    return min(float(beam.section.at(s).EI) for s in middles)
+
+
+def _coordinates_of(equations: EquationsOfMotion, beam: Beam) -> range:
+    """Return the indices of the coordinates of a beam."""
+    part = equations.coordinates_of_part(beam.name)
+    return range(part.rows.start, part.rows.stop)
+
+
+def _turning_coordinates(equations: EquationsOfMotion, beam: Beam) -> list[int]:
+    """Return the indices of the angle of a beam's frame or, without one, of all its sections."""
+    part = equations.coordinates_of_part(beam.name)
+    angles = [k for k in _coordinates_of(equations, beam) if equations.is_angle[k]]
+    return [k for k in angles if part.rigid.start <= k < part.rigid.stop] or angles
+
+
+def _turns(angles: Array) -> bool:
+    """Return True if all angles (k, n) turn by more than linear models of a beam permit."""
+    return bool(np.min(np.ptp(angles, axis=0)) > _MAX_TURN)

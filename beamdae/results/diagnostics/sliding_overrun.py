@@ -10,10 +10,8 @@ import numpy as np
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import format_percent
-from beamdae.parts.signals import Sensor
 from beamdae.results.diagnostics.strain_limits import sample_times
 from beamdae.results.trajectory import Trajectory
-from beamdae.symbolic.statements import Quantity
 
 Array = np.ndarray
 
@@ -21,7 +19,7 @@ Array = np.ndarray
 _MAX_OVERRUN = 0.01
 
 
-def moving_load_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
+def overrun_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
     """Yield a warning per sliding point that is beyond an end of its beam."""
     mechanism = equations.mechanism
     parts = () if mechanism is None else mechanism.parts.values()
@@ -57,12 +55,3 @@ def _overrun_warnings(
             f"{format_percent(worst / beam.length)} of its length, where its tangent continues the "
             'beam; end the run earlier, set ends="stop", or check the unit of the speed.'
         )
-
-
-def measured_quantity(observed: Quantity) -> tuple[Quantity, tuple[str, ...]]:
-    """Return a quantity and the names of its observed columns; sensors measure one of them."""
-    recipe = observed.recipe
-    sensor = recipe.arguments[0] if recipe is not None and recipe.arguments else None
-    if isinstance(sensor, Sensor):
-        return sensor.of, (sensor.of.columns[sensor.column].name,)
-    return observed, tuple(column.name for column in observed.columns)
