@@ -185,6 +185,10 @@ class Errors(HasTable):
             split,
         )
 
+    def __getstate__(self) -> dict[str, Any]:
+        # Functions cannot be pickled; causes that are known are kept.
+        return {**vars(self), "split": None}
+
     def __repr__(self) -> str:
         is_known = bool(np.isfinite(self.total).any())
         worst = f"largest {format_percent(self.largest)}" if is_known else self.reason

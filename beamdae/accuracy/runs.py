@@ -73,6 +73,10 @@ def measure_run(
     """
     if reason := _find_obstacle(run):
         return _state_obstacle(run, reason)
+    # The run caches its errors, which refer to a copy: a cycle would keep both in memory.
+    twin = replace(run)
+    vars(twin).update(vars(run))
+    run = twin
     method = refine_method(run, time_limit)
     try:
         refinement, motion = _refine_equations(run)

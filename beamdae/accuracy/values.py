@@ -58,7 +58,7 @@ def compare_columns(run: RunData, other: RunData) -> ColumnDifferences:
     )
     scale = np.where(is_constant, amplitude, 0.5 * np.ptp(finer_limits, axis=0))
     deviation = np.where(is_constant, amplitude, finer.std(axis=0))
-    differences = np.abs(rows - finer)
+    differences = _subtract_rows(rows, finer, scale)
     pairs = (
         (np.abs(limits - finer_limits).max(axis=0), scale),
         (differences.max(axis=0), scale),
@@ -69,6 +69,20 @@ def compare_columns(run: RunData, other: RunData) -> ColumnDifferences:
         errors = [np.where(is_noise | (x == 0.0), 0.0, x / size) for x, size in pairs]
     sizes = (np.abs(x).max(axis=0) for x in (limits, finer_limits))
     return ColumnDifferences(scale, *sizes, *errors)
+
+
+def _subtract_rows(rows: Array, finer: Array, scale: Array) -> Array:
+    """Return the magnitudes of the differences at rows.
+
+    Where a column changes by half its scale or more between two rows, they do not resolve when: the
+    difference is that from the interval between the neighbors.
+    """
+    low, high = finer.copy(), finer.copy()
+    jumps = np.abs(np.diff(finer, axis=0)) > 0.5 * scale
+    for of_row, neighbors in ((slice(1, None), finer[:-1]), (slice(None, -1), finer[1:])):
+        low[of_row] = np.where(jumps, np.minimum(low[of_row], neighbors), low[of_row])
+        high[of_row] = np.where(jumps, np.maximum(high[of_row], neighbors), high[of_row])
+    return np.maximum(np.maximum(rows - high, low - rows), 0.0)
 
 
 def _mark_noise(run: RunData, other: RunData, rows: Array, finer: Array) -> Array:

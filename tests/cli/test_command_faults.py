@@ -216,12 +216,12 @@ def test_files_that_a_model_left_open_are_complete(here):
 @pytest.mark.slow(reason="starts processes")
 def test_interrupt_in_the_second_run_keeps_the_first(here):
     lines = """
-import beamdae.verification as verification
-again = verification.run_again
+import beamdae.accuracy.runs as runs
+again = runs._repeat
 def interrupt(*arguments, **options):
     send_signal()
     return again(*arguments, **options)
-verification.run_again = interrupt
+runs._repeat = interrupt
 """
     Path("model.py").write_text(MODEL.replace("# importing", lines), encoding="utf-8")
     command = process("run", "model.py")

@@ -25,7 +25,7 @@ import beamdae as bd
 NOT_SUBJECT = {
     *("Mechanism", "Attachment", "Part", "model", "Model", "param", "load_model", "Joint"),
     *("ConstrainedSystem", "equations_of_motion", "EquationsOfMotion", "Integrator", "Frame"),
-    *("Solution", "SavedRun", "load", "StepResponse", "SectionForces", "BeamRange", "draw", "view"),
+    *("Solution", "SavedRun", "load", "StepResponse", "SectionForces", "draw", "view"),
     *("LiveView", "plot", "Plot", "animate", "Animation", "Equilibrium", "CriticalPoint"),
     *("Buckling", "KnockDown", "Boundary", "BoundaryPoint", "Modes", "draw_modes", "animate_mode"),
     *("LinearModel", "Bode", "StabilityMargins", "Crossover", "Campbell", "draw_campbell"),

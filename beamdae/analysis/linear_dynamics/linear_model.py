@@ -608,7 +608,7 @@ def _part_residual(
 ) -> tuple[EquationsOfMotion, Array]:
     """Return the equations of one part in the coordinates of the mechanism, and their residual."""
     coordinate_map, e = map_coordinates(mechanism), lin.equations
-    forces, constraints, _ = collect_statements(part, mechanism.gravity, coordinate_map.sizes)
+    forces, constraints = collect_statements(part, mechanism.gravity, coordinate_map.sizes)
     equations = build_equations(
         coordinates=e.coordinates,
         q0=e.q0,
