@@ -1,5 +1,6 @@
 from .accuracy.errors import Errors as Errors
 from .accuracy.runs import verify as verify
+from .accuracy.until import refine_until as refine_until
 from .analysis.fit.fit import fit as fit
 from .analysis.fit.profile import ProfileLikelihood as ProfileLikelihood
 from .analysis.fit.result import Fit as Fit
@@ -64,10 +65,6 @@ from .beams.sliding import SlidingOnBeam as SlidingOnBeam
 from .beams.structures import Frame as Frame
 from .beams.structures import frame as frame
 from .beams.structures import welded_beams as welded_beams
-from .certification.analyses import certify_equilibrium as certify_equilibrium
-from .certification.analyses import certify_modes as certify_modes
-from .certification.analyses import certify_periodic as certify_periodic
-from .certification.runs import certify as certify
 from .checks import Check as Check
 from .checks import check as check
 from .cli.model_files.model_file import load_model as load_model
@@ -157,8 +154,6 @@ from .report.pictures.mode_shapes import draw_campbell as draw_campbell
 from .report.pictures.mode_shapes import draw_modes as draw_modes
 from .report.pictures.run_animation import animate as animate
 from .report.pictures.time_plots import plot as plot
-from .results.analysis_certificate import AnalysisCertificate as AnalysisCertificate
-from .results.certificate import Certificate as Certificate
 from .results.displays import Animation as Animation
 from .results.displays import Plot as Plot
 from .results.equilibrium import CriticalPoint as CriticalPoint

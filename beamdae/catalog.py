@@ -70,7 +70,7 @@ PAGES = {
     ),
     "checks": (
         "Checks and verification",
-        "Checks of a mechanism before a run, error estimates after a run, and certificates.",
+        "Checks of a mechanism before a run, error estimates after a run, and runs of a required accuracy.",
     ),
     "errors": ("Errors and warnings", "Exceptions and warnings of beamdae."),
 }
@@ -391,12 +391,7 @@ GROUPS = (
             Public("Check", "beamdae.checks"),
             Public("Errors", "beamdae.accuracy.errors"),
             Public("verify", "beamdae.accuracy.runs"),
-            Public("certify", "beamdae.certification.runs"),
-            Public("Certificate", "beamdae.results.certificate"),
-            Public("certify_equilibrium", "beamdae.certification.analyses"),
-            Public("certify_modes", "beamdae.certification.analyses"),
-            Public("certify_periodic", "beamdae.certification.analyses"),
-            Public("AnalysisCertificate", "beamdae.results.analysis_certificate"),
+            Public("refine_until", "beamdae.accuracy.until"),
         ),
     ),
     Group(

@@ -33,7 +33,6 @@ _FUNCTIONS = {
     "plot_section_forces": ("pictures.section_diagrams", "plot_section_diagram"),
     "plot_time_series": ("pictures.time_plots", "plot"),
     "summarize_as_html": ("run_summary", "summarize_as_html"),
-    "summarize_certificate_as_html": ("run_summary", "summarize_certificate_as_html"),
     "write_analysis_page": ("analysis_pages", "write_analysis_page"),
 }
 

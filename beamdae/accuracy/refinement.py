@@ -13,7 +13,7 @@ from beamdae.beams.remeshing import attached_sections, choose_base_meshes, repla
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import hold_messages
-from beamdae.parts.mechanism import AS_DRAWN
+from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.parts.part import Part
 
 Array = np.ndarray
@@ -49,6 +49,15 @@ class Refinement(NamedTuple):
     start: Array
 
 
+def find_kept_beams(mechanism: Mechanism, start: Any = AS_DRAWN) -> dict[str, str]:
+    """Return the reasons why beams keep their elements and strains, by name."""
+    return {
+        name: base.fixed_by or "its kinematics are custom ones"
+        for name, base in choose_base_meshes(mechanism, 1, start).items()
+        if base.fixed_by or base.has_custom_kinematics
+    }
+
+
 def refine(
     equations: EquationsOfMotion,
     start: Any = AS_DRAWN,
@@ -79,12 +88,10 @@ def refine(
     if mechanism is None:
         return None
     sections = attached_sections(mechanism)
-    beams, finer, exact, kept = {}, {}, [], {}
-    for name, base in choose_base_meshes(mechanism, 1, start).items():
-        if base.fixed_by or base.has_custom_kinematics:
-            kept[name] = base.fixed_by or "its kinematics are custom ones"
-            continue
-        beam = beams[name] = base.beam
+    kept = find_kept_beams(mechanism, start)
+    beams = {x.name: x for x in beams_of(mechanism) if x.name not in kept}
+    finer, exact = {}, []
+    for name, beam in beams.items():
         other = beam.with_exact_strains() if strains else beam
         if other is not beam:
             exact.append(name)

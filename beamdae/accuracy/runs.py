@@ -71,19 +71,26 @@ def measure_run(
     Interrupted
         If the companion is interrupted.
     """
+    return run_companion(run, time_limit, progress)[0]
+
+
+def run_companion(
+    run: Solution, time_limit: float | None = None, progress: Progress | None = None
+) -> tuple[Errors, Solution | None]:
+    """Return the errors of a run and its companion, or None without one; see `measure_run`."""
     if reason := _find_obstacle(run):
-        return _state_obstacle(run, reason)
+        return _state_obstacle(run, reason), None
     # The run caches its errors, which refer to a copy: a cycle would keep both in memory.
     twin = replace(run)
     vars(twin).update(vars(run))
     run = twin
     method = refine_method(run, time_limit)
     try:
-        refinement, motion = _refine_equations(run)
+        refinement, motion = refine_equations(run)
         equations = run.equations if refinement is None else refinement.equations
         other = _repeat(run, method, equations, motion, progress)
     except BeamdaeError as problem:
-        return _state_obstacle(run, f"a refined run cannot begin: {problem}")
+        return _state_obstacle(run, f"a refined run cannot begin: {problem}"), None
 
     refined = describe_refinement(run.equations, refinement, run)
 
@@ -91,7 +98,7 @@ def measure_run(
         equations, motion = run.equations, run.trajectory
         try:
             if is_halved:
-                halved, motion = _refine_equations(run, strains=False)
+                halved, motion = refine_equations(run, strains=False)
                 assert halved is not None
                 equations = halved.equations
             return _repeat(run, method, equations, motion)
@@ -104,7 +111,31 @@ def measure_run(
     def split() -> dict[str, Array]:
         return split_causes(run, other, repeat, compare, bool(refined.inexact))
 
-    return replace(_compare(run, other, refined), split=split)
+    errors = replace(_compare(run, other, refined), split=split)
+    return errors, None if errors.has_failed else other
+
+
+def split_time(
+    run: Solution,
+    companion: Solution,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+) -> tuple[Solution, Array, Array]:
+    """Repeat a run with the steps of its companion only.
+
+    Returns
+    -------
+    tuple
+        The repetition, and the errors (columns,) by steps and by everything else [-], which are not
+        numbers if it fails.
+    """
+    method: Any = companion.made_by
+    if time_limit is not None:
+        method = replace(method, time_limit=time_limit)
+    timed = _repeat(run, method, run.equations, run.trajectory, progress)
+    pairs = (run, timed), (timed, companion)
+    time, others = (_compare(*pair, Refined()).total for pair in pairs)
+    return timed, time, others
 
 
 @interruptible
@@ -239,7 +270,7 @@ def refine_method(
     return replace(method, **{x: y for x, y in changes.items() if hasattr(method, x)})
 
 
-def _refine_equations(
+def refine_equations(
     run: Solution, *, strains: bool = True
 ) -> tuple[Refinement | None, Trajectory]:
     """Return refined equations with the start of the run, and its motion in their coordinates."""

@@ -743,7 +743,7 @@ class Beam(Part):
             cross-section varies, kinks and jumps at which it is thin are added, and sections where
             it varies smoothly, so that the stress between sections is at most 0.2 % larger if
             section forces are linear there; grooves shorter than 1/512 of the beam may be
-            overlooked. Certificates evaluate the same sections on all meshes.
+            overlooked. Refined runs evaluate the same sections on all meshes.
         exponent
             The exponent p, between 1 and 1000. Larger exponents are closer to the largest stress,
             but the derivative then changes abruptly if another section becomes the largest.

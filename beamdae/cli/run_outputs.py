@@ -23,7 +23,6 @@ from beamdae.interrupts import Interrupted, acknowledge
 if TYPE_CHECKING:
     from beamdae.model_functions import Model
     from beamdae.report.pictures.time_plots import PlotSelection
-    from beamdae.results.certificate import Certificate
     from beamdae.results.outcome import Status
     from beamdae.results.solution import Solution
     from beamdae.results.storage.continued_runs import RunParts
@@ -64,9 +63,9 @@ class Run:
     errors
         Error estimates of the observed columns, by name of the estimate; None without estimates.
     error_warnings
-        Sentences about columns with large errors or about a missing certification.
-    certificate
-        Certificate of the run; None unless an accuracy was required.
+        Sentences about columns with large errors.
+    accuracy
+        Required accuracy [-]; None if the run is not refined.
     interrupted
         True if an interrupt ended the integration or a later step.
     plot
@@ -85,7 +84,7 @@ class Run:
     checkpoint: Path | None = None
     errors: Any = None
     error_warnings: list[str] = field(default_factory=list)
-    certificate: Certificate | None = None
+    accuracy: float | None = None
     interrupted: bool = False
     plot: RunPlot = field(default_factory=RunPlot)
     charts: PlotSelection | None = None
@@ -218,27 +217,27 @@ def integrate_run(
             raise Interrupted(reason) from None
 
 
-def certify_run(
+def refine_run(
     run: Run,
-    accuracy: float,
     columns: Sequence[str] | None,
     t_end: float | None,
     output_step: float | None,
     *limits: Any,
 ) -> Solution:
-    """Certify the model and return the solution; store the certificate and its errors in `run`.
+    """Refine the model until `run.accuracy` is reached, and return the solution.
 
-    `limits` are the arguments `start` and `time_limit` of `certify`.
+    `limits` are the arguments `start` and `time_limit` of `refine_until`.
 
     Raises
     ------
     KeyboardInterrupt
-        If the command is interrupted before the first run is completed.
+        If the command is interrupted before the first run starts.
     """
-    from beamdae.certification.runs import certify
+    from beamdae.accuracy.runs import unchecked
+    from beamdae.accuracy.until import refine_until
 
     start, time_limit = limits
-    task = f"accuracy {accuracy:g}"
+    task = f"accuracy {run.accuracy:g}"
     with show_run_progress(t_end or run.model.t_end, task) as show_progress:
 
         def update(t: float) -> None:
@@ -247,34 +246,29 @@ def certify_run(
                 raise KeyboardInterrupt
 
         try:
-            certificate = certify(
-                run.model,
-                accuracy,
-                columns,
-                t_end,
-                output_step,
-                start,
-                time_limit,
-                update,
-                partial="return",
-            )
-        except KeyboardInterrupt:
-            reason = "interrupted before a run was completed; nothing was written"
-            raise Interrupted(reason) from None
-    run.certificate = certificate
-    run.integrator = certificate.solution.made_by
-    budget = certificate.budget_columns()
-    order = ("half the range", "total", "time", "mesh", "theory", "theory as written", "certified")
-    run.errors = {name: budget[name] for name in order}
-    if not certificate.status.success:
-        run.error_warnings = [f"{run.model.name}: not certified; {certificate.status.sentence}."]
-    return certificate.solution
+            with unchecked():
+                solution = refine_until(
+                    run.model,
+                    run.accuracy,
+                    columns=columns,
+                    t_end=t_end,
+                    output_step=output_step,
+                    start=start,
+                    time_limit=time_limit,
+                    progress=update,
+                )
+        except Interrupted as problem:
+            if problem.solution is None:
+                reason = "interrupted before the run started; nothing was written"
+                raise Interrupted(reason) from None
+            acknowledge()
+            solution = problem.solution
+    run.integrator = solution.made_by
+    return solution
 
 
 def write_tables(run: Run, solution: Solution, checkpoint: Path | None) -> None:
     """Write the table, and a checkpoint if it is requested or the run can be resumed."""
-    from beamdae.results.storage.files import write_metadata
-
     with signals.defer_interrupts():
         if run.parts is None:
             table = solution.to_csv(run.table)
@@ -282,10 +276,7 @@ def write_tables(run: Run, solution: Solution, checkpoint: Path | None) -> None:
         else:
             run.columns, files = run.parts.write(solution)
         run.files.paths += files
-        if run.certificate is not None:
-            metadata = solution.metadata(**_certificate_results(run, solution))
-            write_metadata(run.latest_table, metadata)
-        if checkpoint is not None or can_resume(solution.status):
+        if checkpoint is not None or (run.accuracy is None and can_resume(solution.status)):
             default = run.table.with_name(f"{run.table.stem}_end.json")
             path = checkpoint or default
             run.files.write(path.name, lambda: [solution.checkpoint(path)])
@@ -327,18 +318,12 @@ def estimate_errors(run: Run, solution: Solution, verify: bool) -> None:
         results = {
             "errors": _errors_by_column(run, solution),
             "warnings": _warnings(run, solution),
-        }
+        } | _required_accuracy(run)
         write_metadata(run.latest_table, solution.metadata(**results))
 
 
-def _certificate_results(run: Run, solution: Solution) -> dict[str, Any]:
-    if run.certificate is None:
-        return {}
-    return {
-        "certificate": run.certificate.settings(),
-        "errors": _errors_by_column(run, solution),
-        "warnings": _warnings(run, solution),
-    }
+def _required_accuracy(run: Run) -> dict[str, Any]:
+    return {} if run.accuracy is None else {"accuracy": run.accuracy}
 
 
 def _errors_by_column(run: Run, solution: Solution) -> dict[str, Any]:
@@ -365,14 +350,12 @@ def write_page(run: Run, solution: Solution) -> None:
     from beamdae.report.run_page import build_run_page
 
     def write() -> list[Path]:
-        facts = {} if run.certificate is None else run.certificate.facts()
         page = build_run_page(
             solution,
             run.model.name,
             run.columns,
             run.errors,
             _warnings(run, solution),
-            facts,
             run.charts,
         )
         return [page_file.write_page(run.page, page)]
@@ -386,7 +369,8 @@ def draw_run(run: Run, solution: Solution) -> None:
     from beamdae.results.columns import merge_columns
 
     status = solution.status
-    title = run.title if status.success else f"{run.title}, ended early ({status.kind})"
+    end = "ended early" if run.accuracy is None else f"accuracy {run.accuracy:g} not reached"
+    title = run.title if status.success else f"{run.title}, {end} ({status.kind})"
     if run.plot.is_default:
         run.files.write_picture(
             run.picture.name, lambda: [save_run_figure(run.picture, run.columns, title)]
@@ -420,8 +404,6 @@ def print_results(run: Run, solution: Solution) -> None:
         rows["events"] = describe_events(
             solution.equations, solution.trajectory, solution.event_records
         )
-    if run.certificate is not None:
-        rows |= run.certificate.facts()
     comparisons = _compare_with_data(run, solution)
     for name, x in comparisons.items():
         unit = split_unit(name)[1]
@@ -493,5 +475,4 @@ def _json_results(run: Run, solution: Solution) -> dict[str, Any]:
     errors = _errors_by_column(run, solution)
     observed = text_tables.column_extremes(solution.columns, solution.step_extremes).items()
     table = {"observed": {name: x | errors.get(name, {}) for name, x in observed}}
-    certificate = {} if run.certificate is None else {"certificate": run.certificate.settings()}
-    return results | table | certificate
+    return results | table | _required_accuracy(run)

@@ -29,7 +29,6 @@ def build_run_page(
     columns: Mapping[str, Any] | None = None,
     errors: Mapping[str, Any] | None = None,
     warnings: Sequence[str] | None = None,
-    certificate: Mapping[str, str] | None = None,
     charts: PlotSelection | None = None,
 ) -> PageContent:
     """Return the page content of a run for `beamdae.report.page.page_file.write_page`.
@@ -44,12 +43,9 @@ def build_run_page(
         Table columns by header, for example the combined table of a run and its continuation.
         Defaults to the table of the run.
     errors
-        Error columns with one row per observed column. The first column, half the range, is not
-        shown.
+        Error columns with one row per observed column. The first column is not shown.
     warnings
         Warnings to show. Defaults to those of the run.
-    certificate
-        Facts of the certificate of the run.
     charts
         Columns that the charts show first, with measured values over time. Defaults to the columns
         that vary.
@@ -60,7 +56,7 @@ def build_run_page(
         table |= solution.drift_columns
     status = solution.status
     method = str(solution.integrator.get("integrator", ""))
-    tables = [x for x in _build_tables(solution, table, errors, certificate) if x["rows"]]
+    tables = [x for x in _build_tables(solution, table, errors) if x["rows"]]
     limit = compute_row_limit(len(table))
     measured = [] if charts is None else _list_measured(charts, limit)
     points = {} if charts is None else charts.points
@@ -111,7 +107,6 @@ def _build_tables(
     solution: Solution,
     columns: Mapping[str, Any],
     errors: Mapping[str, Any] | None,
-    certificate: Mapping[str, str] | None,
 ) -> list[PageTable]:
     facts = terminal.run_facts(solution.summary(), solution.integrator)
     facts |= terminal.sampling_facts(solution)
@@ -123,7 +118,6 @@ def _build_tables(
     tables: list[PageTable] = [
         export_table("Observed", terminal.range_table(observed, steps=solution.step_extremes)),
         {"title": "Parameters", "rows": _list_parameters(solution)},
-        {"title": "Certificate", "rows": list((certificate or {}).items()), "section": "errors"},
         {"title": "Run", "rows": list(facts.items()), "section": "solver"},
         {"title": "Provenance", "rows": _list_provenance(solution), "section": "solver"},
     ]

@@ -8,8 +8,6 @@ from collections.abc import Mapping
 from beamdae.errors import BeamdaeError
 from beamdae.report.pictures.run_animation import draw_thumbnail
 from beamdae.report.terminal.text_tables import format_number
-from beamdae.results.analysis_certificate import AnalysisCertificate
-from beamdae.results.certificate import Certificate
 from beamdae.results.event_records import describe_events
 from beamdae.results.solution import Solution
 
@@ -55,12 +53,6 @@ def _collect_facts(solution: Solution) -> dict[str, str]:
     for k, sentence in enumerate(solution.warnings):
         facts[f"warning {k + 1}"] = sentence
     return facts
-
-
-def summarize_certificate_as_html(certificate: Certificate | AnalysisCertificate) -> str:
-    """Return facts and error budget of a certificate as a self-contained HTML fragment."""
-    table = certificate.budget.to_html(float_format="{:.2g}".format, border=0)
-    return f"<div><b>Certificate</b>{format_html_table(certificate.facts())}{table}</div>"
 
 
 def format_html_table(facts: Mapping[str, str]) -> str:

@@ -30,7 +30,7 @@ from beamdae.read_only import ReadOnlyDict
 if TYPE_CHECKING:
     from beamdae.equations.equations_of_motion import EquationsOfMotion
 
-UNITS_OF_POSITIONS = ("m", "rad")  # also of the columns that a certificate covers by default
+UNITS_OF_POSITIONS = ("m", "rad")  # which must be accurate by default
 
 # Columns whose half range is at or below any of these are at rest.
 _REST_TO_OTHERS_RATIO = 1e-9  # relative to the largest half range of a column with the same unit
@@ -332,8 +332,8 @@ def require_one_column(part: str, name: Any, selected: Sequence[str]) -> str:
     return selected[0]
 
 
-def require_certified_columns(part: str, columns: Any) -> tuple[str, ...] | None:
-    """Return the names in the argument `columns` of a certificate, or None for the default.
+def require_accurate_columns(part: str, columns: Any) -> tuple[str, ...] | None:
+    """Return the names of `columns` that must be accurate, or None for the default.
 
     Raises
     ------
@@ -354,7 +354,7 @@ def require_certified_columns(part: str, columns: Any) -> tuple[str, ...] | None
 def mark_required_columns(
     part: str, names: Sequence[str] | None, headers: Sequence[str]
 ) -> np.ndarray:
-    """Return the mask of the observed columns that a certificate must cover.
+    """Return the mask of the observed columns that must be accurate.
 
     If `names` is None, these are all columns in m and rad or, if there are none, all columns.
 

@@ -157,7 +157,6 @@ class Views(Protocol):
     plot_time_series: Callable[..., Plot]
     save_plot: Callable[..., Path]
     summarize_as_html: Callable[..., str]
-    summarize_certificate_as_html: Callable[..., str]
     write_analysis_page: Callable[..., Path]
     write_run_page: Callable[..., Path]
 

@@ -88,8 +88,8 @@ def run_command(
         str | None,
         typer.Option(
             metavar="ERROR",
-            help="Refine tolerance, meshes and beam theory until the estimated error of positions, "
-            "angles and deflections is below this part of half their range, for example 1%.",
+            help="Refine steps, elements and strains until the measured errors of positions, "
+            "angles and deflections are below this part of half their range, for example 1%.",
         ),
     ] = None,
     columns: Annotated[
@@ -151,7 +151,7 @@ def run_command(
     the earlier parts are in the same folder, NAME.csv covers all parts. If a run ends early, the
     output names the checkpoint to resume from.
 
-    Exits with 0 if the run was completed (and its --accuracy certified), 1 if it was not (partial
+    Exits with 0 if the run was completed (and its --accuracy reached), 1 if it was not (partial
     results are written) or a file could not be written, 2 for a usage or model error, 130 after
     Ctrl-C, and 143 after SIGTERM, which skips the PNG and the page.
     """
@@ -186,7 +186,8 @@ def run_command(
     chart = RunPlot(
         split_names(plot, model), x, data, parse_assignments(data_columns, "--data-column")
     )
-    run = Run(model, method, out / f"{model.name}.csv", plot=chart)
+    table = out / f"{model.name}.csv"
+    run = Run(model, method, table, accuracy=required_accuracy, plot=chart)
     run_outputs.select_charts(run, picture, page, resume_from is not None)
     run.files.views = (run.page, run.picture)
     files = [run.table, run.table.with_suffix(".json")]
@@ -204,9 +205,8 @@ def run_command(
                 run, t_end, output_step, initial_state, accept_changes, sensitivities=names
             )
         else:
-            solution = run_outputs.certify_run(
+            solution = run_outputs.refine_run(
                 run,
-                required_accuracy,
                 split_names(columns, model) or None,
                 t_end,
                 output_step,
@@ -214,7 +214,7 @@ def run_command(
                 time_limit,
             )
         run_outputs.write_tables(run, solution, checkpoint)
-    has_estimate = run.certificate is None and (estimate or verify)
+    has_estimate = estimate or verify or required_accuracy is not None
     if not run.interrupted and solution.status.kind != "interrupted" and has_estimate:
         with run.continue_after_interrupt():
             run_outputs.estimate_errors(run, solution, verify)
@@ -259,7 +259,7 @@ def _require_free_choice(
     for name in [*rejected, *(name for name, path in paths.items() if path is not None)]:
         raise BeamdaeError(
             f"run: --{name.replace('_', '-')} is not supported with --accuracy, which chooses "
-            "integrator, tolerance and meshes; omit one of the options."
+            "integrator, tolerance and elements; omit one of the options."
         )
 
 
@@ -276,12 +276,8 @@ def _report_end(run: Run, status: Status) -> None:
         print_error(f"{reason}; the results so far are in {run.table}")
         raise typer.Exit(signals.exit_code())
     if not status.success:
-        print_error(f"failed: {status.sentence}")
-    certificate = run.certificate
-    refusal = ""
-    if certificate is not None and not certificate.status.success:
-        refusal = certificate.status.sentence
-    if refusal and status.success:
-        print_error(f"not certified: {refusal}")
-    if run.files.failed or not status.success or refusal:
+        is_plain = run.accuracy is None
+        problem = "failed:" if is_plain else f"accuracy {run.accuracy:g} is not reached;"
+        print_error(f"{problem} {status.sentence}")
+    if run.files.failed or not status.success:
         raise typer.Exit(1)

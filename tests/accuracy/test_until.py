@@ -1,0 +1,221 @@
+"""Runs that are refined until an accuracy is reached: true errors, limits and interrupts."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+
+ALLOY = bd.Material(E=7.1e10, nu=0.33, rho=2750.0)
+STRIP = bd.Section.rectangle(ALLOY, width=0.025, height=0.002, damping=2e-4)
+
+
+def pendulum(elements=1, strain="exact"):
+    """Return a slender pendulum that swings from the horizontal, with a mass inside the beam."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    line = bd.Line((0.0, 0.0), (0.9, 0.0))
+    beam = mech.add(bd.Beam("strip", line, STRIP, elements=elements, strain=strain))
+    mech.add(bd.PointMass("mass", 0.3, on=beam.at(0.7)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    mech.observe("tip", beam.end)
+    mech.observe("bow", beam.deformation(0.45, axes="chord"))
+    return mech
+
+
+def pushed_cantilever(elements=1, strain="exact"):
+    """Return a clamped strip whose end a moment bends to an angle of about 1 rad."""
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (0.4, 0.1))
+    beam = mech.add(bd.Beam("leaf", line, STRIP, elements=elements, strain=strain))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Moment("moment", beam.end, lambda t: 30.0 * t))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+def sliding_ball(elements=0, strain="", friction_speed=0.2):
+    """Return a ball that slides on a rough floor; without a smoothed force, it stops at 0.34 m."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 0.4, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0), direction=(1.0, 0.0))
+    contact = bd.Contact(
+        "c", ball.point, floor, 3e4, 0.5, friction=0.15, friction_speed=friction_speed
+    )
+    mech.add(contact)
+    mech.observe("ball", ball.point)
+    return mech
+
+
+def double_pendulum(angle):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    joint, last = np.zeros(2), mech.ground.at(0.0, 0.0)
+    for name in ("upper", "lower"):
+        end = joint + 0.4 * np.array([np.sin(angle), -np.cos(angle)])
+        rod = mech.add(bd.RigidBody.rod(name, tuple(joint), tuple(end), mass=1.0))
+        mech.add(bd.Revolute(f"{name} hinge", last, rod.at(*joint)))
+        last, joint = rod.at(*end), end
+        mech.observe(name, last)
+    return mech
+
+
+def true_errors(solution, fine):
+    """Return the errors of columns: of peaks, and root mean squares of deviations."""
+    rows = solution.observed.iloc[: len(fine)]
+    difference = rows - fine
+    means = np.sqrt((difference**2).mean()) / fine.std(ddof=0)
+    half_range = 0.5 * (fine.max() - fine.min())
+    peaks = (rows.max() - fine.max()).abs(), (rows.min() - fine.min()).abs()
+    return np.maximum(means, np.maximum(*peaks) / half_range)
+
+
+@pytest.mark.slow(reason="two to four runs and a reference")
+@pytest.mark.parametrize("accuracy", [0.03, 0.002])
+@pytest.mark.parametrize(
+    ("build", "t_end", "coarse", "fine"),
+    [
+        (pendulum, 0.4, {}, {"elements": 8}),
+        (pendulum, 0.4, {"strain": "nonlinear"}, {"elements": 8}),
+        (pushed_cantilever, 0.06, {"strain": "nonlinear"}, {"elements": 8}),
+        (sliding_ball, 0.9, {}, {"friction_speed": 1e-4}),
+    ],
+)
+def test_true_errors_are_below_the_accuracy(build, t_end, coarse, fine, accuracy):
+    settings = {"t_end": t_end, "output_step": t_end / 500}
+    solution = bd.refine_until(build(**coarse), accuracy, **settings)
+    assert solution.status.success
+    errors = solution.errors
+    required = [x for x in errors.headers if x.endswith(("[m]", "[rad]"))]
+    stated = errors.select(required).total
+    assert stated.max() <= accuracy
+    reference = bd.simulate(build(**fine), bd.Radau(1e-8), **settings).observed
+    # The errors of a run and of its companion may have opposite signs in some columns.
+    true = true_errors(solution, reference)[required].to_numpy()
+    assert np.all(true <= 1.3 * accuracy)
+    # Stated errors are those of the worst column within a factor of 2.
+    assert 0.5 < stated[np.argmax(true)] / true.max() < 2.0
+
+
+@pytest.mark.slow(reason="several runs")
+def test_only_what_is_inaccurate_is_refined():
+    settings = {"t_end": 0.3, "output_step": 0.003}
+    fine = bd.refine_until(pendulum(4), 0.02, **settings)
+    assert fine.equations.mechanism.part("strip").mesh.elements == 5  # One ends at the mass.
+    assert fine.made_by.rtol == 0.002
+    coarse = pendulum(1, "nonlinear")
+    written = coarse.part("strip")
+    refined = bd.refine_until(coarse, 1e-4, **settings)
+    assert refined.equations.mechanism.part("strip").mesh.elements > 2
+    assert (written.mesh.elements, written.kinematics.strain) == (2, "nonlinear")
+
+
+@pytest.mark.slow(reason="a third of a second")
+def test_named_columns_are_accurate():
+    settings = {"t_end": 0.2, "output_step": 0.001}
+    by_default = bd.refine_until(pendulum(), 0.05, **settings)
+    rates = bd.refine_until(pendulum(), 0.05, columns=["bow.v_dot"], **settings)
+    errors = [float(x.errors.select(["bow.v_dot [m/s]"]).largest) for x in (by_default, rates)]
+    assert errors[1] <= 0.05 < errors[0]
+
+
+def test_runs_that_an_event_stops_are_refined():
+    mech = double_pendulum(0.5)
+    mech.when("lower.x", crosses=0.1, direction="down", do="stop")
+    solution = bd.refine_until(mech, 1e-3, t_end=2.0)
+    assert solution.status.success
+    exact = bd.simulate(mech, bd.Radau(1e-10), t_end=2.0).trajectory.end
+    assert_allclose(solution.trajectory.end, exact, rtol=1e-4)
+
+
+@pytest.mark.slow(reason="runs at rtol down to 1e-9")
+def test_a_chaotic_motion_is_refused():
+    with pytest.warns(bd.BeamdaeWarning, match="accuracy 0.01 is not reached; .* do not decrease"):
+        solution = bd.refine_until(double_pendulum(2.6), 0.01, t_end=20.0)
+    assert solution.status.kind == "limited"
+    assert solution.errors.largest > 0.3
+
+
+def test_beams_with_custom_quantities_are_named():
+    mech = pendulum(2)
+    piece = mech.part("strip").end.piece
+    from beamdae.symbolic.statements import Quantity, Variable
+
+    mech.observe("custom", Quantity((Variable("x", "m"),), (piece,), lambda local: local.q[0]))
+    solution = bd.refine_until(mech, 0.1, t_end=0.02)
+    assert solution.status.kind == "limited"
+    assert "strip keeps its elements and strains, because the quantity 'custom'" in (
+        solution.status.sentence
+    )
+
+
+def at_second_run(act):
+    """Return a function `progress` that calls `act` within the second run."""
+    times = [0.0]
+    runs = [1]
+
+    def progress(t):
+        runs[0] += t < times[0]
+        times[0] = t
+        return act() if runs[0] == 2 and t > 0.05 else None
+
+    return progress
+
+
+def interrupt():
+    raise KeyboardInterrupt
+
+
+def fail():
+    raise RuntimeError("no display")
+
+
+SHORT = {"accuracy": 1e-3, "t_end": 0.2}
+
+
+def test_a_stopped_second_run_leaves_the_first():
+    with pytest.warns(bd.BeamdaeWarning, match="accuracy 0.001 is not reached; .*enough"):
+        solution = bd.refine_until(
+            double_pendulum(0.3), progress=at_second_run(lambda: "enough"), **SHORT
+        )
+    assert solution.status.kind == "limited"
+    assert solution.t[-1] == 0.2
+    assert solution.errors.statuses[0].startswith("not checked")
+
+
+@pytest.mark.parametrize(("act", "error"), [(interrupt, bd.Interrupted), (fail, RuntimeError)])
+def test_interrupts_and_exceptions_contain_the_first_run(act, error):
+    with pytest.raises(error) as caught:
+        bd.refine_until(double_pendulum(0.3), progress=at_second_run(act), **SHORT)
+    assert caught.value.solution.t[-1] == 0.2
+
+
+def test_a_time_limit_leaves_what_it_allows():
+    with pytest.warns(bd.BeamdaeWarning, match="time limit"):
+        solution = bd.refine_until(double_pendulum(0.3), t_end=50.0, time_limit=1e-9)
+    assert solution.status.kind == "limited"
+    assert 0.0 < solution.trajectory.end < 50.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"accuracy": 1.0}, "accuracy must lie between"),
+        ({"accuracy": "1%"}, "accuracy must be a number"),
+        ({"accuracy": 0.0}, "accuracy must lie between 1e-06 and 0.1, got 0"),
+        ({"columns": ["uper"]}, r"no observed column 'uper' \(did you mean 'upper"),
+        ({"columns": [3]}, r"columns must be a list of names of observed columns, got \[3\]"),
+        ({"columns": []}, r"columns must contain at least one name, got \[\]"),
+        ({"t_end": None}, "no end time"),
+        ({"start": 3.0}, "start must be"),
+        ({"progress": 3.0}, "progress must be a function, got 3.0"),
+    ],
+)
+def test_invalid_settings_are_rejected(settings, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.refine_until(double_pendulum(0.3), **{"t_end": 0.1} | settings)
+
+
+def test_a_model_without_observables_is_rejected():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    with pytest.raises(bd.BeamdaeError, match="nothing is observed"):
+        bd.refine_until(mech, t_end=0.1)
