@@ -51,10 +51,10 @@ _MAX_ELEMENTS = 64  # of a beam
 # Part of the accuracy at which the errors of steps and of elements and strains aim, each.
 _SHARE = 0.4
 _MIN_TIME_LIMIT = 1e-3  # of a run after the deadline [s]
-# A companion has at most this part of the time error, and of the errors of elements and strains.
-_TIME_RATIO, _MODEL_RATIO = 1.0 / 3.0, 1.0 / 4.0
+# A companion has about this part of the time error, and of the errors of elements and strains.
+_TIME_RATIO, _MODEL_RATIO = 1.0 / 3.0, 1.0 / 8.0
 # A refinement that does not reduce the largest error by this factor is a stagnation.
-_MIN_REDUCTION, _MAX_STAGNATIONS = 1.5, 3
+_MIN_REDUCTION, _MAX_STAGNATIONS = 1.5, 2
 _MAX_NAMES = 6
 
 
