@@ -146,8 +146,7 @@ ANALYSES = {
     "linearize": bd.linearize,
     "periodic": lambda model: bd.periodic(model, 1.0 / 0.3, settle=0),
     "check": bd.check,
-    "certify": bd.certify,
-    "certify_modes": bd.certify_modes,
+    "refine_until": bd.refine_until,
     "compare": lambda model: bd.compare([bd.Case(model)]),
 }
 

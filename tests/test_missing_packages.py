@@ -66,7 +66,7 @@ CALLS = {
     "GeneralizedAlpha": lambda: bd.simulate(swing, bd.GeneralizedAlpha()).integrator,
     "errors": lambda: len(bd.simulate(swing).errors.table()),
     "verify": lambda: len(bd.verify(bd.simulate(swing)).table()),
-    "certify": lambda: bd.certify(swing, 0.05).status.kind,
+    "refine_until": lambda: bd.refine_until(swing, 0.05).status.kind,
     "modes": lambda: len(bd.modes(clamped).frequencies),
     "equilibrium": lambda: bd.equilibrium(clamped).status.kind,
     "linearize": lambda: bd.linearize(clamped) is None,

@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdae.accuracy.errors import Errors
 from beamdae.accuracy.refinement import find_kept_beams
-from beamdae.accuracy.runs import RTOL_RATIO, refine_equations, run_companion, split_time
+from beamdae.accuracy.runs import refine_equations, run_companion, split_time
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
@@ -200,10 +200,6 @@ class _Task(NamedTuple):
         return Radau(rtol, time_limit=time_limit).integrate(equations, self.times, progress)
 
 
-class _LimitError(Exception):
-    """The accuracy is not reached; the message is the reason."""
-
-
 def _refine_runs(task: _Task, equations: EquationsOfMotion) -> Iterator[Solution]:
     """Yield the first run and runs with known errors; the last one has the final status."""
     run = task.integrate(equations, task.accuracy / _ACCURACY_TO_RTOL)
@@ -218,10 +214,12 @@ def _refine_runs(task: _Task, equations: EquationsOfMotion) -> Iterator[Solution
             if companion is None:
                 if solution is run:
                     solution = _with_status(run, run.status, errors)
-                raise _LimitError(errors.reason)
+                raise BeamdaeError(errors.reason)
             total = np.where(task.required, errors.total, 0.0)
             worst = int(np.argmax(np.where(np.isnan(total), np.inf, total)))
             error = float(total[worst])
+            if not np.isfinite(error):
+                raise BeamdaeError(f"{errors.headers[worst]} is not finite")
             column, settings = remove_unit(errors.headers[worst]), _describe_settings(run, errors)
             description = (
                 f"{column} has the largest error, {format_percent(error)} of half its range, with "
@@ -234,15 +232,15 @@ def _refine_runs(task: _Task, equations: EquationsOfMotion) -> Iterator[Solution
             stagnations += not error < least / _MIN_REDUCTION
             least = min(least, error)
             if stagnations >= _MAX_STAGNATIONS:
-                raise _LimitError("errors do not decrease with refinement")
+                raise BeamdaeError("errors do not decrease with refinement")
             run = _refine_run(task, run, companion, errors)
             if not run.status.success:
-                raise _LimitError(run.status.sentence)
+                raise BeamdaeError(run.status.sentence)
         kept = {} if equations.mechanism is None else find_kept_beams(equations.mechanism)
         for name, reason in kept.items():
-            raise _LimitError(f"{name} keeps its elements and strains, because {reason}")
+            raise BeamdaeError(f"{name} keeps its elements and strains, because {reason}")
         yield _with_status(solution, Status("ok", description))
-    except _LimitError as limit:
+    except BeamdaeError as limit:
         is_late = clock.perf_counter() >= task.deadline
         reason = f"the time limit of {task.time_limit:g} s is reached" if is_late else limit
         yield _with_status(solution, Status("limited", f"{description}; {reason}"))
@@ -251,20 +249,22 @@ def _refine_runs(task: _Task, equations: EquationsOfMotion) -> Iterator[Solution
 def _refine_run(task: _Task, run: Solution, companion: Solution, errors: Errors) -> Solution:
     """Return a run in which errors that exceed their share of the accuracy are reduced.
 
-    This is the companion itself if it is likely to be accurate enough.
+    This is an earlier one, with the steps of the companion or the companion itself, if it is likely
+    to be accurate enough.
     """
-    rtol, target = companion.integrator["rtol"] / RTOL_RATIO, _SHARE * task.accuracy
+    rtol, target = run.integrator["rtol"], _SHARE * task.accuracy
     equations = run.equations
-    if companion.equations is equations:
-        time, model = float(np.max(errors.total[task.required])), 0.0
-    else:
+    timed, causes = companion, (errors.total, np.zeros_like(errors.total))
+    if companion.equations is not equations:
         timed, *causes = split_time(run, companion, *task.limits)
         if not timed.status.success:
-            raise _LimitError(timed.status.sentence)
-        time, model = (float(np.max(x[task.required])) for x in causes)
+            raise BeamdaeError(timed.status.sentence)
+    time, model = (float(np.max(x[task.required])) for x in causes)
     if _TIME_RATIO * time <= target and _MODEL_RATIO * model <= target:
-        _require_few_elements(companion.equations)
-        return companion
+        is_model_accurate = model <= target
+        if not is_model_accurate:
+            _require_few_elements(companion.equations)
+        return timed if is_model_accurate else companion
     if model > target:
         equations = companion.equations
         if _MODEL_RATIO * model > target:
@@ -274,14 +274,14 @@ def _refine_run(task: _Task, run: Solution, companion: Solution, errors: Errors)
     if time > target:
         rtol *= max(target / time, _MIN_RTOL_FACTOR)
     if rtol < _MIN_RTOL:
-        raise _LimitError(f"the next one needs rtol < {_MIN_RTOL:g}")
+        raise BeamdaeError(f"the next one needs rtol < {_MIN_RTOL:g}")
     return task.integrate(equations, rtol)
 
 
 def _require_few_elements(equations: EquationsOfMotion) -> None:
     for beam in beams_of(equations.mechanism):
         if (count := beam.mesh.elements) > _MAX_ELEMENTS:
-            raise _LimitError(
+            raise BeamdaeError(
                 f"the next run needs {count} elements of {beam.name}, more than {_MAX_ELEMENTS}"
             )
 

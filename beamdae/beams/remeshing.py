@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.beams.beam import CUSTOM_FORMULATION, EXACT_FORMULATION, Beam, beams_of
+from beamdae.beams.beam import CUSTOM_FORMULATION, Beam, beams_of
 from beamdae.beams.mesh import MIN_END_DISTANCE, Mesh
-from beamdae.beams.sliding import SlidingOnBeam
 from beamdae.errors import BeamdaeError, format_exception, set_fields
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import Mechanism
@@ -40,29 +39,13 @@ class BaseMesh:
         The beam of the original mechanism.
     mesh
         The coarsest mesh.
-    is_aligned
-        False if joints, masses or loads may act inside elements. Always True if `fixed_by` is set.
-    has_slider
-        True if a point slides along the beam. Always False if `fixed_by` is set.
     fixed_by
         Reason why the mesh and the formulation of the beam must not change, or an empty string.
     """
 
     beam: Beam
     mesh: Mesh
-    is_aligned: bool = True
-    has_slider: bool = False
     fixed_by: str = ""
-
-    @property
-    def is_exact(self) -> bool:
-        """True if the original beam is geometrically exact."""
-        return self.beam.formulation == EXACT_FORMULATION
-
-    @property
-    def can_be_exact(self) -> bool:
-        """True if the beam is, or can be made, geometrically exact."""
-        return self.is_exact or not (self.fixed_by or self.has_custom_kinematics)
 
     @property
     def has_custom_kinematics(self) -> bool:
@@ -105,8 +88,6 @@ def choose_base_meshes(
     """
     beams = {beam.name: beam for beam in beams_of(mechanism)}
     sections = attached_sections(mechanism)
-    parts = mechanism.parts.values()
-    sliders = {id(part.beam) for part in parts if isinstance(part, SlidingOnBeam)}
     fixed = _fixed_beams(mechanism, beams, mechanism.start if start is None else start)
     meshes = {}
     for name, beam in beams.items():
@@ -126,7 +107,7 @@ def choose_base_meshes(
         if not is_aligned and not is_custom:
             # Bounds prevent the assembly from aligning only the finer meshes.
             mesh = uniform.divided_at(uniform.element_bounds.tolist())
-        meshes[name] = BaseMesh(beam, mesh, is_aligned, id(beam) in sliders)
+        meshes[name] = BaseMesh(beam, mesh)
     return meshes
 
 

@@ -67,7 +67,7 @@ SIGNALS = [sensor_in_law, global_sensor_in_formula, work_of_a_damper, servo, sam
 
 @pytest.mark.parametrize("add", SIGNALS)
 def test_regression_copies_contain_their_own_signals(add):
-    """Certificates, mesh comparisons and `check` of most mechanisms with states failed.
+    """Mesh comparisons and `check` of most mechanisms with states failed.
 
     Formulas of the copy contained the sensors and states of the original mechanism.
     """

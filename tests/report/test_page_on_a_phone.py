@@ -108,7 +108,7 @@ def test_colors_of_dark_screens_and_print(open_page):
 
 
 def facts_page():
-    """Return a page with tables of facts of the widths that runs, fits and certificates have."""
+    """Return a page with tables of facts of the widths that runs and fits have."""
     number = "-0.00066501"
     heads = {
         "Observed": ["observed", "min", "max", "end"],
@@ -116,7 +116,7 @@ def facts_page():
         "Estimates": ["parameter", "value", "standard deviation", "lower 95 %", "upper 95 %"],
         "Budget": [
             "observed",
-            *("total", "time", "mesh", "theory", "theory as written", "certified"),
+            *("total", "time", "mesh", "theory", "companion", "status"),
         ],
     }
     texts = {
@@ -149,7 +149,7 @@ def test_regression_tables_of_facts_fit_the_screen_of_a_phone(phone, width):
     assert [x for x in tab.evaluate(overflow) if x[1] > 0] == []
     # Rows of wide tables are blocks with the names of the columns.
     named = tab.locator(".cards").last.locator("td").last
-    assert named.evaluate("(cell) => getComputedStyle(cell, '::before').content") == '"certified"'
+    assert named.evaluate("(cell) => getComputedStyle(cell, '::before').content") == '"status"'
     # Names are wrapped between words only.
     count = """(cell) => {
         const range = document.createRange();

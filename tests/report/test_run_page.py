@@ -124,8 +124,7 @@ def test_the_page_of_a_failed_run_shows_its_status_and_last_time(run, show):
 @pytest.mark.parametrize(("scheme", "size"), [("light", (1366, 768)), ("dark", (390, 844))])
 def test_the_page_has_no_violations(run, open_page, size, scheme):
     errors = {"error over half the range": np.full(len(run.columns), 1.9e-6)}
-    certificate = {"accuracy": "0.01 of half the range of a column"}
-    page = build_run_page(run, "arm", None, errors, ["A warning."], certificate)
+    page = build_run_page(run, "arm", None, errors, ["A warning."])
     width, height = size
     tab = open_page(page, viewport={"width": width, "height": height}, color_scheme=scheme)
     assert find_violations(tab) == []

@@ -37,7 +37,7 @@ METHODS = {
 }
 # Results without warnings: quantities of another result.
 WITHOUT_WARNINGS = {"Errors", "SectionForces"}
-OTHER_RESULTS = {"AnalysisCertificate", "Certificate", "Check", "ExportedFmu", "Gradient"}
+OTHER_RESULTS = {"Check", "ExportedFmu", "Gradient"}
 NAMES = {"table", "to_csv", "to_parquet", "plot", "page"}
 
 
@@ -53,7 +53,7 @@ def test_every_result_has_a_table_that_can_be_written():
 
 @pytest.mark.parametrize("name", sorted({*METHODS, *OTHER_RESULTS} - WITHOUT_WARNINGS))
 def test_regression_every_result_has_warnings(name):
-    """Responses that ended early, boundaries, derivatives and certificates had none."""
+    """Responses that ended early, boundaries and derivatives had none."""
     result = getattr(bd, name)
     names = {field.name for field in dataclasses.fields(result)}
     assert "warnings" in names | set(dir(result))

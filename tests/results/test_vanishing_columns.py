@@ -152,10 +152,11 @@ def test_regression_periodic_motions_still_have_beam_errors_beside_fixed_points(
 
 
 @pytest.mark.slow(reason="half a second")
-def test_regression_certificates_do_not_depend_on_accelerations_of_a_symmetric_hub() -> None:
+def test_regression_accelerations_of_a_symmetric_hub_have_no_errors() -> None:
     """Errors of reactions of 1e-12 N were 7 times half the range."""
-    certificate = bd.certify(rotor(bd.run_up(5.0, 0.5)), t_end=0.1, output_step=1e-3)
-    assert certificate.status.sentence == "all required columns are within 0.01 of half their range"
+    run = bd.refine_until(rotor(bd.run_up(5.0, 0.5)), t_end=0.1, output_step=1e-3)
+    assert run.status.success
+    assert run.errors.largest < 0.04
 
 
 @pytest.mark.parametrize("elements", [1, 2, 3])

@@ -1,4 +1,4 @@
-"""Working calls of analyses: modes, periodic motions, equilibria, section forces, certificates."""
+"""Working calls of analyses: modes, periodic motions, equilibria, section forces, refined runs."""
 
 from __future__ import annotations
 
@@ -416,13 +416,7 @@ SECTION_FORCE_CALLS: dict[str, WorkingCall] = {
 _ACCURACY = 0.1
 
 
-def _show_certificate(sandbox: Sandbox, certificate: Any) -> Any:
-    """Use each view of a certificate and return its solution."""
-    certificate.budget, certificate.facts(), certificate._repr_html_(), repr(certificate)
-    return certificate.solution if isinstance(certificate, bd.Certificate) else None
-
-
-def _certify_arguments(sandbox: Sandbox) -> dict[str, Any]:
+def _refine_arguments(sandbox: Sandbox) -> dict[str, Any]:
     return {
         "model": sandbox.mech,
         "accuracy": _ACCURACY,
@@ -432,7 +426,6 @@ def _certify_arguments(sandbox: Sandbox) -> dict[str, Any]:
         "start": "as drawn",
         "time_limit": RUN_TIME_LIMIT,
         "progress": lambda t: None,
-        "partial": "raise",
     }
 
 
@@ -743,9 +736,9 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
 }
 
 
-CERTIFICATE_CALLS: dict[str, WorkingCall] = {
-    "certify": WorkingCall(_certify_arguments, _show_certificate),
-    "certify beam": WorkingCall(
+REFINEMENT_CALLS: dict[str, WorkingCall] = {
+    "refine_until": WorkingCall(_refine_arguments, return_result),
+    "refine_until beam": WorkingCall(
         lambda box: {
             "accuracy": _ACCURACY,
             "columns": "end",
@@ -754,38 +747,7 @@ CERTIFICATE_CALLS: dict[str, WorkingCall] = {
             "start": {"bar.angle": -1.0},
             "time_limit": RUN_TIME_LIMIT,
         },
-        _show_certificate,
-        lambda box, **arguments: bd.certify(_cantilever(box), **arguments),
-    ),
-    "certify_equilibrium": WorkingCall(
-        lambda box: {
-            "model": _cantilever(box),
-            "accuracy": _ACCURACY,
-            "columns": ["end"],
-            "loads": ["gravity"],
-            "step": 1.0,
-        },
-        _show_certificate,
-    ),
-    "certify_modes": WorkingCall(
-        lambda box: {
-            "model": _cantilever(box),
-            "accuracy": _ACCURACY,
-            "n": 1,
-            "about": "reference",
-        },
-        _show_certificate,
-    ),
-    "certify_periodic": WorkingCall(
-        lambda box: {
-            "model": _shaken_bar(box),
-            "period": _PERIOD,
-            "accuracy": _ACCURACY,
-            "columns": ["knee"],
-            "integrator": box.integrator,
-            "settle": 1,
-            "tolerance": 1e-3,
-        },
-        _show_certificate,
+        return_result,
+        lambda box, **arguments: bd.refine_until(_cantilever(box), **arguments),
     ),
 }

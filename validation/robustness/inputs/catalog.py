@@ -16,7 +16,7 @@ import pandas as pd
 
 import beamdae as bd
 from robustness.inputs.analysis_calls import (
-    CERTIFICATE_CALLS,
+    REFINEMENT_CALLS,
     EXPORT_CALLS,
     MODE_CALLS,
     PERIODIC_CALLS,
@@ -62,7 +62,7 @@ WORKING_CALLS: dict[str, WorkingCall] = (
     | PERIODIC_CALLS
     | MODE_CALLS
     | SWEEP_CALLS
-    | CERTIFICATE_CALLS
+    | REFINEMENT_CALLS
     | SENSITIVITY_CALLS
     | EXPORT_CALLS
     | CONTROL_CALLS
@@ -71,7 +71,6 @@ WORKING_CALLS: dict[str, WorkingCall] = (
 # Public names without a working call, with the reason. Bad values replace results where these are
 # arguments of other calls.
 NOT_CALLABLE = {
-    "AnalysisCertificate": "result of certify_equilibrium, certify_modes and certify_periodic",
     "Animation": "result of animate",
     "BeamRange": "row of Solution.validity",
     "Boundary": "result of boundary",
@@ -84,7 +83,6 @@ NOT_CALLABLE = {
     "Campbell": "result of campbell",
     "Crossover": "entry of StabilityMargins",
     "StabilityMargins": "result of margins",
-    "Certificate": "result of certify",
     "Check": "result of check",
     "CriticalPoint": "row of Equilibrium.critical",
     "EquationsOfMotion": "result of equations_of_motion",
