@@ -38,9 +38,7 @@ def sliding_ball(elements=0, strain="", friction_speed=0.2):
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     ball = mech.add(bd.PointMass("ball", 0.4, at=(0.0, 0.0), velocity=(1.0, 0.0)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0), direction=(1.0, 0.0))
-    contact = bd.Contact(
-        "c", ball.point, floor, 3e4, friction=0.15, friction_speed=friction_speed
-    )
+    contact = bd.Contact("c", ball.point, floor, 3e4, friction=0.15, friction_speed=friction_speed)
     mech.add(contact)
     mech.observe("ball", ball.point)
     return mech
@@ -113,7 +111,9 @@ def test_named_columns_are_accurate():
     sudden = pushed_cantilever(law=1.0)
     by_default = bd.refine_until(sudden, 0.02, **settings)
     rates = bd.refine_until(sudden, 0.02, columns=["tip.angle_dot"], **settings)
-    errors = [float(x.errors.select(["tip.angle_dot [rad/s]"]).largest) for x in (by_default, rates)]
+    errors = [
+        float(x.errors.select(["tip.angle_dot [rad/s]"]).largest) for x in (by_default, rates)
+    ]
     assert errors[1] <= 0.02 < errors[0]
 
 

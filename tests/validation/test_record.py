@@ -169,7 +169,7 @@ def test_scores_of_a_known_error():
 def test_stored_scores_include_failures_and_at_least_three_tools():
     scores = pd.read_csv(FOLDER / "results" / "scores.csv")
     assert len({tool.split("_")[0] for tool in scores["tool"]}) >= 3
-    for name in ("beamdae_Auto", "beamdae_certify_0.01", "beamdae_certify_0.001"):
+    for name in ("beamdae_Auto", "beamdae_refine_0.01", "beamdae_refine_0.001"):
         assert set(scores.loc[scores["tool"] == name, "mechanism"]) == set(record.all_names())
 
 

@@ -61,8 +61,8 @@ SETTINGS = {
     "beamdae": {
         "Radau 1e-8 exact": 12,
         "Auto": 8,
-        "certify 0.01": 8,
-        "certify 0.001": 8,
+        "refine 0.01": 8,
+        "refine 0.001": 8,
         "Ida": 8,
         "Radau": 8,
         "GeneralizedAlpha": 8,
@@ -91,8 +91,8 @@ INTEGRATORS = ("Ida", "Radau", "GeneralizedAlpha")
 # Runs that are references, not results.
 UNSCORED = ("plain_fine",)
 # First columns of scores.md.
-FIRST = ("beamdae_Auto", "beamdae_certify_0.01", "beamdae_certify_0.001")
-IFTOMM_RESULT = "beamdae_certify_0.001"
+FIRST = ("beamdae_Auto", "beamdae_refine_0.01", "beamdae_refine_0.001")
+IFTOMM_RESULT = "beamdae_refine_0.001"
 QUICK = ("rod_pendulum", "two_link_chain", "princeton_cantilever")
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__)
@@ -186,7 +186,7 @@ def is_current(file: Path, elements: int) -> bool:
 def solve(
     tool: Annotated[str, typer.Argument(help="plain, beamdae, exudyn, casadi or scipy.")],
     names: Names,
-    setting: Annotated[str, typer.Option(help="beamdae: Auto, Radau 1e-8, certify 0.01 ...")] = "",
+    setting: Annotated[str, typer.Option(help="beamdae: Auto, Radau 1e-8, refine 0.01 ...")] = "",
     elements: Annotated[int, typer.Option(help="Elements per beam; 0: as in the table.")] = 0,
     results: Annotated[Path, typer.Option(help="Folder of results.")] = RESULTS,
     resume: Annotated[bool, typer.Option(help="Keep results with the same inputs.")] = False,

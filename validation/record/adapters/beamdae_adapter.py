@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 import beamdae as bd
 
 _WEAK_HYSTERESIS = 0.3  # X times the impact speed that states the same X by a restitution
+MAX_STATIC_ELEMENTS = 64
 
 
 def make_law(law: Any) -> Any:
@@ -218,22 +219,27 @@ def solve_static(
     return pd.DataFrame(table), status
 
 
-def certify_end(problem: dict[str, Any], mech: Any, accuracy: float) -> Any:
-    """Return the certificate of the last equilibrium of a static problem."""
-    end, control = problem["time"]["end"], problem.get("control")
-    if control is None:
-        return bd.certify_equilibrium(mech, accuracy, t=end)
-    name = f"controlled.{control['quantity']}"
-    start = bd.equilibrium(mech, loads=[control["load"]], to=0.0, t=0.0)
-    first = next(v[0] for k, v in start.columns.items() if k.startswith(f"{name} "))
-    target = {name: first + law_value(control["law"], end)}
-    return bd.certify_equilibrium(mech, accuracy, loads=[control["load"]], to=target)
+def refine_static(
+    problem: dict[str, Any], accuracy: float, elements: int = 4
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Return the path of exact beams whose elements are doubled until it hardly changes."""
+    before = None
+    while True:
+        mech, inclinations = build_mechanism(problem, elements, formulation="exact")
+        table, information = solve_static(problem, mech, inclinations)
+        if before is not None and len(table) == len(before):
+            change = (table - before).abs().max() / (0.5 * (table.max() - table.min()))
+            is_accurate = change.drop("t [s]").max() <= accuracy
+            if is_accurate or elements >= MAX_STATIC_ELEMENTS:
+                information["success"] &= bool(is_accurate)
+                return table, information
+        before, elements = table, 2 * elements
 
 
 def solve(
     problem: dict[str, Any], setting: str = "Auto", elements: int = 8, formulation: str = "default"
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Simulate a problem; `setting` is an integrator, or "certify" with the accuracy.
+    """Simulate a problem; `setting` is an integrator, or "refine" with the accuracy.
 
     Returns
     -------
@@ -244,41 +250,25 @@ def solve(
     keywords = {} if formulation == "default" else {"formulation": formulation}
     mech, inclinations = build_mechanism(problem, elements, **keywords)
     end, step = problem["time"]["end"], problem["time"]["output_step"]
-    information: dict[str, Any] = {}
     if problem.get("analysis") == "static":
-        if setting.startswith("certify"):
-            certificate = certify_end(problem, mech, float(setting.split()[1]))
-            # The mesh that is certified at the end of the path.
-            elements = max(certificate.elements.values())
-            mech, inclinations = build_mechanism(problem, elements, formulation="exact")
-        table, information = solve_static(problem, mech, inclinations)
-        if setting.startswith("certify"):
-            information["success"] &= certificate.status.success
-            information["reason"] = certificate.status.sentence
+        if setting.startswith("refine"):
+            table, information = refine_static(problem, float(setting.split()[1]))
+        else:
+            table, information = solve_static(problem, mech, inclinations)
         information["wall_time"] = time.perf_counter() - clock
         information["processor_time"] = time.process_time() - processor
         return table, information
-    if setting.startswith("certify"):
+    settings = {"t_end": end, "output_step": step}
+    if setting.startswith("refine"):
         accuracy = float(setting.split()[1])
-        certificate = bd.certify(mech, accuracy, t_end=end, output_step=step, time_limit=300.0)
-        solution = certificate.solution
-        information["success"], information["reason"] = (
-            certificate.status.success,
-            certificate.status.sentence,
-        )
-        if certificate.budget is not None:
-            information["budget"] = certificate.budget["total"].to_dict()
+        solution = bd.refine_until(mech, accuracy, time_limit=300.0, **settings)
     else:
-        solution = bd.simulate(mech, make_integrator(setting), t_end=end, output_step=step)
-        information["success"] = solution.status.success
-        information["reason"] = solution.status.sentence
-    information |= {
+        solution = bd.simulate(mech, make_integrator(setting), **settings)
+    information = {
+        "success": solution.status.success,
+        "reason": solution.status.sentence,
         "wall_time": time.perf_counter() - clock,
         "processor_time": time.process_time() - processor,
-    }
-    if solution is None:
-        return pd.DataFrame(), information
-    information |= {
         "steps": solution.statistics.steps,
         "max_position_drift": float(solution.quality.max_position_drift),
         "energy_imbalance": float(solution.quality.energy_imbalance),

@@ -16,10 +16,10 @@ import pandas as pd
 
 import beamdae as bd
 from robustness.inputs.analysis_calls import (
-    REFINEMENT_CALLS,
     EXPORT_CALLS,
     MODE_CALLS,
     PERIODIC_CALLS,
+    REFINEMENT_CALLS,
     SECTION_FORCE_CALLS,
     SENSITIVITY_CALLS,
     STATIC_CALLS,
