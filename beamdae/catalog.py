@@ -70,7 +70,7 @@ PAGES = {
     ),
     "checks": (
         "Checks and verification",
-        "Checks of a mechanism before a run, error estimates after a run, and runs of a required accuracy.",
+        "Checks of a mechanism before a run, and runs of a required accuracy.",
     ),
     "errors": ("Errors and warnings", "Exceptions and warnings of beamdae."),
 }
