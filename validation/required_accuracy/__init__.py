@@ -1,1 +1,1 @@
-"""Coverage, tightness and cost of certificates on mechanisms with known solutions."""
+"""True errors of runs that are refined until an accuracy is reached."""
