@@ -248,15 +248,6 @@ def optimize(frame):
     return [(design.parameters["x"], ""), (design.objective, "kg")]
 
 
-def certified(certify, unit):
-    def analysis(frame):
-        model = column(frame=frame, lean=0.05)
-        found = certify(model)
-        return [(float(found.status.success), ""), (np.abs(found.values), unit)]
-
-    return analysis
-
-
 def check(frame):
     found = bd.check(arm(frame=frame), predict=False)
     return [(found.coordinates, ""), (found.rank, ""), (len(found.free_motions), "")]
@@ -282,8 +273,6 @@ ANALYSES = {
     "campbell": campbell,
     "fit": fit,
     "optimize": optimize,
-    "certify_equilibrium": certified(bd.certify_equilibrium, ""),
-    "certify_modes": certified(bd.certify_modes, "rad/s"),
     "check": check,
 }
 # Derivatives, the last results of these analyses, are those of functions of x.
