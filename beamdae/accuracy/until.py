@@ -242,7 +242,7 @@ def _refine_runs(task: _Task, equations: EquationsOfMotion) -> Iterator[Solution
         yield _with_status(solution, Status("ok", description))
     except BeamdaeError as limit:
         is_late = clock.perf_counter() >= task.deadline
-        reason = f"the time limit of {task.time_limit:g} s is reached" if is_late else limit
+        reason = f"the time limit of {task.time_limit:g} s is reached" if is_late else str(limit)
         yield _with_status(solution, Status("limited", f"{description}; {reason}"))
 
 
@@ -254,12 +254,13 @@ def _refine_run(task: _Task, run: Solution, companion: Solution, errors: Errors)
     """
     rtol, target = run.integrator["rtol"], _SHARE * task.accuracy
     equations = run.equations
-    timed, causes = companion, (errors.total, np.zeros_like(errors.total))
-    if companion.equations is not equations:
-        timed, *causes = split_time(run, companion, *task.limits)
+    if companion.equations is equations:
+        timed, by_time, by_model = companion, errors.total, np.zeros_like(errors.total)
+    else:
+        timed, by_time, by_model = split_time(run, companion, *task.limits)
         if not timed.status.success:
             raise BeamdaeError(timed.status.sentence)
-    time, model = (float(np.max(x[task.required])) for x in causes)
+    time, model = (float(np.max(x[task.required])) for x in (by_time, by_model))
     if _TIME_RATIO * time <= target and _MODEL_RATIO * model <= target:
         is_model_accurate = model <= target
         if not is_model_accurate:

@@ -236,6 +236,7 @@ def refine_run(
     from beamdae.accuracy.runs import unchecked
     from beamdae.accuracy.until import refine_until
 
+    assert run.accuracy is not None
     start, time_limit = limits
     task = f"accuracy {run.accuracy:g}"
     with show_run_progress(t_end or run.model.t_end, task) as show_progress:
