@@ -6,20 +6,19 @@ import time as clock
 import warnings
 from collections.abc import Iterator, Mapping
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from beamdae.accuracy.errors import Errors
+from beamdae.accuracy.runs import check_run
 from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     FrequencyRange,
     compute_frequency_range,
 )
 from beamdae.beams.beam import MAX_SECTION_ERROR, beams_of
-from beamdae.beams.beam_loads import MovingForce
 from beamdae.beams.damping import EXAMPLE_DAMPING, find_undamped_beams
-from beamdae.beams.remeshing import choose_base_meshes, with_meshes
-from beamdae.beams.sliding import SlidingOnBeam
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.part_warnings import (
@@ -58,22 +57,12 @@ from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.run_plan import plan_run
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import HasOrigin, Model
-from beamdae.model_parameters import split_unit
-from beamdae.parts.events import select_impacts
 from beamdae.parts.joints.joint import Joint
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism, require_start
 from beamdae.parts.rotation import Rotation
 from beamdae.read_only import read_only_data
 from beamdae.report.terminal.check_report import describe_check
-from beamdae.results.columns import (
-    Header,
-    largest_by,
-    mark_resting_columns,
-    mark_vanishing_columns,
-    subtract_drawing,
-)
 from beamdae.results.diagnostics.contacts.deep_contacts import deep_start_warnings
-from beamdae.results.diagnostics.rest import is_motionless
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
@@ -93,15 +82,10 @@ _MAX_LOOSE_TIME = 3.0
 # meshes. For the hub beam, the error of the tip deformation is 3e-4 of its amplitude if the mesh
 # error is 4e-3, and 1e-2 if the mesh error is 1.5e-2 (validation/mesh_convergence).
 _MAX_GOOD_MESH_ERROR = MAX_SECTION_ERROR
-# Columns that change more if all elements are halved have a warning.
-_MAX_MESH_ERROR = 0.03
-_UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
 # Steps of a run, minutes of small models, from which on beams without damping have a warning.
 _MIN_STEPS_OF_LONG_RUN = 5e4
 _MAX_NAMES = 3
-_MAX_MESH_COLUMNS = 8  # in the warning of mesh errors
 _FORCE_SAMPLES = 7  # times at which forces along free motions are evaluated
-_MIN_ROWS = 10  # of a run whose columns are compared
 _MAX_FAIR_MESH_ERROR = 5e-2
 
 
@@ -213,13 +197,11 @@ class Check:
         Sentences about the start (see `StartSummary.warning`), sections that are higher than
         their beams are long, parts and event actions without effect, drivers whose bodies no joint
         connects, contacts that start inside a surface, damping laws that supply energy, columns
-        that change by more than 3 % if all elements are halved, and beams without damping in runs
+        with errors above 4 %, and beams without damping in runs
         with more than 50 000 predicted steps.
-    mesh_errors
-        Change of observed columns if all elements are halved (root mean square, relative to that of
-        the column, or of its displacement from the drawing), by header. Measured for accelerations,
-        and with contacts, impacts and loads that move along beams for all columns, if the predicted
-        run is complete and something moves; otherwise empty.
+    errors
+        Errors of the observed columns, see `Solution.errors`, if the predicted run is complete;
+        otherwise None.
     free_groups
         Groups of `loose` that no spring or other force holds in place, without bodies of contacts.
         Empty for models with inactive parts.
@@ -245,7 +227,7 @@ class Check:
     prediction: RunPrediction | None
     problem: str
     warnings: tuple[str, ...] = ()
-    mesh_errors: Mapping[str, float] = field(default_factory=dict)
+    errors: Errors | None = None
     free_groups: tuple[tuple[str, ...], ...] = ()
     unheld_motions: tuple[str, ...] = ()
 
@@ -305,7 +287,7 @@ def check(
     """Check a model without a complete run.
 
     Determines mobility, dependent constraints, free motions, constraint residuals at the start,
-    natural frequencies, mesh errors and the cost of a run.
+    natural frequencies, errors and the cost of a run.
 
     Parameters
     ----------
@@ -391,13 +373,17 @@ def check(
             spectrum = compute_frequency_range(starter.equations, time, state)
             findings = replace(findings, spectrum=spectrum)
     if predict and end is not None and not problem:
-        prediction, errors = _predict_run(equations, end, start)
+        prediction, run = _predict_run(equations, end)
+        # The errors of runs that were stopped are not those of the motion.
+        is_measured = run is not None and run.status.success
+        stated = tuple(check_run(run)) if run is not None and is_measured else ()
+        errors = vars(run).get("errors") if is_measured else None
         sentences = (
             *findings.warnings,
-            *_mesh_warning(errors),
+            *stated,
             *_undamped_beam_warning(equations.mechanism, prediction),
         )
-        findings = replace(findings, prediction=prediction, mesh_errors=errors, warnings=sentences)
+        findings = replace(findings, prediction=prediction, errors=errors, warnings=sentences)
     return findings
 
 
@@ -510,11 +496,11 @@ def _assess_meshes(mechanism: Mechanism | None) -> tuple[MeshAssessment, ...]:
 
 
 def _predict_run(
-    equations: EquationsOfMotion, end: float, start: Any
-) -> tuple[RunPrediction | None, dict[str, float]]:
+    equations: EquationsOfMotion, end: float
+) -> tuple[RunPrediction | None, Solution | None]:
     """Measure the cost of a run, or extrapolate it; None if the run fails or takes no step.
 
-    The second result is that of `_measure_mesh_errors`.
+    The second result is the measured run.
 
     The measured run has the pilot runs of a complete run, so that it has the same method and error
     control. If it is stopped, a second run with a loose tolerance shows how its steps are
@@ -523,7 +509,7 @@ def _predict_run(
     measured = _BriefRun(equations, Auto(), end, _MAX_MEASURED_TIME)
     solution, reached = measured.solution, measured.solution.trajectory.end
     if not reached > 0.0 or solution.status.kind == "failed":
-        return None, {}
+        return None, None
     growth = 1.0
     if not solution.status.success:
         loose = _BriefRun(equations, Auto(rtol=PILOT_RTOL), end, _MAX_LOOSE_TIME)
@@ -532,76 +518,7 @@ def _predict_run(
     method = f"{auto.get('method', '')}, {auto.get('auto', '')}".rstrip(", ")
     seconds = measured.pilot_time + measured.main_time * growth
     prediction = RunPrediction(solution.statistics.steps * growth, seconds, method, reached / end)
-    return prediction, _measure_mesh_errors(equations, solution, end, start)
-
-
-def _measure_mesh_errors(
-    equations: EquationsOfMotion, solution: Solution, end: float, start: Any
-) -> dict[str, float]:
-    """Return the root mean square of the change of each observed column with halved elements.
-
-    It is relative to that of the column, or of its displacement from the drawing. The meshes are
-    only compared if loads or accelerations need finer ones than the deflections: with contacts,
-    impacts and loads that move along beams, and for columns of accelerations. Empty if a run stops
-    early or nothing moves.
-    """
-    mechanism = equations.mechanism
-    if mechanism is None or not solution.status.success or len(solution.t) < _MIN_ROWS:
-        return {}
-    has_abrupt_loads = any(
-        part.gaps or isinstance(part, (MovingForce, SlidingOnBeam))
-        for part in mechanism.parts.values()
-    ) or any(select_impacts(event.do) for event in mechanism.events)
-    columns = [
-        name
-        for name in solution._extremes_above_rounding
-        if has_abrupt_loads or split_unit(name)[1] in _UNITS_OF_ACCELERATIONS
-    ]
-    meshes = {
-        name: replace(base, mesh=base.beam.mesh).refined(1)
-        for name, base in choose_base_meshes(mechanism, 1).items()
-        if not base.fixed_by
-    }
-    if not columns or not meshes or is_motionless(equations, solution.trajectory):
-        return {}
-    fine = as_equations("check", with_meshes(mechanism, meshes, {}), start)
-    other = _BriefRun(fine, Auto(), end, _MAX_LOOSE_TIME).solution
-    if not other.status.success or len(other.t) != len(solution.t):
-        return {}
-    headers = list(solution.columns)
-    rows, others = (
-        np.column_stack([x.columns[name] for name in headers]) for x in (solution, other)
-    )
-    changes, sizes = (
-        np.sqrt(np.mean(x**2, axis=0)) for x in (others - rows, subtract_drawing(equations, rows))
-    )
-    rate = 2.0 * np.pi / end  # of the slowest vibration within the run
-    at_rest = mark_resting_columns(headers, rows, sizes, equations.length, rate)
-    at_rest |= mark_vanishing_columns(headers, sizes, equations.length)
-    # Components of a vector are compared with the largest one.
-    vectors = [f"{x.name} [{x.unit}]" for x in map(Header.of, headers)]
-    largest = largest_by(vectors, sizes)
-    return {
-        header: float(change / largest[vector])
-        for header, change, vector, rests in zip(headers, changes, vectors, at_rest, strict=True)
-        if header in columns and not rests and np.isfinite(change)
-    }
-
-
-def _mesh_warning(errors: dict[str, float]) -> Iterator[str]:
-    changes = [
-        (column, f"{100.0 * error:.0f} %")
-        for column, error in sorted(errors.items(), key=lambda item: -item[1])
-        if error > _MAX_MESH_ERROR
-    ]
-    if changes:
-        (column, largest), *others = changes
-        more = list_first([f"{name} by {change}" for name, change in others], _MAX_MESH_COLUMNS)
-        also = f"; it also changes {more}" * bool(more)
-        yield (
-            f"{column}: halving all elements changes the column by {largest} (root "
-            f"mean square){also}; use more elements."
-        )
+    return prediction, solution
 
 
 def _undamped_beam_warning(

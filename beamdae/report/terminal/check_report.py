@@ -12,7 +12,7 @@ from beamdae.integrators.error_control import STABLE_DAMPING_RATIO
 from beamdae.report.terminal.text_tables import format_number
 
 _MAX_FREE_MOTIONS = 8
-_MAX_MESH_ERRORS = 8
+_MAX_ERRORS = 8
 _MAX_ZEROS = 4
 _ROUNDING = 1e-12  # of facts of parts, in SI units
 _RESOLVING_STEP = 0.05  # step that resolves a vibration, as a fraction of its period
@@ -65,12 +65,10 @@ def describe_check(check: Any, parts: Mapping[str, Any] | None = None) -> Mappin
             f"length {mesh.curvature_error:.2g}"
             + (f", by the section {mesh.section_error:.2g}" if mesh.section_error else "")
         )
-    if check.mesh_errors:
-        errors = sorted(check.mesh_errors.items(), key=lambda item: -item[1])
-        changes = [f"{error:.2g} ({name})" for name, error in errors]
-        facts["mesh errors"] = "with halved elements, columns change by " + list_first(
-            changes, _MAX_MESH_ERRORS
-        )
+    if check.errors is not None and not check.errors.reason:
+        total = dict(zip(check.errors.headers, check.errors.total.tolist(), strict=True))
+        named = sorted((name for name in total if total[name] > 0.0), key=lambda x: -total[x])
+        facts["errors"] = list_first([f"{total[x]:.2g} ({x})" for x in named], _MAX_ERRORS)
     if check.prediction is not None:
         p = check.prediction
         source = (
