@@ -820,11 +820,6 @@ def format_percent(fraction: float, digits: int = 2) -> str:
     return f"{float(percent):.0f} %" if "e+" in percent else f"{percent} %"
 
 
-def format_error(error: float, largest: float, digits: int = 2) -> str:
-    """Return an estimated error such as "about 2.1 %"; those from `largest` on are meaningless."""
-    return f"about {format_percent(error, digits)}" if error < largest else "100 % or more"
-
-
 def set_fields(instance: Any, **values: Any) -> None:
     """Set attributes of an instance, even of a frozen dataclass."""
     for name, value in values.items():

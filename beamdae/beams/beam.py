@@ -872,21 +872,6 @@ class Beam(Part):
         return self.section.at(self._require_arc_length(s))
 
     @staticmethod
-    def section_of_strains(quantity: Quantity) -> tuple[Beam, float] | None:
-        """Return beam and arc length [m] if a quantity was computed from the strains there.
-
-        For `largest_stress`, it is the middle of the longest element.
-        """
-        sections = Beam.sections_of_strains(quantity)
-        if sections is None:
-            return None
-        beam, arc_lengths = sections
-        if len(arc_lengths) == 1:
-            return beam, arc_lengths[0]
-        longest = int(np.argmax(beam.mesh.element_lengths))
-        return beam, float(np.mean(beam.mesh.element_bounds[longest : longest + 2]))
-
-    @staticmethod
     def sections_of_strains(quantity: Quantity) -> tuple[Beam, tuple[float, ...]] | None:
         """Return beam and arc lengths [m] if a quantity was computed from the strains there."""
         build = None if quantity.recipe is None else quantity.recipe.build
@@ -895,33 +880,6 @@ class Beam(Part):
         assert quantity.recipe is not None
         beam, s, *_ = quantity.recipe.arguments
         return beam, (float(s),) if build is Beam._evaluate_strains else beam._stress_sections(s)
-
-    @staticmethod
-    def covers_beam(quantity: Quantity) -> bool:
-        """Return True for a `largest_stress` over the length of a beam, without given sections."""
-        recipe = quantity.recipe
-        return (
-            recipe is not None
-            and recipe.build is Beam._evaluate_largest_stress
-            and recipe.arguments[1] is None
-        )
-
-    @staticmethod
-    def is_deformation(quantity: Quantity) -> bool:
-        """Return True for a `deformation` or `deflection`."""
-        build = None if quantity.recipe is None else quantity.recipe.build
-        return build in (Beam.deformation, Beam.deflection)
-
-    def sections_of_motion(self, quantity: Quantity) -> list[float]:
-        """Return the arc lengths [m] of the sections whose motion a quantity measures."""
-        recipe = quantity.recipe
-        if recipe is None or Beam.sections_of_strains(quantity) is not None:
-            return []
-        values = (*recipe.arguments, *recipe.options.values())
-        if any(x is self for x in values):
-            return [float(x) for x in values if isinstance(x, (int, float))]
-        attachments = [x for x in values if isinstance(x, Attachment) and x.body is self]
-        return [float(x.s) for x in attachments if x.s is not None]
 
     @staticmethod
     def exponent_of_bound(quantity: Quantity) -> float | None:

@@ -20,7 +20,7 @@ from beamdae.beams.element_data import assemble_element_data, require_free_curve
 from beamdae.beams.mesh import Mesh, consists_of_numbers, is_shareable
 from beamdae.beams.reference_frames import compute_frame_angle, resolve_frame
 from beamdae.beams.sections import Section, VaryingSection
-from beamdae.beams.strains import elastic_force_function, no_rotation
+from beamdae.beams.strains import no_rotation
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve
 from beamdae.errors import (
     BeamdaeError,
@@ -304,21 +304,6 @@ class Kinematics(ABC):
         """Largest error of the element curvature times the length of the beam; 0 by default."""
         return 0.0
 
-    def point_forces(self, q: Array) -> Array | None:
-        """Return elastic (N, Q, M) at the stiffness points, or None (default) if there are none.
-
-        Parameters
-        ----------
-        q
-            Coordinates of the beam in several states, (k, n).
-
-        Returns
-        -------
-        ndarray or None
-            Section forces (k, elements, points, 3) [N, N, N m] at the Gauss points of each element.
-        """
-        return None
-
     def largest_strain(self, q: Array) -> float:
         """Return the largest axial strain of outer fibers [-] in the states q (k, n).
 
@@ -475,14 +460,6 @@ class FormulationKinematics(Kinematics):
     def data(self, gravity: Array) -> Array:
         """Return the data of the elements under `gravity` (2,), shape (n_data, elements)."""
         return assemble_element_data(self._point_data, self.section, gravity)
-
-    def point_forces(self, q: Array) -> Array | None:
-        """Return elastic (N, Q, M) at the stiffness points, (k, elements, points, 3)."""
-        shape = len(q), self.mesh.elements
-        elements = np.asarray(self.operator @ q.T).T.reshape(shape[0] * shape[1], -1)
-        data = np.tile(self.data(np.zeros(2)).T, (len(q), 1))
-        forces = elastic_force_function(self.element)(elements, data)
-        return forces.reshape(*shape, self.stiffness_points, -1)
 
     def material_point(self, s: float) -> MaterialPoint:
         """Return the section at arc length s [m], on the reference curve."""

@@ -469,20 +469,6 @@ class SlidingOnBeam(Part):
     def _pieces(self) -> tuple[Piece, ...]:
         return (*(point.piece for point in self._points), Piece(self, _SLIDER_OPERATOR))
 
-    def point_velocity(self, q: Array, v: Array) -> Array:
-        """Return the velocity (k, 2) of the sliding point [m/s].
-
-        Parameters
-        ----------
-        q, v
-            Coordinates of the body of the point and their rates, (k, coordinates).
-        """
-        operator = self.a.piece.operator
-        local, rates = (ca.SX.sym(name, operator.shape[0]) for name in "qv")
-        velocity = ca.jtimes(self.a.position(local), local, rates)
-        function = ca.Function("velocity", [local, rates], [velocity])
-        return np.asarray(function(operator @ q.T, operator @ v.T)).T
-
     @property
     def load_distribution(self) -> str:
         """Distribution "shares": the nodes share the reaction."""

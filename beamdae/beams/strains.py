@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, Protocol
 
 import casadi as ca
@@ -66,22 +65,6 @@ def elastic_work(
             dissipated += weight * ca.dot(viscous, strain_rate)
         force += weight * ca.jtimes(strain, q, section_forces, True)
     return force, strain_energy, dissipated
-
-
-@cache
-def elastic_force_function(element: _StrainElement) -> RowFunction:
-    """Return the function of (q, data) of an element for EA eps11, GA 2 eps12 and EI kappa11.
-
-    The values of one stiffness point follow those of the previous one.
-    """
-    local = Local(element.size, element.n_data)
-    data = element.layout.split(local.data)
-    forces = [
-        data.elasticity(k) * strain
-        for k, (_, strain) in enumerate(element.strain_points(data.stiffness, local.q))
-    ]
-    values = ca.densify(ca.vertcat(*forces))
-    return RowFunction(ca.Function("elastic_forces", [local.q, local.data], [values]))
 
 
 def outer_strain_function(local: Local, data: ElementData, strains: Sequence[SX]) -> RowFunction:

@@ -225,12 +225,6 @@ def record_warning(sentence: str) -> str:
     return printable
 
 
-def withdraw_warnings(sentences: Iterable[str]) -> None:
-    """Do not print warnings of the package that results of the command refute."""
-    refuted, output = {name_options(x) for x in sentences}, current_output()
-    output.held_warnings[:] = [x for x in output.held_warnings if x not in refuted]
-
-
 def print_written_files(console: Console, paths: Iterable[Path]) -> None:
     """Print the paths of written files, and add them to the JSON document."""
     for path in paths:

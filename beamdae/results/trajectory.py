@@ -682,22 +682,6 @@ class Trajectory:
             state = State(*(np.concatenate(x) for x in zip(*parts, strict=True)))
         return self.time_rows(times), state
 
-    def at_nearest_nodes(self, times: Array) -> tuple[Array, State]:
-        """Return rows (t, branch), (k, 2), and the states at the nodes next to times (k,) [s].
-
-        Nodes are those of the intervals that contain the ascending times.
-        """
-        index = self.interval_index(times)
-        rows, states = [], []
-        for k, interval in enumerate(self.intervals):
-            here = times[index == k]
-            if len(here):
-                middles = 0.5 * (interval.nodes[1:] + interval.nodes[:-1])
-                node = np.searchsorted(middles, here)
-                rows.append(interval.times[node])
-                states.append([x[node] for x in interval.rows])
-        return np.concatenate(rows), State(*map(np.concatenate, zip(*states, strict=True)))
-
     def time_rows(self, times: Array) -> Array:
         """Return rows (t, branch), (k, 2), for times (k,) [s]."""
         branches = np.array([interval.branch for interval in self.intervals])

@@ -38,7 +38,6 @@ from beamdae.errors import (
     plain_text,
     short_repr,
     suggest,
-    warn_of_result,
 )
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
@@ -176,11 +175,6 @@ def _turning_warnings(lin: Linearization) -> tuple[str, ...]:
         f"without centrifugal forces; use about=bd.rotation({turning.speed:.10g}) for a steady "
         "rotation (--speed), or solution.at(t) for another motion.",
     )
-
-
-def warn_of_state(lin: Linearization) -> None:
-    """Issue the warnings of a linearization, except those issued when the model was built."""
-    warn_of_result(lin.warnings, lin.equations.build_warnings)
 
 
 def _linearize(name: str, model: Any, about: Any, t: float) -> Linearization:

@@ -244,14 +244,6 @@ class EnergyLedger:
         return LocalImbalance(float(ratios[worst]), float(times[last]))
 
     @property
-    def is_lightly_damped(self) -> bool:
-        """True if damping leaves a part of the energy."""
-        rows = self._step_rows
-        dissipated = float(np.max(np.abs(rows[:, 5])))
-        energy = float(np.max(rows[:, 0])) + float(np.ptp(rows[:, 1]))
-        return bool(dissipated <= _MAX_DISSIPATED_SHARE * energy)
-
-    @property
     def force(self) -> Imbalance:
         """Largest absolute entry of the residual F + G^T lam over the steps.
 

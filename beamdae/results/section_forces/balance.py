@@ -85,22 +85,6 @@ def balanced_and_elastic_forces(
     return balanced, sections.elastic_forces(np.where(before, beam.mesh.just_before(s), s))
 
 
-def elastic_axial_forces(beam: Beam, equations: EquationsOfMotion, state: State, s: Array) -> Array:
-    """Return the axial forces [N] from the strains at arc lengths (k,) [m] of one state, (k,)."""
-    rows = State(*(x[None] for x in state))
-    return np.asarray(elastic_section_forces(beam, equations, rows, s)[0, 0])
-
-
-def elastic_section_forces(
-    beam: Beam, equations: EquationsOfMotion, states: State, s: Array
-) -> Array:
-    """Return (N [N], Q [N], M [N m]) from the strains at rows of states, (3, rows, k).
-
-    `s` are the arc lengths (k,) [m].
-    """
-    return np.asarray(_BeamSections(beam, equations, states).elastic_forces(s))
-
-
 def _accumulate_loads(beam: Beam, loads: AppliedLoads, s: Array, before: Array) -> Array:
     """Return the sum of the loads before each section, (rows, sections, 3).
 
