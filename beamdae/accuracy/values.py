@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamdae.results.columns import (
+    mark_constant_columns,
     mark_resting_columns,
     mark_unresolved_columns,
     measure_amplitudes,
@@ -87,17 +88,22 @@ def _subtract_rows(rows: Array, finer: Array, scale: Array) -> Array:
 
 def _mark_noise(run: RunData, other: RunData, rows: Array, finer: Array) -> Array:
     """Return True for columns that are rounding errors or violations of constraints in both."""
-    e, sizes = run.equations, run._sizes_of_mechanism
+    e, mechanism = run.equations, run._sizes_of_mechanism
     headers, differences = e.observed_headers, np.abs(rows - finer).max(axis=0)
     half_range = 0.5 * np.maximum(np.ptp(rows, axis=0), np.ptp(finer, axis=0))
-    is_noise = mark_resting_columns(headers, finer, half_range, e.length, others=sizes)
+    is_noise = mark_resting_columns(headers, finer, half_range, e.length, others=mechanism)
     drifts = map(find_drift, (run, other))
     rtol = run.integrator.get("rtol") or 0.0
     is_noise |= mark_unresolved_columns(
-        headers, half_range, differences, e.length, rtol, drifts, sizes
+        headers, half_range, differences, e.length, rtol, drifts, mechanism
     )
+    # Motions of the size of integration errors that the second run does not repeat, such as those
+    # that vanish by symmetry in a steady rotation.
+    sizes = np.maximum(half_range, 0.5 * differences)
+    is_constant = mark_constant_columns(headers, finer, sizes, e.length, rtol)
+    is_noise |= is_constant & (differences > 0.5 * half_range)
     rounding = rounding_limits(e, headers, run.trajectory.mean_step)
-    return np.asarray(is_noise | (np.maximum(half_range, 0.5 * differences) <= rounding))
+    return np.asarray(is_noise | (sizes <= rounding))
 
 
 def _stack(run: RunData) -> Array:

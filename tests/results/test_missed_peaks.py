@@ -612,7 +612,7 @@ def test_regression_stresses_of_damping_at_an_impact_are_no_peaks(elements):
     mech.observe("stress", leaf.largest_stress())
     run = bd.simulate(mech, t_end=4e-3, output_step=1e-4)
     assert run.step_extremes["stress.largest"].max > 2.0 * run["stress.largest"].max()
-    about_stress = [x for x in run.warnings if x.startswith("stress.largest")]
+    about_stress = [x for x in run.model_warnings if x.startswith("stress.largest")]
     assert len(about_stress) == 1
     assert "that of the damping of the section at a jump of the velocities" in about_stress[0]
     assert not any("stress" in x for x in run.warnings if "read these values" in x)
