@@ -674,7 +674,9 @@ def test_regression_outputs_that_steps_do_not_resolve_have_a_warning(tmp_path):
     coarse = export(tmp_path, cantilever(1e-5), step=4e-3, **fixed).warnings
     # The clamp, whose reactions are less accurate, is no output.
     (warning,) = (x for x in coarse if "the error is" in x)
-    assert re.search(r"tip.y: the error is about [\d.]+ % of half its range.*; use .*step=", warning)
+    assert re.search(
+        r"tip.y: the error is about [\d.]+ % of half its range.*; use .*step=", warning
+    )
 
 
 @pytest.mark.slow(reason="half a second")
