@@ -23,6 +23,7 @@ from beamdae.errors import (
     require_finite,
     require_sequence,
     short_repr,
+    warnings_are_ignored,
 )
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
@@ -371,6 +372,8 @@ class Solution(RunData, TimeSeries):
         """Return the metadata of the run for `to_csv`; `further` adds or replaces entries."""
         end, last = self.trajectory.end, self.trajectory.intervals[-1].state
         ledger = self._energy_ledger.at(np.array([end]))[0].tolist()
+        # Files repeat no run whose warnings nobody sees.
+        is_checked = "warnings" in vars(self) or not warnings_are_ignored()
         return {
             "status": self.status.kind,
             "reason": self.status.sentence,
@@ -384,7 +387,7 @@ class Solution(RunData, TimeSeries):
             },
             "singular positions": [asdict(position) for position in self.singular_positions],
             "events": [record.as_dict() for record in self.event_records],
-            "warnings": list(self.warnings),
+            "warnings": list(self.warnings if is_checked else self.model_warnings),
             # Used to join the tables of this run and of a run that resumes it: the hash identifies
             # the run, and the works are added.
             "end": {
