@@ -225,13 +225,13 @@ def test_regression_warnings_of_runs_are_reported():
         return mech
 
     method = bd.GeneralizedAlpha(2e-3)
-    with pytest.warns(bd.BeamdaeWarning, match=r"1 of 2 runs ended with warnings, .*=0.01: strip"):
+    with pytest.warns(bd.BeamdaeWarning, match=r"1 of 2 runs ended with warnings, .*=0.01: tip"):
         swept = bd.sweep(falling, {"height": [0.1, 0.01]}, integrator=method, t_end=0.4)
     assert list(swept.table["status"]) == ["ok", "ok"]
     assert list(swept.table["warnings"] != "") == [False, True]
     assert "warnings" in swept._repr_html_()
     assert swept.run(height=0.1).warnings == ()
-    assert "strip" in swept.run(height=0.01).warnings[0]
+    assert "of strip" in swept.run(height=0.01).warnings[0]
 
 
 @pytest.mark.slow(reason="many small runs")
