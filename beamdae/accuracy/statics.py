@@ -170,7 +170,9 @@ def _find_scales(path: Equilibrium) -> Values:
     sizes = np.where(is_position, np.ptp(rows, axis=0), np.max(np.abs(rows[1:]), axis=0))
     forces = _largest_by_unit([x.unit for x in e.multipliers], path.lam)
     is_noise = mark_resting_columns(headers, rows, 0.5 * sizes, e.length, others=forces)
-    is_noise |= 0.5 * sizes <= rounding_limits(e, headers)
+    # States without a size of their own, such as the rate of a filter, vanish up to rounding.
+    rounding = np.maximum(rounding_limits(e, headers), np.finfo(float).eps ** 2)
+    is_noise |= 0.5 * sizes <= rounding
     scales |= dict(zip(headers, np.where(is_noise, np.inf, sizes).tolist(), strict=True))
     for header, size in _measure_sections(path):
         scales[header] = max(scales[header], size)
