@@ -212,9 +212,9 @@ class Beam(Part):
         rotations relative to the frame. In a chord frame, a beam can bend several times as far for
         the same error, and integrators may need only half as many steps (measured, see
         validation/). With "nonlinear" strains and a curve whose tangent rotates by more than 90
-        degrees, the tangent frame is more accurate. `Solution.validity` reports the rotations of a
-        run. If these are too large, use `welded_beams` or strain="exact". A beam with
-        formulation="exact" has no floating frame: `frame` is then the reference frame of
+        degrees, the tangent frame is more accurate. `Solution.errors` states the error by
+        the strains ("theory"). If it is too large, use `welded_beams` or strain="exact". A beam
+        with formulation="exact" has no floating frame: `frame` is then the reference frame of
         `deformation`.
     velocity, angular_velocity
         Initial velocity of the start point [m/s] and angular velocity [rad/s] of the beam, moving

@@ -37,6 +37,7 @@ _REFERENCE_TIME_LIMIT = 30.0  # s
 # Steps of the references: they do not pass over short contacts and crossings.
 _MIN_REFERENCE_STEPS = 1000
 _ROWS = 400  # of a run
+_LARGE_ERROR = 0.04  # of columns that runs name
 # Parts of warnings that do not concern the errors of the integration.
 _OTHER_WARNINGS = (
     "output rows miss",
@@ -68,7 +69,7 @@ class MechanismRow:
     error, column
         Largest error of the positions and angles over rtol, and its column.
     warnings
-        Warnings of the run, without those about the validity of strains.
+        Warnings of the run about errors of its integration.
     columns, covered, miss
         Number of columns with an error estimate, number of those whose error it covers, and largest
         error over estimate.
@@ -159,14 +160,17 @@ def _compute_reference(seed: int) -> tuple[bd.Solution | None, float]:
 def describe_warnings(solution: bd.Solution) -> str:
     """Return the warnings of a run that concern the errors of its integration.
 
-    Warnings about strains, output rows and the validity of laws do not.
+    Warnings about output rows and the validity of laws do not, and neither do errors by elements
+    and strains.
     """
-    strain_warnings = {beam.warning for beam in solution.validity}
-    return " ".join(
+    sentences = [
         warning
-        for warning in solution.warnings
-        if warning not in strain_warnings and not any(x in warning for x in _OTHER_WARNINGS)
-    )
+        for warning in solution.model_warnings
+        if not any(x in warning for x in _OTHER_WARNINGS)
+    ]
+    if np.nanmax(solution.errors.table()["time"], initial=0.0) > _LARGE_ERROR:
+        sentences += solution.errors.sentences()
+    return " ".join(sentences)
 
 
 def compare_columns(solution: bd.Solution, reference: bd.Solution) -> dict[str, float]:

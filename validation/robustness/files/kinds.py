@@ -218,7 +218,6 @@ def _check_solution(loaded: Any, saved: Any, path: Path) -> None:
         "events",
         "energies",
         "drift",
-        "validity",
         "start",
         "label",
     ):

@@ -72,7 +72,6 @@ WORKING_CALLS: dict[str, WorkingCall] = (
 # arguments of other calls.
 NOT_CALLABLE = {
     "Animation": "result of animate",
-    "BeamRange": "row of Solution.validity",
     "Boundary": "result of boundary",
     "BoundaryPoint": "entry of Boundary.special",
     "Buckling": "result of buckling",
