@@ -134,9 +134,8 @@ def simulate(
     -------
     Solution
         The result up to the time reached. If the run fails after it has begun, no exception is
-        raised; `status` gives the reason. A completed run with fixed steps is repeated with twice
-        the step, or with half the step if that run fails or has large errors, to warn of estimated
-        errors above 15 % of half the range of a column; see `error_estimate`.
+        raised; `status` gives the reason. A completed run is repeated with everything refined, to
+        warn of errors above 4 %, unless this takes long; see `Solution.errors`.
 
     Raises
     ------

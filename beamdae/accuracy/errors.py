@@ -26,6 +26,7 @@ LIMIT, AIM = 0.04, 0.01
 # third of the tolerance two thirds.
 FACTOR = 1.15
 CAUSES = ("time", "mesh", "theory")
+_NAMES_OF_CAUSES = {"time": "steps", "mesh": "elements", "theory": "strains"}
 _MAX_NAMES = 6
 
 
@@ -339,11 +340,8 @@ def split_causes(
     return causes
 
 
-_NAMES_OF_CAUSES = {"time": "steps", "mesh": "elements", "theory": "strains"}
-
-
 def _describe(error: float) -> str:
-    return f"about {format_percent(error)}" if error <= 1.0 else "more than 100 %"
+    return f"{'about ' if error <= 1.0 else ''}{_format_error(error)}"
 
 
 def _format_error(error: float) -> str:

@@ -218,7 +218,7 @@ def _linearize_refined(
 def _linearize_path_end(
     lin: Linearization, refinement: Refinement, path: Equilibrium
 ) -> Linearization:
-    q = refinement.start + refinement.prolongation @ lin.state.q
+    q = refinement.prolong(lin.state.q)
     fine = replace(refinement.equations, q0=q, v0=np.zeros(len(q)))
     _, system, factor = load_path_end(fine.mechanism, fine, path)
     e = system.equations

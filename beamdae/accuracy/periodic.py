@@ -126,8 +126,8 @@ def _find_motion(
     first = run.trajectory.intervals[0].state
     equations, q, v = run.equations, first.q[0], first.v[0]
     if refinement is not None:
-        equations, prolongation = refinement.equations, refinement.prolongation
-        q, v = refinement.start + prolongation @ q, prolongation @ v
+        equations = refinement.equations
+        q, v = refinement.prolong(q), refinement.prolongation @ v
     equations = replace(equations, q0=q, v0=v)
     tolerance = Tolerance.for_integrator("periodic", None, method)
     with hold_messages():

@@ -48,6 +48,11 @@ class Refinement(NamedTuple):
     prolongation: sp.csc_array
     start: Array
 
+    def prolong(self, q: Array) -> Array:
+        """Return the coordinates (n',) or (n', k) of positions (n,) or (n, k)."""
+        offset = self.start if q.ndim == 1 else self.start[:, None]
+        return np.asarray(offset + self.prolongation @ q)
+
 
 def find_kept_beams(mechanism: Mechanism, start: Any = AS_DRAWN) -> dict[str, str]:
     """Return the reasons why beams keep their elements and strains, by name."""

@@ -111,7 +111,7 @@ def run_companion(
     def split() -> dict[str, Array]:
         return split_causes(run, other, repeat, compare, bool(refined.inexact))
 
-    errors = replace(_compare(run, other, refined), split=split)
+    errors = replace(_compare(run, other, refined), split=single_threaded(split))
     return errors, None if errors.has_failed else other
 
 
@@ -279,15 +279,15 @@ def refine_equations(
     refinement = refine(run.equations, searched or AS_DRAWN, strains=strains)
     if refinement is None:
         return None, run.trajectory
-    matrix, offset = refinement.prolongation, refinement.start
+    matrix = refinement.prolongation
     if searched is None:
         first = run.trajectory.intervals[0].rows
-        q, v = offset + matrix @ first.q[0], matrix @ first.v[0]
+        q, v = refinement.prolong(first.q[0]), matrix @ first.v[0]
         refinement = refinement._replace(equations=replace(refinement.equations, q0=q, v0=v))
     intervals = []
     for interval in run.trajectory.intervals:
         q, v, *others = interval.rows
-        rows = State(offset + (matrix @ q.T).T, (matrix @ v.T).T, *others)
+        rows = State(refinement.prolong(q.T).T, (matrix @ v.T).T, *others)
         intervals.append(replace(interval, rows=rows))
     return refinement, Trajectory(tuple(intervals))
 

@@ -65,7 +65,7 @@ def measure_buckling(result: Buckling) -> Errors:
     headers = [f"load factor of mode {k + 1} [-]" for k in range(len(result))]
 
     def repeat(refinement: Refinement) -> Values:
-        q = refinement.start + refinement.prolongation @ result.q
+        q = refinement.prolong(result.q)
         return dict(zip(headers, repeat_buckling(result, refinement.equations, q), strict=False))
 
     return _measure(result.equations, tuple(headers), result.factors, repeat, dict)
@@ -170,9 +170,7 @@ def _find_scales(path: Equilibrium) -> Values:
     sizes = np.where(is_position, np.ptp(rows, axis=0), np.max(np.abs(rows[1:]), axis=0))
     forces = _largest_by_unit([x.unit for x in e.multipliers], path.lam)
     is_noise = mark_resting_columns(headers, rows, 0.5 * sizes, e.length, others=forces)
-    # States without a size of their own, such as the rate of a filter, vanish up to rounding.
-    rounding = np.maximum(rounding_limits(e, headers), np.finfo(float).eps ** 2)
-    is_noise |= 0.5 * sizes <= rounding
+    is_noise |= 0.5 * sizes <= rounding_limits(e, headers)
     scales |= dict(zip(headers, np.where(is_noise, np.inf, sizes).tolist(), strict=True))
     for header, size in _measure_sections(path):
         scales[header] = max(scales[header], size)
@@ -228,7 +226,7 @@ def _repeat(path: Equilibrium, refinement: Refinement) -> Values:
     if is_near and not path.critical:
         return ends
     if _is_whole(path, loading, settings):
-        start = refinement.start + refinement.prolongation @ path.q[0]
+        start = refinement.prolong(path.q[0])
         # The refined path may switch to the mirrored branch.
         for sign in (1, -1) if settings.switch else (1,):
             switch = tuple(sign * x for x in settings.switch)
@@ -283,7 +281,7 @@ def _correct_end(
     system = loading.systems[stage]
     lam = dict(zip(path.equations.lam_names, path.lam[-1].tolist(), strict=True))
     x = np.append(
-        refinement.start + refinement.prolongation @ path.q[-1],
+        refinement.prolong(path.q[-1]),
         [lam.get(name, 0.0) for name in system.equations.lam_names],
     )
     if path.free and system.has_scaled_loads:

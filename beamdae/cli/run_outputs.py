@@ -292,9 +292,7 @@ def estimate_errors(run: Run, solution: Solution, verify: bool) -> None:
     The errors of the observed columns are stored in `run` and in the metadata of its table, unless
     the second run is interrupted. Without observed columns, nothing is done.
     """
-    from beamdae.accuracy.errors import Errors
-    from beamdae.accuracy.runs import check_run
-    from beamdae.accuracy.runs import verify as compare_methods
+    from beamdae.accuracy import runs
     from beamdae.results.storage.files import write_metadata
 
     if not solution.columns:
@@ -303,12 +301,11 @@ def estimate_errors(run: Run, solution: Solution, verify: bool) -> None:
     with show_run_progress(float(solution.t[-1]), task) as show_progress:
         progress = partial(show_progress, run.integrator.label)
         if verify:
-            compared = compare_methods(solution, progress=progress)
-            errors: Errors | None = compared
-            sentences = list(compared.sentences())
+            errors: Any = runs.verify(solution, progress=progress)
+            sentences = list(errors.sentences())
         else:
-            sentences = list(check_run(solution, progress))
-            errors = solution.errors if "errors" in vars(solution) else None
+            sentences = list(runs.check_run(solution, progress))
+            errors = vars(solution).get("errors")
     # The exception may have been swallowed, for example by a callback of other code.
     if signals.is_interrupted():
         return

@@ -35,6 +35,7 @@ UNITS_OF_POSITIONS = ("m", "rad")  # which must be accurate by default
 # Columns whose half range is at or below any of these are at rest.
 _REST_TO_OTHERS_RATIO = 1e-9  # relative to the largest half range of a column with the same unit
 _REST_TO_VALUES_RATIO = 1e-12  # relative to the largest value of the column: rounding errors
+_UNDERFLOW = np.finfo(float).eps ** 2  # rounding errors of rounding errors, in any unit
 _REST_TO_SIZE_RATIO = 1e-12  # relative to the size of the mechanism, or to 1 rad: rounding errors
 
 # Half range of columns that vanish but for noise, relative to the largest one of their kind.
@@ -513,6 +514,8 @@ def mark_resting_columns(
     sizes = {unit + per: size * x for unit, size in units for per, x in rates.items()}
     size = np.array([sizes.get(Header.of(header).unit, 0.0) for header in headers])
     limits = (
+        # Columns without a size of their own, such as the rate of a filter.
+        np.full(len(headers), _UNDERFLOW),
         _REST_TO_OTHERS_RATIO * largest_of_kind(headers, half_range, others=others),
         _REST_TO_VALUES_RATIO * np.max(np.abs(rows), axis=0),
         _REST_TO_SIZE_RATIO * size,

@@ -163,7 +163,7 @@ def _missed_peaks(run: RunData) -> Iterable[str]:
     others = {name: peak for name, peak in peaks.items() if peak not in known}
     others = remove_minor_peaks(others, run.step_extremes, run.equations.length)
     unknown = list_unknown_peaks(run.equations, run.trajectory)
-    yield from missed_peak_warnings(others, len(run.t), True, unknown)
+    yield from missed_peak_warnings(others, len(run.t), unknown)
 
 
 def _observe_columns(run: RunData, times: np.ndarray) -> dict[str, np.ndarray]:

@@ -41,7 +41,7 @@ def test_the_page_contains_facts_tables_and_curves(run):
     assert (page["title"], page["subtitle"]) == ("arm", "Radau: reached the end")
     assert page["notes"] == ["Beware."]
     tables = {table["title"]: table for table in page["tables"]}
-    # Without beams there is no table on their validity.
+    # Tables without rows are left out.
     assert {title: table["section"] for title, table in tables.items()} == {
         "Observed": "results",
         "Errors of the columns": "errors",

@@ -59,7 +59,7 @@ def simulate_tip(name: str, integrator: Any, elements: int, **settings: Any) -> 
     """Return the tip (rows, 2) [m] every 10 ms."""
     model = MODELS[name]
     with warnings.catch_warnings():
-        # Warnings about the validity of the strains, which is measured here.
+        # Warnings about errors by the strains, which are measured here.
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
         mech = model(elements=elements, **settings)
         solution = bd.simulate(mech, integrator, model.t_end, output_step=OUTPUT_STEP)

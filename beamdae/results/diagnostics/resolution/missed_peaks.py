@@ -556,15 +556,13 @@ def remove_minor_peaks(
 def missed_peak_warnings(
     peaks: Mapping[str, MissedPeak],
     n_rows: int,
-    is_resolved: bool = True,
     unknown: Sequence[str] = (),
 ) -> Iterator[str]:
     """Yield one warning about the missed peaks of a run, with values of the worst of each kind.
 
     Peaks of columns that are small compared with others of their kind come last. Peaks that differ
     from the rows by less than a thousandth of their value are omitted. All peaks are omitted if the
-    `n_rows` of the run are only its start and its end. If `is_resolved` is False, elements do not
-    resolve an impact, so that the peaks are no remedy. `unknown` are the columns of
+    `n_rows` of the run are only its start and its end. `unknown` are the columns of
     `list_unknown_peaks`.
     """
     visible = [peak for peak in peaks.values() if peak.is_visible and n_rows >= _MIN_ROWS]
@@ -590,6 +588,4 @@ def missed_peak_warnings(
         peak.comparison if k < kinds else remove_unit(peak.column) for k, peak in enumerate(others)
     ]
     also = f", also in {list_first(names, max(_MAX_NAMES, kinds))}" if others else ""
-    if not is_resolved:
-        remedy = "these peaks contain vibrations of single elements, so resolve the impact first"
     yield f"{worst.description}{also}; {remedy}."
