@@ -56,15 +56,15 @@ from beamdae.integrators.auto import Auto
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.run_plan import plan_run
 from beamdae.interrupts import interruptible
+from beamdae.model_checks.deep_contacts import deep_start_warnings
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.joints.joint import Joint
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism, require_start
 from beamdae.parts.rotation import Rotation
 from beamdae.read_only import read_only_data
 from beamdae.report.terminal.check_report import describe_check
-from beamdae.results.diagnostics.contacts.deep_contacts import deep_start_warnings
-from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
 from beamdae.results.solution import Solution
+from beamdae.results.start_changes import StartSummary, compare_start
 from beamdae.simulation import as_equations, simulate
 
 Array = np.ndarray

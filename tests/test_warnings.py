@@ -16,7 +16,7 @@ from beamdae.errors import (
     warn_of_result,
     warn_user,
 )
-from beamdae.results import solution
+from beamdae.model_checks import run_checks
 
 
 def shown(action, messages, times=1):
@@ -69,7 +69,8 @@ def test_regression_a_loop_over_models_warns_once_of_each_kind():
 )
 def test_runs_are_checked_unless_all_warnings_are_ignored(monkeypatch, filters, is_checked):
     checked = []
-    monkeypatch.setattr(solution, "RUN_CHECKS", {lambda run: checked.append(run) or ["mass: off."]})
+    check = {lambda run: checked.append(run) or ["mass: off."]}
+    monkeypatch.setattr(run_checks, "RUN_CHECKS", check)
     with warnings.catch_warnings(record=True):
         warnings.simplefilter("default")
         for action, message, category in filters:

@@ -25,9 +25,9 @@ from beamdae.errors import BeamdaeError, hold_messages
 from beamdae.interrupts import Interrupted
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.results.columns import UNITS_OF_POSITIONS, Header, mark_resting_columns
-from beamdae.results.diagnostics.rounding_limits import rounding_limits
 from beamdae.results.elastic_columns import measured_quantity
 from beamdae.results.equilibrium import FACTOR, UNSTABLE, Equilibrium
+from beamdae.results.rounding_limits import rounding_limits
 from beamdae.results.section_forces.section_forces import SectionForces
 
 Array = np.ndarray

@@ -12,7 +12,7 @@ from beamdae.results.columns import (
     mark_unresolved_columns,
     measure_amplitudes,
 )
-from beamdae.results.diagnostics.rounding_limits import rounding_limits
+from beamdae.results.rounding_limits import rounding_limits
 from beamdae.results.run_data import RunData, find_drift
 
 Array = np.ndarray

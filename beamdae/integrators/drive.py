@@ -62,9 +62,9 @@ from beamdae.integrators.step_thinning import StepThinning
 from beamdae.interrupts import Interrupted, acknowledge, attach_partial
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import release_freed_memory, retain_freed_memory
-from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
-from beamdae.results.diagnostics.resolution.followed_vibrations import describe_followed_vibration
-from beamdae.results.diagnostics.strain_limits import (
+from beamdae.model_checks.followed_vibrations import describe_followed_vibration
+from beamdae.model_checks.growing_loops import growing_loop_warnings
+from beamdae.model_checks.strain_limits import (
     MEANINGLESS_DEFORMATION,
     describe_meaningless_strain,
 )

@@ -1,5 +1,5 @@
-"""Results of runs and analyses: solution, diagnostics, section forces, equilibria, files.
+"""Results of runs and analyses: solution, section forces, equilibria, files.
 
 May import: equations and the layers below; drawing code only through `displays.load_views`.
-To extend: add quantities of a run as methods of `Solution`, and checks as modules in `diagnostics`.
+To extend: add quantities of a run as methods of `Solution`.
 """

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beamdae.results.columns import ColumnDict
-from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
+from beamdae.results.missed_peaks import StepExtremes
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray

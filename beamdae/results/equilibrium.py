@@ -19,7 +19,6 @@ from beamdae.errors import format_count, require_count
 from beamdae.interrupts import interruptible
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header, can_select, merge_columns, select_columns
-from beamdae.results.diagnostics.strain_limits import strain_warnings
 from beamdae.results.displays import HasPage, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.section_forces.recovery import recover_section_forces_at_state
@@ -470,7 +469,8 @@ class Equilibrium(HasPage):
                     "equilibrium position is arbitrary; add a spring or a joint, or choose the "
                     f"position with start={{{self.free!r}: ...}}."
                 )
-        strains = strain_warnings(self.equations, self._checked_positions)
+        strain_limits = deferred.module("model_checks.strain_limits")
+        strains = strain_limits.strain_warnings(self.equations, self._checked_positions)
         outside = list_arguments_outside(self.equations, self._times[-1], self._checked_positions)
         limits: Iterable[str] = ()
         if self.status.success:

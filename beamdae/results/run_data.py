@@ -22,31 +22,31 @@ from beamdae.results.column_ranges import (
     refine_step_extremes,
 )
 from beamdae.results.columns import ColumnDict, Header
-from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
-from beamdae.results.diagnostics.resolution.missed_peaks import (
+from beamdae.results.elastic_columns import (
+    find_elastic_columns,
+    interpolate_elastic_columns,
+    observe_elastic_columns,
+)
+from beamdae.results.energy_balance import EnergyLedger, Quality
+from beamdae.results.event_records import EventRecord
+from beamdae.results.missed_peaks import (
     UNITS_OF_MOTIONS,
     StepExtremes,
     find_missed_parts,
     find_missed_peaks,
     measure_step_extremes,
 )
-from beamdae.results.diagnostics.rest import is_at_rest, is_motionless
-from beamdae.results.diagnostics.rounding_limits import (
+from beamdae.results.outcome import Statistics, Status
+from beamdae.results.rest import is_at_rest, is_motionless
+from beamdae.results.rounding_limits import (
     measure_mechanism,
     without_rounding_errors,
 )
-from beamdae.results.diagnostics.singular_positions import (
+from beamdae.results.singular_positions import (
     SingularPosition,
     find_singular_positions,
 )
-from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
-from beamdae.results.elastic_columns import (
-    find_elastic_columns,
-    interpolate_elastic_columns,
-    observe_elastic_columns,
-)
-from beamdae.results.event_records import EventRecord
-from beamdae.results.outcome import Statistics, Status
+from beamdae.results.start_changes import StartSummary, compare_start
 from beamdae.results.storage.files import versions as installed_versions
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.statements import Variable

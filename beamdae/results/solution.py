@@ -33,7 +33,6 @@ from beamdae.read_only import read_only_data
 from beamdae.results.displays import Animation, Plot, load_views
 from beamdae.results.event_records import tabulate_events
 from beamdae.results.provenance import describe_provenance, state_hash
-from beamdae.results.run_checks import ROW_CHECKS, RUN_CHECKS, Check
 from beamdae.results.run_data import RunData, coordinate_headers
 from beamdae.results.storage.files import require_file_path, write_result
 from beamdae.results.time_series import TimeSeries
@@ -186,13 +185,15 @@ class Solution(RunData, TimeSeries):
     @property
     def row_warnings(self) -> tuple[str, ...]:
         """Those of the `warnings` about peaks and vibrations that the output rows do not show."""
-        return tuple(chain.from_iterable(self._sentences[check] for check in ROW_CHECKS))
+        of_rows = deferred.module("model_checks.run_checks").ROW_CHECKS
+        return tuple(chain.from_iterable(self._sentences[check] for check in of_rows))
 
     @cached_property
-    def _sentences(self) -> dict[Check, tuple[str, ...]]:
+    def _sentences(self) -> dict[Any, tuple[str, ...]]:
         # Checks search equilibria, whose messages are not about the run.
         with single_threaded, hold_messages():
-            return {check: tuple(check(self)) for check in RUN_CHECKS}
+            checks = deferred.module("model_checks.run_checks").RUN_CHECKS
+            return {check: tuple(check(self)) for check in checks}
 
     def coordinate_columns(self) -> dict[str, Array]:
         """Return the columns (k,) of `coordinates` by header."""

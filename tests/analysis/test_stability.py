@@ -259,6 +259,6 @@ def test_regression_portal_of_default_strain_ends_in_few_points():
     assert point.factor == pytest.approx(7.379, rel=1e-3)
     path = bd.equilibrium(swaying_portal(0.01), to=20.0)
     # With exact strains, the path ends at 8.98 instead of 8.44, also near a limit point.
-    assert "set strain='exact', before you try control='arc length'" in path.status.sentence
+    assert "use control='arc length'" in path.status.sentence
     assert 7.0 < path.factor < 20.0
     assert len(path.q) < 60

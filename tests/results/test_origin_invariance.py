@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
+from beamdae.results.coarse_rows import coarse_row_warnings
 
 STEEL = bd.Material(E=2e11, nu=0.3, rho=7800.0)
 SECTION = bd.Section.rectangle(STEEL, width=0.02, height=0.02, damping=1e-5)

@@ -15,7 +15,7 @@ import pytest
 
 import beamdae as bd
 from beamdae.results.columns import mark_vanishing_columns
-from beamdae.results.diagnostics.rounding_limits import measure_mechanism
+from beamdae.results.rounding_limits import measure_mechanism
 
 ALLOY = bd.Material(E=70e9, nu=0.3, rho=2700.0)
 STRIP = bd.Section.rectangle(ALLOY, width=0.02, height=0.002, damping=1e-4)

@@ -40,10 +40,10 @@ from beamdae.errors import (
     suggest,
 )
 from beamdae.linear.saddle_point import factorize_saddle_point
+from beamdae.model_checks.strain_limits import rotation_warnings
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
-from beamdae.results.diagnostics.start_changes import compare_start, drawing_warnings
-from beamdae.results.diagnostics.strain_limits import rotation_warnings
 from beamdae.results.equilibrium import Equilibrium
+from beamdae.results.start_changes import compare_start, drawing_warnings
 from beamdae.results.trajectory import Instant
 from beamdae.simulation import as_equations
 

@@ -42,14 +42,14 @@ from beamdae.interrupts import (
     interruptible,
 )
 from beamdae.linear.blas_threads import single_threaded
+from beamdae.model_checks.deep_contacts import deep_rest_warnings
+from beamdae.model_checks.strain_limits import describe_meaningless_strain
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.parts.rotation import Rotation
-from beamdae.results.diagnostics.contacts.deep_contacts import deep_rest_warnings
-from beamdae.results.diagnostics.start_changes import drawing_warnings
-from beamdae.results.diagnostics.strain_limits import describe_meaningless_strain
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.outcome import Status
+from beamdae.results.start_changes import drawing_warnings
 from beamdae.simulation import as_equations, skips_result_checks
 
 Array = np.ndarray

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from beamdae.accuracy.errors import Errors
-    from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
+    from beamdae.results.missed_peaks import StepExtremes
     from beamdae.results.solution import Solution
 
     # A table by header.

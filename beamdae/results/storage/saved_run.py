@@ -17,7 +17,7 @@ from beamdae.errors import BeamdaeError, MissingModelError
 from beamdae.input_files import register_input
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives, require_derivatives
-from beamdae.results.diagnostics.energy_balance import Quality
+from beamdae.results.energy_balance import Quality
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution

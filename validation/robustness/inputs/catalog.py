@@ -84,6 +84,7 @@ NOT_CALLABLE = {
     "StabilityMargins": "result of margins",
     "Check": "result of check",
     "CriticalPoint": "row of Equilibrium.critical",
+    "Errors": "result of verify, and of the errors of results",
     "EquationsOfMotion": "result of equations_of_motion",
     "ExportedFmu": "result of export_fmu",
     "Gradient": "result of gradient",

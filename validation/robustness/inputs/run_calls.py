@@ -102,7 +102,12 @@ SWEEP_CALLS: dict[str, WorkingCall] = {
 
 SOLUTION_CALLS: dict[str, WorkingCall] = {
     "verify": WorkingCall(
-        lambda box: {"solution": box.solution, "integrator": bd.Radau(1e-4)}, return_result
+        lambda box: {
+            "solution": box.solution,
+            "integrator": bd.Radau(1e-4),
+            "progress": lambda standing: None,
+        },
+        return_result,
     ),
     "load": WorkingCall(
         lambda box: {"path": "run.beamdae", "model": box.mech},

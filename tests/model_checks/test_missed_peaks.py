@@ -15,8 +15,8 @@ import beamdae as bd
 from beamdae.live.session import summarize
 from beamdae.report.run_page import build_run_page
 from beamdae.report.terminal import text_tables
-from beamdae.results.diagnostics.resolution import missed_peaks
-from beamdae.results.diagnostics.resolution.missed_parts import MissedPart
+from beamdae.results import missed_peaks
+from beamdae.results.missed_parts import MissedPart
 from beamdae.studies.column_measures import MEASURES, measure_table
 
 MISSED = "the output rows miss its largest value"

@@ -15,8 +15,8 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.mobility import find_loose_groups
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.errors import list_first, name_with_others
+from beamdae.model_checks.model_contacts import contacts_of
 from beamdae.parts.bodies.rigid_body import Ground, RigidBody
-from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.trajectory import Trajectory
 
 if TYPE_CHECKING:

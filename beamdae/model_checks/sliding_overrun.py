@@ -10,7 +10,7 @@ import numpy as np
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import format_percent
-from beamdae.results.diagnostics.strain_limits import sample_times
+from beamdae.model_checks.strain_limits import sample_times
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray

@@ -8,7 +8,7 @@ import scipy.linalg as la
 
 import beamdae as bd
 from beamdae.integrators.alpha.family import family_parameters
-from beamdae.results.diagnostics.resolution import suppressed_growth
+from beamdae.model_checks import suppressed_growth
 
 _STEEL = bd.Material.of("steel")
 _LENGTH, _HEIGHT = 0.3, 0.1

@@ -9,7 +9,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.failure_diagnosis import STARTING_STEPS, list_moving_drivers
 from beamdae.errors import format_percent, list_first
-from beamdae.results.diagnostics.energy_balance import EnergyLedger
+from beamdae.results.energy_balance import EnergyLedger
 
 # Imbalances relative to the energy exchanged, in the run or over a few steps. In 257 random drops
 # and in runs of 50 mechanisms by `GeneralizedAlpha` (steps of 1 and 3 ms), errors of peak forces,

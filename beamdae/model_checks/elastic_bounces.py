@@ -9,7 +9,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.errors import name_with_others
-from beamdae.results.diagnostics.contacts.model_contacts import contacts_of, gaps_of_run
+from beamdae.model_checks.model_contacts import contacts_of, gaps_of_run
 from beamdae.results.trajectory import Trajectory
 
 _MIN_BOUNCES = 10  # a few of them may be impacts of a mechanism that moves on

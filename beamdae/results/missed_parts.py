@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from beamdae.errors import list_first
+from beamdae.results.coarse_rows import is_practical_step
 from beamdae.results.columns import format_apart, remove_unit
-from beamdae.results.diagnostics.resolution.coarse_rows import is_practical_step
 
 Array = np.ndarray
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.results.diagnostics.resolution.missed_parts import (
+from beamdae.results.missed_parts import (
     MissedPart,
     PartExtremes,
     missed_part_warnings,

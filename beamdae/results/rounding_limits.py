@@ -18,7 +18,7 @@ from beamdae.results.columns import (
     largest_by,
     mark_vanishing_columns,
 )
-from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
+from beamdae.results.missed_peaks import StepExtremes
 from beamdae.results.trajectory import Trajectory
 
 # Strains of geometrically exact beams that fall freely 4 m above the origin, with elements of

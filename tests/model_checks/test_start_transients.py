@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.results.diagnostics import start_transients
+from beamdae.model_checks import start_transients
 
 MASS, G, RADIUS, ROD = 30.0, 9.81, 0.04, 0.2
 

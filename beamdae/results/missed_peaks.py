@@ -26,7 +26,7 @@ from beamdae.results.columns import (
     mark_vanishing_columns,
     remove_unit,
 )
-from beamdae.results.diagnostics.resolution.missed_parts import (
+from beamdae.results.missed_parts import (
     MIN_MISS_OF_PART,
     MissedPart,
     PartExtremes,

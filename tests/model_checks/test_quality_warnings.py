@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from tolerances.mechanisms import parallelogram
 
 import beamdae as bd
-from beamdae.results import solution as solutions
+from beamdae.model_checks import run_checks
 from beamdae.results.columns import observed_columns
 from beamdae.studies.run_values import tabulate_trajectory
 
@@ -305,8 +305,8 @@ def test_warnings_are_those_of_the_checks_in_order(monkeypatch):
         return lambda run: [f"{word} until t = {run.t[-1]:g} s"]
 
     of_rows = check("peaks")
-    monkeypatch.setattr(solutions, "ROW_CHECKS", (of_rows,))
-    monkeypatch.setattr(solutions, "RUN_CHECKS", (check("balance"), of_rows, lambda run: ()))
+    monkeypatch.setattr(run_checks, "ROW_CHECKS", (of_rows,))
+    monkeypatch.setattr(run_checks, "RUN_CHECKS", (check("balance"), of_rows, lambda run: ()))
     solution = replace(solution)
     assert solution.warnings == ("balance until t = 0.1 s", "peaks until t = 0.1 s")
     assert solution.row_warnings == ("peaks until t = 0.1 s",)

@@ -18,10 +18,10 @@ from beamdae.equations.commands import Command, compile_commands
 from beamdae.equations.controller_reads import evaluate_reads
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, name_with_others
+from beamdae.model_checks.switching_laws import has_few_levels, is_switch
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.signals import State
-from beamdae.results.diagnostics.rest import is_motionless
-from beamdae.results.diagnostics.switching_laws import has_few_levels, is_switch
+from beamdae.results.rest import is_motionless
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray

@@ -8,8 +8,8 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
+from beamdae.model_checks.model_contacts import attached_mass
 from beamdae.parts.events import select_impacts
-from beamdae.results.diagnostics.contacts.model_contacts import attached_mass
 from beamdae.results.event_records import EventRecord
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.statements import Quantity

@@ -10,9 +10,9 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.errors import name_with_others
+from beamdae.model_checks.model_contacts import contacts_of, gaps_of_run
 from beamdae.parts.events import have_actions
 from beamdae.parts.mechanism import Mechanism
-from beamdae.results.diagnostics.contacts.model_contacts import contacts_of, gaps_of_run
 from beamdae.results.trajectory import Trajectory
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
+from beamdae.results.coarse_rows import coarse_row_warnings
 
 FAR_APART = "rows are too far apart for its vibration"
 

@@ -1,7 +1,7 @@
 """Checks of completed runs, whose warnings `Solution.warnings` lists in the order of this file.
 
 A check is a function of a run that yields sentences. To add one, write the function in
-`results.diagnostics` and add it to `RUN_CHECKS`: by `_of_motion` if it reads the equations and the
+`model_checks` and add it to `RUN_CHECKS`: by `_of_motion` if it reads the equations and the
 steps, and by a function of the run in this module if it reads more.
 """
 
@@ -23,54 +23,54 @@ from beamdae.equations.part_warnings import (
     supplied_energy_warnings,
     unguided_driver_warnings,
 )
-from beamdae.parts.events import select_impacts
-from beamdae.parts.mechanism import EQUILIBRIUM
-from beamdae.results.diagnostics.contacts.deep_contacts import (
+from beamdae.model_checks.deep_contacts import (
     deep_contact_warnings,
     soft_contact_warnings,
 )
-from beamdae.results.diagnostics.contacts.elastic_bounces import elastic_bounce_warnings
-from beamdae.results.diagnostics.contacts.impact_speeds import impact_speed_warnings
-from beamdae.results.diagnostics.contacts.impacts import impact_warnings
-from beamdae.results.diagnostics.contacts.untouched_contacts import (
+from beamdae.model_checks.elastic_bounces import elastic_bounce_warnings
+from beamdae.model_checks.growing_loops import growing_loop_warnings
+from beamdae.model_checks.impact_speeds import impact_speed_warnings
+from beamdae.model_checks.impacts import impact_warnings
+from beamdae.model_checks.quality_warnings import balance_warnings, column_warnings
+from beamdae.model_checks.rare_samples import rare_sample_warnings
+from beamdae.model_checks.saturated_commands import saturated_command_warnings
+from beamdae.model_checks.sliding_overrun import overrun_warnings
+from beamdae.model_checks.start_transients import start_transient_warnings
+from beamdae.model_checks.strain_limits import sample_positions, strain_warnings
+from beamdae.model_checks.suppressed_growth import suppressed_growth_warnings
+from beamdae.model_checks.table_ranges import (
+    table_range_warnings,
+    unentered_table_warnings,
+)
+from beamdae.model_checks.unconnected_bodies import (
+    unconnected_body_warnings,
+    undriven_body_warnings,
+)
+from beamdae.model_checks.unresolved_forces import unresolved_force_warnings
+from beamdae.model_checks.unstable_symmetry import unstable_symmetry_warnings
+from beamdae.model_checks.untouched_contacts import (
     fallen_contact_warnings,
     untouched_contact_warnings,
 )
-from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
-from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
-from beamdae.results.diagnostics.rare_samples import rare_sample_warnings
-from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
-from beamdae.results.diagnostics.resolution.missed_parts import missed_part_warnings
-from beamdae.results.diagnostics.resolution.missed_peaks import (
+from beamdae.model_checks.velocity_jumps import velocity_jump_warnings
+from beamdae.parts.events import select_impacts
+from beamdae.parts.mechanism import EQUILIBRIUM
+from beamdae.results.coarse_rows import coarse_row_warnings
+from beamdae.results.missed_parts import missed_part_warnings
+from beamdae.results.missed_peaks import (
     damping_peak_warnings,
     list_unknown_peaks,
     missed_peak_warnings,
     remove_minor_peaks,
     select_peaks_of_damping,
 )
-from beamdae.results.diagnostics.resolution.suppressed_growth import suppressed_growth_warnings
-from beamdae.results.diagnostics.resolution.unresolved_forces import unresolved_force_warnings
-from beamdae.results.diagnostics.rest import has_rounding_forces
-from beamdae.results.diagnostics.rounding_limits import rounding_limits
-from beamdae.results.diagnostics.saturated_commands import saturated_command_warnings
-from beamdae.results.diagnostics.singular_positions import (
+from beamdae.results.rest import has_rounding_forces
+from beamdae.results.rounding_limits import rounding_limits
+from beamdae.results.run_data import RunData, find_drift
+from beamdae.results.singular_positions import (
     singularity_warnings,
     unbounded_warnings,
 )
-from beamdae.results.diagnostics.sliding_overrun import overrun_warnings
-from beamdae.results.diagnostics.start_transients import start_transient_warnings
-from beamdae.results.diagnostics.strain_limits import sample_positions, strain_warnings
-from beamdae.results.diagnostics.table_ranges import (
-    table_range_warnings,
-    unentered_table_warnings,
-)
-from beamdae.results.diagnostics.unconnected_bodies import (
-    unconnected_body_warnings,
-    undriven_body_warnings,
-)
-from beamdae.results.diagnostics.unstable_symmetry import unstable_symmetry_warnings
-from beamdae.results.diagnostics.velocity_jumps import velocity_jump_warnings
-from beamdae.results.run_data import RunData, find_drift
 from beamdae.results.trajectory import Trajectory
 
 Check = Callable[[RunData], Iterable[str]]

@@ -18,11 +18,11 @@ from beamdae.equations.starts.smooth_motion import find_smooth_state
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.errors import BeamdaeError, list_first, name_with_others
 from beamdae.linear.factorizations import SingularMatrixError
+from beamdae.model_checks.model_contacts import contacts_of
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.parts.rotation import Rotation
 from beamdae.results.columns import Header, remove_unit
-from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
-from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes, select_large_columns
+from beamdae.results.missed_peaks import StepExtremes, select_large_columns
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray

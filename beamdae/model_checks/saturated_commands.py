@@ -12,7 +12,7 @@ from beamdae.equations.commands import compile_commands
 from beamdae.equations.controller_reads import evaluate_reads
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, format_percent
-from beamdae.results.diagnostics.switching_laws import is_switch
+from beamdae.model_checks.switching_laws import is_switch
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray

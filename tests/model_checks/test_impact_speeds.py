@@ -9,9 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
+from beamdae.model_checks import impact_speeds
 from beamdae.parts.forces import contact
 from beamdae.parts.forces.contact import hysteresis_factor, restitution_at
-from beamdae.results.diagnostics.contacts import impact_speeds
 
 SPEED = 3.7  # m/s
 
