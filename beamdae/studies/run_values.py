@@ -26,6 +26,7 @@ MAX_WALL_TIME_COLUMN = "wall time max [s]"
 MEASURING_TIME_COLUMN = "measuring time [s]"
 PEAK_MEMORY_COLUMN = "peak memory [GB]"
 REACHED_COLUMN = "reached [s]"
+MEASURED_ERROR_COLUMN = "measured error [-]"  # largest one of the observed columns
 SETTING_COLUMNS = ("formulation", "error control", "max order")
 # Columns of the case table and their keys in `Solution.summary`.
 COUNT_COLUMNS = {
@@ -56,11 +57,15 @@ def collect_run_values(solution: Solution) -> dict[str, Any]:
         settings.get("error_control", ""),
         settings.get("max_order"),
     )
+    warnings = " ".join(solution.warnings)  # measures the errors
+    errors = vars(solution).get("errors")
+    has_errors = errors is not None and bool(np.isfinite(errors.total).any())
     return {
         REACHED_COLUMN: summary["last_time"],
         **dict(zip(SETTING_COLUMNS, values, strict=True)),
         **{column: summary[name] for column, name in (COUNT_COLUMNS | MEASURE_COLUMNS).items()},
-        "warnings": " ".join(solution.warnings),
+        **({MEASURED_ERROR_COLUMN: errors.largest} if has_errors else {}),
+        "warnings": warnings,
         **collect_event_values(solution),
     }
 

@@ -48,6 +48,19 @@ def test_root_mean_square_is_over_time_and_not_over_rows():
     assert MEASURES["RMS"](t[:1], -x[:1]) == 1.0
 
 
+@pytest.mark.slow(reason="half a second and more")
+def test_errors_of_the_checked_cases_are_those_of_the_runs():
+    """Errors of every 20th case and of the last one are measured."""
+    hub_beam = bd.load_model("example:hub_beam")
+    swept = bd.sweep(hub_beam, {"elements": [1, 2, 4]}, t_end=1.0, integrator=bd.Radau())
+    errors = swept.table["measured error [-]"]
+    run = bd.simulate(hub_beam(elements=1), bd.Radau(), t_end=1.0)
+    # A sweep has fewer output rows than a run.
+    assert_allclose(errors[0], run.errors.largest, rtol=0.02)
+    assert np.isnan(errors[1])
+    assert errors[2] < 0.1 * errors[0]
+
+
 @pytest.mark.slow(reason="a quarter of a second")
 def test_outputs_are_columns():
     outputs = {

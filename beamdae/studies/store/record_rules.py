@@ -34,6 +34,7 @@ from beamdae.studies.run_values import (
     EVENTS_COLUMN,
     MAX_WALL_TIME_COLUMN,
     MEASURE_COLUMNS,
+    MEASURED_ERROR_COLUMN,
     MEASURING_TIME_COLUMN,
     MIN_WALL_TIME_COLUMN,
     PEAK_MEMORY_COLUMN,
@@ -48,7 +49,7 @@ from beamdae.studies.tasks import MEASURED, Limits
 
 _ROUNDING_OF_TIMES = 1e-9  # relative difference of the end time and the last row
 _MIN_TIME_COLUMNS = (MIN_WALL_TIME_COLUMN, MAX_WALL_TIME_COLUMN, MEASURING_TIME_COLUMN)
-_MEASURES = (*MEASURE_COLUMNS, *_MIN_TIME_COLUMNS, PEAK_MEMORY_COLUMN)
+_MEASURES = (*MEASURE_COLUMNS, MEASURED_ERROR_COLUMN, *_MIN_TIME_COLUMNS, PEAK_MEMORY_COLUMN)
 _VALUES: dict[str, Rule] = {
     REACHED_COLUMN: number(0.0),
     "warnings": text,

@@ -29,7 +29,7 @@ from beamdae.studies.case import (
     grid,
 )
 from beamdae.studies.definition import Study
-from beamdae.studies.run_values import WALL_TIME_COLUMN
+from beamdae.studies.run_values import MEASURED_ERROR_COLUMN, WALL_TIME_COLUMN
 from beamdae.studies.store.fingerprints import FingerprintError, digest
 from beamdae.studies.sweeps.parameter_grid import ParameterGrid
 from beamdae.studies.tasks import Task
@@ -45,7 +45,7 @@ TRAJECTORY = "trajectory"
 WARNINGS = "warnings"
 _MAX_ANIMATED_CASES = 25  # 5 x 5 for two parameters; a recorded motion takes 0.2 MB
 _FRAMES = 60  # of a recorded motion
-RESERVED_COLUMNS = (STATUS, REASON, WALL_TIME_COLUMN, TRAJECTORY, WARNINGS)
+RESERVED_COLUMNS = (STATUS, REASON, MEASURED_ERROR_COLUMN, WALL_TIME_COLUMN, TRAJECTORY, WARNINGS)
 
 
 @read_only_data

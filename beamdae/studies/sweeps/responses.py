@@ -26,7 +26,11 @@ from beamdae.results.columns import (
 )
 from beamdae.studies.column_measures import MEASURES
 from beamdae.studies.execution.study_run import StudyResults
-from beamdae.studies.run_values import WALL_TIME_COLUMN, format_output_column
+from beamdae.studies.run_values import (
+    MEASURED_ERROR_COLUMN,
+    WALL_TIME_COLUMN,
+    format_output_column,
+)
 from beamdae.studies.sweeps.parameter_study import (
     REASON,
     STATUS,
@@ -81,6 +85,7 @@ def tabulate_responses(results: StudyResults, study: ParameterStudy) -> pd.DataF
             STATUS: status.kind,
             **dict(zip(measures, _measure_run(outcome, headers), strict=True)),
             **{name: np.nan if x is None else x for name, x in outputs.items()},
+            MEASURED_ERROR_COLUMN: values.get(MEASURED_ERROR_COLUMN, np.nan),
             WALL_TIME_COLUMN: values.get(WALL_TIME_COLUMN, np.nan),
             REASON: "" if status.success else status.sentence,
             WARNINGS: values.get(WARNINGS, ""),
