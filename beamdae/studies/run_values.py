@@ -58,13 +58,13 @@ def collect_run_values(solution: Solution) -> dict[str, Any]:
         settings.get("max_order"),
     )
     warnings = " ".join(solution.warnings)  # measures the errors
-    errors = vars(solution).get("errors")
-    has_errors = errors is not None and bool(np.isfinite(errors.total).any())
+    errors: Any = vars(solution).get("errors")
+    error = np.nan if errors is None or np.isnan(errors.total).all() else errors.largest
     return {
         REACHED_COLUMN: summary["last_time"],
         **dict(zip(SETTING_COLUMNS, values, strict=True)),
         **{column: summary[name] for column, name in (COUNT_COLUMNS | MEASURE_COLUMNS).items()},
-        **({MEASURED_ERROR_COLUMN: errors.largest} if has_errors else {}),
+        MEASURED_ERROR_COLUMN: error,
         "warnings": warnings,
         **collect_event_values(solution),
     }
