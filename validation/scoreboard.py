@@ -20,6 +20,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -147,10 +148,34 @@ def _try_statement(name: str) -> Outcome:
     case = _load_error_cases()[name]
     solution = case.run()
     result = compare(case, solution, read_statement(solution))
+    return _report(name, result, solution.statistics.steps)
+
+
+def _report(name: str, result: Any, count: float) -> Outcome:
     verdict = WRONG if result.verdict == "size" else result.verdict
     reason = f"true {result.largest:.2g}, stated {result.stated:.2g}, columns {result.wrong}"
     reason += f", named {result.named}, within a factor of two {result.sized}"
-    return Outcome(name, verdict, count=solution.statistics.steps, reason=reason)
+    return Outcome(name, verdict, count=count, reason=reason)
+
+
+# Modules of error_statements by board.
+_ERROR_BOARDS = {
+    "errors of equilibria": "statics",
+    "errors of modes": "modes",
+    "errors of motions": "periodic",
+}
+
+
+@cache
+def _load_errors(board: str) -> dict[str, Any]:
+    module = import_module(f"error_statements.{_ERROR_BOARDS[board]}")
+    cases: dict[str, Any] = module.list_cases()
+    return cases
+
+
+def _try_errors(board: str, name: str) -> Outcome:
+    result = _load_errors(board)[name]()
+    return _report(name, result, result.wrong)
 
 
 _RTOL = 1e-4
@@ -407,6 +432,10 @@ def _benchmark_board(name: str, quick: int) -> Board:
 BOARDS = (
     Board("critical loads", _load_structures, _try_structure, quick=8, time_limit=900.0),
     Board("error statements", _load_error_cases, _try_statement, quick=28),
+    *(
+        Board(name, partial(_load_errors, name), partial(_try_errors, name), quick=6)
+        for name in _ERROR_BOARDS
+    ),
     Board("tolerances", _load_tolerance_cases, _try_tolerance, quick=18),
     Board("record", _list_mechanisms, _try_mechanism, quick=10),
     _benchmark_board("equilibria", quick=6),

@@ -1,30 +1,23 @@
-"""Compare stated with true errors of natural frequencies: `python validation/.../modes.py`.
+"""Stated and true errors of natural frequencies.
 
-Prints the summary, and writes results/modes.csv. References have four times as many elements, at
-least eight, and are geometrically exact; modes of the reference are those of equal order. Where
-bending modes are far too fast, an axial mode may have the right frequency but a wrong number.
+References have four times as many elements, at least eight, and are geometrically exact; modes of
+the reference are those of equal order. Where bending modes are far too fast, an axial mode may have
+the right frequency but a wrong number.
 """
 
 from __future__ import annotations
 
-import sys
-import time
-import warnings
 from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 from typing import Any
-
-ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "models"), str(ROOT / "validation")]
 
 import numpy as np
 import pandas as pd
 
 import beamdae as bd
 from error_statements.mechanisms import EXACT, FLOATING, PLASTIC, RUBBER, STEEL
-from error_statements.statements import ACCURATE, FACTOR, WRONG
+from error_statements.statements import Comparison, judge_columns
 
-TABLE = Path(__file__).parent / "results" / "modes.csv"
 COUNT = 3  # modes
 Drawn = tuple[bd.Mechanism, Any]
 
@@ -102,44 +95,27 @@ def column(rng: np.random.Generator, **settings: Any) -> Drawn:
 MODELS = (cantilever, arch, bent, stretched, blade, column)
 
 
-def compare(model: Callable[..., Drawn], seed: int, elements: int, formulation: str) -> Any:
-    """Return one row per frequency: true and stated errors, and the cost over the modes."""
+MESHES = ((1, FLOATING), (1, EXACT), (2, FLOATING), (3, EXACT), (6, FLOATING), (8, EXACT))
+
+
+def judge(model: Callable[..., Drawn], seed: int, elements: int, formulation: str) -> Comparison:
+    """Compare the stated errors of frequencies with the true ones."""
     fine = {"elements": max(4 * elements, 8), "formulation": EXACT}
     exact, mech = (
         model(np.random.default_rng([7, seed]), **settings)
         for settings in (fine, {"elements": elements, "formulation": formulation})
     )
-    begin = time.process_time()
     modes, reference = (bd.modes(*x, n=COUNT + 1) for x in (mech, exact))
-    middle = time.process_time()
-    errors = modes.errors
-    spent = time.process_time() - middle
-    name = f"{model.__name__}, seed={seed}, {elements} elements, {formulation}"
-    for k in range(COUNT):
-        true = modes.frequencies[k] / reference.frequencies[k] - 1.0
-        yield name, errors.headers[k], abs(true), errors.total[k], spent / (middle - begin)
+    true = pd.Series(np.abs(modes.frequencies / reference.frequencies - 1.0)[:COUNT])
+    return judge_columns(true, true, true, pd.Series(modes.errors.total[:COUNT]))
 
 
-def main() -> None:
-    warnings.simplefilter("ignore", bd.BeamdaeWarning)
-    meshes = ((1, FLOATING), (1, EXACT), (2, FLOATING), (3, EXACT), (6, FLOATING), (8, EXACT))
-    cases = [(x, 10 * i + k, *y) for i, x in enumerate(MODELS) for k, y in enumerate(meshes)]
-    rows = [row for case in cases for row in compare(*case)]
-    table = pd.DataFrame(rows, columns=["case", "column", "true", "stated", "cost"])
-    table.to_csv(TABLE, index=False, float_format="%.3g")
-    true, stated = table["true"].clip(upper=1.0), table["stated"].clip(upper=1.0)
-    wrong = true > WRONG
-    is_right = (stated >= true / FACTOR) & (stated <= true * FACTOR)
-    print(
-        f"frequencies {len(table)}, wrong {wrong.sum()}, named {(wrong & (stated > WRONG)).sum()}"
-    )
-    print(f"of these, size right {(wrong & is_right).sum()}")
-    cases = table["case"]
-    detected = set(cases[wrong]) & set(cases[stated > WRONG])
-    print(f"cases {cases.nunique()}, wrong {cases[wrong].nunique()}, detected {len(detected)}")
-    print(f"false {((true < ACCURATE) & (stated > WRONG)).sum()}")
-    print(table[wrong & ~is_right].to_string())
-
-
-if __name__ == "__main__":
-    main()
+def list_cases() -> dict[str, Callable[[], Comparison]]:
+    """Return the cases by name."""
+    cases = [(x, 10 * i + k, *y) for i, x in enumerate(MODELS) for k, y in enumerate(MESHES)]
+    return {
+        f"{model.__name__}, seed={seed}, {elements} elements, {formulation}": partial(
+            judge, model, seed, elements, formulation
+        )
+        for model, seed, elements, formulation in cases
+    }

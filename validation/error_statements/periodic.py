@@ -1,29 +1,22 @@
-"""Compare stated with true errors of periodic motions: `python .../periodic.py [FIRST [COUNT]]`.
+"""Stated and true errors of periodic motions.
 
 Mechanisms are drawn from seeds; motions of exact beams with four times the elements are the truth.
-A stated error is right between half the smaller and twice the larger of the errors of its column:
-of extremes, of rows, and their root mean square. Takes about two seconds a case.
 """
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Callable
-from pathlib import Path
-
-ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "validation")]
+from functools import partial
 
 import numpy as np
 import pandas as pd
 
 import beamdae as bd
-from beamdae.accuracy.periodic import measure_motion
 from beamdae.accuracy.values import compare_columns
 from error_statements.mechanisms import PLASTIC, STEEL
+from error_statements.statements import Comparison, judge_columns
 
-WRONG, ACCURATE, FACTOR = 0.04, 0.01, 2.0  # errors [-], and factor of stated from true ones
+SEEDS = range(8)
 ALLOY = bd.Material(E=7.1e10, nu=0.33, rho=2740.0)
 Build = Callable[..., bd.Mechanism]
 
@@ -88,47 +81,26 @@ def pressed_strut(seed: int) -> tuple[Build, float]:
     return build, 2.0 * np.pi / rate
 
 
-def judge(build: Build, period: float) -> dict[str, float] | None:
-    """Return numbers of columns by verdict, and the cost of the companion; None if one fails."""
-    method = bd.Radau(1e-7)
-    begin = time.process_time()
-    motion = bd.periodic(build(), period, method)
-    found_after = time.process_time() - begin
-    errors = measure_motion(motion)
-    cost = time.process_time() - begin - found_after
-    exact = bd.periodic(build(4, "exact"), period, method)
+def judge(draw: Callable[[int], tuple[Build, float]], seed: int) -> Comparison:
+    """Compare the stated errors of the columns of a motion with the true ones.
+
+    Raises
+    ------
+    RuntimeError
+        If the motion or its reference is not found.
+    """
+    build, period = draw(seed)
+    motion, exact = (bd.periodic(x, period, bd.Radau(1e-7)) for x in (build(), build(4, "exact")))
     if not (motion.status.success and exact.status.success):
-        return None
+        raise RuntimeError("no periodic motion was found")
     found = compare_columns(motion.solution, exact.solution)
-    sizes = np.array([found.peaks, found.rows, found.means])
-    true, largest, least = np.maximum(sizes[0], sizes[2]), sizes.max(axis=0), sizes.min(axis=0)
-    stated = errors.total[: len(true)]
-    wrong = true > WRONG
-    is_right = (np.minimum(stated, 1.0) >= np.minimum(least, 1.0) / FACTOR) & (
-        np.minimum(stated, 1.0) <= np.minimum(largest, 1.0) * FACTOR
-    )
-    return {
-        "columns": len(true),
-        "above 4 %": int(wrong.sum()),
-        "named": int((wrong & (stated > WRONG)).sum()),
-        "size right": int((wrong & is_right).sum()),
-        "false": int(((largest < ACCURATE) & (stated > WRONG)).sum()),
-        # Its companion is a part of the first call.
-        "cost": cost / (found_after - cost),
-    }
+    errors = pd.DataFrame({"peaks": found.peaks, "rows": found.rows, "means": found.means})
+    true = errors[["peaks", "means"]].max(axis=1)
+    stated = pd.Series(motion.errors.total[: len(true)])
+    return judge_columns(true, errors.min(axis=1), errors.max(axis=1), stated)
 
 
-def main(first: str = "0", count: str = "8") -> None:
-    rows = {}
-    for draw in (shaken_blade, pressed_strut):
-        for seed in range(int(first), int(first) + int(count)):
-            row = judge(*draw(seed))
-            if row is not None:
-                rows[f"{draw.__name__} {seed}"] = row
-    table = pd.DataFrame(rows).T
-    print(table.to_string())
-    print(table.drop(columns="cost").sum().to_string(), f"median cost {table['cost'].median():.2f}")
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+def list_cases() -> dict[str, Callable[[], Comparison]]:
+    """Return the cases by name."""
+    drawn = [(draw, seed) for draw in (shaken_blade, pressed_strut) for seed in SEEDS]
+    return {f"{draw.__name__}, seed={seed}": partial(judge, draw, seed) for draw, seed in drawn}

@@ -100,39 +100,57 @@ class Comparison(NamedTuple):
     sized: int
 
 
-def compare(case: ErrorCase, solution: bd.Solution, statement: Statement) -> Comparison:
-    """Compare the statement of a run with the true errors of its columns.
+def judge_columns(
+    true: pd.Series, least: pd.Series, largest: pd.Series, stated: pd.Series
+) -> Comparison:
+    """Compare stated with true errors of columns.
 
-    A column is wrong above 4 % (root mean square; in cases of coarse rows, of the peak), and
-    accurate if no error exceeds 1 %. A stated error is right between half the smaller and twice the
-    larger of the errors of its column, because statements refer to either. Errors above 100 % count
-    as 100 %.
+    A column is wrong if its true error exceeds 4 %, and accurate if none of its errors exceeds 1 %.
+    A stated error is right between half the smallest and twice the largest of the errors of its
+    column, because statements refer to either. Errors above 100 % count as 100 %.
+
+    Parameters
+    ----------
+    true
+        True error of each column [-].
+    least, largest
+        Smallest and largest error of each column that a statement may refer to [-].
+    stated
+        Stated errors [-], of which those that are missing are not numbers.
+    """
+    true, least, largest, stated = (x.clip(upper=1.0) for x in (true, least, largest, stated))
+    is_named = stated > WRONG
+    is_right = (stated >= least / FACTOR) & (stated <= largest * FACTOR)
+    wrong, accurate = true > WRONG, largest < ACCURATE
+    if (accurate & is_named).any():
+        verdict = "false"
+    elif not wrong.any():
+        verdict = "right"
+    elif not is_named.any():
+        verdict = "missed"
+    else:
+        worst = true.idxmax()
+        is_sized = true[worst] / FACTOR <= stated.max() <= FACTOR * largest[worst]
+        verdict = "right" if is_sized or is_right[worst] else "size"
+    sizes = (float(np.nan_to_num(x.max())) for x in (true, stated))
+    counts = (int(x.sum()) for x in (wrong, wrong & stated.notna(), wrong & is_right))
+    return Comparison(verdict, *sizes, *counts)
+
+
+def compare(case: ErrorCase, solution: bd.Solution, statement: Statement) -> Comparison:
+    """Compare the statement of a run with the true errors of its columns, see `judge_columns`.
+
+    Errors are root mean squares or, in cases of coarse rows, those of the peaks.
     """
     if not solution.status.success:
         return Comparison("right", np.inf, np.inf, 0, 0, 0)
     table = measure_errors(solution.observed, case.reference)
     kind = "peak" if case.kind == "rows" else "rms"
     limit = (UNCERTAIN_SHARE * table[kind]).clip(UNCERTAIN, MOST_UNCERTAIN)
-    # Statements end at "more than 100 %".
-    table = table[(table["uncertainty"] <= limit) & table[kind].notna()].clip(upper=1.0)
-    stated_errors = statement.peaks if kind == "peak" else statement.errors
-    stated = pd.Series(stated_errors, dtype=float).reindex(table.index).clip(upper=1.0)
-    errors = table[["rms", "largest", "peak"]]
-    smaller, larger = table[kind].clip(upper=table["largest"]), errors.max(axis=1)
-    is_right = (stated >= smaller / FACTOR) & (stated <= larger * FACTOR)
-    wrong, accurate = table[kind] > WRONG, larger < ACCURATE
-    largest = float(table[kind].max()) if len(table) else 0.0
-    most = min(max(stated_errors.values(), default=0.0), 1.0)
+    table = table[(table["uncertainty"] <= limit) & table[kind].notna()]
+    stated = pd.Series(statement.peaks if kind == "peak" else statement.errors, dtype=float)
+    largest = table[["rms", "largest", "peak"]].max(axis=1)
+    least = table[kind].clip(upper=table["largest"])
+    result = judge_columns(table[kind], least, largest, stated.reindex(table.index))
     has_warned = bool(statement.peaks) if kind == "peak" else statement.has_warned
-    if (accurate & (stated > WRONG)).any():
-        verdict = "false"
-    elif not wrong.any():
-        verdict = "right"
-    elif not has_warned:
-        verdict = "missed"
-    else:
-        worst = table[kind].idxmax()
-        is_sized = largest / FACTOR <= most <= FACTOR * larger[worst]
-        verdict = "right" if is_sized or is_right[worst] else "size"
-    counts = (int(x.sum()) for x in (wrong, wrong & stated.notna(), wrong & is_right))
-    return Comparison(verdict, largest, most, *counts)
+    return result._replace(verdict="size") if result.verdict == "missed" and has_warned else result

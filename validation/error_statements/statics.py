@@ -1,27 +1,23 @@
-"""Compare stated with true errors of equilibria and buckling loads: `python .../statics.py [SEED]`.
+"""Stated and true errors of equilibria and buckling loads.
 
-Cases are drawn at random; references have geometrically exact beams and eight times the elements.
+Mechanisms are drawn at random; references have geometrically exact beams and eight times the
+elements.
 """
 
 from __future__ import annotations
 
-import sys
-import time
-import warnings
 from collections.abc import Callable, Iterator
-from pathlib import Path
+from functools import partial
 from typing import Any, NamedTuple
-
-ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(ROOT)]
 
 import numpy as np
 import pandas as pd
 
 import beamdae as bd
+from error_statements.mechanisms import STEEL
+from error_statements.statements import Comparison, judge_columns
 
-WRONG, ACCURATE, FACTOR, FINER = 0.04, 0.01, 2.0, 8
-STEEL = bd.Material.of("steel")
+SEEDS, FINER = (1, 2), 8
 OPTIONS: list[dict[str, Any]] = [{}, {"formulation": "exact"}, {"strain": "exact"}]
 
 
@@ -112,33 +108,16 @@ def read_values(result: Any) -> dict[str, float]:
     return values | points | {"load factor [-]": result.factor}
 
 
-def judge(case: Case) -> dict[str, Any]:
-    """Return the row of a case."""
-    begin = time.perf_counter()
-    result = case.run(case.build(case.elements, **case.options))
-    done = time.perf_counter()
-    table = result.errors.table()
-    cost = (time.perf_counter() - done) / (done - begin)
+def judge(case: Case) -> Comparison:
+    """Compare the stated errors of the values of a case with the true ones."""
+    table = case.run(case.build(case.elements, **case.options)).errors.table()
     fine = read_values(case.run(case.build(FINER * case.elements, formulation="exact")))
     scales = 1.15 * (table["value"] - table["companion"]).abs() / table["total"]
     true = ((table["value"] - pd.Series(fine)).abs() / scales).dropna()
-    stated = table["total"].reindex(true.index)
-    wrong, named = true > WRONG, stated > WRONG
-    ratio = stated.clip(upper=1.0) / true.clip(upper=1.0)
-    is_right = wrong & named & ratio.between(1.0 / FACTOR, FACTOR)
-    counts = {"wrong": wrong, "named": wrong & named, "size right": is_right}
-    counts |= {"accurate": true < ACCURATE, "false": (true < ACCURATE) & named}
-    row: dict[str, Any] = {"case": case.name, "true": true.max(), "stated": stated.max()}
-    return row | {name: int(x.sum()) for name, x in counts.items()} | {"cost": cost}
+    return judge_columns(true, true, true, table["total"].reindex(true.index))
 
 
-def main(seed: str = "1") -> None:
-    warnings.simplefilter("ignore", bd.BeamdaeWarning)
-    table = pd.DataFrame([judge(case) for case in draw_cases(int(seed))])
-    print(table.to_string(float_format="%.3g"))
-    print(table.drop(columns=["case", "true", "stated", "cost"]).sum().to_string())
-    print("cost, median and 90 %:", *table["cost"].quantile([0.5, 0.9]).round(2))
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+def list_cases() -> dict[str, Callable[[], Comparison]]:
+    """Return the cases by name."""
+    drawn = {f"{case.name}, seed={seed}": case for seed in SEEDS for case in draw_cases(seed)}
+    return {name: partial(judge, case) for name, case in drawn.items()}
