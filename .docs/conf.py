@@ -121,6 +121,7 @@ def write_pages(app, config):
     """
     generated_pages.write_reference(HERE / "api")
     generated_pages.write_map(HERE / "develop" / "map.md")
+    generated_pages.write_scoreboard(HERE / "develop" / "scoreboard.md")
     generated_pages.write_words(HERE / "words.md", search_words.WORDS)
     generated_pages.write_motion(HERE / "index.md", HERE / "first_screen.gif")
     model_gallery.write_scripts(HERE / "scripts")

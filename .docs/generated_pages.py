@@ -1,6 +1,7 @@
 """Pages written at each build: the reference from the catalog, the map from module docstrings."""
 
 import ast
+import csv
 import re
 from itertools import groupby
 from pathlib import Path
@@ -78,6 +79,41 @@ def _paragraphs(text):
 def _cell(docstring):
     """Return the summary of a docstring as the cell of a table."""
     return " ".join(docstring.split("\n\n")[0].split()).replace("|", "\\|")
+
+
+def write_scoreboard(path):
+    """Write the outcomes that `validation/scoreboard.py` has stored, and all that are not right."""
+    with (PACKAGE.parent / "validation" / "scoreboard.csv").open(encoding="utf-8") as file:
+        cases = list(csv.DictReader(file))
+    lines, departures = [], []
+    for board, group in groupby(cases, key=lambda case: case["board"]):
+        outcomes = list(group)
+        verdicts = [case["verdict"] for case in outcomes]
+        counts = [str(verdicts.count(verdict)) for verdict in VERDICTS]
+        digits = min((float(case["digits"]) for case in outcomes if case["digits"]), default=None)
+        worst = "" if digits is None else f"{digits:.1f}"
+        lines.append(f"| {' | '.join([board, str(len(outcomes)), *counts, worst])} |")
+        departures += [case for case in outcomes if case["verdict"] != "right"]
+    rows = [
+        f"| {x['board']} | {x['case']} | {x['verdict']} | {_cell(x['reason'])} |" for x in departures
+    ]
+    path.write_text("\n".join([SCOREBOARD_HEADER, *lines, DEPARTURES_HEADER, *rows, ""]), "utf-8")
+
+
+VERDICTS = ("right", "wrong", "missed", "false")
+SCOREBOARD_HEADER = """# Scoreboard
+
+`validation/scoreboard.py` compares beamdae with external and refined answers, and must not get worse. "missed" counts
+answers and statements that are not given, "false" those that should not be given, and "wrong" all others; "digits" are
+those of the worst value. The boards are described in `validation/README.md`.
+
+| board | cases | right | wrong | missed | false | digits |
+|---|---|---|---|---|---|---|"""
+DEPARTURES_HEADER = """
+## Cases that are not right
+
+| board | case | verdict | reason |
+|---|---|---|---|"""
 
 
 def write_words(path, words):
