@@ -95,17 +95,20 @@ def write_scoreboard(path):
         lines.append(f"| {' | '.join([board, str(len(outcomes)), *counts, worst])} |")
         departures += [case for case in outcomes if case["verdict"] != "right"]
     rows = [
-        f"| {x['board']} | {x['case']} | {x['verdict']} | {_cell(x['reason'])} |" for x in departures
+        f"| {x['board']} | {x['case']} | {x['verdict']} | {_cell(x['reason'])} |"
+        for x in departures
     ]
-    path.write_text("\n".join([SCOREBOARD_HEADER, *lines, DEPARTURES_HEADER, *rows, ""]), "utf-8")
+    page = [SCOREBOARD_HEADER, *lines, DEPARTURES_HEADER, *rows, ""]
+    path.write_text("\n".join(page), "utf-8")
 
 
 VERDICTS = ("right", "wrong", "missed", "false")
 SCOREBOARD_HEADER = """# Scoreboard
 
-`validation/scoreboard.py` compares beamdae with external and refined answers, and must not get worse. "missed" counts
-answers and statements that are not given, "false" those that should not be given, and "wrong" all others; "digits" are
-those of the worst value. The boards are described in `validation/README.md`.
+`validation/scoreboard.py` compares beamdae with external and refined answers, and must not get
+worse. "missed" counts answers and statements that are not given, "false" those that should not be
+given, and "wrong" all others; "digits" are those of the worst value. `validation/README.md`
+describes the boards.
 
 | board | cases | right | wrong | missed | false | digits |
 |---|---|---|---|---|---|---|"""
