@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache, lru_cache
 
+import casadi as ca
 import numpy as np
 
 Array = np.ndarray
@@ -31,6 +33,16 @@ def shape_functions(nodes: int, xi: Array, derivative: int = 0) -> Array:
     for coefficients in _shape_function_coefficients(nodes, derivative):
         values = values * at + coefficients
     return values
+
+
+def weigh_nodes(first: int, rows: Sequence[Array], above: Array | None = None) -> ca.DM:
+    """Return the matrix that interpolates the three coordinates of nodes at a point.
+
+    The coordinates of the first node have the indices `first`, `first + 1` and `first + 2`. Each of
+    the `rows` of weights of the nodes yields three rows of the matrix, below the rows `above`.
+    """
+    blocks = [np.pad(np.kron(row, np.eye(3)), ((0, 0), (first, 0))) for row in rows]
+    return ca.sparsify(ca.DM(np.vstack(blocks if above is None else [above, *blocks])))
 
 
 def lagrange_weights(points: Array, xi: float) -> tuple[float, ...]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -82,6 +83,8 @@ class ForceKernel:
         True if statements share the kernel unchanged; see `kernel_groups` for other kernels.
     table_calls
         Tables in the expressions.
+    points
+        Points whose forces are the whole force; empty if the force has another form.
     """
 
     local: Local
@@ -90,7 +93,11 @@ class ForceKernel:
     powers: SX = field(default_factory=lambda: SX.zeros(_N_POWERS))
     reused: bool = False
     table_calls: tuple[TableCall, ...] = ()
+    points: tuple[PointForce, ...] = field(default=(), repr=False)
     _tangents: dict[Tangents, Kernel] = field(default_factory=dict, init=False, repr=False)
+    _tangent_functions: dict[tuple[int, ...], ca.Function] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     @property
     def inputs(self) -> list[SX]:
@@ -108,6 +115,23 @@ class ForceKernel:
         """Return the kernel with these `outputs`."""
         force, energies, powers = outputs
         return cls(local, force, energies, powers)
+
+    @classmethod
+    def of_points(cls, local: Local, points: Sequence[PointForce]) -> ForceKernel:
+        """Return the reused kernel of the sum of the forces, energies and powers of points."""
+        force, energies, powers = SX.zeros(local.size), SX.zeros(_N_ENERGIES), SX.zeros(_N_POWERS)
+        for point in points:
+            of_point = point.kernel.point_function(*point.inputs(local))
+            force += point.operator.T @ of_point[0]
+            energies += of_point[1]
+            powers += of_point[2]
+        return cls(local, force, energies, powers, reused=True, points=tuple(points))
+
+    @cached_property
+    def point_function(self) -> ca.Function:
+        """Function of (q, v, a, data) that returns the `outputs`, for kernels of points."""
+        x = self.local
+        return ca.Function("point", [x.q, x.v, x.a, x.data], self.outputs)
 
     @cached_property
     def expression_error(self) -> str:
@@ -241,17 +265,35 @@ class ForceKernel:
 
     def _build_tangent_kernel(self, sums: Tangents) -> Kernel:
         x, (shared, c) = self.local, self.local.matrix_inputs()
-        parts = {
-            STIFFNESS: c.c_q * ca.jacobian(self.force, x.q),
-            DAMPING: c.c_v * ca.jacobian(self.force, x.v),
-            MASS: c.c_a * ca.jacobian(self.force, x.a),
-        }
-        outputs = [sum((parts[k] for k in terms), start=SX(x.size, x.size)) for terms in sums]
+        factors = {STIFFNESS: c.c_q, DAMPING: c.c_v, MASS: c.c_a}
+        outputs = [self._sum_derivatives({k: factors[k] for k in terms}) for terms in sums]
         if x.n_multipliers:
             by_lam = ca.jacobian(self.force, x.lam)
             outputs += [by_lam, c.c_l * by_lam]
             outputs = ca.substitute(outputs, [x.lam], [c.c_r * x.lam])
         return Kernel.of("tangent", shared, self._stacked, outputs)
+
+    def _sum_derivatives(self, factors: dict[int, SX]) -> SX:
+        """Return the sum of derivatives of F, times factors by derivative, (size, size)."""
+        x, total = self.local, SX(self.local.size, self.local.size)
+        for point in self.points:
+            # B^T C B has half as many operations as the derivatives of the sum of all points.
+            tangent = point.kernel._tangent_function(tuple(factors))
+            matrix = tangent(*factors.values(), *point.inputs(x))
+            total += point.operator.T @ (matrix @ point.operator)
+        if self.points:
+            return total
+        symbols = {STIFFNESS: x.q, DAMPING: x.v, MASS: x.a}
+        return sum((c * ca.jacobian(self.force, symbols[k]) for k, c in factors.items()), total)
+
+    def _tangent_function(self, terms: tuple[int, ...]) -> ca.Function:
+        """Return the function of (factors of `terms`, q, v, a, data) for a sum of derivatives."""
+        if terms not in self._tangent_functions:
+            x, factors = self.local, {k: SX.sym(f"c{k}") for k in terms}
+            inputs = [*factors.values(), x.q, x.v, x.a, x.data]
+            function = ca.Function("tangent", inputs, [self._sum_derivatives(factors)])
+            self._tangent_functions[terms] = function
+        return self._tangent_functions[terms]
 
     @cached_property
     def balance_kernel(self) -> Kernel:
@@ -260,3 +302,35 @@ class ForceKernel:
         at_zero_acceleration = ca.substitute(self.force, x.a, SX.zeros(x.a.shape))
         outputs = [self.force, at_zero_acceleration, ca.vertcat(self.energies, self.powers)]
         return Kernel.of("balance", x.time, self._stacked, [ca.densify(o) for o in outputs])
+
+
+class PointForce(NamedTuple):
+    """Force B^T f(B q, B v, B a, data) of a point on local coordinates, for example of elements.
+
+    Attributes
+    ----------
+    differences
+        Constant matrix D (size, size). Its rows are evaluated first: differences of coordinates
+        have smaller rounding errors than sums of coordinates times weights that cancel.
+    weights
+        Constant matrix W (n, size): the coordinates of the point are W (D q), B = W D.
+    kernel
+        Kernel of f, in the coordinates of the point.
+    data
+        Numbers of the kernel.
+    """
+
+    differences: ca.DM
+    weights: ca.DM
+    kernel: ForceKernel
+    data: SX
+
+    @property
+    def operator(self) -> SX:
+        """The matrix B (n, size)."""
+        return SX(ca.sparsify(self.weights @ self.differences))
+
+    def inputs(self, local: Local) -> list[SX]:
+        """Return (q, v, a, data) of the point."""
+        differences, weights = SX(self.differences), SX(self.weights)
+        return [*(weights @ (differences @ x) for x in (local.q, local.v, local.a)), self.data]

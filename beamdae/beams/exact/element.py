@@ -1,26 +1,26 @@
-"""Geometrically exact beam element as one symbolic kernel.
+"""Geometrically exact beam element: symbolic kernels of its quadrature points.
 
 E. Reissner, J. Appl. Math. Phys. (ZAMP) 23 (1972) 795; J. C. Simo, Comput. Methods Appl. Mech. Eng.
-49 (1985) 55. The kernel computes the virtual work of one element from the positions and section
-angles of its nodes. All numbers are inputs, so one kernel is shared by all elements of the same
-type.
+49 (1985) 55. The kernels compute the virtual work of one point from position, section angle and
+their slopes; shape functions are constant weights. All numbers are inputs, so the kernels are
+shared by all points of elements of any degree.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import casadi as ca
 import numpy as np
 
-from beamdae.beams.element_data import ElementData, ElementDataLayout
+from beamdae.beams.element_data import ElementDataLayout
 from beamdae.beams.kinematics import Element, InertiaPoint, StrainRatePoint
-from beamdae.beams.shape_functions import gauss_points, shape_functions
-from beamdae.beams.strains import elastic_work, outer_strain_function
+from beamdae.beams.shape_functions import gauss_points, shape_functions, weigh_nodes
+from beamdae.beams.strains import elastic_kernel, outer_strain_function
 from beamdae.symbolic.formula import cache_kernels
 from beamdae.symbolic.functions.compiled import RowFunction
-from beamdae.symbolic.statements import SX, ForceKernel, Local
+from beamdae.symbolic.statements import SX, ForceKernel, Local, PointForce
 
 NODE_SIZE = 3  # coordinates (x, y, psi) of a node
 MASS_POINT_VALUES = ("weight",)
@@ -74,10 +74,6 @@ class ExactElement(Element):
     def strain_points(self, points: SX, q: SX) -> list[tuple[SX, SX]]:
         """Return weight and (axial strain, shear strain, kappa11) of each stiffness point.
 
-        The strains are r'.t - 1, r'.n and psi0' - psi' with the axes t = (cos psi, sin psi) and n
-        of the section; kappa11 has the sign of Pan & Liu (2012). Rigid motions do not change the
-        strains, which are zero in the reference configuration unless the stress-free shape differs.
-
         Parameters
         ----------
         points
@@ -85,23 +81,11 @@ class ExactElement(Element):
         q
             Local coordinates.
         """
-        xi, _ = gauss_points(self.quadrature)
-        rows, slopes = (shape_functions(self.nodes, xi, k) for k in (0, 1))
-        nodal = ca.reshape(q, NODE_SIZE, self.nodes)
-        # Slopes from differences of nodes, which are exact, have the rounding errors of the length
-        # of an element instead of those of the distance from the origin.
-        changes = nodal[:, 1:] - ca.repmat(nodal[:, 0], 1, self.nodes - 1)
-        strains = []
-        for row, slope, point in zip(rows, slopes, ca.horzsplit(points), strict=True):
-            weight, dxi_ds, angle_offset, free_curvature = (
-                point[k] for k in range(len(STIFFNESS_POINT_VALUES))
-            )
-            psi = nodal[2, :] @ row + angle_offset
-            c, s = ca.cos(psi), ca.sin(psi)
-            dx, dy, dpsi = ca.vertsplit(dxi_ds * (changes @ slope[1:]))
-            strain = ca.vertcat(dx * c + dy * s - 1.0, dy * c - dx * s, free_curvature - dpsi)
-            strains.append((weight, strain))
-        return strains
+        changes = SX(self._differences) @ q
+        columns = zip(self._stiffness_weights, ca.horzsplit(points), strict=True)
+        return [
+            (point[0], _strain(self, SX(weights) @ changes, point)) for weights, point in columns
+        ]
 
     def inertia_points(self, local: Local) -> list[InertiaPoint]:
         """Return the motion of the inertia points in the inertial frame."""
@@ -132,19 +116,82 @@ class ExactElement(Element):
         xi, _ = gauss_points(self.nodes)
         return shape_functions(self.nodes, xi)
 
+    @property
+    def _differences(self) -> ca.DM:
+        """Matrix of the coordinates of the first node, and of the differences from them.
+
+        Slopes from differences of nodes, which are exact, have the rounding errors of the length of
+        an element instead of those of the distance from the origin.
+        """
+        steps = np.eye(self.nodes)
+        steps[1:, 0] = -1.0
+        return ca.sparsify(ca.DM(np.kron(steps, np.eye(NODE_SIZE))))
+
+    @property
+    def _stiffness_weights(self) -> list[ca.DM]:
+        """Matrices of (x, y, psi) and their slopes d/dxi at the stiffness points (6, size).
+
+        They apply to the differences.
+        """
+        xi, _ = gauss_points(self.quadrature)
+        rows, slopes = (shape_functions(self.nodes, xi, k) for k in (0, 1))
+        rows[:, 0], slopes[:, 0] = 1.0, 0.0
+        return [weigh_nodes(0, pair) for pair in zip(rows, slopes, strict=True)]
+
+
+def _strain(element: ExactElement, z: SX, point: SX) -> SX:
+    """Return (axial strain, shear strain, kappa11) at a stiffness point.
+
+    The strains are r'.t - 1, r'.n and psi0' - psi' with the axes t = (cos psi, sin psi) and n of
+    the section; kappa11 has the sign of Pan & Liu (2012). Rigid motions do not change the strains,
+    which are zero in the reference configuration unless the stress-free shape differs.
+    """
+    _, dxi_ds, angle_offset, free_curvature = (point[k] for k in range(len(STIFFNESS_POINT_VALUES)))
+    psi = z[NODE_SIZE - 1] + angle_offset
+    c, s = ca.cos(psi), ca.sin(psi)
+    dx, dy, dpsi = ca.vertsplit(dxi_ds * z[NODE_SIZE:])
+    return ca.vertcat(dx * c + dy * s - 1.0, dy * c - dx * s, free_curvature - dpsi)
+
 
 @cache_kernels
 def exact_kernel(element: ExactElement) -> ForceKernel:
     """Return the kernel of one element: forces of inertia, elasticity, damping and weight."""
     local = Local(element.size, element.n_data)
-    data = element.layout.split(local.data)
-    inertia, kinetic, potential = _inertial_work(element, local, data)
-    strains = element.strain_points(data.stiffness, local.q)
-    elastic, strain_energy, dissipated = elastic_work(
-        strains, data, element.damped, local.q, local.v
-    )
-    energies = ca.vertcat(kinetic, strain_energy, potential)
-    return ForceKernel(local, inertia + elastic, energies, ca.vertcat(0, dissipated), reused=True)
+    data, same = element.layout.split(local.data), ca.DM.eye(element.size)
+    inertia = _inertia_kernel()
+    points = [
+        PointForce(
+            same,
+            weigh_nodes(0, [row]),
+            inertia,
+            ca.vertcat(data.mass[0, k], data.inertia(k), data.gravity),
+        )
+        for k, row in enumerate(element._mass_rows)
+    ]
+    one_size = replace(element, nodes=2, quadrature=1, varying=False)
+    elasticity = elastic_kernel(one_size, 2 * NODE_SIZE, _strain)
+    values = len(STIFFNESS_POINT_VALUES)
+    points += [
+        PointForce(
+            element._differences,
+            weights,
+            elasticity,
+            ca.vertcat(data.stiffness[:values, k], data.elasticity(k), data.damping(k)),
+        )
+        for k, weights in enumerate(element._stiffness_weights)
+    ]
+    return ForceKernel.of_points(local, points)
+
+
+@cache
+def _inertia_kernel() -> ForceKernel:
+    """Return the kernel of inertia and weight of a point, in (x, y, psi)."""
+    local = Local(NODE_SIZE, 5)
+    weight, rhoA, rhoI, *gravity = ca.vertsplit(local.data)
+    inertia, free_fall = weight * ca.vertcat(rhoA, rhoA, rhoI), ca.vertcat(*gravity, 0)
+    kinetic = 0.5 * ca.dot(inertia, local.v**2)
+    energies = ca.vertcat(kinetic, 0, -ca.dot(inertia * free_fall, local.q))
+    return ForceKernel(local, inertia * (local.a - free_fall), energies)
 
 
 @cache
@@ -154,16 +201,3 @@ def strain_function(element: ExactElement) -> RowFunction:
     data = element.layout.split(local.data)
     strains = [strain for _, strain in element.strain_points(data.stiffness, local.q)]
     return outer_strain_function(local, data, strains)
-
-
-def _inertial_work(element: ExactElement, local: Local, data: ElementData) -> tuple[SX, SX, SX]:
-    """Return generalized forces of inertia and weight, kinetic energy and potential of gravity."""
-    q, v, a = (ca.reshape(z, NODE_SIZE, element.nodes) for z in (local.q, local.v, local.a))
-    free_fall = ca.vertcat(data.gravity, 0)
-    force, kinetic, potential = SX.zeros(NODE_SIZE, element.nodes), SX(0), SX(0)
-    for k, row in enumerate(element._mass_rows):
-        inertia = data.mass[0, k] * data.inertia(k)[[0, 0, 1]]
-        force += (inertia * (a @ row - free_fall)) @ row[None, :]
-        kinetic += 0.5 * ca.dot(inertia, (v @ row) ** 2)
-        potential -= ca.dot(inertia * free_fall, q @ row)
-    return ca.vec(force), kinetic, potential

@@ -1,26 +1,27 @@
-"""Planar curved beam element of Pan & Liu (2012) as one symbolic kernel.
+"""Planar curved beam element of Pan & Liu (2012): symbolic kernels of its quadrature points.
 
-The kernel computes the virtual work of one element from the coordinates of its floating frame and
-its nodes. All numbers (quadrature points, section properties, gravity) are inputs, so one kernel is
-shared by all elements of the same type, curved or straight.
+The kernels compute the virtual work of one point from the coordinates of the floating frame and
+from displacements, rotation and their slopes at the point; shape functions are constant weights.
+All numbers (section properties, gravity, geometry) are inputs, so the kernels are shared by all
+points of elements of any degree, curved or straight.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from beamdae.beams.element_data import ElementData, ElementDataLayout
+from beamdae.beams.element_data import ElementDataLayout
 from beamdae.beams.kinematics import Element, InertiaPoint, StrainRatePoint
-from beamdae.beams.shape_functions import gauss_points, shape_functions
-from beamdae.beams.strains import elastic_work, outer_strain_function
+from beamdae.beams.shape_functions import gauss_points, shape_functions, weigh_nodes
+from beamdae.beams.strains import elastic_kernel, outer_strain_function
 from beamdae.symbolic.formula import cache_kernels
 from beamdae.symbolic.functions.compiled import RowFunction
-from beamdae.symbolic.statements import SX, ForceKernel, Local
+from beamdae.symbolic.statements import SX, ForceKernel, Local, PointForce
 
 # Local coordinates: (x0, y0, theta) of the frame, then (u, v, phi) of each node.
 FRAME_SIZE = 3
@@ -93,23 +94,31 @@ class FloatingFrameElement(Element):
         return floating_frame_kernel(self)
 
     def strain_points(self, points: SX, q: SX) -> list[tuple[SX, SX]]:
-        """Return weights and strains of the stiffness points; see the function `strain_points`."""
-        return strain_points(self, points, q[FRAME_SIZE:])
+        """Return weight and (axial strain, shear strain 2 eps12, kappa11) of each stiffness point.
+
+        Parameters
+        ----------
+        points
+            Values of each point, one column per point: `STIFFNESS_POINT_VALUES` and, if the
+            reference configuration is strained, `PRESTRAIN_VALUES`; further rows may follow.
+        q
+            Local coordinates.
+        """
+        columns = zip(self._stiffness_weights, ca.horzsplit(points), strict=True)
+        return [(point[0], _strain(self, SX(weights) @ q, point)) for weights, point in columns]
 
     def inertia_points(self, local: Local) -> list[InertiaPoint]:
         """Return the motion of the inertia points, each in its local frame; see `AxisMotion`."""
         data = self.layout.split(local.data)
-        axis = AxisMotion(local.q, local.v)
-        return [
-            InertiaPoint(
-                weight,
-                data.inertia(k)[[0, 0, 1]],
-                axis.velocity(row, reference, to_local),
-                axis.angular_velocity(row),
-                axis.rotation(row),
-            )
-            for k, (row, weight, reference, to_local) in enumerate(_mass_points(self, data))
-        ]
+        points = []
+        for k, weights in enumerate(self._mass_weights):
+            weight, reference, to_local = _read_mass_point(data.mass[:, k])
+            axis = AxisMotion(*(SX(weights) @ x for x in (local.q, local.v)))
+            velocity = axis.velocity(AT_POINT, reference, to_local)
+            rates = velocity, axis.angular_velocity(AT_POINT)
+            density = data.inertia(k)[[0, 0, 1]]
+            points.append(InertiaPoint(weight, density, *rates, axis.rotation(AT_POINT)))
+        return points
 
     def strain_rate_points(self, local: Local) -> list[StrainRatePoint]:
         """Return the strain rates at the stiffness points of the deformed beam."""
@@ -118,6 +127,25 @@ class FloatingFrameElement(Element):
             StrainRatePoint(weight, data.elasticity(k), local.dot(strain))
             for k, (weight, strain) in enumerate(self.strain_points(data.stiffness, local.q))
         ]
+
+    @property
+    def _mass_weights(self) -> list[ca.DM]:
+        """Matrices of (x0, y0, theta) and (u, v, phi) at the inertia points (6, size)."""
+        xi, _ = gauss_points(self.mass_quadrature)
+        frame = np.eye(FRAME_SIZE, self.size)
+        rows = shape_functions(self.nodes, xi)
+        return [weigh_nodes(FRAME_SIZE, [row], frame) for row in rows]
+
+    @property
+    def _stiffness_weights(self) -> list[ca.DM]:
+        """Matrices of (u, v, phi) and their slopes d/dxi at the stiffness points (6, size)."""
+        xi, _ = gauss_points(self.quadrature)
+        rows, slopes = (shape_functions(self.nodes, xi, k) for k in (0, 1))
+        return [weigh_nodes(FRAME_SIZE, pair) for pair in zip(rows, slopes, strict=True)]
+
+
+# The only "node" of an `AxisMotion` in the coordinates of a point.
+AT_POINT = np.ones(1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,16 +260,10 @@ def _section_rotations(coordinates: SX) -> SX:
     return coordinates[FRAME_SIZE + PHI :: NODE_SIZE]
 
 
-def _mass_points(
-    element: FloatingFrameElement, data: ElementData
-) -> list[tuple[np.ndarray, SX, SX, SX]]:
-    """Return shape functions, weight, undeformed position in ec and rotation to ec per point."""
-    xi, _ = gauss_points(element.mass_quadrature)
-    points = []
-    for row, point in zip(shape_functions(element.nodes, xi), ca.horzsplit(data.mass), strict=True):
-        weight, x, y, cosine, sine = (point[k] for k in range(len(MASS_POINT_VALUES)))
-        points.append((row, weight, ca.vertcat(x, y), rotation_matrix(cosine, sine).T))
-    return points
+def _read_mass_point(point: SX) -> tuple[SX, SX, SX]:
+    """Return the weight, the undeformed position in ec and the rotation to ec of a point."""
+    weight, x, y, cosine, sine = (point[k] for k in range(len(MASS_POINT_VALUES)))
+    return weight, ca.vertcat(x, y), rotation_matrix(cosine, sine).T
 
 
 @cache
@@ -249,12 +271,12 @@ def strain_function(element: FloatingFrameElement) -> RowFunction:
     """Return the function of (q, data) for the largest axial strain of an element's fibers."""
     local = Local(element.size, element.n_data)
     data = element.layout.split(local.data)
-    points = strain_points(element, data.stiffness, local.q[FRAME_SIZE:])
+    points = element.strain_points(data.stiffness, local.q)
     return outer_strain_function(local, data, [strain for _, strain in points])
 
 
-def strain_points(element: FloatingFrameElement, points: SX, nodal: SX) -> list[tuple[SX, SX]]:
-    """Return weight and (axial strain, shear strain 2 eps12, kappa11) of each stiffness point.
+def _strain(element: FloatingFrameElement, z: SX, point: SX) -> SX:
+    """Return (axial strain, shear strain 2 eps12, kappa11) at a stiffness point.
 
     The strains are those of eqs. (5) and (6) with kappa11 = -phi'. With along = u' - v/R and
     across = v' + u/R, the derivative of the position is (1 + along, across) in ec. The exact
@@ -266,41 +288,33 @@ def strain_points(element: FloatingFrameElement, points: SX, nodal: SX) -> list[
     ----------
     element
         Element type.
-    points
-        Values `STIFFNESS_POINT_VALUES` of each point, one column per point; further rows may
-        follow.
-    nodal
-        Coordinates (u, v, phi) of each node.
+    z
+        (u, v, phi) and their derivatives with respect to xi.
+    point
+        Values of the point; see `FloatingFrameElement.strain_points`.
     """
-    xi, _ = gauss_points(element.quadrature)
-    nodes = ca.reshape(nodal, NODE_SIZE, element.nodes)
-    values, slopes = (ca.horzsplit(nodes @ shape_functions(element.nodes, xi, k).T) for k in (0, 1))
-    strains = []
-    for value, slope, point in zip(values, slopes, ca.horzsplit(points), strict=True):
-        weight, curvature, dxi_ds = (point[k] for k in range(len(STIFFNESS_POINT_VALUES)))
-        u, v, phi = ca.vertsplit(value)
-        du, dv, dphi = ca.vertsplit(dxi_ds * slope)
-        along, across = du - v * curvature, dv + u * curvature
-        if element.strain == "exact":
-            # cos phi - 1 from the half angle avoids cancellation for small strains.
-            c, s = ca.cos(0.5 * phi), ca.sin(0.5 * phi)
-            cosine_minus_1, sine = -2.0 * s * s, 2.0 * s * c
-            axial = along + (along * cosine_minus_1 + across * sine) + cosine_minus_1
-            shear = across + (across * cosine_minus_1 - along * sine) - sine
-        else:
-            quadratic = {
-                "linear": SX(0),
-                "nonlinear": 0.5 * (du**2 + dv**2),
-                "green": 0.5 * (along**2 + across**2),
-            }
-            axial, shear = along + quadratic[element.strain], across - phi
-        strain = ca.vertcat(axial, shear, -dphi)
-        if element.prestressed:
-            first = len(STIFFNESS_POINT_VALUES)
-            axial_prestrain, bending_prestrain = point[first], point[first + 1]
-            strain += ca.vertcat(axial_prestrain, 0, bending_prestrain)
-        strains.append((weight, strain))
-    return strains
+    _, curvature, dxi_ds = (point[k] for k in range(len(STIFFNESS_POINT_VALUES)))
+    u, v, phi = ca.vertsplit(z[:NODE_SIZE])
+    du, dv, dphi = ca.vertsplit(dxi_ds * z[NODE_SIZE:])
+    along, across = du - v * curvature, dv + u * curvature
+    if element.strain == "exact":
+        # cos phi - 1 from the half angle avoids cancellation for small strains.
+        c, s = ca.cos(0.5 * phi), ca.sin(0.5 * phi)
+        cosine_minus_1, sine = -2.0 * s * s, 2.0 * s * c
+        axial = along + (along * cosine_minus_1 + across * sine) + cosine_minus_1
+        shear = across + (across * cosine_minus_1 - along * sine) - sine
+    else:
+        quadratic = {
+            "linear": SX(0),
+            "nonlinear": 0.5 * (du**2 + dv**2),
+            "green": 0.5 * (along**2 + across**2),
+        }
+        axial, shear = along + quadratic[element.strain], across - phi
+    strain = ca.vertcat(axial, shear, -dphi)
+    if element.prestressed:
+        first = len(STIFFNESS_POINT_VALUES)
+        strain += ca.vertcat(point[first], 0, point[first + 1])
+    return strain
 
 
 @cache_kernels
@@ -313,34 +327,47 @@ def floating_frame_kernel(element: FloatingFrameElement) -> ForceKernel:
     1/2 rho I (phi'^2 + phi^2 theta'^2).
     """
     local = Local(element.size, element.n_data)
-    data = element.layout.split(local.data)
-    inertia, kinetic, potential = _inertial_work(element, local, data)
-    nodal, rates = local.q[FRAME_SIZE:], local.v[FRAME_SIZE:]
-    points = strain_points(element, data.stiffness, nodal)
-    elastic, strain_energy, dissipated = elastic_work(points, data, element.damped, nodal, rates)
-    force = inertia + ca.vertcat(SX.zeros(FRAME_SIZE), elastic)
-    energies = ca.vertcat(kinetic, strain_energy, potential)
-    return ForceKernel(local, force, energies, ca.vertcat(0, dissipated), reused=True)
+    data, same = element.layout.split(local.data), ca.DM.eye(element.size)
+    inertia = _inertia_kernel()
+    points = [
+        PointForce(
+            same,
+            weights,
+            inertia,
+            ca.vertcat(data.mass[: len(MASS_POINT_VALUES), k], data.inertia(k), data.gravity),
+        )
+        for k, weights in enumerate(element._mass_weights)
+    ]
+    one_size = replace(element, nodes=2, quadrature=1, varying=False)
+    elasticity = elastic_kernel(one_size, 2 * NODE_SIZE, _strain)
+    values = len(element.layout.stiffness_point)
+    points += [
+        PointForce(
+            same,
+            weights,
+            elasticity,
+            ca.vertcat(data.stiffness[:values, k], data.elasticity(k), data.damping(k)),
+        )
+        for k, weights in enumerate(element._stiffness_weights)
+    ]
+    return ForceKernel.of_points(local, points)
 
 
-def _inertial_work(
-    element: FloatingFrameElement, local: Local, data: ElementData
-) -> tuple[SX, SX, SX]:
-    """Return generalized forces of inertia and weight, kinetic energy and potential of gravity."""
-    axis = AxisMotion(local.q, local.v, local.a, data.gravity)
-    on_origin, on_angle = SX.zeros(2), SX(0)
-    on_nodes = SX.zeros(NODE_SIZE * element.nodes)
-    kinetic, potential = SX(0), SX(0)
-    for k, (row, weight, reference, to_local) in enumerate(_mass_points(element, data)):
-        rhoA, rhoI = ca.vertsplit(data.inertia(k))
-        force = (weight * rhoA) * axis.acceleration(row, reference, to_local)
-        moment = weight * rhoI * axis.angular_acceleration(row)
-        on_origin += to_local.T @ force
-        relative = axis.relative_position(row, reference)
-        on_angle += ca.dot(_rotate_quarter_turn(relative), force) + moment
-        on_nodes += ca.vec(ca.vertcat(force, moment) @ row[None])
-        position = axis.position(row, to_local.T @ reference, to_local.T)
-        potential -= weight * rhoA * ca.dot(data.gravity, position)
-        speed2 = ca.sumsqr(axis.velocity(row, reference, to_local))
-        kinetic += 0.5 * weight * (rhoA * speed2 + rhoI * axis.angular_velocity(row) ** 2)
-    return ca.vertcat(axis.frame @ on_origin, on_angle, on_nodes), kinetic, potential
+@cache
+def _inertia_kernel() -> ForceKernel:
+    """Return the kernel of inertia and weight of a point, in (x0, y0, theta, u, v, phi)."""
+    local = Local(FRAME_SIZE + NODE_SIZE, len(MASS_POINT_VALUES) + 4)
+    weight, reference, to_local = _read_mass_point(local.data)
+    rhoA, rhoI, *g = ca.vertsplit(local.data[len(MASS_POINT_VALUES) :])
+    gravity = ca.vertcat(*g)
+    axis = AxisMotion(local.q, local.v, local.a, gravity)
+    force = (weight * rhoA) * axis.acceleration(AT_POINT, reference, to_local)
+    moment = weight * rhoI * axis.angular_acceleration(AT_POINT)
+    relative = axis.relative_position(AT_POINT, reference)
+    on_angle = ca.dot(_rotate_quarter_turn(relative), force) + moment
+    on_origin = axis.frame @ (to_local.T @ force)
+    position = axis.position(AT_POINT, to_local.T @ reference, to_local.T)
+    speed2 = ca.sumsqr(axis.velocity(AT_POINT, reference, to_local))
+    kinetic = 0.5 * weight * (rhoA * speed2 + rhoI * axis.angular_velocity(AT_POINT) ** 2)
+    energies = ca.vertcat(kinetic, 0, -weight * rhoA * ca.dot(gravity, position))
+    return ForceKernel(local, ca.vertcat(on_origin, on_angle, force, moment), energies)
