@@ -1,4 +1,4 @@
-"""Checks of a mechanism before a run: mobility, redundancy, start, frequencies and meshes."""
+"""Checks of a mechanism before a run: mobility, redundancy, start and frequencies."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     FrequencyRange,
     compute_frequency_range,
 )
-from beamdae.beams.beam import MAX_SECTION_ERROR, beams_of
 from beamdae.beams.damping import EXAMPLE_DAMPING, find_undamped_beams
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -78,15 +77,10 @@ _MAX_COORDINATES = 600
 _MAX_MEASURED_TIME = 1.0
 _MAX_PILOT_TIME = 3.0
 _MAX_LOOSE_TIME = 3.0
-# Largest error (of arc length, of curvature times length, or by sections) of good and of fair
-# meshes. For the hub beam, the error of the tip deformation is 3e-4 of its amplitude if the mesh
-# error is 4e-3, and 1e-2 if the mesh error is 1.5e-2 (validation/mesh_convergence).
-_MAX_GOOD_MESH_ERROR = MAX_SECTION_ERROR
 # Steps of a run, minutes of small models, from which on beams without damping have a warning.
 _MIN_STEPS_OF_LONG_RUN = 5e4
 _MAX_NAMES = 3
 _FORCE_SAMPLES = 7  # times at which forces along free motions are evaluated
-_MAX_FAIR_MESH_ERROR = 5e-2
 
 
 @dataclass(frozen=True)
@@ -108,32 +102,6 @@ class ConstraintResidual:
     position: float
     velocity: float
     acceleration: float | None
-
-
-@dataclass(frozen=True)
-class MeshAssessment:
-    """Accuracy of the geometry and of the sections of a beam mesh.
-
-    Attributes
-    ----------
-    beam
-        Name of the beam.
-    length_error
-        Largest relative error of the arc length of an element [-].
-    curvature_error
-        Largest error of the curvature times the length of the beam [-]; 0 if the kinematics of the
-        beam do not define this error.
-    section_error
-        Estimated relative error of deflections by sections that change within elements [-].
-    verdict
-        "good", or "fair" or "coarse" with a recommended number of elements.
-    """
-
-    beam: str
-    length_error: float
-    curvature_error: float
-    section_error: float
-    verdict: str
 
 
 @dataclass(frozen=True)
@@ -186,8 +154,6 @@ class Check:
     spectrum
         Range of the natural frequencies. None if no consistent start was found, or the model has
         more than 600 coordinates or 1500 constraints.
-    meshes
-        Assessment of the mesh of each beam.
     prediction
         Predicted cost of a run. None if no prediction was requested, the end time is not known, the
         mechanism cannot be run, or the run failed or took no step.
@@ -223,7 +189,6 @@ class Check:
     residuals: tuple[ConstraintResidual, ...]
     start: StartSummary | None
     spectrum: FrequencyRange | None
-    meshes: tuple[MeshAssessment, ...]
     prediction: RunPrediction | None
     problem: str
     warnings: tuple[str, ...] = ()
@@ -353,7 +318,6 @@ def check(
         residuals=_constraint_residuals(solver, time, state),
         start=None if state is None else compare_start(equations, state),
         spectrum=None,
-        meshes=_assess_meshes(equations.mechanism),
         prediction=None,
         problem=problem,
         warnings=_collect_warnings(equations, starter, time, end, state, q),
@@ -478,21 +442,6 @@ def _constraint_residuals(
         position, velocity = float(g[rows].max()), float(g_dot[rows].max())
         residuals.append(ConstraintResidual(part, position, velocity, acceleration))
     return tuple(residuals)
-
-
-def _assess_meshes(mechanism: Mechanism | None) -> tuple[MeshAssessment, ...]:
-    assessments = []
-    for beam in beams_of(mechanism):
-        length, curvature = beam.mesh.length_error, beam.kinematics.curvature_error
-        error = max(length, curvature, beam.section_error)
-        verdict = "good"
-        if not error <= _MAX_GOOD_MESH_ERROR:
-            grade = "fair" if error <= _MAX_FAIR_MESH_ERROR else "coarse"
-            verdict = f"{grade}; use elements={2 * beam.mesh.elements}"
-        assessments.append(
-            MeshAssessment(beam.name, length, curvature, beam.section_error, verdict)
-        )
-    return tuple(assessments)
 
 
 def _predict_run(

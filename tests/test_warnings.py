@@ -46,11 +46,11 @@ def test_regression_a_loop_over_models_warns_once_of_each_kind():
     with warnings.catch_warnings(record=True) as records:
         warnings.simplefilter("default")
         for length in (1.0, 1.1, 1.2):
-            arc = bd.Arc(radius=0.4, length=length, start=(0.0, 0.0), angle=0.0)
-            bd.Beam("beam", arc, strip, elements=1)
+            arc = bd.Arc(radius=0.03, length=0.1 * length, start=(0.0, 0.0), angle=0.0)
+            bd.Beam("beam", arc, strip, elements=4)
             with warnings.catch_warnings():  # such as those of laws and curves
                 warnings.simplefilter("ignore")
-    assert [str(x.message)[:37] for x in records] == ["beam: the curve turns by 2.5 rad with"]
+    assert [str(x.message)[:38] for x in records] == ["beam: the section height is 0.33 times"]
     assert records[0].filename == __file__
 
 
@@ -203,7 +203,7 @@ def _swing():
         (_rotate_rubber, "at 40 rad/s, frequency "),
         pytest.param(
             lambda: bd.periodic(_swing(), 2.0, bd.Radau(1e-3), settle=0),
-            "finds no such motion",
+            "errors: not ",
             marks=pytest.mark.slow(reason="half a second and more"),
         ),
     ],

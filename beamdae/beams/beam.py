@@ -23,10 +23,9 @@ from beamdae.beams.kinematics import (
     MaterialPoint,
     create_custom_kinematics,
 )
-from beamdae.beams.mesh import MIN_END_DISTANCE, Mesh, intern_mesh
+from beamdae.beams.mesh import Mesh, intern_mesh
 from beamdae.beams.section_samples import stress_sections
 from beamdae.beams.sections import Section, SectionLaw, Taper, VaryingSection, require_section
-from beamdae.beams.shape_functions import gauss_points
 from beamdae.beams.strains import (
     LargestStress,
     fiber_strain,
@@ -39,7 +38,6 @@ from beamdae.errors import (
     BeamdaeError,
     as_real,
     format_distinct,
-    format_percent,
     optional_finite,
     optional_point,
     require_choice,
@@ -53,7 +51,6 @@ from beamdae.errors import (
 )
 from beamdae.memory import UNCHECKED_BYTES, available_memory, require_memory
 from beamdae.parts.attachments import Attachment
-from beamdae.parts.joints.kinematic_constraint import KinematicConstraint
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.observables import relative_displacement
 from beamdae.parts.part import AttachedPart, Drawing, Part
@@ -77,28 +74,6 @@ EXACT_FORMULATION = "exact"
 CUSTOM_FORMULATION = "custom"
 FORMULATIONS = (_DEFAULT_FORMULATION, EXACT_FORMULATION)
 
-# Curvature times element length up to which the compliance of an arc has an error below 1 %, by
-# number of nodes (measured: 6e-3 at 1.6 and 9e-5 at 0.4 for 4 nodes, of order 4; 8e-3 at 0.2 for
-# 2 nodes, of order 2; see tests/beams/test_castigliano.py).
-_MAX_TURN_PER_CURVED_ELEMENT = {4: 1.6, 3: 1.2, 2: 0.2}  # [rad]
-_MAX_TURN_PER_STRAIGHT_ELEMENT = 0.2  # [rad]
-
-# Relative errors of deflections and rotations by number of nodes, for a force or a moment in the
-# middle of an element: (p, c) of c (element length / length)^p for forces, and c of c (element
-# length / length) for moments. Measured on beams on two supports or a clamp, with 2 to 32 elements.
-# The shear deformation by a force adds EI / (GA length^2) (element length / length).
-_BENDING_ERROR_OF_FORCES = {4: (3, 0.036), 3: (3, 0.16), 2: (2, 1.6)}
-_BENDING_ERROR_OF_MOMENTS = {4: 0.6, 3: 0.6, 2: 2.0}
-# Close to an element end, the error by a moment is proportional to 1 - xi^2 with this factor.
-_SLOPE_OF_MOMENT_ERROR = 3.6
-_MAX_ATTACHMENT_ERROR = 2e-4  # relative error of deflections above which `prepare` warns
-
-# The same for the largest deflection of a beam under a load that moves along it. Measured on beams
-# on two supports with 1 to 16 elements; c is 2.3 times as large if one end is clamped.
-_BENDING_ERROR_OF_MOVING_LOADS = {4: (3, 0.1), 3: (3, 0.25), 2: (2, 2.9)}
-_MAX_MOVING_LOAD_ERROR = 0.01  # above which `warn_about_moving_load` warns
-_RECOMMENDED_MOVING_LOAD_ERROR = 0.005
-
 # Sections higher than the beam is long are those of blocks, or width and height are exchanged, as
 # of short flexures; sizes in millimeters give factors of 1000. Beams joined to others may be short
 # pieces of a longer bar.
@@ -113,19 +88,6 @@ _DIGITS_OF_RATIOS = 2
 # First frequency of a cantilever, (1.8751^2 / (2 pi L^2)) sqrt(EI / rhoA).
 _CANTILEVER_FREQUENCY = 1.8751040687**2 / (2.0 * np.pi)
 
-# Estimate of the error above which `prepare` warns of sections that change within elements. In 408
-# meshes of 1 to 8 elements of 68 tapers with steps, kinks and waves beside 64 elements, it is at
-# least the error of the deflection of a cantilever under a force at its end, a uniform load or a
-# moment; of 172, 153 and 198 warnings, 6, 8 and 19 are of smaller errors. Between two supports, 25
-# of 750 errors of more than 0.4 % have no warning, and 273 of 998 warnings are of smaller errors.
-MAX_SECTION_ERROR = 4e-3
-# Differences of the integral of M^2 / EI between two quadratures, relative to the mean over the
-# elements, and of M^2 / EI at the ends of an element from its extrapolation, above which more
-# sections are evaluated.
-_RESOLVED_FLEXIBILITY = 1e-3
-_EXTRAPOLATED_FLEXIBILITY = 0.05
-_SECTIONS_PER_ELEMENT = 128  # evaluated where the section changes
-
 # Winkler & Bach: the bending stiffness of a curved rectangle whose axis keeps its length is
 # EI (1 + 0.15 (h/R)^2); without a normal force, the factor is 0.067.
 _WINKLER_BACH_STIFFNESS = 0.15
@@ -138,8 +100,6 @@ _MIN_GYRATION_RATIO = 1e-12
 _MAX_GYRATION_RATIO = 1e2
 _GYRATION_SAMPLES = 3  # sections at which a varying section is checked
 
-# Distance of a section from the end of its element, relative to its length, for jumps of sections.
-_END_GAP = 1e-9
 # Largest exponent of `Beam.largest_stress`.
 _MIN_STRESS_INTERVALS = 16  # between the sections of a largest stress, along the beam
 _MAX_EXPONENT = 1000.0
@@ -247,11 +207,10 @@ class Beam(Part):
     Warns
     -----
     BeamdaeWarning
-        If the elements are too long or the section is too high for the curvature of the axis. At
-        assembly, if an attachment inside an element causes a relative error of more than 2e-4 in
-        deflections, the section is higher than the curve is long (over three times as high if other
-        beams are joined to it), or a damping of more than 1 ms with two digits, such as 0.02, would
-        give a metal cantilever of its length a damping ratio above 0.1.
+        If the section is too high for the curvature of the axis. At assembly, if the section is
+        higher than the curve is long (over three times as high if other beams are joined to it), or
+        a damping of more than 1 ms with two digits, such as 0.02, would give a metal cantilever of
+        its length a damping ratio above 0.1.
 
     Examples
     --------
@@ -342,34 +301,28 @@ class Beam(Part):
         return self._requested_mesh.bounds is not None or self._make_kinematics is not None
 
     @cached_property
-    def section_error(self) -> float:
-        """Relative error of deflections by sections that change within elements, estimated [-].
-
-        It is known after the first assembly, and 0 before.
-        """
-        return 0.0
-
-    @cached_property
     def _stress_mesh(self) -> Mesh | None:
         """Mesh that determines the sections of `largest_stress`; None for the present mesh."""
         return None
 
     def divide_mesh(self, arc_lengths: Iterable[float]) -> Mesh:
-        """Return the mesh after the first assembly with attachments at `arc_lengths` [m]."""
+        """Return the mesh after the first assembly with attachments at `arc_lengths` [m].
+
+        Elements also end at kinks of the section.
+        """
         if self._has_final_mesh:
             return self.mesh
-        return intern_mesh(self.mesh.with_ends_at(sorted(set(arc_lengths))))
+        breaks = self.section.breaks if isinstance(self.section, VaryingSection) else ()
+        return intern_mesh(self.mesh.with_ends_at(sorted({*arc_lengths, *breaks})))
 
     def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool:
-        """Place element ends at attachments, and make the mesh final.
+        """Place element ends at attachments and kinks of the section, and make the mesh final.
 
         The mesh does not change if it is final already (after an earlier assembly, with given
-        element ends, or with custom kinematics) or if `has_fixed_coordinates` is True. Warn if an
-        attachment that remains inside an element causes a relative error of more than 2e-4 in
-        deflections, sections that change within elements cause one of more than 0.4 %, the section
-        is higher than the curve is long (over three times, if other beams are joined), or a damping
-        of more than 1 ms with two digits would give a metal cantilever of its length a damping
-        ratio above 0.1.
+        element ends, or with custom kinematics) or if `has_fixed_coordinates` is True. Warn if the
+        section is higher than the curve is long (over three times, if other beams are joined), or a
+        damping of more than 1 ms with two digits would give a metal cantilever of its length a
+        damping ratio above 0.1.
         """
         sections = [x for x in attached if x.attachment.s is not None]
         last = self.mesh
@@ -380,10 +333,6 @@ class Beam(Part):
                 vars(self).pop("kinematics", None)
         set_fields(self, _has_final_mesh=True)
         _warn_about_units(self, attached)
-        error = estimate_section_error(self.mesh, self.section, sections)
-        set_fields(self, section_error=error)
-        _warn_about_sections_inside_elements(self.name, error)
-        _warn_about_attachments_inside_elements(self.name, self.mesh, self.section, sections)
         return self.mesh is not last
 
     @property
@@ -1061,96 +1010,6 @@ def _parse_elements(
     return len(bounds) - 1, tuple(bounds.tolist())
 
 
-def _warn_about_attachments_inside_elements(
-    part: str, mesh: Mesh, section: Section | VaryingSection, attached: Sequence[AttachedPart]
-) -> None:
-    """Warn about the attachment with the largest error, unless this error is negligible."""
-    if not attached:
-        return
-    errors = attachment_errors(mesh, section, attached)
-    worst = int(np.argmax(errors))
-    if errors[worst] > _MAX_ATTACHMENT_ERROR:
-        other, attachment = attached[worst]
-        message = (
-            f"{part}: {other.name} is attached at s = {attachment.s:.6g} m, inside an element, "
-            f"which causes a relative error of about {errors[worst]:.1g} in deflections; end "
-            "an element there (elements=[...]), or give a larger number of elements and add all "
-            "parts before the first run or check."
-        )
-        warn_user(message)
-
-
-def attachment_errors(
-    mesh: Mesh, section: Section | VaryingSection, attached: Sequence[AttachedPart]
-) -> Array:
-    """Estimate the relative error of deflections that each attachment inside an element causes.
-
-    The shape functions of an element represent neither the jump of the bending moment at a
-    concentrated moment nor the kink of the bending moment and the jump of the shear force at a
-    concentrated force. Several attachments in one element share the load, and the sum of their
-    jumps is smoother.
-
-    Parameters
-    ----------
-    mesh, section
-        Mesh and section of a beam.
-    attached
-        Parts attached to sections of this beam.
-
-    Returns
-    -------
-    ndarray
-        Estimates, shape (len(attached),), fitted to errors measured on beams on two supports or a
-        clamp; zero for attachments at element ends.
-    """
-    order, bending = _BENDING_ERROR_OF_FORCES[mesh.nodes]
-    located = [mesh.locate(float(x.attachment.s or 0.0)) for x in attached]
-    errors = np.zeros(len(attached))
-    for k, (other, attachment) in enumerate(attached):
-        s = float(attachment.s or 0.0)
-        if mesh.has_end_at(s, MIN_END_DISTANCE):
-            continue
-        element, xi = located[k]
-        size, at = mesh.element_lengths[element] / mesh.curve.length, section.at(s)
-        shear = at.EI / (at.GA * mesh.curve.length**2)
-        place = 1.0 - xi**2  # 1 in the middle of the element, 0 at its ends
-        errors[k] = (bending * size**order + shear * size) * place
-        if other.exerts_moments:
-            place = min(np.sqrt(place), _SLOPE_OF_MOMENT_ERROR * place)
-            errors[k] += _BENDING_ERROR_OF_MOMENTS[mesh.nodes] * size * place
-        errors[k] /= len({x for x in located if x[0] == element})
-    return errors
-
-
-def warn_about_moving_load(part: str, beam: Beam, attached: Sequence[AttachedPart]) -> None:
-    """Warn if the elements of a beam are too long for a load that moves along it.
-
-    Beams with a free end have no warning: the error is less than 1 % of their largest deflection.
-
-    Parameters
-    ----------
-    part
-        Name of the part that moves along the beam.
-    beam
-        The beam.
-    attached
-        Parts attached to the beam.
-    """
-    supports = [x.attachment.s for x in attached if isinstance(x.part, KinematicConstraint)]
-    if not all(end in supports for end in (0.0, beam.length)):
-        return
-    order, factor = _BENDING_ERROR_OF_MOVING_LOADS[beam.mesh.nodes]
-    size = np.max(beam.mesh.element_lengths) / beam.length
-    error = factor * size**order
-    if error > _MAX_MOVING_LOAD_ERROR:
-        count = math.ceil((factor / _RECOMMENDED_MOVING_LOAD_ERROR) ** (1.0 / order))
-        warn_user(
-            f"{part}: elements of {beam.name} do not bend sharply below a load that moves along "
-            f"them; the error of its largest deflection is about {format_percent(error)} (more "
-            f"between clamps); use elements={count} or more."
-        )
-
-
 def _warn_about_units(beam: Beam, attached: Sequence[AttachedPart]) -> None:
     """Warn if the section is too high or its damping too large for any usual beam.
 
@@ -1187,106 +1046,6 @@ def _warn_about_units(beam: Beam, attached: Sequence[AttachedPart]) -> None:
         )
 
 
-def _warn_about_sections_inside_elements(part: str, error: float) -> None:
-    if error > MAX_SECTION_ERROR:
-        message = (
-            f"{part}: the section changes within elements, which causes a relative error of up to "
-            f"about {error:.1g} in deflections; end elements where it jumps or has kinks "
-            "(elements=[...]), and use shorter elements where it changes fast."
-        )
-        warn_user(message)
-
-
-def estimate_section_error(
-    mesh: Mesh, section: Section | VaryingSection, attached: Sequence[AttachedPart]
-) -> float:
-    """Estimate the relative error of deflections by sections that change within elements.
-
-    Under a bending moment M, it is the sum of the absolute errors of the integral of M^2 / EI over
-    each element by its reduced quadrature. The result is the largest error of the moments that are
-    usual for the parts attached to the ends: of a cantilever under a force at its end or under a
-    uniform load, it is not less than the error of the deflection of the end.
-
-    Parameters
-    ----------
-    mesh, section
-        Mesh and section of a beam.
-    attached
-        Parts attached to sections of this beam.
-    """
-    if isinstance(section, Section):
-        return 0.0
-    starts, sizes, length = mesh.element_bounds[:-1], mesh.element_lengths, mesh.curve.length
-
-    def points_at(places: Array, of: Array | slice = slice(None)) -> Array:
-        return starts[of, None] + np.outer(sizes[of], places)
-
-    def flexibility(s: Array) -> Array:
-        return np.array([1.0 / section.at(x).EI for x in s.ravel().tolist()]).reshape(s.shape)
-
-    xi, weights = gauss_points(mesh.nodes - 1)
-    more_xi, more_weights = gauss_points(mesh.nodes)
-    at_points, at_more_points, at_bounds = (
-        (s, flexibility(s))
-        for s in (
-            points_at(0.5 * (1.0 + xi)),
-            points_at(0.5 * (1.0 + more_xi)),
-            points_at(np.array([_END_GAP, 1.0 - _END_GAP])),
-        )
-    )
-    extrapolation = np.linalg.solve(np.vander(xi).T, np.vander([-1.0, 1.0], len(xi)).T)
-    places = (np.arange(_SECTIONS_PER_ELEMENT) + 0.5) / _SECTIONS_PER_ELEMENT
-    largest = 0.0
-    for powers in _powers_of_squared_moments(mesh, attached):
-
-        def weighted(s: Array, flexibilities: Array, powers: tuple[int, int] = powers) -> Array:
-            return np.asarray(
-                flexibilities * (s / length) ** powers[0] * (1.0 - s / length) ** powers[1]
-            )
-
-        values = weighted(*at_points)
-        integrals = 0.5 * sizes * (values @ weights)
-        others = 0.5 * sizes * (weighted(*at_more_points) @ more_weights)
-        total = float(np.sum(integrals))
-        # A jump near an end of an element may lie beyond the points of both quadratures.
-        jumps = np.max(np.abs(weighted(*at_bounds) - values @ extrapolation), axis=1) * sizes
-        sizes_of_jumps = np.minimum(np.max(values, axis=1) * sizes, total)
-        changes = np.abs(integrals - others) > _RESOLVED_FLEXIBILITY * total / len(sizes)
-        changes |= jumps > _EXTRAPOLATED_FLEXIBILITY * sizes_of_jumps
-        if np.any(changes):
-            s = points_at(places, changes)
-            accurate = sizes[changes] * np.mean(weighted(s, flexibility(s)), axis=1)
-            errors = accurate - integrals[changes]
-            error = float(np.sum(np.abs(errors)) / (total + np.sum(errors)))
-            largest = max(largest, error)
-    return largest
-
-
-def _powers_of_squared_moments(
-    mesh: Mesh, attached: Sequence[AttachedPart]
-) -> list[tuple[int, int]]:
-    """Return the powers of the distances from the start and from the end in squared moments.
-
-    Towards a free end, the product of the moment by a uniform load and that by a force at the end
-    vanishes with the power 3; towards an end on which parts exert forces alone, that by a force at
-    the end with the power 2. The moment at a clamp may be the largest or, if there is a support or
-    a moment at the other end, have any other size.
-    """
-    parts = [
-        [x.part for x in attached if abs(float(x.attachment.s or 0.0) - end) <= tolerance]
-        for tolerance in [ARC_LENGTH_TOLERANCE * mesh.curve.length]
-        for end in (0.0, mesh.curve.length)
-    ]
-    powers: list[tuple[int, ...]] = []
-    for at_end, at_other_end in (parts, parts[::-1]):
-        if any(x.exerts_moments for x in at_end):
-            is_held = any(isinstance(x, KinematicConstraint) for x in at_other_end)
-            powers.append((0, 1, 2) if is_held else (0,))
-        else:
-            powers.append((2,) if at_end else (3,))
-    return [(a, b) for a in powers[0] for b in powers[1]]
-
-
 def _measure_curvature(mesh: Mesh, section: Section | VaryingSection) -> Mapping[str, float]:
     """Return the largest curvature times element length and, if known, times section height."""
     curvature = mesh.gauss_curvature
@@ -1302,20 +1061,7 @@ def _measure_curvature(mesh: Mesh, section: Section | VaryingSection) -> Mapping
 
 
 def _warn_about_curvature(part: str, mesh: Mesh, section: Section | VaryingSection) -> None:
-    turn_per_element, *height_ratios = _measure_curvature(mesh, section).values()
-    max_turn = (
-        _MAX_TURN_PER_STRAIGHT_ELEMENT
-        if mesh.shape == "straight"
-        else _MAX_TURN_PER_CURVED_ELEMENT[mesh.nodes]
-    )
-    if turn_per_element > max_turn:
-        sufficient = int(np.ceil(mesh.elements * turn_per_element / max_turn))
-        message = (
-            f"{part}: the curve turns by {turn_per_element:.2g} rad within an element, "
-            f"but above {max_turn:g} rad deflections have errors of more than 1 %; "
-            f"use elements={sufficient} or more."
-        )
-        warn_user(message)
+    _, *height_ratios = _measure_curvature(mesh, section).values()
     for ratio in height_ratios:
         if ratio > _MAX_CURVATURE_TIMES_HEIGHT:
             shape = "" if section.at(0.0).shapes else " and stresses assume a rectangular section"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,7 +11,6 @@ import casadi as ca
 import numpy as np
 
 from beamdae.beams.beam import Beam, require_beam
-from beamdae.beams.shape_functions import gauss_points
 from beamdae.errors import (
     BeamdaeError,
     require_choice,
@@ -20,7 +19,6 @@ from beamdae.errors import (
     require_pair,
     require_point,
     set_fields,
-    warn_user,
 )
 from beamdae.parts.attachments import rotate
 from beamdae.parts.forces.formula_checks import (
@@ -31,7 +29,6 @@ from beamdae.parts.forces.formula_checks import (
 from beamdae.parts.forces.load_observables import ObservableBeamLoad, ObservablePower
 from beamdae.parts.forces.loads import dead_load, load_kernel, load_statement
 from beamdae.parts.laws import Law, as_law
-from beamdae.parts.part import AttachedPart
 from beamdae.symbolic.formula import (
     Formula,
     FormulaExpression,
@@ -42,11 +39,6 @@ from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local
 
 # Maximum time that a moving force may take to pass the beam [s]; keeps the times of laws finite.
 _MAX_PASSAGE_TIME = 1e30
-# Error of the resultant of a formula by the quadrature of the elements above which `prepare` warns,
-# and the places per element and the times [s] at which it is estimated. Loads may begin at zero.
-_MAX_RESULTANT_ERROR = 0.01
-_PLACES_PER_ELEMENT = 64
-_CHECKED_TIMES = (0.0, 0.01, 0.1, 1.0, 10.0)
 
 
 @dataclass(frozen=True)
@@ -112,12 +104,6 @@ class DistributedForce(ObservableBeamLoad):
         of a follower load is normal to the section and the second lies in the section, positive to
         the left; a force p per length from the right is (0, p).
 
-    Warns
-    -----
-    BeamdaeWarning
-        At assembly, if the elements change the resultant of a formula by more than 1 %, for example
-        of a load on a part of the beam: end elements where the load jumps, `Beam(elements=[...])`.
-
     Raises
     ------
     BeamdaeError
@@ -163,43 +149,6 @@ class DistributedForce(ObservableBeamLoad):
     def load_distribution(self) -> str:
         """Distribution "line": the load is a force per length."""
         return "line"
-
-    def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool:
-        """Warn if the load changes within elements of the beam, which is prepared before.
-
-        The resultant of the quadrature is compared with that of more places along the reference
-        curve; a warning is issued if it differs by more than 1 % of the magnitude of the load.
-        """
-        if not callable(self.law):
-            return False
-        arguments = [SX.sym(x) for x in ("s", "x", "y", "t")]
-        components = _evaluate_law(self.name, self.law, *arguments)
-        law = ca.Function("law", arguments, [components], {"allow_free": True})
-        if law.has_free():
-            return False  # signals, whose values are not known
-        mesh = self.beam.mesh
-        xi, weights = gauss_points(mesh.nodes)
-        fine = (2.0 * np.arange(_PLACES_PER_ELEMENT) + 1.0) / _PLACES_PER_ELEMENT - 1.0
-        element = np.repeat(np.arange(mesh.elements), len(xi) + len(fine))
-        local = np.tile([*xi, *fine], mesh.elements)
-        s, points = mesh.arc_lengths(element, local), mesh.axis(element, local).position
-        error = 0.0
-        for t in _CHECKED_TIMES:
-            loads = np.array(law(s[None], *points.T[:, None], np.full((1, len(s)), t)))
-            loads = loads.reshape(2, mesh.elements, -1)
-            means = np.mean(loads[:, :, len(xi) :], axis=2)
-            missed = np.abs(0.5 * loads[:, :, : len(xi)] @ weights - means) @ mesh.element_lengths
-            total = np.mean(np.abs(loads[:, :, len(xi) :]), axis=2) @ mesh.element_lengths
-            if np.isfinite(missed).all() and np.max(total) > 0.0:
-                error = max(error, float(np.max(missed) / np.max(total)))
-        if error > _MAX_RESULTANT_ERROR:
-            message = (
-                f"{self.name}: the load changes within elements of {self.beam.name}, which changes "
-                f"its resultant by about {error:.1g} of its magnitude; end elements where it jumps "
-                "(elements=[...]), and use shorter elements where it changes fast."
-            )
-            warn_user(message)
-        return False
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return one load statement per Gauss point of the inertia terms."""

@@ -486,10 +486,13 @@ class VaryingSection:
         Name of the beam in error messages.
     law
         Function of arc length s [m] that returns the `Section` at s.
+    breaks
+        Ascending arc lengths [m] at which the section may have kinks.
     """
 
     part: str
     law: SectionLaw
+    breaks: tuple[float, ...] = ()
 
     # A cached property because fingerprints of models omit these.
     @cached_property
@@ -555,6 +558,11 @@ class Taper:
 
         return section
 
+    def breaks(self, length: float) -> tuple[float, ...]:
+        """Return the arc lengths [m] at which the slope of a dimension may change."""
+        shares = {k / (len(x) - 1) for _, x in self.dimensions for k in range(1, len(x) - 1)}
+        return tuple(share * length for share in sorted(shares))
+
 
 def _interpolate(values: tuple[float, ...], fraction: float) -> float:
     """Return the piecewise linear function of `values` at a fraction of the length."""
@@ -567,8 +575,8 @@ def _interpolate(values: tuple[float, ...], fraction: float) -> float:
 def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) -> Taper:
     """Return a section whose dimensions are linear or piecewise linear along a beam.
 
-    Lists of dimensions can be parameters of `optimize`. End elements at the points where the
-    dimensions are given, as with ``elements=8`` and 9 or 5 values.
+    Lists of dimensions can be parameters of `optimize`. Elements end at the points where dimensions
+    are given.
 
     Parameters
     ----------
@@ -660,7 +668,7 @@ def require_section(part: str, value: Any, length: float) -> Section | VaryingSe
     if isinstance(value, Section):
         return value
     if isinstance(value, Taper):
-        return VaryingSection(part, value.section_law(length))
+        return VaryingSection(part, value.section_law(length), value.breaks(length))
     if not callable(value) or isinstance(value, type):
         raise BeamdaeError(f"{part}: {_SECTION_REQUIREMENT}, got {short_repr(value)}.")
     return VaryingSection(part, value)

@@ -474,11 +474,6 @@ class SlidingOnBeam(Part):
         """Distribution "shares": the nodes share the reaction."""
         return "shares"
 
-    @property
-    def exerts_moments(self) -> bool:
-        """False: the reaction is a force."""
-        return False
-
     def constraints(self) -> list[ConstraintStatement]:
         """Return the two constraint equations, x and y.
 

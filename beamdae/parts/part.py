@@ -262,11 +262,6 @@ class Part:
         """
         return False
 
-    @property
-    def exerts_moments(self) -> bool:
-        """False if the part exerts forces but no moments at its attachments."""
-        return True
-
     def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool | None:
         """Adapt the coordinates to the parts attached to this part, before an assembly.
 

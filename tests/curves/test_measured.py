@@ -79,14 +79,6 @@ def test_smooth_points_do_not_warn(points):
     ("make", "message"),
     [
         (
-            lambda: bd.Beam("b", bd.Arc(1.0, 6.0), STRIP, elements=3),
-            "b: the curve turns by 2 rad within an element, .* use elements=4 or more",
-        ),
-        (
-            lambda: bd.Beam("b", bd.Arc(1.0, 2.0), STRIP, elements=4, elements_shape="straight"),
-            "b: the curve turns by 0.5 rad within an element, .* use elements=10 or more",
-        ),
-        (
             lambda: bd.Beam("b", bd.Arc(1.0, 2.0), bd.Section.circle(STEEL, 0.5)),
             "the section height is 0.5 times the radius .* 3.[78] % in the bending stiffness",
         ),

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.beams.beam import warn_about_moving_load
 from beamdae.equations.assembly.building import build_equations
 from beamdae.equations.assembly.configurations import build_configurations
 from beamdae.equations.assembly.coordinate_map import (
@@ -85,12 +84,6 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         event does not fit the mechanism, redundant="minimum norm" is combined with inactive parts,
         impacts or events that switch parts, memory does not suffice for a run, or the initial
         conditions are invalid or cannot be satisfied.
-
-    Warns
-    -----
-    BeamdaeWarning
-        If an attachment inside an element of a beam impairs the accuracy of deflections; see
-        `Beam`.
     """
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError(
@@ -241,9 +234,6 @@ def _prepare_parts(mechanism: Mechanism, start: Any) -> None:
         is_fixed = id(part) in fixed or is_requested
         # Functions of users may return None.
         has_changed |= part.prepare(attached.get(id(part), []), is_fixed) is not False
-    moving: list[Any] = [x for x in mechanism.parts.values() if x.moves_along_beam]
-    for part in moving:
-        warn_about_moving_load(part.name, part.beam, attached.get(id(part.beam), []))
     if has_changed:
         forget_meshes()
 

@@ -142,11 +142,6 @@ class PointMass(Part):
         kinematics = Formula(_free_particle)
         return Attachment(self, self.at, 0.0, _ALL_ROWS, kinematics, has_angle=False)
 
-    @property
-    def exerts_moments(self) -> bool:
-        """False: a particle has no rotary inertia."""
-        return False
-
     def forces(self, gravity: Array) -> list[ForceStatement]:
         """Return inertia and weight as one statement."""
         point = self.point

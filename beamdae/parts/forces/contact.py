@@ -383,11 +383,6 @@ class Contact(ObservableLoad):
         return (self.point.piece, self.surface.on.piece)
 
     @property
-    def exerts_moments(self) -> bool:
-        """False: a contact exerts a force on a point."""
-        return False
-
-    @property
     def loaded_points(self) -> dict[str, LoadedPoint]:
         """The point and the attachment of the surface, by the names "point" and "surface"."""
         return {"point": LoadedPoint(self.point, 0), "surface": LoadedPoint(self.surface.on, 1)}

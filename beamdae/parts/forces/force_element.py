@@ -307,11 +307,6 @@ class ForceElement(ObservableLoad):
         return (self.a.size, self._deformation, law, len(type(self)._force_columns)), functions
 
     @property
-    def exerts_moments(self) -> bool:
-        """True for elements whose response includes a moment."""
-        return any(column.unit == "N m" for column in type(self)._force_columns)
-
-    @property
     def loaded_points(self) -> dict[str, LoadedPoint]:
         """Both points, by the names "a" and "b"."""
         return {"a": LoadedPoint(self.a, 0), "b": LoadedPoint(self.b, 1)}

@@ -143,11 +143,6 @@ class Force(ObservableLoad):
         return replace(self, law=tuple(values))
 
     @property
-    def exerts_moments(self) -> bool:
-        """False: the load is a force."""
-        return False
-
-    @property
     def loaded_points(self) -> dict[str, LoadedPoint]:
         """The attachment, by the name "on"."""
         return {"on": LoadedPoint(self.on, 0)}

@@ -248,11 +248,6 @@ class KinematicConstraint(Part):
         return None
 
     @property
-    def exerts_moments(self) -> bool:
-        """True if a multiplier is a moment."""
-        return any(multiplier.unit == "N m" for multiplier in self.multipliers)
-
-    @property
     def pieces(self) -> tuple[Piece, ...]:
         """Local coordinates of all points."""
         return tuple(point.piece for point in self.points.values())

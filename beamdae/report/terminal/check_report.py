@@ -59,12 +59,6 @@ def describe_check(check: Any, parts: Mapping[str, Any] | None = None) -> Mappin
         facts |= _describe_frequencies(check.spectrum)
     elif check.start is not None:
         facts["frequencies"] = "not computed: too many coordinates or constraints"
-    for mesh in check.meshes:
-        facts[f"mesh of {mesh.beam}"] = (
-            f"{mesh.verdict}; error of the arc length {mesh.length_error:.2g}, of curvature times "
-            f"length {mesh.curvature_error:.2g}"
-            + (f", by the section {mesh.section_error:.2g}" if mesh.section_error else "")
-        )
     if check.errors is not None and not check.errors.reason:
         total = dict(zip(check.errors.headers, check.errors.total.tolist(), strict=True))
         named = sorted((name for name in total if total[name] > 0.0), key=lambda x: -total[x])
