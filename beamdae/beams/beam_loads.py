@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.beams.beam import Beam, require_beam
+from beamdae.beams.shape_functions import node_positions
 from beamdae.errors import (
     BeamdaeError,
     require_choice,
@@ -292,7 +293,7 @@ class MovingForce(ObservablePower):
     def _nodal_law(self, node: int, elements: list[int], force: float) -> Law:
         """Return the law of one force component on a node that belongs to `elements`."""
         mesh = self.beam.mesh
-        xi = np.linspace(-1.0, 1.0, mesh.nodes)
+        xi = node_positions(mesh.nodes)
         pieces = []
         for element in elements:
             local_node = node - element * (mesh.nodes - 1)

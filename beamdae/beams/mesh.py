@@ -10,7 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.beams.shape_functions import gauss_points, shape_functions
+from beamdae.beams.shape_functions import (
+    MAX_EQUIDISTANT_NODES,
+    gauss_points,
+    node_positions,
+    shape_functions,
+)
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve, rotate_points
 from beamdae.errors import BeamdaeError
 from beamdae.read_only import read_only_data
@@ -183,13 +188,22 @@ class Mesh:
         step = self.nodes - 1
         return step * np.arange(self.elements)[:, None] + np.arange(self.nodes)
 
+    @property
+    def has_equidistant_nodes(self) -> bool:
+        """True if all nodes of the beam have equal distances along the curve."""
+        return self.bounds is None and self.nodes <= MAX_EQUIDISTANT_NODES
+
+    @property
+    def _node_fractions(self) -> Array:
+        return 0.5 * (1.0 + node_positions(self.nodes))
+
     @cached_property
     def node_arc_lengths(self) -> Array:
         """Arc length of each node [m], shape (node_count,)."""
-        if self.bounds is None:
+        if self.has_equidistant_nodes:
             return np.linspace(0.0, self.curve.length, self.node_count)
         start, last = self.element_bounds[:-1, None], self.curve.length
-        fractions = np.linspace(0.0, 1.0, self.nodes)[:-1]
+        fractions = self._node_fractions[:-1]
         return np.append(start + fractions * self.element_lengths[:, None], last)
 
     def tangent_angle(self, s: Any) -> Array:
@@ -202,7 +216,7 @@ class Mesh:
         relative = self.curve.point(self.node_arc_lengths) - np.asarray(self.origin, float)
         points = rotate_points(relative, -self.angle)[self.element_nodes]
         if self.shape == "straight":
-            fraction = np.linspace(0.0, 1.0, self.nodes)[:, None]
+            fraction = self._node_fractions[:, None]
             points = points[:, :1] + fraction * (points[:, -1:] - points[:, :1])
         return points
 

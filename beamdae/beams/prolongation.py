@@ -10,7 +10,7 @@ from scipy.sparse.linalg import splu
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.mesh import Mesh
-from beamdae.beams.shape_functions import shape_functions
+from beamdae.beams.shape_functions import node_positions, shape_functions
 
 Array = np.ndarray
 
@@ -40,7 +40,7 @@ def prolongation_matrix(coarse: Beam, fine: Beam) -> sp.csc_array:
         The same beam on the mesh that `halve_elements` returns.
     """
     nodes, frame_size = coarse.mesh.nodes, coarse.rigid_coordinate_count
-    frame, ends = np.eye(frame_size), np.linspace(-1.0, 1.0, nodes)
+    frame, ends = np.eye(frame_size), node_positions(nodes)
     halves = [
         sp.block_diag([frame, np.kron(shape_functions(nodes, xi), np.eye(_NODE_SIZE))])
         for xi in (0.5 * (ends - 1.0), 0.5 * (ends + 1.0))

@@ -1,4 +1,4 @@
-"""Lagrange shape functions on equidistant nodes, and Gauss quadrature."""
+"""Lagrange shape functions, and Gauss quadrature."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import numpy as np
 
 Array = np.ndarray
 
+MAX_EQUIDISTANT_NODES = 4
+
 
 def shape_functions(nodes: int, xi: Array, derivative: int = 0) -> Array:
     """Return the Lagrange shape functions, or their derivatives, at local coordinates `xi`.
@@ -17,7 +19,7 @@ def shape_functions(nodes: int, xi: Array, derivative: int = 0) -> Array:
     Parameters
     ----------
     nodes
-        Number of nodes, equidistant on [-1, 1].
+        Number of nodes, see `node_positions`.
     xi
         Local coordinates (n,).
     derivative
@@ -61,6 +63,21 @@ def _lagrange_weights(points_bytes: bytes, xi: float) -> tuple[float, ...]:
 
 
 @cache
+def node_positions(nodes: int) -> Array:
+    """Return the nodes of an element on [-1, 1], as a read-only shared array.
+
+    Up to 4 nodes are equidistant, as in the paper; more are Gauss-Lobatto points, between which
+    polynomials do not oscillate.
+    """
+    positions = np.linspace(-1.0, 1.0, nodes)
+    if nodes > MAX_EQUIDISTANT_NODES:
+        inner = np.polynomial.Legendre.basis(nodes - 1).deriv().roots()
+        positions[1:-1] = 0.5 * (inner - inner[::-1])  # symmetric up to the last bit
+    positions.setflags(write=False)
+    return positions
+
+
+@cache
 def gauss_points(count: int) -> tuple[Array, Array]:
     """Return Gauss points on [-1, 1] and their weights, as read-only shared arrays."""
     points, weights = np.polynomial.legendre.leggauss(count)
@@ -72,10 +89,9 @@ def gauss_points(count: int) -> tuple[Array, Array]:
 @cache
 def _shape_function_coefficients(nodes: int, derivative: int) -> Array:
     """Return the polynomial coefficients, highest power first, one column per shape function."""
-    node_positions = np.linspace(-1.0, 1.0, nodes)
-    columns = []
+    columns, positions = [], node_positions(nodes)
     for i in range(nodes):
-        others = np.delete(node_positions, i)
-        polynomial = np.poly(others) / np.prod(node_positions[i] - others)
+        others = np.delete(positions, i)
+        polynomial = np.poly(others) / np.prod(positions[i] - others)
         columns.append(np.polyder(polynomial, derivative))
     return np.stack(columns, axis=-1)

@@ -453,7 +453,7 @@ class SlidingOnBeam(Part):
     def _nodes(self) -> tuple[float, ...] | None:
         """Arc lengths of the nodes [m]; None if they are equidistant."""
         mesh = self.beam.mesh
-        return None if mesh.bounds is None else tuple(mesh.node_arc_lengths.tolist())
+        return None if mesh.has_equidistant_nodes else tuple(mesh.node_arc_lengths.tolist())
 
     @property
     def _sizes(self) -> tuple[int, ...]:

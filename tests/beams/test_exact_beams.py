@@ -15,6 +15,7 @@ SETTINGS = [
     {},
     {"quadrature": "full"},
     {"nodes": 3},
+    {"nodes": 6},
     {"nodes": 2},
     {"nodes": 2, "quadrature": "full"},
     {"elements_shape": "straight"},

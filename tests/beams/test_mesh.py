@@ -120,7 +120,7 @@ def test_curves_given_by_functions_have_geometries_of_their_own():
     assert ends == pytest.approx([0.1, 0.3], rel=1e-9)
 
 
-@pytest.mark.parametrize("nodes", [2, 3, 4])
+@pytest.mark.parametrize("nodes", [2, 3, 4, 7])
 @pytest.mark.parametrize("frame", ["tangent", "chord"])
 @every_curve
 def test_nodes_lie_on_the_curve_and_sections_near_it(curve, frame, nodes):

@@ -207,6 +207,7 @@ ENTRIES = {
     **{name: beam_with(kinematics=kind) for name, kind in KINEMATICS.items()},
     "linear strain": beam_with(strain="linear", elements_shape="straight", quadrature="full"),
     "local continuity, three nodes": beam_with(continuity="local", nodes=3),
+    "seven nodes": beam_with(nodes=7),
     "prestressed": beam_with(free_curve=bd.Arc(1.3, 1.5)),
     "frame": add_frame,
     "welded_beams": add_welded_beams,

@@ -32,7 +32,12 @@ from beamdae.beams.kinematics import (
 )
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.sections import VaryingSection
-from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_functions
+from beamdae.beams.shape_functions import (
+    gauss_points,
+    lagrange_weights,
+    node_positions,
+    shape_functions,
+)
 from beamdae.beams.strains import InterpolatedStrains, interpolation_weights
 from beamdae.curves.plane_curves import rotate_points
 from beamdae.errors import BeamdaeError, require_choice
@@ -212,7 +217,7 @@ class FloatingFrame(FormulationKinematics):
         if self.continuity == "local":
             return np.zeros(len(element))
         mesh = self.mesh_in_frame
-        xi = np.tile(np.linspace(-1.0, 1.0, mesh.nodes), mesh.elements)
+        xi = np.tile(node_positions(mesh.nodes), mesh.elements)
         return mesh.axis(element, xi).angle - mesh.tangent_angle(mesh.node_arc_lengths[node])
 
     @property
