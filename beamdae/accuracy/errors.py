@@ -221,9 +221,9 @@ class Errors(HasTable):
         -------
         pandas.DataFrame
             Indexed by header: "value" and "companion", the headlines [unit of the column]; "rows",
-            "total", "time", "mesh" and "theory", the errors [-]; and "status", "measured", "not
-            converged" (the companion differs by more than the motion itself) or "not checked" with
-            the reason.
+            "total", "time", "mesh" and "theory", the errors [-]; and "status", "measured" (with the
+            beams that are not refined), "not converged" (the companion differs by more than the
+            motion itself) or "not checked" with the reason.
         """
         import pandas as pd
 
@@ -240,8 +240,10 @@ class Errors(HasTable):
     def statuses(self) -> list[str]:
         """Status of each column; see `table`."""
         reason = self.reason or "not finite"
+        kept = (f"; {name} is not refined: {why}" for name, why in self.refined.kept.items())
+        measured = f"measured{''.join(kept)}"
         return [
-            f"not checked: {reason}" if np.isnan(x) else "not converged" if x > 1.0 else "measured"
+            f"not checked: {reason}" if np.isnan(x) else "not converged" if x > 1.0 else measured
             for x in self.total
         ]
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from beamdae.accuracy.errors import FACTOR, Errors, Refined
 from beamdae.accuracy.refinement import Refinement, refine
+from beamdae.accuracy.runs import describe_refinement
 from beamdae.analysis.eigenproblems.eigensolution import EigenSolution, solve_eigenproblem
 from beamdae.analysis.linear_dynamics.linearization import (
     Linearization,
@@ -132,10 +133,9 @@ def measure_about_state(
         theory = _measure_changes(samples_of_mesh, others)
         return {"time": np.zeros(len(names)), "mesh": mesh, "theory": theory}
 
-    refinement = companion[0]
-    elements = {x.name: x.mesh.elements for x in beams if x.name in refinement.halved}
-    order = min((2 * x.mesh.nodes - 2 for x in beams if x.name in elements), default=2)
-    refined = Refined(elements, refinement.exact, kept=refinement.kept, mesh_order=order)
+    refined = describe_refinement(lin.full_equations, companion[0], None)
+    orders = (2 * x.mesh.nodes - 2 for x in beams if x.name in refined.elements)
+    refined = refined._replace(mesh_order=min(orders, default=2))
     errors = Errors.of_values(names, values, summarize(others), refined, split=split)
     return replace(errors, total=_measure_changes(samples, others))
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from beamdae.accuracy.errors import Errors, Refined
 from beamdae.accuracy.refinement import Refinement, refine
+from beamdae.accuracy.runs import describe_refinement
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
 from beamdae.analysis.statics.linear_buckling import Buckling, repeat_buckling
 from beamdae.analysis.statics.load_scaling import Loading, build_loading, vary_parameter
@@ -122,12 +123,7 @@ def _measure(
     scales = np.array(
         [of_columns.get(x, abs(y)) for x, y in zip(headers, companions.tolist(), strict=True)]
     )
-    elements = {
-        x.name: x.mesh.elements
-        for x in beams_of(equations.mechanism)
-        if x.name in refinement.halved
-    }
-    refined = Refined(elements, refinement.exact, kept=refinement.kept)
+    refined = describe_refinement(equations, refinement, None)
     errors = Errors.of_values(headers, values, companions, refined, scales, split)
     return replace(errors, relative_to="its largest value")
 

@@ -71,7 +71,7 @@ def node_positions(nodes: int) -> Array:
     """
     positions = np.linspace(-1.0, 1.0, nodes)
     if nodes > MAX_EQUIDISTANT_NODES:
-        inner = np.polynomial.Legendre.basis(nodes - 1).deriv().roots()
+        inner = np.asarray(np.polynomial.Legendre.basis(nodes - 1).deriv().roots(), float)
         positions[1:-1] = 0.5 * (inner - inner[::-1])  # symmetric up to the last bit
     positions.setflags(write=False)
     return positions
