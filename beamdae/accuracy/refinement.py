@@ -9,11 +9,11 @@ import scipy.sparse as sp
 
 from beamdae.beams.beam import beams_of
 from beamdae.beams.prolongation import halve_elements, prolong_coordinates
-from beamdae.beams.remeshing import attached_sections, choose_base_meshes, replace_beams
+from beamdae.beams.remeshing import attached_sections, list_fixed_beams, replace_beams
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import hold_messages
-from beamdae.parts.mechanism import AS_DRAWN, Mechanism
+from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.parts.part import Part
 
 Array = np.ndarray
@@ -54,15 +54,6 @@ class Refinement(NamedTuple):
         return np.asarray(offset + self.prolongation @ q)
 
 
-def find_kept_beams(mechanism: Mechanism, start: Any = AS_DRAWN) -> dict[str, str]:
-    """Return the reasons why beams keep their elements and strains, by name."""
-    return {
-        name: base.fixed_by or "its kinematics are custom ones"
-        for name, base in choose_base_meshes(mechanism, 1, start).items()
-        if base.fixed_by or base.has_custom_kinematics
-    }
-
-
 def refine(
     equations: EquationsOfMotion,
     start: Any = AS_DRAWN,
@@ -93,7 +84,7 @@ def refine(
     if mechanism is None:
         return None
     sections = attached_sections(mechanism)
-    kept = find_kept_beams(mechanism, start)
+    kept = list_fixed_beams(mechanism, start)
     beams = {x.name: x for x in beams_of(mechanism) if x.name not in kept}
     finer, exact = {}, []
     for name, beam in beams.items():
@@ -101,7 +92,7 @@ def refine(
         if other is not beam:
             exact.append(name)
         stress_mesh = beam.divide_mesh(sections[id(beam)])
-        finer[name] = other.with_mesh(halve_elements(other.mesh), None, stress_mesh)
+        finer[name] = other.with_mesh(halve_elements(other.mesh), stress_mesh)
     sharpened = []
 
     def sharpen(part: Part) -> None:

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from beamdae.accuracy.errors import FACTOR, Errors, Refined, split_causes
-from beamdae.accuracy.refinement import Refinement, find_kept_beams, refine
+from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.values import compare_columns
 from beamdae.beams.beam import beams_of
+from beamdae.beams.remeshing import list_fixed_beams
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
@@ -318,7 +319,7 @@ def describe_refinement(
     of_steps = {} if run is None else {"accuracy": tuple(method.accuracy), "order": method.order}
     if refinement is None:
         mechanism = equations.mechanism
-        return Refined(kept={} if mechanism is None else find_kept_beams(mechanism), **of_steps)
+        return Refined(kept={} if mechanism is None else list_fixed_beams(mechanism), **of_steps)
     beams = beams_of(equations.mechanism)
     elements = {x.name: x.mesh.elements for x in beams if x.name in refinement.halved}
     of_beams = elements, refinement.exact, refinement.sharpened

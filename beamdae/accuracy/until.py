@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdae.accuracy.errors import Errors
-from beamdae.accuracy.refinement import find_kept_beams
 from beamdae.accuracy.runs import refine_equations, run_companion, split_time
 from beamdae.beams.beam import beams_of
+from beamdae.beams.remeshing import list_fixed_beams
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
@@ -241,7 +241,7 @@ def _refine_runs(task: _Task, equations: EquationsOfMotion) -> Iterator[Solution
         is_late = clock.perf_counter() >= task.deadline
         reason = f"the time limit of {task.time_limit:g} s is reached" if is_late else str(limit)
     if error <= task.accuracy:
-        kept = {} if equations.mechanism is None else find_kept_beams(equations.mechanism)
+        kept = {} if equations.mechanism is None else list_fixed_beams(equations.mechanism)
         sentences = [f"{x} keeps its elements and strains, because {y}" for x, y in kept.items()]
         reason = "; ".join(sentences)
     status = Status("limited", f"{description}; {reason}") if reason else Status("ok", description)

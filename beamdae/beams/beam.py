@@ -343,21 +343,16 @@ class Beam(Part):
         """Formulation of the kinematics; "custom" for custom kinematics."""
         return CUSTOM_FORMULATION if self._make_kinematics is not None else self._formulation
 
-    def with_mesh(
-        self, mesh: Mesh, formulation: str | None = None, stress_mesh: Mesh | None = None
-    ) -> Beam:
-        """Return a copy of the beam with another mesh and formulation.
+    def with_mesh(self, mesh: Mesh, stress_mesh: Mesh | None = None) -> Beam:
+        """Return a copy of the beam with another mesh.
 
-        Assembly does not change this mesh if it has `bounds`. Settings that the formulation does
-        not have, such as the strain measure of the floating frame, are omitted. `largest_stress`
-        has the sections of this beam, also on another mesh.
+        Assembly does not change this mesh if it has `bounds`. `largest_stress` has the sections of
+        this beam, also on another mesh.
 
         Parameters
         ----------
         mesh
             Mesh on the curve of the beam, in inertial axes.
-        formulation
-            "floating frame" or "exact". Defaults to the formulation of the beam.
         stress_mesh
             Mesh of this beam after its first assembly, see `divide_mesh`. Defaults to its present
             mesh.
@@ -365,13 +360,9 @@ class Beam(Part):
         other = copy(self)
         if mesh is not self.mesh:
             other._stress_mesh = self._stress_mesh or stress_mesh or self.mesh
-        for name in ("mesh", "kinematics", "_has_final_mesh", "section_error"):
+        for name in ("mesh", "kinematics", "_has_final_mesh"):
             vars(other).pop(name, None)
         other._requested_mesh = mesh
-        if formulation is not None and formulation != self._formulation:
-            supported = {field.name for field in fields(_kinematics_type(formulation))}
-            other._formulation = formulation
-            other._settings = {k: x for k, x in self._settings.items() if k in supported}
         return other
 
     def with_exact_strains(self) -> Beam:

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.beams.prolongation import halve_elements, prolongation_matrix
-from beamdae.beams.remeshing import with_meshes
+from beamdae.beams.remeshing import replace_beams
 
 ALLOY = bd.Material(E=6.9e10, nu=0.3, rho=2700.0)
 METHOD = bd.GeneralizedAlpha(1e-3)
@@ -73,7 +73,7 @@ def test_regression_copies_contain_their_own_signals(add):
     """
     mech, beam = build(add)
     before = bd.simulate(mech, METHOD, t_end=0.02)
-    copy = with_meshes(mech, {"rod": beam.mesh}, {})
+    copy = replace_beams(mech, {"rod": beam.with_mesh(beam.mesh)}, "test")
     assert all(copy.parts[name] is not part for name, part in mech.parts.items())
     run = bd.simulate(copy, METHOD, t_end=0.02)
     assert list(run.columns) == list(before.columns)
@@ -83,7 +83,9 @@ def test_regression_copies_contain_their_own_signals(add):
     again = bd.simulate(mech, METHOD, t_end=0.02)
     assert_allclose(again["tip.y"], before["tip.y"], rtol=1e-9)
     finer = replace(beam.mesh, elements=4)
-    run = bd.simulate(with_meshes(mech, {"rod": finer}, {}), METHOD, t_end=0.02)
+    run = bd.simulate(
+        replace_beams(mech, {"rod": beam.with_mesh(finer)}, "test"), METHOD, t_end=0.02
+    )
     assert_allclose(run["tip.y"], before["tip.y"], atol=1e-3 * np.ptp(before["tip.y"]))
 
 
@@ -111,7 +113,7 @@ def test_regression_laws_with_locks_and_variables_without_a_value():
             mech.add(bd.Controller("law", 5e-3, [mech.sensor("y", tip, "y")], [u], law))
 
         mech, beam = build(add)
-        return with_meshes(mech, {"rod": beam.mesh}, {})
+        return replace_beams(mech, {"rod": beam.with_mesh(beam.mesh)}, "test")
 
     with pytest.raises(bd.BeamdaeError, match=r"cannot pickle .*lock.*in global variables\.$"):
         copy_with(law_with_lock)
@@ -131,7 +133,7 @@ def test_mechanisms_with_compiled_gravity_laws_are_copied():
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     mech.observe("tip", beam.end)
     first = bd.equilibrium(mech)
-    again = bd.equilibrium(with_meshes(mech, {}, {}))
+    again = bd.equilibrium(replace_beams(mech, {}, "test"))
     assert_allclose(again["tip.y"].iloc[-1], first["tip.y"].iloc[-1], rtol=1e-12)
 
 
@@ -145,7 +147,7 @@ def test_regression_laws_without_a_module_are_copied():
     law = eval("lambda point, t: (0.0, 2.0 * t)", {"__builtins__": {}})
     assert law.__module__ is None
     mech.add(bd.ForceLaw("law", beam.end, law))
-    copied = with_meshes(mech, {"beam": beam.mesh}, {})
+    copied = replace_beams(mech, {"beam": beam.with_mesh(beam.mesh)}, "test")
     assert bd.equations_of_motion(copied).n == bd.equations_of_motion(mech).n
 
 

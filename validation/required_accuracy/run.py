@@ -25,7 +25,7 @@ from tolerances.cases import ALL
 from tolerances.tolerance_case import ToleranceCase
 
 import beamdae as bd
-from beamdae.beams.remeshing import choose_base_meshes, with_meshes
+from beamdae.accuracy import refinement
 from beamdae.equations.assembly.assemble import equations_of_motion
 
 RESULTS = Path(__file__).parent / "results"
@@ -75,15 +75,14 @@ def duration(case: ToleranceCase) -> float:
 def integrate_reference(
     case: ToleranceCase, times: np.ndarray, elements: int, rtol: float
 ) -> pd.DataFrame | None:
-    """Return the columns of a run with exact beams, or None if it does not reach the end."""
-    mechanism = case.build()
-    meshes = {}
-    for name, base in choose_base_meshes(mechanism, 4).items():
-        halvings = int(np.ceil(np.log2(max(elements / base.mesh.elements, 1.0))))
-        meshes[name] = base.refined(halvings)
-    exact = with_meshes(mechanism, meshes, dict.fromkeys(meshes, "exact"))
+    """Return the columns of a run with exact strains, or None if it does not reach the end."""
+    equations = equations_of_motion(case.build())
+    beams = [x for x in equations.mechanism.parts.values() if isinstance(x, bd.Beam)]
+    fewest = min((beam.mesh.elements for beam in beams), default=elements)
+    for _ in range(max(int(np.ceil(np.log2(elements / fewest))), 1 if beams else 0)):
+        equations = refinement.refine(equations).equations
     integrator = bd.Radau(rtol, time_limit=REFERENCE_TIME_LIMIT)
-    solution = integrator.integrate(equations_of_motion(exact), times)
+    solution = integrator.integrate(equations, times)
     return solution.observed if solution.status.success else None
 
 
