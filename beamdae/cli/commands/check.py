@@ -31,7 +31,7 @@ def check_command(
         bool, typer.Option(help="Predict steps and wall time from at most 1 s of the run.")
     ] = True,
 ) -> None:
-    """Build a model, compute its consistent start, and report its mobility, meshes and defects.
+    """Build a model, compute its consistent start, and report its mobility, errors and defects.
 
     Exits with 0 if the model can be run, and with 2 and a message for a usage or model error.
     """
