@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdae.errors import format_percent, join_names, list_first, name_with_others
 from beamdae.read_only import read_only_data
-from beamdae.results.columns import remove_unit
+from beamdae.results.columns import AIM, LIMIT, remove_unit
 from beamdae.results.displays import HasTable
 
 if TYPE_CHECKING:
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 Array = np.ndarray
 T = TypeVar("T")
 
-# Errors that have a sentence, and those at which recommended settings aim.
-LIMIT, AIM = 0.04, 0.01
 # A refinement shows a part of the error: halved elements of order 2 three quarters of it, and a
 # third of the tolerance two thirds.
 FACTOR = 1.15

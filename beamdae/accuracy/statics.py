@@ -25,10 +25,10 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, format_head
 from beamdae.errors import BeamdaeError, hold_messages
 from beamdae.interrupts import Interrupted
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.results.columns import UNITS_OF_POSITIONS, Header, mark_resting_columns
+from beamdae.results.columns import UNITS_OF_POSITIONS, Header
 from beamdae.results.elastic_columns import measured_quantity
 from beamdae.results.equilibrium import FACTOR, UNSTABLE, Equilibrium
-from beamdae.results.rounding_limits import rounding_limits
+from beamdae.results.noise import mark_resting_columns, rounding_limits
 from beamdae.results.section_forces.section_forces import SectionForces
 
 Array = np.ndarray

@@ -6,16 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.results.columns import (
-    mark_constant_columns,
-    mark_resting_columns,
-    mark_unresolved_columns,
-    measure_amplitudes,
-)
-from beamdae.results.rounding_limits import rounding_limits
-from beamdae.results.run_data import RunData, find_drift
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.measures import ObservedRows
+from beamdae.results.columns import UNITS_OF_POSITIONS, Header
+from beamdae.results.noise import MAX_ERROR_TO_VALUE_RATIO, constant_limits, mark_noise
+from beamdae.results.run_data import RunData
 
 Array = np.ndarray
+
+_ROUNDING = 1e-12  # of displacements, relative to the largest position
 
 
 class ColumnDifferences(NamedTuple):
@@ -54,7 +53,7 @@ def compare_columns(run: RunData, other: RunData) -> ColumnDifferences:
     count = min(len(run.t), len(other.t))  # An event may end one of them slightly earlier.
     rows, finer = (_stack(x)[:count] for x in (run, other))
     limits, finer_limits = _find_extremes(run, rows), _find_extremes(other, finer)
-    amplitude, is_constant = measure_amplitudes(
+    amplitude, is_constant = _measure_amplitudes(
         other.equations, finer, run.integrator.get("rtol") or 0.0
     )
     scale = np.where(is_constant, amplitude, 0.5 * np.ptp(finer_limits, axis=0))
@@ -65,7 +64,8 @@ def compare_columns(run: RunData, other: RunData) -> ColumnDifferences:
         (differences.max(axis=0), scale),
         (np.sqrt(np.mean(differences**2, axis=0)), deviation),
     )
-    is_noise = _mark_noise(run, other, rows, finer)
+    half_range = 0.5 * np.maximum(np.ptp(rows, axis=0), np.ptp(finer, axis=0))
+    is_noise = mark_noise(run, finer, half_range, np.abs(rows - finer).max(axis=0), other)
     with np.errstate(divide="ignore", invalid="ignore"):
         errors = [np.where(is_noise | (x == 0.0), 0.0, x / size) for x, size in pairs]
     sizes = (np.abs(x).max(axis=0) for x in (limits, finer_limits))
@@ -86,24 +86,52 @@ def _subtract_rows(rows: Array, finer: Array, scale: Array) -> Array:
     return np.maximum(np.maximum(rows - high, low - rows), 0.0)
 
 
-def _mark_noise(run: RunData, other: RunData, rows: Array, finer: Array) -> Array:
-    """Return True for columns that are rounding errors or violations of constraints in both."""
-    e, mechanism = run.equations, run._sizes_of_mechanism
-    headers, differences = e.observed_headers, np.abs(rows - finer).max(axis=0)
-    half_range = 0.5 * np.maximum(np.ptp(rows, axis=0), np.ptp(finer, axis=0))
-    is_noise = mark_resting_columns(headers, finer, half_range, e.length, others=mechanism)
-    drifts = map(find_drift, (run, other))
-    rtol = run.integrator.get("rtol") or 0.0
-    is_noise |= mark_unresolved_columns(
-        headers, half_range, differences, e.length, rtol, drifts, mechanism
-    )
-    # Motions of the size of integration errors that the second run does not repeat, such as those
-    # that vanish by symmetry in a steady rotation.
-    sizes = np.maximum(half_range, 0.5 * differences)
-    is_constant = mark_constant_columns(headers, finer, sizes, e.length, rtol)
-    is_noise |= is_constant & (differences > 0.5 * half_range)
-    rounding = rounding_limits(e, headers, run.trajectory.mean_step)
-    return np.asarray(is_noise | (sizes <= rounding))
+def _measure_amplitudes(
+    equations: EquationsOfMotion, rows: Array, rtol: float
+) -> tuple[Array, Array]:
+    """Return the amplitude of each column, to which errors are relative, and a mask.
+
+    The amplitude is half the range or, for columns that are constant but for errors, such as the
+    stress in a steady rotation, the largest magnitude. The mask is True for these columns. The
+    magnitude of positions and angles is that of the displacement from the drawing, which does not
+    depend on the origin, and at most the size of the mechanism, or 1 rad. Columns that vary by more
+    than a thousandth of their magnitude, such as small deflections from zero, are not constant.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    rows
+        Values of the observed columns (k, columns).
+    rtol
+        Tolerance of the run; 0 for fixed steps.
+    """
+    headers, length = equations.observed_headers, equations.length
+    half_range = 0.5 * np.ptp(rows, axis=0)
+    sizes = {"m": length, "rad": 1.0}
+    limits = np.array([sizes.get(Header.of(header).unit, np.inf) for header in headers])
+    largest = np.minimum(np.max(np.abs(_subtract_drawing(equations, rows)), axis=0), limits)
+    is_constant = half_range <= constant_limits(headers, rows, length, rtol)
+    is_constant &= (half_range <= MAX_ERROR_TO_VALUE_RATIO * largest) & (largest > 0.0)
+    return np.where(is_constant, largest, half_range), is_constant
+
+
+def _subtract_drawing(equations: EquationsOfMotion, rows: Array) -> Array:
+    """Return observed columns (k, columns), with displacements for positions and angles.
+
+    Displacements are those from the drawing. They do not depend on the origin, of which their
+    rounding errors are removed.
+    """
+    is_placement = [Header.of(x).unit in UNITS_OF_POSITIONS for x in equations.observed_headers]
+    if not any(is_placement):
+        return rows
+    mechanism, q, zero = equations.mechanism, equations.q0, np.zeros((1, equations.n))
+    if mechanism is not None:
+        q = np.concatenate([part.initial_position for part in mechanism.parts.values()])
+    time, lam = np.zeros((1, 2)), np.zeros((1, equations.m))
+    displacements = rows - ObservedRows(equations)(time, q[None], zero, zero, lam)[0]
+    is_rounding = np.abs(displacements) <= _ROUNDING * np.max(np.abs(rows), axis=0)
+    return np.where(is_placement, np.where(is_rounding, 0.0, displacements), rows)
 
 
 def _stack(run: RunData) -> Array:

@@ -8,13 +8,11 @@ steps, and by a function of the run in this module if it reads more.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from functools import partial
 from typing import TypeVar
 
 import numpy as np
 
 from beamdae import deferred
-from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.part_warnings import (
     MotionSamples,
@@ -23,6 +21,7 @@ from beamdae.equations.part_warnings import (
     supplied_energy_warnings,
     unguided_driver_warnings,
 )
+from beamdae.model_checks.coarse_rows import coarse_row_warnings
 from beamdae.model_checks.deep_contacts import (
     deep_contact_warnings,
     soft_contact_warnings,
@@ -53,20 +52,9 @@ from beamdae.model_checks.untouched_contacts import (
     untouched_contact_warnings,
 )
 from beamdae.model_checks.velocity_jumps import velocity_jump_warnings
-from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import EQUILIBRIUM
-from beamdae.results.coarse_rows import coarse_row_warnings
-from beamdae.results.missed_parts import missed_part_warnings
-from beamdae.results.missed_peaks import (
-    damping_peak_warnings,
-    list_unknown_peaks,
-    missed_peak_warnings,
-    remove_minor_peaks,
-    select_peaks_of_damping,
-)
 from beamdae.results.rest import has_rounding_forces
-from beamdae.results.rounding_limits import rounding_limits
-from beamdae.results.run_data import RunData, find_drift
+from beamdae.results.run_data import RunData
 from beamdae.results.singular_positions import (
     singularity_warnings,
     unbounded_warnings,
@@ -148,55 +136,9 @@ def _suppressed_growth(run: RunData) -> Iterable[str]:
     return suppressed_growth_warnings(run.equations, run.trajectory, run.integrator)
 
 
-def _missed_peaks(run: RunData) -> Iterable[str]:
-    if _strains(run):
-        return  # peaks of a meaningless deformation
-    peaks, jumps = run.missed_peaks, [x.t for x in run.event_records if x.energy_lost > 0.0]
-    damping = max((x.section.at(0.0).damping for x in beams_of(run.equations.mechanism)), default=0)
-    observe_at = partial(_observe_columns, run)
-    of_damping = select_peaks_of_damping(peaks, jumps, damping, run.trajectory.end, observe_at)
-    mechanism = run.equations.mechanism
-    events = () if mechanism is None else mechanism.events
-    has_impacts = any(select_impacts(x.do) for x in events)
-    yield from damping_peak_warnings(of_damping, has_impacts)
-    known = {x.peak for x in of_damping}
-    others = {name: peak for name, peak in peaks.items() if peak not in known}
-    others = remove_minor_peaks(others, run.step_extremes, run.equations.length)
-    unknown = list_unknown_peaks(run.equations, run.trajectory)
-    yield from missed_peak_warnings(others, len(run.t), unknown)
-
-
-def _observe_columns(run: RunData, times: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the observed columns at ascending times [s], by header."""
-    return dict(zip(run.equations.observed_headers, run._observe_at(times).T, strict=True))
-
-
 def _coarse_rows(run: RunData) -> Iterable[str]:
-    # Long runs store only the rows, and few steps between them.
-    if run._is_at_rest or not run.trajectory.stores_all_steps or _strains(run):
-        return ()
-    coarse = coarse_row_warnings(
-        run.t,
-        run.columns,
-        run._observe_at,
-        run.equations.length,
-        run.integrator.get("rtol") or 0.0,
-        lambda: find_drift(run),
-        rounding_limits(run.equations, list(run.columns), run.trajectory.mean_step),
-        run._sizes_of_mechanism,
-    )
-    return tuple(coarse) or _missed_parts(run)
-
-
-def _missed_parts(run: RunData) -> Iterable[str]:
-    missed = run._missed_parts
-    return missed_part_warnings(
-        missed,
-        {header: run.step_extremes[header].half_range for header in missed},
-        run.t,
-        np.concatenate([x.t for x in run.trajectory.intervals]),
-        partial(_observe_columns, run),
-    )
+    # Peaks of a meaningless deformation are meaningless, too.
+    return () if _strains(run) else coarse_row_warnings(run)
 
 
 def _impacts(run: RunData) -> Iterable[str]:
@@ -220,7 +162,7 @@ def _untouched_contacts(run: RunData) -> Iterable[str]:
 
 
 def _start_transients(run: RunData) -> Iterable[str]:
-    extremes = run._extremes_above_rounding
+    extremes = run._extremes_above_noise
     return start_transient_warnings(run.equations, run.trajectory, extremes, run._observe)
 
 
@@ -283,7 +225,7 @@ def _built_model(run: RunData) -> Iterable[str]:
 
 
 # Warnings about peaks and vibrations that the output rows do not show.
-ROW_CHECKS: tuple[Check, ...] = (_missed_peaks, _coarse_rows)
+ROW_CHECKS: tuple[Check, ...] = (_coarse_rows,)
 
 RUN_CHECKS: tuple[Check, ...] = (
     # Causes of errors come first: of the model and the start, ...

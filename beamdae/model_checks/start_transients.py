@@ -21,8 +21,8 @@ from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.model_checks.model_contacts import contacts_of
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.parts.rotation import Rotation
-from beamdae.results.columns import Header, remove_unit
-from beamdae.results.missed_peaks import StepExtremes, select_large_columns
+from beamdae.results.columns import Header, largest_of_kind, remove_unit
+from beamdae.results.step_extremes import StepExtremes
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -224,8 +224,10 @@ def _examine_inertia(
     if not drivers:
         return "", set()
     headers = [x for x in equations.observed_headers if x in extremes]
-    large = select_large_columns(headers, extremes, equations.length, _MIN_SHARE_OF_KIND)
-    examined = {x: extremes[x] for x in large}
+    half_ranges = np.array([extremes[x].half_range for x in headers])
+    limits = _MIN_SHARE_OF_KIND * largest_of_kind(headers, half_ranges, equations.length)
+    large = zip(headers, (half_ranges > limits).tolist(), strict=True)
+    examined = {x: extremes[x] for x, is_large in large if is_large}
     shares = _EARLY_SHARE_OF_MOTION, _LATE_SHARE_OF_MOTION
     peaks = _find_early_peaks(equations, trajectory, examined, observe, *shares)
     peaks = _without_impacts(equations, trajectory, peaks)

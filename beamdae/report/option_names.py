@@ -26,13 +26,7 @@ _EXPRESSIONS = {
         ),
         (r"GeneralizedAlpha\(step=([^()]+)\)", r"--step \1"),
     ),
-    "output_step": (
-        (
-            r"read these values from step_extremes, or reduce output_step=",
-            "extremes in tables include these values, but the rows of the CSV file and curves miss "
-            "them unless output_step= is smaller",
-        ),
-    ),
+    "output_step": ((r"output_step=([\d.e+-]+\d)", r"--output-step \1"),),
     "offset": ((r"fit\.profile\([^()]*\)", r"\g<0> in Python"),),
 }
 # An argument such as "period=", "about='equilibrium'", "bounds={...}", "offset=['tip.y']" or

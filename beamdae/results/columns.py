@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from beamdae.equations.measures import DRIFT_COLUMNS, LEDGER_COLUMNS, TIME, ObservedRows
+from beamdae.equations.measures import DRIFT_COLUMNS, LEDGER_COLUMNS, TIME
 from beamdae.errors import (
     BeamdaeError,
     as_text,
@@ -28,45 +28,18 @@ from beamdae.model_parameters import split_unit
 from beamdae.read_only import ReadOnlyDict
 
 if TYPE_CHECKING:
-    from beamdae.equations.equations_of_motion import EquationsOfMotion
+    pass
 
 UNITS_OF_POSITIONS = ("m", "rad")  # which must be accurate by default
 
-# Columns whose half range is at or below any of these are at rest.
-_REST_TO_OTHERS_RATIO = 1e-9  # relative to the largest half range of a column with the same unit
-_REST_TO_VALUES_RATIO = 1e-12  # relative to the largest value of the column: rounding errors
-_UNDERFLOW = np.finfo(float).eps ** 2  # rounding errors of rounding errors, in any unit
-_REST_TO_SIZE_RATIO = 1e-12  # relative to the size of the mechanism, or to 1 rad: rounding errors
+UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
+UNITS_OF_FORCES = ("N", "N m")  # of columns whose values do not depend on an origin
 
-# Half range of columns that vanish but for noise, relative to the largest one of their kind.
-# Accelerations of symmetric frames in impacts reach 5.3e-7.
-_VANISHING_TO_OTHERS_RATIO = 8e-7
+# Errors of columns that have a sentence, and those at which recommended settings aim.
+LIMIT, AIM = 0.04, 0.01
 
 # Digits of values in warnings, and after the first one that differs.
 _MIN_DIGITS, _DIGITS_OF_DIFFERENCE = 5, 1
-# Half range of a rate or an acceleration relative to the largest one of translations of the same
-# point, below which it does not matter: 7e-4 for the rate of the angle of a flexure stage, 8e-5 for
-# the angular acceleration of a frame that falls flat.
-_MIN_SHARE_OF_POINT = 0.01
-# The same for angles: 1.5e-4 for that of a flexure stage, which vibrates by 1.5e-7 rad.
-_MIN_SHARE_OF_ANGLE = 3e-4
-
-# Columns whose half range is at or below these are constant but for errors of the integration.
-# Stresses of a rotating blade vary by up to 10 times rtol, its deflections by up to 3e-3 times.
-_ERROR_TO_VALUE_RATIO = 10.0  # relative to rtol and the largest value
-_MAX_ERROR_TO_VALUE_RATIO = 1e-3  # for all rtol
-_ERROR_TO_SIZE_RATIO = 3e-3  # relative to rtol and the size of the mechanism, or 1 rad
-
-# Columns of two runs differ by errors only if their half range is at most this multiple of rtol
-# times the largest half range of their kind, or the drift of the constraints, and the difference is
-# between a share of the half range and the range at this limit. Positions that joints hold fixed
-# move by up to 0.002 rtol, their rates by 0.009 rtol; with fixed steps, both by up to the drift.
-# Between steps, accelerations of fixed points of four-bar linkages reach 1.3 rtol (rtol from 1e-8
-# to 1e-3) of the largest one.
-_UNRESOLVED_TO_RTOL_RATIO = 0.01
-_UNRESOLVED_ACCELERATION_TO_RTOL_RATIO = 3.0
-_DRIFT_FACTOR = 3.0  # levers may enlarge violations of constraints
-_MIN_NOISE_SHARE = 0.5
 
 # Units of rotations: the unit of the same quantity of translations, and the power of a length [m]
 # with which values are multiplied to compare them.
@@ -76,11 +49,6 @@ UNITS_OF_TRANSLATIONS = {
     "rad/s^2": ("m/s^2", 1),
     "N m": ("N", -1),
 }
-
-_UNITS_OF_RATES = ("m/s", "m/s^2")
-_UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
-_ANGULAR_ACCELERATION = "angle_ddot"
-_UNITS_OF_FORCES = ("N", "N m")  # of columns whose values do not depend on an origin
 
 NO_OTHERS: Mapping[str, float] = MappingProxyType({})
 
@@ -225,7 +193,7 @@ def _order_by_likeness(headers: Sequence[str], name: Any, preferred: set[str]) -
     near = [x for x in headers if scores[x] > _MIN_LIKENESS]
     near = sorted(near, key=lambda x: -scores[x])[:_MAX_LIKE_NAMES]
     available = [x for x in headers if x in preferred or not preferred]
-    forces = [x for x in available if Header.of(x).unit in _UNITS_OF_FORCES]
+    forces = [x for x in available if Header.of(x).unit in UNITS_OF_FORCES]
     return list(dict.fromkeys([*near, *forces, *available]))
 
 
@@ -417,27 +385,6 @@ def largest_of_kind(
     return np.array([largest[kind] for kind in kinds])
 
 
-def mark_vanishing_columns(
-    headers: Sequence[str],
-    half_range: np.ndarray,
-    length: float,
-    values: np.ndarray | None = None,
-    others: Mapping[str, float] = NO_OTHERS,
-) -> np.ndarray:
-    """Return the mask of columns that are noise compared with others, e.g. by symmetry.
-
-    See `largest_of_kind` for `others` and the columns with which they are compared. With the
-    `values` of the columns (k, columns), forces and moments are also compared with constant ones,
-    such as the centrifugal force in steady rotation.
-    """
-    sizes = half_range
-    if values is not None:
-        is_force = [Header.of(header).unit in _UNITS_OF_FORCES for header in headers]
-        sizes = np.where(is_force, np.max(np.abs(values), axis=0), half_range)
-    largest = largest_of_kind(headers, sizes, length, others)
-    return np.asarray(half_range < _VANISHING_TO_OTHERS_RATIO * largest)
-
-
 def format_apart(header: str, value: float, other: float) -> tuple[str, str]:
     """Return two different values of a column with unit and the digits that tell them apart."""
     unit = Header.of(header).unit
@@ -446,233 +393,3 @@ def format_apart(header: str, value: float, other: float) -> tuple[str, str]:
     digits = max(digits, _MIN_DIGITS)
     suffix = "" if unit == "-" else f" {unit}"
     return f"{value:.{digits}g}{suffix}", f"{other:.{digits}g}{suffix}"
-
-
-def mark_minor_rates(headers: Sequence[str], half_range: np.ndarray, length: float) -> np.ndarray:
-    """Return the mask of rates, accelerations and angles that are small beside those of a point.
-
-    Velocities and accelerations below 1 % of the largest translation of the point are small, and
-    angles below 0.03 %. Rotations are multiplied by the `length` [m] of the mechanism. Positions
-    are exempt.
-    """
-    pairs = [Header.of(header) for header in headers]
-    kinds = [UNITS_OF_TRANSLATIONS.get(x.unit, (x.unit, 0)) for x in pairs]
-    keys = [f"{x.name} [{unit}]" for x, (unit, _) in zip(pairs, kinds, strict=True)]
-    sizes = half_range * np.power(length, [power for _, power in kinds])
-    is_translation = np.array([power == 0 for _, power in kinds], bool)
-    of_point = largest_by(keys, np.where(is_translation, np.nan_to_num(sizes), 0.0).tolist())
-    largest = np.array([of_point[key] for key in keys])
-    is_rate = np.array([unit in _UNITS_OF_RATES for unit, _ in kinds], bool)
-    is_angle = np.array([x.unit == "rad" for x in pairs], bool)
-    is_minor = is_rate & (sizes < _MIN_SHARE_OF_POINT * largest)
-    return np.asarray(is_minor | (is_angle & (sizes < _MIN_SHARE_OF_ANGLE * largest)))
-
-
-def mark_accompanying_rates(headers: Iterable[str]) -> np.ndarray:
-    """Return the mask of columns that a point adds to those for which it is usually observed.
-
-    These are rates beside their positions, and angular accelerations beside accelerations.
-    """
-    pairs = [Header.of(header) for header in headers]
-    columns = {(x.name, x.suffix) for x in pairs}
-    needed = [
-        (x.name, "ax" if x.suffix == _ANGULAR_ACCELERATION else x.suffix.removesuffix("_dot"))
-        for x in pairs
-    ]
-    accompanies = [x in columns and x[1] != y.suffix for x, y in zip(needed, pairs, strict=True)]
-    return np.array(accompanies, bool)
-
-
-def mark_resting_columns(
-    headers: Sequence[str],
-    rows: np.ndarray,
-    half_range: np.ndarray,
-    length: float,
-    rate: float = 0.0,
-    others: Mapping[str, float] = NO_OTHERS,
-) -> np.ndarray:
-    """Return the mask of the columns whose half range is at the level of rounding errors.
-
-    Parameters
-    ----------
-    headers
-        Headers of the columns.
-    rows
-        Values of the columns (k, columns).
-    half_range
-        Half the range of each column, (columns,).
-    length
-        Length of the mechanism [m].
-    rate
-        Angular frequency [rad/s] of vibrations, whose velocities and accelerations are at rest if
-        the positions are; 0 if unknown.
-    others
-        See `largest_of_kind`.
-    """
-    rates = {"": 1.0, "/s": rate, "/s^2": rate**2}
-    units = (("m", length), ("rad", 1.0))
-    sizes = {unit + per: size * x for unit, size in units for per, x in rates.items()}
-    size = np.array([sizes.get(Header.of(header).unit, 0.0) for header in headers])
-    limits = (
-        # Columns without a size of their own, such as the rate of a filter.
-        np.full(len(headers), _UNDERFLOW),
-        _REST_TO_OTHERS_RATIO * largest_of_kind(headers, half_range, others=others),
-        _REST_TO_VALUES_RATIO * np.max(np.abs(rows), axis=0),
-        _REST_TO_SIZE_RATIO * size,
-    )
-    return np.asarray(half_range <= np.maximum.reduce(limits))
-
-
-def mark_constant_columns(
-    headers: Sequence[str], values: np.ndarray, half_range: np.ndarray, length: float, rtol: float
-) -> np.ndarray:
-    """Return the mask of the columns that vary by no more than errors of the integration.
-
-    Parameters
-    ----------
-    headers
-        Headers of the columns.
-    values
-        Values of the columns (k, columns).
-    half_range
-        Half the range of each column, (columns,).
-    length
-        Length of the mechanism [m].
-    rtol
-        Tolerance of the run; 0 for fixed steps.
-    """
-    by_value = min(_ERROR_TO_VALUE_RATIO * rtol, _MAX_ERROR_TO_VALUE_RATIO)
-    limits = by_value * np.max(np.abs(values), axis=0)
-    # Values of positions and angles depend on the origin.
-    sizes = {"m": length, "rad": 1.0}
-    for k, header in enumerate(headers):
-        size = sizes.get(Header.of(header).unit)
-        if size is not None:
-            limits[k] = _ERROR_TO_SIZE_RATIO * rtol * size
-    return np.asarray(half_range <= limits)
-
-
-def measure_amplitudes(
-    equations: EquationsOfMotion, rows: np.ndarray, rtol: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the amplitude of each column, to which errors are relative, and a mask.
-
-    The amplitude is half the range or, for columns that are constant but for errors, such as the
-    stress in a steady rotation, the largest magnitude. The mask is True for these columns. The
-    magnitude of positions and angles is that of the displacement from the drawing, which does not
-    depend on the origin, and at most the size of the mechanism, or 1 rad. Columns that vary by more
-    than a thousandth of their magnitude, such as small deflections from zero, are not constant.
-
-    Parameters
-    ----------
-    equations
-        The equations of motion.
-    rows
-        Values of the observed columns (k, columns).
-    rtol
-        Tolerance of the run; 0 for fixed steps.
-    """
-    headers, length = equations.observed_headers, equations.length
-    half_range = 0.5 * np.ptp(rows, axis=0)
-    sizes = {"m": length, "rad": 1.0}
-    limits = np.array([sizes.get(Header.of(header).unit, np.inf) for header in headers])
-    largest = np.minimum(np.max(np.abs(subtract_drawing(equations, rows)), axis=0), limits)
-    is_constant = mark_constant_columns(headers, rows, half_range, length, rtol)
-    is_constant &= (half_range <= _MAX_ERROR_TO_VALUE_RATIO * largest) & (largest > 0.0)
-    return np.where(is_constant, largest, half_range), is_constant
-
-
-def subtract_drawing(equations: EquationsOfMotion, rows: np.ndarray) -> np.ndarray:
-    """Return observed columns (k, columns), with displacements for positions and angles.
-
-    Displacements are those from the drawing. They do not depend on the origin, of which their
-    rounding errors are removed.
-    """
-    is_placement = [Header.of(x).unit in UNITS_OF_POSITIONS for x in equations.observed_headers]
-    if not any(is_placement):
-        return rows
-    mechanism, q, zero = equations.mechanism, equations.q0, np.zeros((1, equations.n))
-    if mechanism is not None:
-        q = np.concatenate([part.initial_position for part in mechanism.parts.values()])
-    time, lam = np.zeros((1, 2)), np.zeros((1, equations.m))
-    displacements = rows - ObservedRows(equations)(time, q[None], zero, zero, lam)[0]
-    is_rounding = np.abs(displacements) <= _REST_TO_VALUES_RATIO * np.max(np.abs(rows), axis=0)
-    return np.where(is_placement, np.where(is_rounding, 0.0, displacements), rows)
-
-
-def mark_unresolved_columns(
-    headers: Sequence[str],
-    half_range: np.ndarray,
-    differences: np.ndarray,
-    length: float,
-    rtol: float,
-    drifts: Iterable[tuple[float, float]],
-    others: Mapping[str, float] = NO_OTHERS,
-    min_noise_share: float = _MIN_NOISE_SHARE,
-) -> np.ndarray:
-    """Return the mask of the columns that vary by errors only, at which two runs differ.
-
-    Positions that joints hold fixed move by errors, and so do rotations that vanish by symmetry.
-
-    Parameters
-    ----------
-    headers
-        Headers of the columns.
-    half_range
-        Half the range of each column, (columns,).
-    differences
-        Largest magnitude of the difference of the two runs, (columns,).
-    length
-        Length of the mechanism [m].
-    rtol
-        Tolerance of the run with the larger errors; 0 for fixed steps.
-    drifts
-        Drift of the constraints in positions [m] and velocities [m/s] of each run. Later ones are
-        only evaluated if columns may be larger than those before.
-    others
-        See `largest_of_kind`.
-    min_noise_share
-        Smallest difference of noise relative to half the range. Values at the same time differ by
-        half the range or more; ranges and peaks of noise may be similar.
-    """
-    is_noise = differences > min_noise_share * half_range
-    if not is_noise.any():
-        return np.asarray(is_noise)
-    sizes = np.maximum(half_range, 0.5 * differences)
-    limits = integration_error_limits(headers, half_range, length, rtol, others)
-    for drift in drifts:
-        limits = np.maximum(limits, drift_limits(headers, length, *drift))
-        if np.all(sizes[is_noise] <= limits[is_noise]):
-            break
-    return np.asarray(is_noise & (sizes <= limits))
-
-
-def integration_error_limits(
-    headers: Sequence[str],
-    half_range: np.ndarray,
-    length: float,
-    rtol: float,
-    others: Mapping[str, float] = NO_OTHERS,
-) -> np.ndarray:
-    """Return the half ranges of columns up to which they may be errors of the integration.
-
-    They are relative to `largest_of_kind`, and zero with fixed steps, for which `rtol` is 0.
-    """
-    is_acceleration = [Header.of(header).unit in _UNITS_OF_ACCELERATIONS for header in headers]
-    ratios = np.where(
-        is_acceleration, _UNRESOLVED_ACCELERATION_TO_RTOL_RATIO, _UNRESOLVED_TO_RTOL_RATIO
-    )
-    return np.asarray(ratios * rtol * largest_of_kind(headers, half_range, length, others))
-
-
-def drift_limits(
-    headers: Iterable[str], length: float, position: float, velocity: float
-) -> np.ndarray:
-    """Return the half ranges of columns up to which they may be violations of constraints.
-
-    `position` [m] and `velocity` [m/s] are the drift of the constraints of a mechanism of this
-    length [m].
-    """
-    limits = {"m": position, "rad": position / length, "m/s": velocity, "rad/s": velocity / length}
-    units = (Header.of(header).unit for header in headers)
-    return _DRIFT_FACTOR * np.array([limits.get(unit, 0.0) for unit in units])

@@ -15,10 +15,10 @@ from beamdae.results.columns import (
     UNITS_OF_TRANSLATIONS,
     Header,
     largest_by,
-    mark_resting_columns,
     select_column,
 )
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
+from beamdae.results.noise import mark_resting_columns
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import PeriodicMotion, largest_modulus, run_warnings
 from beamdae.results.solution import Solution

@@ -5,23 +5,20 @@ This module does not import pandas, because importing pandas takes as long as a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from beamdae import deferred
+from beamdae.beams.beam import beams_of
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives
-from beamdae.results.column_ranges import (
-    measure_column_means,
-    measure_column_ranges,
-    refine_step_extremes,
-)
-from beamdae.results.columns import ColumnDict, Header
+from beamdae.results.columns import UNITS_OF_ACCELERATIONS, ColumnDict, Header
 from beamdae.results.elastic_columns import (
     find_elastic_columns,
     interpolate_elastic_columns,
@@ -29,24 +26,23 @@ from beamdae.results.elastic_columns import (
 )
 from beamdae.results.energy_balance import EnergyLedger, Quality
 from beamdae.results.event_records import EventRecord
-from beamdae.results.missed_peaks import (
-    UNITS_OF_MOTIONS,
-    StepExtremes,
-    find_missed_parts,
-    find_missed_peaks,
-    measure_step_extremes,
-)
+from beamdae.results.noise import mark_noise, measure_mechanism
 from beamdae.results.outcome import Statistics, Status
-from beamdae.results.rest import is_at_rest, is_motionless
-from beamdae.results.rounding_limits import (
-    measure_mechanism,
-    without_rounding_errors,
-)
+from beamdae.results.rest import is_at_rest
 from beamdae.results.singular_positions import (
     SingularPosition,
     find_singular_positions,
 )
 from beamdae.results.start_changes import StartSummary, compare_start
+from beamdae.results.step_extremes import (
+    ColumnRange,
+    StepExtremes,
+    StepMeasures,
+    may_have_short_peaks,
+    measure_means,
+    measure_steps,
+    refine_extremes,
+)
 from beamdae.results.storage.files import versions as installed_versions
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.statements import Variable
@@ -139,29 +135,53 @@ class RunData:
     def step_extremes(self) -> ColumnDict:
         """Extremes of the observed columns over all steps and rows, by header or name of a column.
 
-        They include peaks between the rows and, with adaptive steps, between the steps.
-        Accelerations are omitted in models without abrupt forces, such as contacts.
+        They include peaks between the rows and, with adaptive steps, between the steps. Columns
+        that are not finite at a step are omitted, and so are accelerations in models with beams and
+        without abrupt forces, such as contacts: at the steps after a sudden load, they contain
+        transients of the beams that are not resolved.
         """
-        extremes = measure_step_extremes(
-            self.equations,
-            self.trajectory,
-            self.t,
-            lambda: self.columns,
+        e, measures = self.equations, self._step_measures
+        has_transients = bool(beams_of(e.mechanism)) and not may_have_short_peaks(e)
+        omitted_units = UNITS_OF_ACCELERATIONS if has_transients else ()
+        (low, high), (low_times, high_times) = measures.values, measures.times
+        numbers = np.stack([low, low_times, high, high_times, measures.rms], axis=1)
+        return ColumnDict(
+            {
+                header: StepExtremes(*x)
+                for header, x in zip(e.observed_headers, numbers.tolist(), strict=True)
+                if Header.of(header).unit not in omitted_units and np.isfinite([x[0], x[2]]).all()
+            }
         )
-        if self._has_fixed_steps or not self.trajectory.stores_all_steps:
-            return extremes
-        headers = list(self.equations.observed_headers)
-        return refine_step_extremes(headers, extremes, self.t, self.trajectory, self._observe_at)
 
     @cached_property
-    def _extremes_above_rounding(self) -> ColumnDict:
-        """The `step_extremes` of columns that are not rounding errors."""
-        return without_rounding_errors(
-            self.equations,
-            self.step_extremes,
-            self.trajectory.mean_step,
-            self._sizes_of_mechanism,
-        )
+    def _step_measures(self) -> StepMeasures:
+        """Columns at the steps and the rows, with extremes between adaptive steps."""
+        arguments = self.equations, self.trajectory, self.t, self.columns, self._magnitudes
+        measures = measure_steps(*arguments)
+        if self._has_fixed_steps or not self.trajectory.stores_all_steps:
+            return measures
+        times, values = self._refine(measures.times, measures.values)
+        return measures._replace(times=times, values=values)
+
+    @property
+    def _magnitudes(self) -> list[str]:
+        """Headers of the columns of which only the largest value matters."""
+        observables = self.equations.observables
+        return [header for o in observables if o.is_magnitude for header in o.headers]
+
+    def _refine(self, times: Array, values: Array) -> tuple[Array, Array]:
+        """Return the times and the values of extremes with those between steps and rows."""
+        nodes = np.concatenate([self.t, *(x.t for x in self.trajectory.intervals)])
+        return refine_extremes(times, values, np.unique(nodes), self._observe_at)
+
+    @cached_property
+    def _extremes_above_noise(self) -> ColumnDict:
+        """The `step_extremes` of columns that do not vary by errors only."""
+        low, high = self._step_measures.values
+        half_range = 0.5 * (high - low)
+        is_noise = mark_noise(self, np.stack([low, high]), half_range, half_range)
+        noise = {x for x, y in zip(self.equations.observed_headers, is_noise, strict=True) if y}
+        return ColumnDict({k: x for k, x in self.step_extremes.items() if k not in noise})
 
     @cached_property
     def _sizes_of_mechanism(self) -> dict[str, float]:
@@ -170,17 +190,29 @@ class RunData:
 
     @cached_property
     def _column_ranges(self) -> ColumnDict:
-        """Range of each observed column, including peaks between steps and rows, by header."""
-        return measure_column_ranges(
-            self.columns, self.t, self.step_extremes, self.trajectory, self._observe_at
-        )
+        """Range of each observed column, including peaks between steps and rows, by header.
+
+        Amplitudes of periodic motions must not depend on the number of output rows. Of columns
+        without `step_extremes`, only the rows are considered.
+        """
+        if not self.columns:
+            return ColumnDict()
+        _, values = self._refine(self._step_measures.times, self._step_measures.values)
+        at_steps = np.isin(list(self.columns), list(self.step_extremes))
+        if not at_steps.all():
+            rows = np.column_stack(list(self.columns.values()))
+            times = self.t[np.stack([np.argmin(rows, axis=0), np.argmax(rows, axis=0)])]
+            extremes = np.stack([np.min(rows, axis=0), np.max(rows, axis=0)])
+            _, of_rows = refine_extremes(times, extremes, self.t, self._observe_at)
+            values = np.where(at_steps, values, of_rows)
+        ranges = map(ColumnRange, *values.tolist())
+        return ColumnDict(dict(zip(self.columns, ranges, strict=True)))
 
     @cached_property
     def _column_means(self) -> ColumnDict:
         """Mean of each observed column over the run, by header."""
-        return measure_column_means(
-            self.columns, self.t, self.step_extremes, self.trajectory, self._observe
-        )
+        means = measure_means(self.trajectory, len(self.columns), self._observe)
+        return ColumnDict(dict(zip(self.columns, means.tolist(), strict=True)))
 
     @property
     def _has_fixed_steps(self) -> bool:
@@ -188,32 +220,11 @@ class RunData:
 
     @cached_property
     def missed_peaks(self) -> ColumnDict:
-        """Extremes that the rows miss by more than 1 % of the range, by header of the column."""
-        return self._find_missed(find_missed_peaks)
+        """Largest miss of the rows of each column that they miss by more than 4 %, by header.
 
-    @cached_property
-    def _missed_parts(self) -> ColumnDict:
-        """Extremes of parts of the run that the rows miss, by header of the column."""
-        return self._find_missed(partial(find_missed_parts, self.missed_peaks))
-
-    def _find_missed(self, find: Callable[..., ColumnDict]) -> ColumnDict:
-        if self._is_at_rest:
-            return ColumnDict()
-        extremes: Mapping[str, StepExtremes] = self._extremes_above_rounding
-        if is_motionless(self.equations, self.trajectory):
-            items = extremes.items()
-            extremes = {k: x for k, x in items if Header.of(k).unit not in UNITS_OF_MOTIONS}
-        rtol = self.integrator.get("rtol") or 0.0
-        observables = self.equations.observables
-        magnitudes = {header for o in observables if o.is_magnitude for header in o.headers}
-        return find(
-            self.columns,
-            extremes,
-            self.equations.length,
-            rtol,
-            lambda: find_drift(self),
-            magnitudes,
-        )
+        The entries have the attributes of `model_checks.coarse_rows.MissedPeak`.
+        """
+        return deferred.module("model_checks.coarse_rows").find_missed_peaks(self)
 
     def all_columns(self) -> dict[str, Array]:
         """Return the columns (k,) of `table` by header."""
@@ -248,6 +259,14 @@ class RunData:
                 states = states._replace(lam=configuration.select_multipliers(states.lam))
             rows[here] = measures.balance_rows(active)(times[here], *states)[:, -2:]
         return dict(zip(measures.DRIFT_COLUMNS, rows.T, strict=True))
+
+    @cached_property
+    def _drift(self) -> tuple[float, float]:
+        """Largest drift [m, m/s] at the steps and the output times."""
+        at_rows = (float(np.max(x, initial=0.0)) for x in self.drift_columns.values())
+        at_steps = self.quality.max_position_drift, self.quality.max_velocity_drift
+        position, velocity = map(max, at_rows, at_steps)
+        return position, velocity
 
     @cached_property
     def quality(self) -> Quality:
@@ -334,14 +353,6 @@ class RunData:
     @property
     def _row_bytes(self) -> int:
         return sum(x[:1].nbytes for x in self.trajectory.intervals[0].rows)
-
-
-def find_drift(run: RunData) -> tuple[float, float]:
-    """Return the largest drift [m, m/s] of a run at the steps and the output times."""
-    at_rows = (float(np.max(x, initial=0.0)) for x in run.drift_columns.values())
-    at_steps = run.quality.max_position_drift, run.quality.max_velocity_drift
-    position, velocity = map(max, at_rows, at_steps)
-    return position, velocity
 
 
 def coordinate_headers(equations: EquationsOfMotion) -> list[str]:

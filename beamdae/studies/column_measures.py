@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from beamdae.results.columns import observed_columns
-from beamdae.results.missed_peaks import StepExtremes
+from beamdae.results.step_extremes import StepExtremes
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,7 +11,7 @@ from scipy.special import mathieu_a, mathieu_b
 
 import beamdae as bd
 from beamdae.analysis.periodic.shooting import IncompleteRunError
-from beamdae.results.column_ranges import ColumnRange
+from beamdae.results.step_extremes import ColumnRange
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import PeriodicMotion

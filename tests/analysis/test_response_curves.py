@@ -15,7 +15,7 @@ from beamdae.analysis.periodic.periodic_continuation import (
 )
 from beamdae.analysis.periodic.shooting import PeriodRun, Tolerance
 from beamdae.report.pictures.path_plots import create_response_figure
-from beamdae.results.column_ranges import ColumnRange
+from beamdae.results.step_extremes import ColumnRange
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
 

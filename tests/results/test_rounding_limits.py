@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.results.rounding_limits import rounding_limits
+from beamdae.results.noise import rounding_limits
 
 HEIGHT = 4.0
 

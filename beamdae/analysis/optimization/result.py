@@ -49,8 +49,8 @@ from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import format_with_unit
 from beamdae.read_only import read_only_data
 from beamdae.results.equilibrium import Equilibrium
+from beamdae.results.noise import rounding_limits
 from beamdae.results.outcome import Status
-from beamdae.results.rounding_limits import rounding_limits
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import require_file_path, write_escaped_table
 from beamdae.symbolic.statements import Variable

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from beamdae.accuracy.errors import Errors
-    from beamdae.results.missed_peaks import StepExtremes
     from beamdae.results.solution import Solution
+    from beamdae.results.step_extremes import StepExtremes
 
     # A table by header.
     Columns = Mapping[str, Any] | pd.DataFrame

@@ -1,0 +1,193 @@
+"""Output rows against steps: extremes and vibrations that the rows do not show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamdae.errors import list_first
+from beamdae.results.columns import (
+    AIM,
+    LIMIT,
+    UNITS_OF_TRANSLATIONS,
+    ColumnDict,
+    Header,
+    format_apart,
+    largest_by,
+    largest_of_kind,
+    remove_unit,
+)
+from beamdae.results.noise import mark_noise
+from beamdae.results.run_data import RunData
+from beamdae.results.step_extremes import may_have_short_peaks
+
+Array = np.ndarray
+
+_MIN_ROWS = 3  # runs with fewer rows are not curves
+# Smaller columns, relative to the largest one of the same observable, do not matter.
+_MIN_SHARE_OF_OBSERVABLE = 1e-3
+_MAX_ROWS = 1e5  # of a table that is neither slow nor exceeds the memory
+# Units of positions, velocities and works, which abrupt forces change gradually.
+_GRADUAL_UNITS = ("m", "rad", "m/s", "rad/s", "J")
+_MAX_NAMES = 3  # of further columns
+
+
+@dataclass(frozen=True)
+class MissedPeak:
+    """Value of a column between output rows that these miss.
+
+    Attributes
+    ----------
+    column
+        Header of the column.
+    time
+        Time of the value [s].
+    side
+        "smallest" or "largest".
+    value, row_value
+        The value, and the nearest one of the rows, in the unit of the column.
+    half_range
+        Half the range of the column, including the steps.
+    error
+        Larger one of the difference of the extremes, relative to half the range, and of the root
+        mean square of the distance from the neighboring rows, relative to the deviation [-].
+    importance
+        Difference of the values relative to the largest half range of the columns of this kind [-].
+    is_extreme
+        True if the value is the extreme of the run, otherwise that of a vibration.
+    """
+
+    column: str
+    time: float
+    side: str
+    value: float
+    row_value: float
+    half_range: float
+    error: float
+    importance: float
+    is_extreme: bool
+
+
+def find_missed_peaks(run: RunData) -> ColumnDict:
+    """Return the largest miss of each column that the rows do not show within 4 %, by header.
+
+    The rows of a column show neither an extreme nor a vibration between them if the extreme of the
+    steps exceeds that of the rows by 4 % of half the range, or the steps are outside the range of
+    the two neighboring rows by a root mean square of 4 % of the deviation of the column. Columns
+    that vary by errors only are omitted.
+    """
+    e, steps = run.equations, run._step_measures
+    if run._is_at_rest or not run.columns:
+        return ColumnDict()
+    headers, rows = e.observed_headers, np.array(list(run.columns.values()))
+    at_rows = np.stack([rows.min(axis=1), rows.max(axis=1)])
+    half_range = 0.5 * (steps.values[1] - steps.values[0])
+    misses = np.stack([at_rows[0] - steps.values[0], steps.values[1] - at_rows[1]])
+    misses[0, np.isin(headers, run._magnitudes)] = 0.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        of_extremes = np.max(misses, axis=0) / half_range
+        errors = np.fmax(of_extremes, steps.excess / steps.deviation)
+    is_missed = (errors > LIMIT) & np.isin(headers, list(run.step_extremes))
+    is_missed &= ~_mark_minor(headers, half_range, e.length)
+    if is_missed.any():
+        in_doubt = np.where(is_missed, half_range, 0.0)
+        is_missed &= ~mark_noise(run, steps.values, half_range, in_doubt)
+    largest = largest_of_kind(headers, half_range, e.length)
+    peaks = {}
+    for k in np.flatnonzero(is_missed).tolist():
+        is_extreme, side = bool(of_extremes[k] > LIMIT), int(misses[1, k] > misses[0, k])
+        place = steps.times[side, k], steps.values[side, k], at_rows[side, k]
+        if not is_extreme:
+            place = steps.excess_times[k], steps.excess_values[k], steps.excess_rows[k]
+        time, value, row_value = map(float, place)
+        peaks[headers[k]] = MissedPeak(
+            headers[k],
+            time,
+            "largest" if value > row_value else "smallest",
+            value,
+            row_value,
+            half_range=float(half_range[k]),
+            error=float(errors[k]),
+            importance=abs(value - row_value) / float(largest[k]),
+            is_extreme=is_extreme,
+        )
+    return ColumnDict(peaks)
+
+
+def _mark_minor(headers: Sequence[str], half_range: Array, length: float) -> Array:
+    """Return the mask of columns that are small beside others of the same observable and kind.
+
+    Rotations and moments are compared with translations and forces by the `length` [m]. The reverse
+    is not done: shafts turn far more often than they vibrate.
+    """
+    parts = [Header.of(header) for header in headers]
+    units, powers = zip(
+        *(UNITS_OF_TRANSLATIONS.get(x.unit, (x.unit, 0)) for x in parts), strict=True
+    )
+    keys = [f"{x.name} [{unit}]" for x, unit in zip(parts, units, strict=True)]
+    sizes = np.nan_to_num(half_range) * np.power(length, powers)
+    largest = largest_by(keys, np.where(np.array(powers) == 0, sizes, 0.0).tolist())
+    return np.asarray(sizes < _MIN_SHARE_OF_OBSERVABLE * np.array([largest[x] for x in keys]))
+
+
+def coarse_row_warnings(run: RunData) -> Iterator[str]:
+    """Yield one warning about what the rows of a run do not show.
+
+    The column whose miss is largest, relative to the largest half range of its kind, comes first.
+    Of long runs that store only some of their steps, peaks are unknown where forces may be short.
+    """
+    e = run.equations
+    peaks = list(run.missed_peaks.values()) if len(run.t) >= _MIN_ROWS else []
+    unknown = []
+    if not run.trajectory.stores_all_steps and may_have_short_peaks(e):
+        units = {header: Header.of(header).unit for header in e.observed_headers}
+        unknown = [remove_unit(x) for x, unit in units.items() if unit not in _GRADUAL_UNITS]
+    remedy = (
+        "this long run stores only some of its steps, so larger peaks between the output rows are "
+        "unknown; set keep_steps=True, or reduce output_step= or the end time"
+    )
+    if not unknown:
+        step = _find_output_step(run, peaks)
+        remedy = "tables of extremes and step_extremes include these values"
+        remedy += f", and curves show them with output_step={step:.0e}" if step else ""
+    if not peaks:
+        if unknown:
+            yield f"{list_first(unknown, _MAX_NAMES)}: {remedy}."
+        return
+    worst, *others = sorted(peaks, key=lambda x: -x.importance)
+    value, row_value = format_apart(worst.column, worst.value, worst.row_value)
+    names = list_first([remove_unit(x.column) for x in others], _MAX_NAMES)
+    missed, reach = f"its {worst.side} value", "and reach only"
+    if not worst.is_extreme:
+        missed, reach = "values between them", "where they reach only"
+    yield (
+        f"{remove_unit(worst.column)}: the output rows miss {missed}, {value} at "
+        f"t = {worst.time:.6g} s, {reach} {row_value}{f', also in {names}' if names else ''}; "
+        f"{remedy}."
+    )
+
+
+def _find_output_step(run: RunData, peaks: Sequence[MissedPeak]) -> float:
+    """Return the output step [s] with which the rows show the peaks within 1 %, or 0.
+
+    Rows at a distance h miss a parabola with the curvature c by at most c h^2 / 8. Peaks that need
+    more than 1e5 rows are not considered.
+    """
+    if not peaks:
+        return 0.0
+    nodes = np.unique(np.concatenate([run.t, *(x.t for x in run.trajectory.intervals)]))
+    times, half_ranges = np.array([(x.time, x.half_range) for x in peaks]).T
+    k = np.clip(np.searchsorted(nodes, times), 1, len(nodes) - 1)
+    widths = 0.5 * (nodes[k] - nodes[k - 1])
+    centers = np.clip(times, nodes[0] + widths, nodes[-1] - widths)
+    around, index = np.unique(centers + widths * [[-1.0], [0.0], [1.0]], return_inverse=True)
+    columns = [run.equations.observed_headers.index(x.column) for x in peaks]
+    values = run._observe_at(around)[index.reshape(3, -1), columns]
+    curvatures = np.abs(np.diff(values, 2, axis=0)[0]) / widths**2
+    longest = 0.5 * float(np.median(np.diff(run.t)))
+    with np.errstate(divide="ignore"):
+        steps = np.minimum(np.sqrt(8.0 * AIM * half_ranges / curvatures), longest)
+    practical = steps[steps * _MAX_ROWS >= nodes[-1] - nodes[0]].tolist()
+    return min(practical, default=0.0)
