@@ -162,7 +162,7 @@ def _untouched_contacts(run: RunData) -> Iterable[str]:
 
 
 def _start_transients(run: RunData) -> Iterable[str]:
-    extremes = run._extremes_above_noise
+    extremes = run._forces_above_noise
     return start_transient_warnings(run.equations, run.trajectory, extremes, run._observe)
 
 

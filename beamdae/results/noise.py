@@ -55,6 +55,7 @@ _ERROR_TO_SIZE_RATIO = 3e-3  # relative to rtol and the size of the mechanism, o
 # accelerations of fixed points of four-bar linkages reach 1.3 rtol of the largest one.
 _VANISHING_TO_OTHERS_RATIO = 8e-7
 _ERROR_TO_OTHERS_RATIO, _ERROR_TO_OTHER_ACCELERATIONS_RATIO = 0.01, 3.0
+_UNITS_OF_DRIFT = ("m", "rad", "m/s", "rad/s")
 _DRIFT_FACTOR = 3.0  # levers may enlarge violations of constraints
 _MIN_NOISE_SHARE = 0.5  # difference of two computations of noise, relative to half the range
 
@@ -97,11 +98,12 @@ def mark_noise(
     compared = np.where(np.isin(units, UNITS_OF_FORCES), np.max(np.abs(values), axis=0), half_range)
     largest = largest_of_kind(headers, compared, e.length, mechanism)
     limits = np.maximum(limits, np.maximum(ratios * rtol, _VANISHING_TO_OTHERS_RATIO) * largest)
+    moves = is_doubtful & np.isin(units, _UNITS_OF_DRIFT)
     for one in (run, *others):
-        if np.any(sizes[is_doubtful] > limits[is_doubtful]):
+        if np.any(sizes[moves] > limits[moves]):
             position, velocity = one._drift
-            by_unit = {"m": position, "rad": position / e.length}
-            by_unit |= {"m/s": velocity, "rad/s": velocity / e.length}
+            drift = position, position / e.length, velocity, velocity / e.length
+            by_unit = dict(zip(_UNITS_OF_DRIFT, drift, strict=True))
             drifts = [_DRIFT_FACTOR * by_unit.get(unit, 0.0) for unit in units]
             limits = np.maximum(limits, drifts)
     return np.asarray(is_noise | (is_doubtful & (sizes <= limits)))

@@ -11,10 +11,10 @@ from scipy.special import mathieu_a, mathieu_b
 
 import beamdae as bd
 from beamdae.analysis.periodic.shooting import IncompleteRunError
-from beamdae.results.step_extremes import ColumnRange
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import PeriodicMotion
+from beamdae.results.step_extremes import ColumnRange
 
 MASS, STIFFNESS, DAMPING = 2.0, 18.0, 1.0
 

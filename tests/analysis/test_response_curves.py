@@ -15,9 +15,9 @@ from beamdae.analysis.periodic.periodic_continuation import (
 )
 from beamdae.analysis.periodic.shooting import PeriodRun, Tolerance
 from beamdae.report.pictures.path_plots import create_response_figure
-from beamdae.results.step_extremes import ColumnRange
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
+from beamdae.results.step_extremes import ColumnRange
 
 AMPLITUDE = 1e-4  # m or rad
 RUNS = bd.Radau(1e-5)

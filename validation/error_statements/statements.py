@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +14,6 @@ WRONG, ACCURATE = 0.04, 0.01  # true errors [-]
 FACTOR = 2.0  # of a stated error from the true one
 # Columns are compared if the uncertainty is below 1 %, or below 10 % and a quarter of the error.
 UNCERTAIN, MOST_UNCERTAIN, UNCERTAIN_SHARE = 0.01, 0.1, 0.25
-_NUMBER = r"(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?)"
-_PEAK = re.compile(rf"miss its (?:smallest|largest) value, {_NUMBER}.*?reach only {_NUMBER}")
-_OTHER_PEAK = re.compile(rf"^ \({_NUMBER} [^,]*, rows {_NUMBER}")
-_ROWS = "the output rows"
 
 
 class Statement(NamedTuple):
@@ -29,7 +24,7 @@ class Statement(NamedTuple):
     errors
         Stated errors of columns at the rows [-].
     peaks
-        Stated errors of the extremes of columns between rows [-].
+        Errors of columns between rows [-], if a warning names the largest.
     has_warned
         True if any sentence says that the rows are not accurate, perhaps without a number.
     """
@@ -48,31 +43,8 @@ def read_statement(solution: bd.Solution) -> Statement:
     total = measured.table()["total"]
     errors = {str(header): x for header, x in total.dropna().items()}
     has_warned = measured.largest > WRONG or measured.has_failed or not solution.status.success
-    return Statement(errors, _read_peaks(solution), has_warned)
-
-
-def _read_peaks(solution: bd.Solution) -> dict[str, float]:
-    """Return the errors of extremes that the warnings about output rows state."""
-    observed = solution.observed
-    headers = {re.sub(r" \[[^]]*\]$", "", x): x for x in observed.columns if x != "t [s]"}
-    names = sorted(headers, key=len, reverse=True)
-    # Parts of names: "tip.x" is neither in "tip.x_dot" nor in "left tip.x".
-    pattern = re.compile(rf"(?<![\w.])({'|'.join(map(re.escape, names))})(?![\w.]*\w)")
-    peaks: dict[str, float] = {}
-    for sentence in (x for x in solution.warnings if _ROWS in x):
-        found = list(pattern.finditer(sentence))
-        ends = [*(match.start() for match in found[1:]), len(sentence)][: len(found)]
-        for k, (match, end) in enumerate(zip(found, ends, strict=True)):
-            after = sentence[match.end() : end]
-            peak = _OTHER_PEAK.match(after) if k else _PEAK.search(sentence)
-            if peak:
-                exact, reached = map(float, peak.groups())
-                header = headers[match[1]]
-                rows = observed[header]
-                half_range = 0.5 * (max(rows.max(), exact) - min(rows.min(), exact))
-                error = abs(exact - reached) / half_range
-                peaks[header] = max(peaks.get(header, 0.0), error)
-    return peaks
+    missed = solution.missed_peaks if solution.row_warnings else {}
+    return Statement(errors, {header: x.error for header, x in missed.items()}, has_warned)
 
 
 class Comparison(NamedTuple):
