@@ -53,6 +53,8 @@ from beamdae.model_checks.untouched_contacts import (
 )
 from beamdae.model_checks.velocity_jumps import velocity_jump_warnings
 from beamdae.parts.mechanism import EQUILIBRIUM
+from beamdae.results.columns import UNITS_OF_FORCES, Header
+from beamdae.results.noise import mark_noise
 from beamdae.results.rest import has_rounding_forces
 from beamdae.results.run_data import RunData
 from beamdae.results.singular_positions import (
@@ -162,7 +164,12 @@ def _untouched_contacts(run: RunData) -> Iterable[str]:
 
 
 def _start_transients(run: RunData) -> Iterable[str]:
-    extremes = run._forces_above_noise
+    headers, values = run.equations.observed_headers, run._step_measures.values
+    half_range = 0.5 * np.ptp(values, axis=0)
+    is_force = np.isin([Header.of(x).unit for x in headers], (*UNITS_OF_FORCES, "Pa"))
+    is_noise = mark_noise(run, values, half_range, np.where(is_force, half_range, 0.0))
+    noise = {header for header, x in zip(headers, is_noise, strict=True) if x}
+    extremes = {header: x for header, x in run.step_extremes.items() if header not in noise}
     return start_transient_warnings(run.equations, run.trajectory, extremes, run._observe)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,15 +14,10 @@ from beamdae.results.columns import (
     NO_OTHERS,
     UNITS_OF_ACCELERATIONS,
     UNITS_OF_FORCES,
-    UNITS_OF_POSITIONS,
     Header,
-    largest_by,
     largest_of_kind,
 )
-from beamdae.results.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from beamdae.results.run_data import RunData
+from beamdae.results.run_data import RunData
 
 Array = np.ndarray
 
@@ -198,22 +192,3 @@ def rounding_limits(
         acceleration = max(acceleration, limits["N"] / mass)
     limits |= {"m/s^2": acceleration, "rad/s^2": acceleration / equations.length}
     return np.array([limits.get(Header.of(x).unit, 0.0) for x in headers])
-
-
-def measure_mechanism(equations: EquationsOfMotion, trajectory: Trajectory) -> dict[str, float]:
-    """Return the sizes of the rates and the reactions of a mechanism in a run, by unit.
-
-    They are the largest half ranges of the velocities and accelerations of the coordinates, and the
-    largest magnitudes of the multipliers. A fixed point moves by errors only, and so do reactions
-    that vanish by symmetry, even if no other motion or force is observed.
-    """
-    rows = [interval.rows for interval in trajectory.intervals]
-    units = [x.unit for x in equations.coordinates]
-    reactions = np.max([np.max(np.abs(x.lam), axis=0) for x in rows], axis=0)
-    sizes = largest_by((x.unit for x in equations.multipliers), reactions.tolist())
-    for per, motions in (("/s", [x.v for x in rows]), ("/s^2", [x.a for x in rows])):
-        high = np.max([np.max(x, axis=0) for x in motions], axis=0)
-        low = np.min([np.min(x, axis=0) for x in motions], axis=0)
-        rates = largest_by(units, (0.5 * (high - low)).tolist())
-        sizes |= {f"{unit}{per}": rates[unit] for unit in UNITS_OF_POSITIONS if unit in rates}
-    return sizes

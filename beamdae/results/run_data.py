@@ -18,7 +18,7 @@ from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives
-from beamdae.results.columns import UNITS_OF_ACCELERATIONS, UNITS_OF_FORCES, ColumnDict, Header
+from beamdae.results.columns import UNITS_OF_ACCELERATIONS, ColumnDict, Header
 from beamdae.results.elastic_columns import (
     find_elastic_columns,
     interpolate_elastic_columns,
@@ -26,7 +26,6 @@ from beamdae.results.elastic_columns import (
 )
 from beamdae.results.energy_balance import EnergyLedger, Quality
 from beamdae.results.event_records import EventRecord
-from beamdae.results.noise import mark_noise, measure_mechanism
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.rest import is_at_rest
 from beamdae.results.singular_positions import (
@@ -40,6 +39,7 @@ from beamdae.results.step_extremes import (
     StepMeasures,
     may_have_short_peaks,
     measure_means,
+    measure_mechanism,
     measure_steps,
     refine_extremes,
 )
@@ -173,17 +173,6 @@ class RunData:
         """Return the times and the values of extremes with those between steps and rows."""
         nodes = np.concatenate([self.t, *(x.t for x in self.trajectory.intervals)])
         return refine_extremes(times, values, np.unique(nodes), self._observe_at)
-
-    @cached_property
-    def _forces_above_noise(self) -> ColumnDict:
-        """The `step_extremes` of forces and stresses that do not vary by errors only."""
-        low, high = self._step_measures.values
-        half_range, headers = 0.5 * (high - low), self.equations.observed_headers
-        is_force = np.isin([Header.of(x).unit for x in headers], (*UNITS_OF_FORCES, "Pa"))
-        differences = np.where(is_force, half_range, 0.0)
-        is_noise = mark_noise(self, self._step_measures.values, half_range, differences)
-        forces = [x for x, selects in zip(headers, is_force & ~is_noise, strict=True) if selects]
-        return ColumnDict({k: x for k, x in self.step_extremes.items() if k in forces})
 
     @cached_property
     def _sizes_of_mechanism(self) -> dict[str, float]:

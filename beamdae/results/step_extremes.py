@@ -10,6 +10,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
+from beamdae.results.columns import UNITS_OF_POSITIONS, largest_by
 from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
@@ -242,3 +243,22 @@ def measure_means(trajectory: Trajectory, count: int, observe: Callable[..., Arr
             values = observe(interval.times, *interval.rows)
             integral += interval.integrate_to_steps(values)[-1]
     return integral / (trajectory.end - trajectory.start)
+
+
+def measure_mechanism(equations: EquationsOfMotion, trajectory: Trajectory) -> dict[str, float]:
+    """Return the sizes of the rates and the reactions of a mechanism in a run, by unit.
+
+    They are the largest half ranges of the velocities and accelerations of the coordinates, and the
+    largest magnitudes of the multipliers. A fixed point moves by errors only, and so do reactions
+    that vanish by symmetry, even if no other motion or force is observed.
+    """
+    rows = [interval.rows for interval in trajectory.intervals]
+    units = [x.unit for x in equations.coordinates]
+    reactions = np.max([np.max(np.abs(x.lam), axis=0) for x in rows], axis=0)
+    sizes = largest_by((x.unit for x in equations.multipliers), reactions.tolist())
+    for per, motions in (("/s", [x.v for x in rows]), ("/s^2", [x.a for x in rows])):
+        high = np.max([np.max(x, axis=0) for x in motions], axis=0)
+        low = np.min([np.min(x, axis=0) for x in motions], axis=0)
+        rates = largest_by(units, (0.5 * (high - low)).tolist())
+        sizes |= {f"{unit}{per}": rates[unit] for unit in UNITS_OF_POSITIONS if unit in rates}
+    return sizes

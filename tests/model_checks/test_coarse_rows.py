@@ -296,6 +296,24 @@ def test_peaks_that_no_table_of_usual_size_shows_have_no_output_step():
     assert sentence.endswith("; tables of extremes and step_extremes include these values.")
 
 
+@pytest.mark.slow(reason="half a second")
+def test_stresses_of_damping_at_an_impact_have_an_error_by_the_elements():
+    """Strain rates at a jump of velocities depend on the length of the element."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    section = bd.Section.rectangle(STEEL, width=0.012, height=0.0012, damping=3e-5)
+    beam = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.12, 0.0)), section, elements=4))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.PointMass("hammer", 0.03, on=beam.end))
+    mech.add(bd.Force("magnet", beam.end, (0.0, -20.0)))
+    gap = bd.LineSurface(mech.ground.at(0.0, -0.002), (1.0, 0.0)).gap(beam.end)
+    mech.when(gap, direction="down", do=bd.impact(gap, restitution=0.6), name="hit")
+    mech.observe("stress", beam.largest_stress())
+    run = bd.simulate(mech, t_end=4e-3, output_step=1e-4)
+    assert run.missed_peaks["stress.largest"].error > 0.5
+    (error,) = run.errors.table().loc[["stress.largest [Pa]"], "mesh"]
+    assert error > 0.5
+
+
 @pytest.mark.parametrize("rows", [60, 450])
 def test_names_without_units_are_accepted(rows):
     run = bd.simulate(ball, output_step=0.6 / rows)

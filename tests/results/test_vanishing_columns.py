@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.results.noise import measure_mechanism
+from beamdae.results.step_extremes import measure_mechanism
 
 ALLOY = bd.Material(E=70e9, nu=0.3, rho=2700.0)
 STRIP = bd.Section.rectangle(ALLOY, width=0.02, height=0.002, damping=1e-4)
