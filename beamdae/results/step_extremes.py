@@ -127,17 +127,15 @@ def measure_steps(
     # Columns may be infinite or not a number at some times.
     with np.errstate(invalid="ignore", over="ignore"):
         # Of the negative columns, the columns, and their distances from the rows.
-        signed = np.stack([-rows, rows, np.zeros(rows.shape)])
-        signed = np.where(np.isfinite(signed), signed, -np.inf)
-        largest, times = np.max(signed, axis=1), row_times[np.argmax(signed, axis=1)]
+        largest, times = np.zeros((2, 3, count))
+        for side, sign in enumerate((-1.0, 1.0)):
+            signed = np.where(np.isfinite(rows), sign * rows, -np.inf)
+            largest[side], times[side] = signed.max(axis=0), row_times[signed.argmax(axis=0)]
         excess_values, excess_rows = np.zeros((2, count))
         is_finite = np.ones(count, bool)
         # Sums of differences from the first row are small beside positions far from the origin.
         changes, weight = rows - rows[0], weights[: last + 1]
         sums = np.stack([weight @ changes, weight @ changes**2, 0.0 * rows[0]])
-        neighbors = np.minimum(rows[:-1], rows[1:]), np.maximum(rows[:-1], rows[1:])
-        low, high = (x if last else rows for x in neighbors)
-        low = np.where(has_lower_side, low, -np.inf)
         done = last + 1
         for interval, steps in selected:
             evaluate = ObservedRows(equations.with_loads_of(interval.configuration))
@@ -146,8 +144,11 @@ def measure_steps(
                 here = steps[k : k + _MAX_ROWS_AT_ONCE]
                 block, t = evaluate(step_times[here], *(x[here] for x in state)), interval.t[here]
                 is_finite &= np.isfinite(block).all(axis=0)
-                gaps = np.clip(np.searchsorted(row_times, t) - 1, 0, len(low) - 1)
-                nearest = np.clip(block, low[gaps], high[gaps])
+                gaps = np.clip(np.searchsorted(row_times, t) - 1, 0, max(last - 1, 0))
+                around = rows[gaps[0] : gaps[-1] + 2] if last else rows[[0, 0]]
+                low, high = (f(around[:-1], around[1:]) for f in (np.minimum, np.maximum))
+                low = np.where(has_lower_side, low, -np.inf)
+                nearest = np.clip(block, low[gaps - gaps[0]], high[gaps - gaps[0]])
                 excess = np.abs(block - nearest)
                 for side, x in enumerate((-block, block, excess)):
                     (columns,) = np.nonzero(np.max(x, axis=0) > largest[side])
