@@ -63,7 +63,7 @@ from beamdae.interrupts import Interrupted, acknowledge, attach_partial
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import release_freed_memory, retain_freed_memory
 from beamdae.model_checks.followed_vibrations import describe_followed_vibration
-from beamdae.model_checks.growing_loops import growing_loop_warnings
+from beamdae.model_checks.growing_modes import unstable_loop_warnings
 from beamdae.model_checks.strain_limits import (
     MEANINGLESS_DEFORMATION,
     describe_meaningless_strain,
@@ -279,7 +279,7 @@ def _name_cause(
     cause = (
         describe_growth(run.repeated)
         or run.growing_loop
-        or next(growing_loop_warnings(equations, trajectory), "")
+        or next(unstable_loop_warnings(equations, trajectory), "")
     )
     # Vibrations with meaningless strains are an effect, not a cause.
     is_meaningless = MEANINGLESS_DEFORMATION in status.sentence
@@ -682,7 +682,7 @@ class _RunInProgress:
                 if strain := describe_meaningless_strain(self._equations, positions):
                     return check.describe_motion(strain)
             if check.has_slowed:
-                self.growing_loop = next(growing_loop_warnings(self._equations, trajectory), "")
+                self.growing_loop = next(unstable_loop_warnings(self._equations, trajectory), "")
                 if self.growing_loop:
                     return check.describe_motion("")
             vibration = check.is_steady and describe_followed_vibration(

@@ -27,7 +27,7 @@ from beamdae.model_checks.deep_contacts import (
     soft_contact_warnings,
 )
 from beamdae.model_checks.elastic_bounces import elastic_bounce_warnings
-from beamdae.model_checks.growing_loops import growing_loop_warnings
+from beamdae.model_checks.growing_modes import growing_mode_warnings, unstable_loop_warnings
 from beamdae.model_checks.impact_speeds import impact_speed_warnings
 from beamdae.model_checks.impacts import impact_warnings
 from beamdae.model_checks.quality_warnings import balance_warnings, column_warnings
@@ -36,7 +36,6 @@ from beamdae.model_checks.saturated_commands import saturated_command_warnings
 from beamdae.model_checks.sliding_overrun import overrun_warnings
 from beamdae.model_checks.start_transients import start_transient_warnings
 from beamdae.model_checks.strain_limits import sample_positions, strain_warnings
-from beamdae.model_checks.suppressed_growth import suppressed_growth_warnings
 from beamdae.model_checks.table_ranges import (
     table_range_warnings,
     unentered_table_warnings,
@@ -46,7 +45,6 @@ from beamdae.model_checks.unconnected_bodies import (
     undriven_body_warnings,
 )
 from beamdae.model_checks.unresolved_forces import unresolved_force_warnings
-from beamdae.model_checks.unstable_symmetry import unstable_symmetry_warnings
 from beamdae.model_checks.untouched_contacts import (
     fallen_contact_warnings,
     untouched_contact_warnings,
@@ -103,10 +101,10 @@ def _is_complete(run: RunData) -> bool:
     return start == 0.0 and bool(end >= run.model.get("t_end", end))
 
 
-def _growing_loops(run: RunData) -> Iterable[str]:
+def _unstable_loops(run: RunData) -> Iterable[str]:
     # The reason of a run that has stopped names an unstable loop already.
     has_stopped = run.status.kind in ("failed", "limited")
-    return () if has_stopped else growing_loop_warnings(run.equations, run.trajectory)
+    return () if has_stopped else unstable_loop_warnings(run.equations, run.trajectory)
 
 
 def _balance(run: RunData) -> Iterable[str]:
@@ -132,10 +130,11 @@ def _strains(run: RunData) -> tuple[str, ...]:
     return tuple(strain_warnings(run.equations, sample_positions(run.trajectory)))
 
 
-def _suppressed_growth(run: RunData) -> Iterable[str]:
-    if run._is_at_rest or not run.status.success:
+def _growing_modes(run: RunData) -> Iterable[str]:
+    if not run.status.success:
         return ()
-    return suppressed_growth_warnings(run.equations, run.trajectory, run.integrator)
+    largest_force = run._energy_ledger.force.scale
+    return growing_mode_warnings(run.equations, run.trajectory, run.integrator, largest_force)
 
 
 def _coarse_rows(run: RunData) -> Iterable[str]:
@@ -181,14 +180,11 @@ def _start_changes(run: RunData) -> Iterable[str]:
     return filter(None, (run.start.warning,))
 
 
-def _unstable_path(run: RunData) -> Iterable[str]:
-    if run.start.request == EQUILIBRIUM:
-        statics = deferred.module("analysis.statics.start_stability")
-        of_start = statics.describe_unstable_start(run.equations, run.trajectory.start)
-        if of_start:
-            return (of_start,)
-    largest_force = run._energy_ledger.force.scale
-    return unstable_symmetry_warnings(run.equations, run.trajectory, largest_force)
+def _unstable_start(run: RunData) -> Iterable[str]:
+    if run.start.request != EQUILIBRIUM:
+        return ()
+    statics = deferred.module("analysis.statics.start_stability")
+    return filter(None, (statics.describe_unstable_start(run.equations, run.trajectory.start),))
 
 
 def _idle_parts(run: RunData) -> Iterable[str]:
@@ -247,7 +243,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _unguided_drivers,
     _supplied_energy,
     # ... and of unstable loops.
-    _growing_loops,
+    _unstable_loops,
     _of_motion(saturated_command_warnings),
     _of_complete_run(rare_sample_warnings),
     # The motion and the deformation.
@@ -255,7 +251,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _columns,
     _singular_positions,
     _strains,
-    _suppressed_growth,
+    _growing_modes,
     # Missed extremes.
     *ROW_CHECKS,
     # Single forces and columns.
@@ -270,6 +266,6 @@ RUN_CHECKS: tuple[Check, ...] = (
     _of_motion(overrun_warnings),
     # Remarks on the start and on parts without effect.
     _start_transients,
-    _unstable_path,
+    _unstable_start,
     _idle_parts,
 )

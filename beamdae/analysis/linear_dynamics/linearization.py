@@ -184,7 +184,7 @@ def _linearize(name: str, model: Any, about: Any, t: float) -> Linearization:
     if isinstance(about, (Instant, Rotation)):
         full_equations = as_equations(name, model, AS_DRAWN)
         if isinstance(about, Instant):
-            return _linearize_motion(full_equations, about)
+            return linearize_motion(full_equations, about)
         equations, time = active_equations(full_equations, None, t)
         state, tangent = find_steady_rotation(equations, time, about)
         description = f"rotation at {about.speed:g} rad/s about {about.center}"
@@ -233,7 +233,7 @@ def active_equations(
     return (active if reduction is None else reduction.equations), time
 
 
-def _linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Linearization:
+def linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Linearization:
     """Linearize about an instant of a run; position and velocity are frozen."""
     if len(instant.state.q) != full_equations.n:
         raise BeamdaeError(
