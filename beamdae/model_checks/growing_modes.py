@@ -18,6 +18,7 @@ from beamdae.equations.commands import compile_commands, find_commanded_loads
 from beamdae.equations.controller_reads import evaluate_reads
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError
+from beamdae.model_checks.load_derivatives import differentiate_loads, read_state
 from beamdae.results.rest import is_motionless
 from beamdae.results.trajectory import Trajectory
 
@@ -54,11 +55,14 @@ def unstable_loop_warnings(equations: EquationsOfMotion, trajectory: Trajectory)
     if name is None or time is None:
         return
     analysis = deferred.module("analysis.linear_dynamics.growing_modes")
+    at = read_state(equations, trajectory, time)
+    zero = np.zeros(equations.n)
+    at = at._replace(state=at.state._replace(v=zero, a=zero))
     try:
-        value = analysis.find_loop_mode(equations, trajectory, time, loads)
+        value = analysis.find_loop_mode(at, trajectory, loads, _LOOP_GROWTH / duration)
     except (BeamdaeError, np.linalg.LinAlgError):
         return  # Some states, such as singular positions, cannot be linearized.
-    if value is not None and value.real * duration > _LOOP_GROWTH:
+    if value is not None:
         vibration = f" with {value.imag / (2.0 * np.pi):.3g} Hz" if value.imag else ""
         yield (
             f"{name} does not settle, because its loop is unstable: a mode grows as "
@@ -142,6 +146,28 @@ def growing_mode_warnings(
             return
 
 
+def unstable_start_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
+    """Yield a warning if the equilibrium in which a run starts is unstable.
+
+    Equilibria that sampled controllers may hold are not examined.
+    """
+    duration = trajectory.end - trajectory.start
+    if equations.controllers or equations.n > _MAX_COORDINATES or not duration > 0.0:
+        return
+    analysis = deferred.module("analysis.linear_dynamics.growing_modes")
+    at = read_state(equations, trajectory, trajectory.start)
+    try:
+        modes = analysis.LinearizedState(at, {}).find_growing(_GROWTH / duration)
+    except (BeamdaeError, np.linalg.LinAlgError):
+        return
+    if len(modes.values):
+        yield (
+            "start: the equilibrium is unstable, and the smallest disturbance leaves it as "
+            f"exp({np.max(modes.values.real):.3g} t); start from other positions, or add an "
+            "imperfection (bd.imperfect) or a small load."
+        )
+
+
 def _examine_part(
     equations: EquationsOfMotion,
     trajectory: Trajectory,
@@ -151,19 +177,20 @@ def _examine_part(
     is_pressed: bool,
 ) -> str:
     """Return a warning about a mode that grows in all states at `times`, the last one first."""
-    analysis = deferred.module("analysis.linear_dynamics.growing_modes")
     q = trajectory.positions_at(np.linspace(trajectory.start, times[0], _SAMPLES))
     lost = path = ""
     for t in times.tolist():
-        run = analysis.LinearizedRun(equations, trajectory, t)
-        if not (run.sources or is_pressed):
+        at = read_state(equations, trajectory, t)
+        loads = differentiate_loads(at)
+        if not (loads or is_pressed):
             return ""
-        modes, step = run.find_growing(min_rate), _find_step(trajectory, t)
+        analysis = deferred.module("analysis.linear_dynamics.growing_modes")
+        run, step = analysis.LinearizedState(at, loads), _find_step(trajectory, t)
+        modes = run.find_growing(min_rate)
         vibration = _find_damped(modes.values, step, amplify) if amplify else None
         still = _find_still(modes, q, run.mass) if is_pressed else None
         if t == times[0]:
-            cause = "" if vibration is None else run.find_cause(vibration.real)
-            lost = cause and _describe_lost(cause, vibration, step, equations)
+            lost = "" if vibration is None else _describe_lost(run, vibration, step)
             path = "" if still is None else _describe_path(equations, modes, still, t)
         lost = "" if vibration is None else lost
         path = "" if still is None else path
@@ -174,7 +201,7 @@ def _examine_part(
 
 def _find_damped(values: Array, step: float, amplify: Amplify) -> complex | None:
     """Return the eigenvalue of the slowest vibration if steps [s] damp all of them, or None."""
-    vibrations = values[values.imag > values.real]
+    vibrations = values[values.imag > 0.0]
     growth = np.log(np.abs(amplify(vibrations * step)))
     if not len(vibrations) or np.any(growth > _MAX_DAMPED * vibrations.real * step):
         # A resolved vibration that grows changes the motion, and with it all other modes.
@@ -212,16 +239,16 @@ def _is_pressed(equations: EquationsOfMotion, largest_force: float) -> bool:
     return largest_force * sum(x.length for x in beams) ** 2 > _MIN_LOAD * stiffness
 
 
-def _describe_lost(cause: str, value: complex, step: float, equations: EquationsOfMotion) -> str:
-    """Return the warning, with a step of `Radau` that resolves the vibration."""
-    max_step = step
+def _describe_lost(run: Any, value: complex, step: float) -> str:
+    """Return the warning, with a sufficient step of `Radau`; "" if no load is the cause."""
+    cause, max_step = run.find_cause(value.real), np.array([step])
     while np.log(abs(_amplify_by_radau(value * max_step))) < _MIN_RESOLVED * value.real * max_step:
         max_step *= 0.5
-    damping = ", or set damping= of the sections" if beams_of(equations.mechanism) else ""
-    return (
+    damping = ", or set damping= of the sections" if beams_of(run.lin.equations.mechanism) else ""
+    return cause and (
         f"{cause}: a vibration at {value.imag / (2.0 * np.pi):.3g} Hz grows as "
         f"exp({value.real:.3g} t), but steps of {step:.2g} s damp it, so the results lack it; use "
-        f"Radau(max_step={max_step:.1g}){damping}."
+        f"Radau(max_step={max_step[0]:.1g}){damping}."
     )
 
 

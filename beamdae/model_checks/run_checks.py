@@ -8,11 +8,11 @@ steps, and by a function of the run in this module if it reads more.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import chain, islice
 from typing import TypeVar
 
 import numpy as np
 
-from beamdae import deferred
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.part_warnings import (
     MotionSamples,
@@ -27,7 +27,11 @@ from beamdae.model_checks.deep_contacts import (
     soft_contact_warnings,
 )
 from beamdae.model_checks.elastic_bounces import elastic_bounce_warnings
-from beamdae.model_checks.growing_modes import growing_mode_warnings, unstable_loop_warnings
+from beamdae.model_checks.growing_modes import (
+    growing_mode_warnings,
+    unstable_loop_warnings,
+    unstable_start_warnings,
+)
 from beamdae.model_checks.impact_speeds import impact_speed_warnings
 from beamdae.model_checks.impacts import impact_warnings
 from beamdae.model_checks.quality_warnings import balance_warnings, column_warnings
@@ -101,10 +105,15 @@ def _is_complete(run: RunData) -> bool:
     return start == 0.0 and bool(end >= run.model.get("t_end", end))
 
 
-def _unstable_loops(run: RunData) -> Iterable[str]:
+def _growing_modes(run: RunData) -> Iterable[str]:
     # The reason of a run that has stopped names an unstable loop already.
-    has_stopped = run.status.kind in ("failed", "limited")
-    return () if has_stopped else unstable_loop_warnings(run.equations, run.trajectory)
+    if not run.status.success:
+        return ()
+    motion, force = (run.equations, run.trajectory), run._energy_ledger.force.scale
+    start = unstable_start_warnings(*motion) if run.start.request == EQUILIBRIUM else ()
+    modes = growing_mode_warnings(*motion, run.integrator, force)
+    # Few modes are named twice: the first one is the cause.
+    return islice(chain(start, unstable_loop_warnings(*motion), modes), 1)
 
 
 def _balance(run: RunData) -> Iterable[str]:
@@ -128,13 +137,6 @@ def _singular_positions(run: RunData) -> Iterable[str]:
 @_once_a_run
 def _strains(run: RunData) -> tuple[str, ...]:
     return tuple(strain_warnings(run.equations, sample_positions(run.trajectory)))
-
-
-def _growing_modes(run: RunData) -> Iterable[str]:
-    if not run.status.success:
-        return ()
-    largest_force = run._energy_ledger.force.scale
-    return growing_mode_warnings(run.equations, run.trajectory, run.integrator, largest_force)
 
 
 def _coarse_rows(run: RunData) -> Iterable[str]:
@@ -178,13 +180,6 @@ def _resumed_run(run: RunData) -> Iterable[str]:
 
 def _start_changes(run: RunData) -> Iterable[str]:
     return filter(None, (run.start.warning,))
-
-
-def _unstable_start(run: RunData) -> Iterable[str]:
-    if run.start.request != EQUILIBRIUM:
-        return ()
-    statics = deferred.module("analysis.statics.start_stability")
-    return filter(None, (statics.describe_unstable_start(run.equations, run.trajectory.start),))
 
 
 def _idle_parts(run: RunData) -> Iterable[str]:
@@ -242,8 +237,8 @@ RUN_CHECKS: tuple[Check, ...] = (
     _of_complete_run(undriven_body_warnings),
     _unguided_drivers,
     _supplied_energy,
-    # ... and of unstable loops.
-    _unstable_loops,
+    # ... and modes that grow.
+    _growing_modes,
     _of_motion(saturated_command_warnings),
     _of_complete_run(rare_sample_warnings),
     # The motion and the deformation.
@@ -251,7 +246,6 @@ RUN_CHECKS: tuple[Check, ...] = (
     _columns,
     _singular_positions,
     _strains,
-    _growing_modes,
     # Missed extremes.
     *ROW_CHECKS,
     # Single forces and columns.
@@ -266,6 +260,5 @@ RUN_CHECKS: tuple[Check, ...] = (
     _of_motion(overrun_warnings),
     # Remarks on the start and on parts without effect.
     _start_transients,
-    _unstable_start,
     _idle_parts,
 )

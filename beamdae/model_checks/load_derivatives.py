@@ -1,0 +1,107 @@
+"""Derivatives of loads about a state of a run, and the loads that may supply energy."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.equations.assembly.building import select_input_laws
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.sums import term_data
+from beamdae.results.trajectory import Trajectory
+from beamdae.symbolic.kernel_groups import group_by_kernel
+
+Array = np.ndarray
+
+_ROUNDING = 1e-9  # of derivatives of loads
+
+
+class RunState(NamedTuple):
+    """State of a run: equations of all parts and of the active ones, (t, branch), and the state."""
+
+    whole: EquationsOfMotion
+    equations: EquationsOfMotion
+    time: Array
+    state: State
+
+
+def read_state(equations: EquationsOfMotion, trajectory: Trajectory, t: float) -> RunState:
+    """Return the state of a run at a time [s]."""
+    times = np.array([t])
+    (time,), state = trajectory.at(times)
+    interval = trajectory.intervals[int(trajectory.interval_index(times)[0])]
+    if interval.configuration is not None:
+        state = state._replace(lam=interval.configuration.select_multipliers(state.lam))
+    active = interval.active_equations(equations)
+    return RunState(equations, active, time, State(*(x[0] for x in state)))
+
+
+class LoadDerivatives(NamedTuple):
+    """Derivatives dF/dq and dF/dv (n, n) of forces; `is_source` if they may supply energy."""
+
+    stiffness: sp.csr_array
+    damping: sp.csr_array
+    is_source: bool
+
+
+def differentiate_loads(
+    at: RunState, commanded: Collection[str] = ()
+) -> dict[str, LoadDerivatives]:
+    """Return the derivatives of the loads that may supply energy, and of `commanded`, by part.
+
+    Energy is supplied by circulatory stiffness and negative damping. Forces with inertia are no
+    loads.
+    """
+    loads: dict[str, LoadDerivatives] = {}
+    for name, load in _differentiate_copies(at, commanded):
+        before = loads.get(name)
+        if before is not None:
+            both = zip(before, load, strict=True)
+            load = LoadDerivatives(*(x + y for x, y in both))
+        loads[name] = load
+    return loads
+
+
+def _differentiate_copies(
+    at: RunState, commanded: Collection[str]
+) -> Iterator[tuple[str, LoadDerivatives]]:
+    e, state = at.equations, at.state
+    if e.mechanism is None:
+        return
+    laws = select_input_laws(e.mechanism.inputs)
+    states = {x.name for x in e.parts if x.is_state}
+    forces = [x.with_laws(laws) for part in e.statements for x in part.forces]
+    for group, term in zip(group_by_kernel(forces), e.structure.forces, strict=True):
+        kernel, count, size = term.kernel, term.count, term.kernel.local.size
+        names = [forces[k].part for k in group.members for _ in range(forces[k].count)]
+        if term.rotation is not None or kernel.has_accelerations or states.issuperset(names):
+            continue
+        operator = sp.csr_array(term.operator)
+        q, v, scales = (
+            np.reshape(x, (count, size))
+            for x in (operator @ state.q, operator @ state.v, abs(operator) @ e.position_scales)
+        )
+        rows = np.zeros(0, int) if term.rows is None else term.rows.indices
+        lam = state.lam[rows].reshape(count, -1)
+        time = np.repeat(at.time[None], count, axis=0)
+        values = kernel.motion_derivatives(time, q, v, lam, term_data(e, term).T)
+        # Columns are consecutive.
+        values = np.swapaxes(values.reshape(count, 2, size, size), 2, 3)
+        is_source = _supplies_energy(values * scales[:, None, :, None] * scales[:, None, None])
+        for k in np.flatnonzero(is_source | np.isin(names, list(commanded))).tolist():
+            own = operator[k * size : (k + 1) * size]
+            stiffness, damping = (sp.csr_array(own.T @ (x @ own)) for x in values[k])
+            yield names[k], LoadDerivatives(stiffness, damping, bool(is_source[k]))
+
+
+def _supplies_energy(values: Array) -> Array:
+    """Return True (k,) for loads (k, 2, n, n) of circulatory stiffness or negative damping."""
+    values = np.where(np.isfinite(values), values, 0.0)
+    transposed = np.swapaxes(values, 2, 3)
+    largest = np.max(np.abs(values), axis=(2, 3), initial=0.0)
+    least = np.min(np.linalg.eigvalsh((values + transposed)[:, 1]), axis=1, initial=0.0)
+    skew = np.max(np.abs((values - transposed)[:, 0]), axis=(1, 2), initial=0.0)
+    return (skew > _ROUNDING * largest[:, 0]) | (-least > _ROUNDING * largest[:, 1])
