@@ -177,7 +177,6 @@ def _examine_part(
     is_pressed: bool,
 ) -> str:
     """Return a warning about a mode that grows in all states at `times`, the last one first."""
-    q = trajectory.positions_at(np.linspace(trajectory.start, times[0], _SAMPLES))
     lost = path = ""
     for t in times.tolist():
         at = read_state(equations, trajectory, t)
@@ -186,9 +185,11 @@ def _examine_part(
             return ""
         analysis = deferred.module("analysis.linear_dynamics.growing_modes")
         run, step = analysis.LinearizedState(at, loads), _find_step(trajectory, t)
+        if not loads and run.is_stable(min_rate):
+            return ""
         modes = run.find_growing(min_rate)
         vibration = _find_damped(modes.values, step, amplify) if amplify else None
-        still = _find_still(modes, q, run.mass) if is_pressed else None
+        still = _find_still(modes, run.mass, trajectory, times[0]) if is_pressed else None
         if t == times[0]:
             lost = "" if vibration is None else _describe_lost(run, vibration, step)
             path = "" if still is None else _describe_path(equations, modes, still, t)
@@ -209,12 +210,16 @@ def _find_damped(values: Array, step: float, amplify: Amplify) -> complex | None
     return complex(vibrations[np.argmin(vibrations.imag)])
 
 
-def _find_still(modes: Any, q: Array, mass: Any) -> int | None:
-    """Return the index of a growing motion in which displacements (k, n) have no share, or None."""
+def _find_still(modes: Any, mass: Any, trajectory: Trajectory, end: float) -> int | None:
+    """Return the index of a growing motion in which displacements have no share, or None."""
+    (directions,) = np.nonzero(modes.values.imag == 0.0)
+    if not len(directions):
+        return None
+    q = trajectory.positions_at(np.linspace(trajectory.start, end, _SAMPLES))
     displacements = q - q[0]
     momentum = displacements @ mass.toarray()
     size = np.sqrt(np.max(np.sum(momentum * displacements, axis=1)))
-    for k in np.flatnonzero(modes.values.imag == 0.0):
+    for k in directions.tolist():
         motion = modes.motions[:, k].real
         share = np.max(np.abs(momentum @ motion)) / np.sqrt(motion @ (mass @ motion))
         if share <= _EXCITED_SHARE * size:

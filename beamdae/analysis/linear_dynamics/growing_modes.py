@@ -18,6 +18,7 @@ from beamdae.analysis.linear_dynamics.law_derivatives import differentiate_law
 from beamdae.analysis.linear_dynamics.linear_model import StateReduction
 from beamdae.analysis.linear_dynamics.linearization import Linearization, linearize_motion
 from beamdae.equations.formulations.tangents import compute_tangent
+from beamdae.equations.starts.rank import scaled_null_space
 from beamdae.model_checks.load_derivatives import LoadDerivatives, RunState, differentiate_loads
 from beamdae.results.trajectory import Instant, Trajectory
 
@@ -60,6 +61,18 @@ class LinearizedState:
         """Mass matrix (n, n)."""
         return self.lin.tangent.mass
 
+    def is_stable(self, rate: float) -> bool:
+        """Return True if no motion of forces with a potential grows faster than a rate [1/s]."""
+        e, tangent = self.lin.equations, self.lin.tangent
+        basis = scaled_null_space(tangent.acceleration_jacobian(e), e.position_scales)
+        total = tangent.stiffness + rate * tangent.damping + rate**2 * tangent.mass
+        projected = basis.T @ (total @ basis)
+        try:
+            la.cholesky(projected + projected.T)
+        except la.LinAlgError:
+            return False
+        return True
+
     def reduce(self, without: Collection[str] = ()) -> StateReduction | None:
         """Return the reduced equations without the derivatives of some loads; None if rigid."""
         tangent = self.lin.tangent
@@ -79,7 +92,7 @@ class LinearizedState:
             return Modes(np.zeros(0, complex), np.zeros((self.lin.equations.n, 0)))
         matrix = reduction.linear_model(()).A
         # Shift and invert: of stiff structures, rounding errors of A reach the slow modes.
-        inverses, vectors = la.eig(la.inv(matrix - min_rate * np.eye(len(matrix))))
+        inverses, vectors = la.eig(np.linalg.inv(matrix - min_rate * np.eye(len(matrix))))
         values = min_rate + 1.0 / inverses
         is_growing = (values.real > min_rate) & (values.imag >= 0.0)
         motions = reduction.z @ vectors[: len(reduction.x_indices), is_growing]
