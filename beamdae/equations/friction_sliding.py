@@ -34,22 +34,15 @@ class SlidingTerm:
 
     def evaluate(self, times: Array, state: State) -> Array:
         """Return sliding velocities [m/s] at rows of (t, branch), NaN without a normal force."""
-        slip, force = self.evaluate_with_forces(times, state)
-        return np.where(force > self.law.min_force, slip, np.nan)
-
-    def evaluate_with_forces(self, times: Array, state: State) -> tuple[Array, Array]:
-        """Return the sliding velocities [m/s], also without a normal force, and these forces [N].
-
-        Normal forces in joints are NaN at a sliding velocity of zero.
-        """
         law = self.law
         columns = self.observable.evaluate(self.numbers, times, state.q, state.v, state.lam)
         force, slip = columns.T
         if not law.is_contact:
+            # Normal forces in joints are NaN at a sliding velocity of zero.
             coefficient = np.abs(law.friction_coefficient(slip)) * (law.radius or 1.0)
             with np.errstate(invalid="ignore", divide="ignore"):
                 force = np.abs(force) / coefficient
-        return slip, force
+        return np.where(force > law.min_force, slip, np.nan)
 
 
 def friction_laws(equations: EquationsOfMotion) -> dict[str, RegularizedFriction]:
