@@ -27,7 +27,6 @@ from beamdae.errors import BeamdaeError
 from beamdae.parts.control.controller import Controller
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
-from beamdae.parts.signals import State as SignalState
 from beamdae.symbolic.local_symbols import SX
 from beamdae.symbolic.signals import Signal, find_signals
 from beamdae.symbolic.statements import Local, Quantity, Variable
@@ -107,19 +106,6 @@ def compile_commands(equations: EquationsOfMotion) -> tuple[Command, ...]:
             Command(name, low, high, observable, numbers.all(mechanism.inputs), is_output)
         )
     return tuple(commands)
-
-
-def find_commanded_loads(mechanism: Mechanism) -> frozenset[str]:
-    """Return the names of the loads whose laws contain an output of `pid` or a state."""
-    time, outputs = SX.sym("t", 2), {x.element_hash() for x in mechanism.outputs.values()}
-    names = set()
-    for part in mechanism.parts.values():
-        if part.is_load:
-            formulas = [law(time) for law in part.laws]
-            depends_on_state = any(isinstance(x, SignalState) for x in find_signals(*formulas))
-            if depends_on_state or any(_contains(x, outputs) for x in formulas):
-                names.add(part.name)
-    return frozenset(names)
 
 
 def differentiate_laws(

@@ -7,6 +7,7 @@ a mode is an unstable loop, is damped by steps that do not resolve it, or is exc
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -14,11 +15,13 @@ import numpy as np
 
 from beamdae import deferred
 from beamdae.beams.beam import beams_of
-from beamdae.equations.commands import compile_commands, find_commanded_loads
+from beamdae.equations.commands import compile_commands
 from beamdae.equations.controller_reads import evaluate_reads
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations.tangents import compute_tangent
+from beamdae.equations.starts.rank import scaled_null_space
 from beamdae.errors import BeamdaeError
-from beamdae.model_checks.load_derivatives import differentiate_loads, read_state
+from beamdae.model_checks.load_derivatives import RunState, differentiate_loads, read_state
 from beamdae.results.rest import is_motionless
 from beamdae.results.trajectory import Trajectory
 
@@ -26,6 +29,8 @@ Array = np.ndarray
 Amplify = Callable[[Array], Array]
 
 _MAX_COORDINATES = 300  # of dense eigenvalue problems
+# Raised for singular positions, massless points, and values that are not finite
+_NOT_LINEARIZED = (BeamdaeError, ValueError)
 # Exponents of growth: that of a loop in a run, which a plot shows, that from an imperfection to a
 # deflection in a run, and that in the part of the run in which the mode grows.
 _LOOP_GROWTH, _GROWTH, _PART_GROWTH = np.log(5.0), np.log(1e3), 1.0
@@ -38,37 +43,52 @@ _SAMPLES = 1024  # of signals of loops
 _MIN_LAST_RANGE = 0.3
 # Growth by the steps relative to that of the mode: of modes that are damped, and that are resolved
 _MAX_DAMPED, _MIN_RESOLVED = 0.5, 0.9
+_ROUNDING = 1e-9  # of ranges of signals
 _EXCITED_SHARE = 1e-6  # of displacements that are rounding errors
 _MIN_LOAD = 1.0  # in EI / L^2; beams buckle from pi^2 / 4 on
 
 
 def unstable_loop_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
     """Yield a warning if signals of a control loop do not settle, and a mode of the loop grows."""
-    mechanism, duration = equations.mechanism, trajectory.end - trajectory.start
-    if mechanism is None or equations.n > _MAX_COORDINATES or not duration > 0.0:
-        return
-    loads = find_commanded_loads(mechanism)
-    if not (loads or equations.controllers) or is_motionless(equations, trajectory):
-        return
-    name = next((name for name, x in _list_signals(equations, trajectory) if _moves_on(x)), None)
+    warning = ""
+    if _is_examined(equations, trajectory) and not is_motionless(equations, trajectory):
+        with np.errstate(all="ignore"), suppress(*_NOT_LINEARIZED):
+            warning = _describe_unstable_loop(equations, trajectory)
+    if warning:
+        yield warning
+
+
+def _is_examined(equations: EquationsOfMotion, trajectory: Trajectory) -> bool:
+    has_duration = trajectory.end > trajectory.start
+    return equations.mechanism is not None and equations.n <= _MAX_COORDINATES and has_duration
+
+
+def _describe_unstable_loop(equations: EquationsOfMotion, trajectory: Trajectory) -> str:
+    loads = {
+        part.name
+        for part, _, forces in equations.statements
+        if any(x.signal.rows for force in forces for x in force.signals)
+    }
+    if not (loads or equations.controllers):
+        return ""
+    growths = {name: _find_growth(x) for name, x in _list_signals(equations, trajectory)}
+    name = max(growths, key=growths.__getitem__, default="")
     time = _find_time_within_limits(equations, trajectory)
-    if name is None or time is None:
-        return
-    analysis = deferred.module("analysis.linear_dynamics.growing_modes")
+    if time is None or not growths.get(name):
+        return ""
     at = read_state(equations, trajectory, time)
     zero = np.zeros(equations.n)
     at = at._replace(state=at.state._replace(v=zero, a=zero))
-    try:
-        value = analysis.find_loop_mode(at, trajectory, loads, _LOOP_GROWTH / duration)
-    except (BeamdaeError, np.linalg.LinAlgError):
-        return  # Some states, such as singular positions, cannot be linearized.
-    if value is not None:
-        vibration = f" with {value.imag / (2.0 * np.pi):.3g} Hz" if value.imag else ""
-        yield (
-            f"{name} does not settle, because its loop is unstable: a mode grows as "
-            f"exp({value.real:.3g} t){vibration}; check the signs and sizes of its gains, and "
-            "delays."
-        )
+    analysis = deferred.module("analysis.linear_dynamics.growing_modes")
+    min_rate = _LOOP_GROWTH / (trajectory.end - trajectory.start)
+    value = analysis.find_loop_mode(at, trajectory, loads, min_rate)
+    if value is None:
+        return ""
+    vibration = f" with {value.imag / (2.0 * np.pi):.3g} Hz" if value.imag else ""
+    return (
+        f"{name} does not settle, because its loop is unstable: a mode grows as "
+        f"exp({value.real:.3g} t){vibration}; check the signs and sizes of its gains, and delays."
+    )
 
 
 def _list_signals(
@@ -91,10 +111,16 @@ def _list_signals(
             yield part.name, at[1].q[:, part.rows]
 
 
-def _moves_on(values: Array) -> bool:
-    """Return True if the range of a column (k,) remains large until the end."""
-    whole, last = np.ptp(values, axis=0), np.ptp(values[3 * len(values) // 4 :], axis=0)
-    return bool(np.any(last > _MIN_LAST_RANGE * whole))
+def _find_growth(values: Array) -> float:
+    """Return the largest ratio of ranges of the last and the first quarter; 0 if all settle."""
+    whole = np.ptp(values, axis=0)
+    first, last = (
+        np.ptp(x, axis=0) for x in (values[: _SAMPLES // 4], values[3 * _SAMPLES // 4 :])
+    )
+    moves_on = (whole > 0.0) & (last > _MIN_LAST_RANGE * whole)
+    return float(
+        np.max(last[moves_on] / np.maximum(first, _ROUNDING * whole)[moves_on], initial=0.0)
+    )
 
 
 def _find_time_within_limits(equations: EquationsOfMotion, trajectory: Trajectory) -> float | None:
@@ -130,17 +156,16 @@ def growing_mode_warnings(
     largest_force
         Largest entry of the forces and the reactions in the run [N or N m].
     """
-    duration = trajectory.end - trajectory.start
-    if equations.mechanism is None or equations.n > _MAX_COORDINATES or not duration > 0.0:
+    if not _is_examined(equations, trajectory):
         return
+    duration = trajectory.end - trajectory.start
     amplify, is_pressed = _select_amplification(integrator), _is_pressed(equations, largest_force)
     for begin, end in _PARTS:
         min_rate = max(_GROWTH / duration, _PART_GROWTH / (duration * (end - begin)))
         times = trajectory.start + duration * (begin + (end - begin) * _FRACTIONS)
-        try:
+        warning = ""
+        with np.errstate(all="ignore"), suppress(*_NOT_LINEARIZED):
             warning = _examine_part(equations, trajectory, times, min_rate, amplify, is_pressed)
-        except (BeamdaeError, np.linalg.LinAlgError):
-            continue  # Some states, such as singular positions, cannot be linearized.
         if warning:
             yield warning
             return
@@ -151,20 +176,18 @@ def unstable_start_warnings(equations: EquationsOfMotion, trajectory: Trajectory
 
     Equilibria that sampled controllers may hold are not examined.
     """
-    duration = trajectory.end - trajectory.start
-    if equations.controllers or equations.n > _MAX_COORDINATES or not duration > 0.0:
+    if equations.controllers or not _is_examined(equations, trajectory):
         return
+    values, at = np.zeros(0), read_state(equations, trajectory, trajectory.start)
+    min_rate = _GROWTH / (trajectory.end - trajectory.start)
     analysis = deferred.module("analysis.linear_dynamics.growing_modes")
-    at = read_state(equations, trajectory, trajectory.start)
-    try:
-        modes = analysis.LinearizedState(at, {}).find_growing(_GROWTH / duration)
-    except (BeamdaeError, np.linalg.LinAlgError):
-        return
-    if len(modes.values):
+    with suppress(*_NOT_LINEARIZED):
+        values = analysis.LinearizedState(at, {}).find_growing(min_rate).values
+    if len(values):
         yield (
             "start: the equilibrium is unstable, and the smallest disturbance leaves it as "
-            f"exp({np.max(modes.values.real):.3g} t); start from other positions, or add an "
-            "imperfection (bd.imperfect) or a small load."
+            f"exp({np.max(values.real):.3g} t); start from other positions, or add an imperfection "
+            "(bd.imperfect) or a small load."
         )
 
 
@@ -181,12 +204,10 @@ def _examine_part(
     for t in times.tolist():
         at = read_state(equations, trajectory, t)
         loads = differentiate_loads(at)
-        if not (loads or is_pressed):
+        if not loads and not (is_pressed and _may_diverge(at, min_rate)):
             return ""
         analysis = deferred.module("analysis.linear_dynamics.growing_modes")
         run, step = analysis.LinearizedState(at, loads), _find_step(trajectory, t)
-        if not loads and run.is_stable(min_rate):
-            return ""
         modes = run.find_growing(min_rate)
         vibration = _find_damped(modes.values, step, amplify) if amplify else None
         still = _find_still(modes, run.mass, trajectory, times[0]) if is_pressed else None
@@ -200,11 +221,26 @@ def _examine_part(
     return lost or path
 
 
+def _may_diverge(at: RunState, rate: float) -> bool:
+    """Return True if motions of forces with a potential may grow faster than a rate [1/s]."""
+    e, tangent = at.equations, compute_tangent(at.equations, at.time, at.state)
+    basis = scaled_null_space(tangent.acceleration_jacobian(e), e.position_scales)
+    total = tangent.stiffness + rate * tangent.damping + rate**2 * tangent.mass
+    projected = basis.T @ (total @ basis)
+    try:
+        np.linalg.cholesky(projected + projected.T)
+    except np.linalg.LinAlgError:
+        return True
+    return False
+
+
 def _find_damped(values: Array, step: float, amplify: Amplify) -> complex | None:
     """Return the eigenvalue of the slowest vibration if steps [s] damp all of them, or None."""
     vibrations = values[values.imag > 0.0]
+    if not (step > 0.0 and len(vibrations)):
+        return None
     growth = np.log(np.abs(amplify(vibrations * step)))
-    if not len(vibrations) or np.any(growth > _MAX_DAMPED * vibrations.real * step):
+    if np.any(growth > _MAX_DAMPED * vibrations.real * step):
         # A resolved vibration that grows changes the motion, and with it all other modes.
         return None
     return complex(vibrations[np.argmin(vibrations.imag)])

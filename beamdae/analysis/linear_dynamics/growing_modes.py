@@ -18,7 +18,6 @@ from beamdae.analysis.linear_dynamics.law_derivatives import differentiate_law
 from beamdae.analysis.linear_dynamics.linear_model import StateReduction
 from beamdae.analysis.linear_dynamics.linearization import Linearization, linearize_motion
 from beamdae.equations.formulations.tangents import compute_tangent
-from beamdae.equations.starts.rank import scaled_null_space
 from beamdae.model_checks.load_derivatives import LoadDerivatives, RunState, differentiate_loads
 from beamdae.results.trajectory import Instant, Trajectory
 
@@ -60,18 +59,6 @@ class LinearizedState:
     def mass(self) -> sp.csc_array:
         """Mass matrix (n, n)."""
         return self.lin.tangent.mass
-
-    def is_stable(self, rate: float) -> bool:
-        """Return True if no motion of forces with a potential grows faster than a rate [1/s]."""
-        e, tangent = self.lin.equations, self.lin.tangent
-        basis = scaled_null_space(tangent.acceleration_jacobian(e), e.position_scales)
-        total = tangent.stiffness + rate * tangent.damping + rate**2 * tangent.mass
-        projected = basis.T @ (total @ basis)
-        try:
-            la.cholesky(projected + projected.T)
-        except la.LinAlgError:
-            return False
-        return True
 
     def reduce(self, without: Collection[str] = ()) -> StateReduction | None:
         """Return the reduced equations without the derivatives of some loads; None if rigid."""
@@ -129,7 +116,7 @@ def find_loop_mode(
     """
     run = LinearizedState(at, differentiate_loads(at, commanded))
     if at.whole.controllers:
-        values, opened = (_sampled_poles(run, trajectory, x) for x in (True, False))
+        values, opened = (_sampled_poles(run, trajectory, x) for x in (None, commanded))
     else:
         values, opened = (run.find_growing(min_rate, x).values for x in ((), commanded))
     if not len(values):
@@ -139,12 +126,15 @@ def find_loop_mode(
     return fastest if is_of_loop and fastest.real > min_rate else None
 
 
-def _sampled_poles(run: LinearizedState, trajectory: Trajectory, is_closed: bool) -> Array:
+def _sampled_poles(
+    run: LinearizedState, trajectory: Trajectory, opened: Collection[str] | None
+) -> Array:
     """Return the poles [1/s] of sampled loops; none if a law or the samples have no linear model.
 
+    If `opened` is not None, commands of sampled loops and of these loads are constant.
     The sampling intervals must be multiples of the shortest one, and divisors of the longest one.
     """
-    equations, reduction = run.lin.full_equations, run.reduce()
+    equations, reduction = run.lin.full_equations, run.reduce(opened or ())
     terms = equations.controllers
     intervals = np.array([x.controller.every for x in terms])
     ratios = np.round(intervals / np.min(intervals)).astype(int)
@@ -165,7 +155,7 @@ def _sampled_poles(run: LinearizedState, trajectory: Trajectory, is_closed: bool
             outputs = model.C[first : first + by_reads.shape[1]]
             first += by_reads.shape[1]
             if k % ratio == 0:
-                sample[own] = is_closed * by_reads @ outputs
+                sample[own] = (opened is None) * by_reads @ outputs
                 sample[np.ix_(own, own)] += by_values
         total = step @ sample @ total
     multipliers = la.eigvals(total).astype(complex)
