@@ -17,7 +17,7 @@ from beamdae import deferred
 from beamdae.beams.beam import beams_of
 from beamdae.equations.commands import compile_commands
 from beamdae.equations.controller_reads import evaluate_reads
-from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.starts.rank import scaled_null_space
 from beamdae.errors import BeamdaeError
@@ -73,12 +73,8 @@ def _describe_unstable_loop(equations: EquationsOfMotion, trajectory: Trajectory
         return ""
     growths = {name: _find_growth(x) for name, x in _list_signals(equations, trajectory)}
     name = max(growths, key=growths.__getitem__, default="")
-    time = _find_time_within_limits(equations, trajectory)
-    if time is None or not growths.get(name):
+    if not growths.get(name) or (at := _find_state_within_limits(equations, trajectory)) is None:
         return ""
-    at = read_state(equations, trajectory, time)
-    zero = np.zeros(equations.n)
-    at = at._replace(state=at.state._replace(v=zero, a=zero))
     analysis = deferred.module("analysis.linear_dynamics.growing_modes")
     min_rate = _LOOP_GROWTH / (trajectory.end - trajectory.start)
     value = analysis.find_loop_mode(at, trajectory, loads, min_rate)
@@ -123,16 +119,23 @@ def _find_growth(values: Array) -> float:
     )
 
 
-def _find_time_within_limits(equations: EquationsOfMotion, trajectory: Trajectory) -> float | None:
-    """Return the first time of a step at which the commands at rest are between their limits."""
+def _find_state_within_limits(
+    equations: EquationsOfMotion, trajectory: Trajectory
+) -> RunState | None:
+    """Return the first state, at rest or moving, with commands between their limits, or None."""
     times = np.unique(np.concatenate([x.t for x in trajectory.intervals]))
     at, state = trajectory.at(times)
-    rest = state._replace(v=np.zeros_like(state.v))
-    is_within = np.ones(len(times), bool)
-    for command in compile_commands(equations):
-        values = command.evaluate(at, rest)[:, 0]
-        is_within &= (values > command.low) & (values < command.high)
-    return float(times[np.argmax(is_within)]) if is_within.any() else None
+    for share in (0.0, 1.0):
+        moving = state._replace(v=share * state.v)
+        is_within = np.ones(len(times), bool)
+        for command in compile_commands(equations):
+            values = command.evaluate(at, moving)[:, 0]
+            is_within &= (values > command.low) & (values < command.high)
+        if is_within.any():
+            found = read_state(equations, trajectory, float(times[np.argmax(is_within)]))
+            q, v, a, lam = found.state
+            return found._replace(state=State(q, share * v, share * a, lam))
+    return None
 
 
 def growing_mode_warnings(

@@ -132,6 +132,33 @@ def test_periodic_loads_of_turning_parts_have_no_warning(limit):
     assert not list_warnings(mech, 30.0)
 
 
+@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.parametrize("gain", [0.01, 50.0])
+def test_speed_loops_whose_commands_are_beyond_their_limits_at_rest(gain):
+    """A motor and a load at both ends of a shaft; the loop measures the speed of the load."""
+    motor, load, stiffness, damping = 0.01, 0.05, 200.0, 0.02
+    mech = bd.Mechanism()
+    parts = [mech.add(bd.RigidBody(f"disk {x}", 1.0, inertia=x)) for x in (motor, load)]
+    ends = [x.at(0.0, 0.0) for x in parts]
+    for k, end in enumerate(ends):
+        mech.add(bd.Revolute(f"bearing {k}", mech.ground.at(0.0, 0.0), end))
+    mech.add(bd.TorsionSpring("shaft", *ends, stiffness))
+    mech.add(bd.TorsionDamper("losses", *ends, damping))
+    error = 10.0 - mech.sensor("speed", ends[1], "angle_dot")
+    torque = bd.pid(mech, "drive", error, gain, 2.0 * gain, limits=(-20.0, 20.0))
+    mech.add(bd.Moment("motor", ends[0], torque))
+    # Twist, speeds of motor and load, integral of the error
+    loop = [
+        [0.0, 1.0, -1.0, 0.0],
+        [-stiffness / motor, -damping / motor, (damping - gain) / motor, 2.0 * gain / motor],
+        [stiffness / load, damping / load, -damping / load, 0.0],
+        [0.0, 0.0, -1.0, 0.0],
+    ]
+    is_unstable = la.eigvals(loop).real.max() > 0.0
+    assert is_unstable == (gain > 1.0)
+    assert len(list_warnings(mech, 4.0)) == is_unstable
+
+
 def build_flexure(gain, sign=1.0):
     """Return a stage on two leaves whose force depends on the rate."""
     leaf = bd.Section.rectangle(STEEL, width=0.02, height=0.3e-3, damping=1e-4)
