@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-import scipy.linalg as la
 
 from beamdae.equations.assembly.coordinate_map import (
     CoordinateMap,
@@ -39,28 +38,15 @@ Array = np.ndarray
 # Penetration that is rounding noise of the drawing, relative to the length of the mechanism.
 _MAX_ROUNDING_DEPTH = 1e-9
 # Static forces explain a penetration if the energy stored in the contact is at most this multiple
-# of the work of the other forces on one of its bodies over the penetration (the ratio is
-# 1 / (1 + exponent) if a body rests on one contact), ...
+# of the work of the other forces on one of its bodies over the penetration; the ratio is
+# 1 / (1 + exponent) if a body rests on one contact.
 _MAX_STATIC_RATIO = 10.0
-# ... or if at least this share of the contact force holds the point of contact at rest, when all
-# bodies are rigid: levers multiply forces.
-_MIN_HOLDING_SHARE = 0.04
-# A contact also is explained if its force is balanced, up to this fraction of the acceleration that
-# it would cause alone, ...
-_MAX_IMBALANCE = 0.1
-# ... and the penetration is at most this fraction of the length of the mechanism: a point between
-# two reversed surfaces is balanced, too.
-_MAX_BALANCED_DEPTH = 0.05
-# Such a shallow contact also is explained if it is at least this deep, relative to its start, in
-# the equilibrium that is reached from there: elastic parts that are drawn without stress balance
-# the contact force after small displacements.
-_MIN_RESTING_SHARE = 0.5
+# A preload also does: the contact is at least this deep, relative to its start, in the equilibrium
+# that is reached from there, and at most this fraction of the length of the mechanism: a point
+# between two reversed surfaces is in equilibrium, too.
+_MIN_RESTING_SHARE, _MAX_PRELOAD_DEPTH = 0.5, 0.05
 # Stored energies below this fraction of the kinetic energy change velocities by less than 0.1 %.
 _NEGLIGIBLE_ENERGY = 1e-6
-# At the center of a circle, the direction of the contact force is not defined: the force is smaller
-# than this fraction of stored energy / penetration.
-_MIN_DIRECTED_FORCE = 1e-3
-
 # Random positions of a body, at which the distances of attachments are compared.
 _RIGIDITY_SAMPLES = 4
 _RIGIDITY_TOLERANCE = 1e-9  # relative to the coordinates
@@ -419,20 +405,16 @@ def start_inside_warnings(
             if (
                 x.energy <= _NEGLIGIBLE_ENERGY * kinetic_energy
                 or x.energy <= _MAX_STATIC_RATIO * static_force * x.depth
-                or _holding_share(x, solver, time, state, others) >= _MIN_HOLDING_SHARE
-                or _is_balanced(x, solver, time, state)
-                or (
-                    _may_be_preloaded(x, equations)
-                    and _is_as_deep_at_rest(x, coordinates, time, find_rest())
-                )
             ):
                 continue
-            remedy, rest = x.gap.remedy, find_rest()
-            if (
-                rest is not None
-                and _evaluate_gap(x.gap.quantity, coordinates, time, rest) < 0.0
-                and _holding_share(x, solver, time, state, others) > 0.0
-            ):
+            rest, depth_at_rest = find_rest(), 0.0
+            if rest is not None:
+                depth_at_rest = -_evaluate_gap(x.gap.quantity, coordinates, time, rest)
+            is_shallow = x.depth <= _MAX_PRELOAD_DEPTH * equations.length
+            if is_shallow and depth_at_rest >= _MIN_RESTING_SHARE * x.depth:
+                continue
+            remedy = x.gap.remedy
+            if depth_at_rest > 0.0 and x.force @ (equations.position_scales**2 * others) < 0.0:
                 # The other forces press the point on the surface, whose side is right.
                 remedy = "move the point out of the surface"
             if rest is not None and not starts_in_equilibrium(active):
@@ -496,53 +478,6 @@ def _smaller_resultant(
     return min(resultants)
 
 
-def _holding_share(
-    penetration: _Penetration,
-    solver: ConsistencySolver,
-    time: Array,
-    state: State,
-    others: Array,
-) -> float:
-    """Return the share of a contact force that holds the point at rest if all bodies are rigid.
-
-    Return 0 if the joints allow no rigid motion along the force, a motion has no inertia, or the
-    forces are not finite.
-    """
-    e = solver.equations
-    motions = compute_rigid_motions(e, state.q) * e.position_scales[:, None]
-    try:
-        motions = motions @ la.null_space(solver.constraint_matrix(time, state.q) @ motions)
-        mass = motions.T @ (solver.linearize_forces(time, state)[2] @ motions)
-        contact, force = motions.T @ penetration.force, motions.T @ others
-        response = la.solve(mass, contact, assume_a="pos")
-    except (la.LinAlgError, ValueError):
-        # A motion without inertia, or forces that are not finite.
-        return 0.0
-    mobility = float(contact @ response)
-    return -float(force @ response) / mobility if mobility > 0.0 else 0.0
-
-
-def _may_be_preloaded(x: _Penetration, equations: EquationsOfMotion) -> bool:
-    """Return True if a contact is shallow and its force has a direction."""
-    moment_free = np.abs(x.force) * equations.position_scales / equations.length
-    is_directed = np.max(moment_free) * x.depth >= _MIN_DIRECTED_FORCE * x.energy
-    return bool(is_directed and x.depth <= _MAX_BALANCED_DEPTH * equations.length)
-
-
-def _is_balanced(
-    penetration: _Penetration, solver: ConsistencySolver, time: Array, state: State
-) -> bool:
-    """Return True if a shallow contact hardly accelerates the mechanism along its force."""
-    x = penetration
-    if not _may_be_preloaded(x, solver.equations):
-        return False
-    try:
-        alone = solver.solve_saddle(time, state.q, state.v, x.force, 0.0)[0]
-    except (BeamdaeError, SingularMatrixError):
-        return False
-    return abs(float(x.force @ state.a)) <= _MAX_IMBALANCE * abs(float(x.force @ alone))
-
-
 def starts_in_equilibrium(equations: EquationsOfMotion) -> bool:
     """Return True if runs start in the equilibrium of the model."""
     return equations.start is not None and equations.start.description == EQUILIBRIUM
@@ -562,16 +497,6 @@ def _find_rest(equations: EquationsOfMotion, time: Array, state: State) -> State
         except (BeamdaeError, SingularMatrixError):
             return None
     return State(q, np.zeros_like(q), np.zeros_like(q), lam)
-
-
-def _is_as_deep_at_rest(
-    penetration: _Penetration, coordinates: CoordinateMap, time: Array, rest: State | None
-) -> bool:
-    """Return True if a contact has about the same depth in the equilibrium `rest`."""
-    if rest is None:
-        return False
-    depth = -_evaluate_gap(penetration.gap.quantity, coordinates, time, rest)
-    return depth >= _MIN_RESTING_SHARE * penetration.depth
 
 
 class MotionSamples(NamedTuple):

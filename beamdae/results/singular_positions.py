@@ -166,20 +166,14 @@ def _has_velocity_jump(
         np.concatenate([interval.t for interval in trajectory.intervals]), return_index=True
     )
     rates = np.concatenate([interval.state.v for interval in trajectory.intervals])[first]
-    t = np.clip(at[:, None] + distance * _JUMP_SAMPLES, steps[0], steps[-1])
+    t = at[:, None] + distance * _JUMP_SAMPLES
     # Interpolated linearly, because a polynomial of higher degree would oscillate near a jump.
-    v = _interpolate_linearly(steps, rates / equations.position_scales, t)
+    scaled = (rates / equations.position_scales).T
+    v = np.stack([np.interp(t, steps, component) for component in scaled], axis=-1)
     changes = np.linalg.norm(np.diff(v, axis=1), axis=2)
     largest, median = changes.max(axis=1), np.median(changes, axis=1)
     speed = np.linalg.norm(v, axis=2).max(axis=1)
     return (largest > _JUMP_TO_MEDIAN_CHANGE * median) & (largest > _JUMP_TO_VELOCITY * speed)
-
-
-def _interpolate_linearly(steps: Array, values: Array, t: Array) -> Array:
-    """Interpolate rows of values, given at the steps, linearly at times `t` of any shape."""
-    k = np.clip(np.searchsorted(steps, t) - 1, 0, len(steps) - 2)
-    fraction = ((t - steps[k]) / (steps[k + 1] - steps[k]))[..., None]
-    return (1.0 - fraction) * values[k] + fraction * values[k + 1]
 
 
 def singularity_warnings(positions: tuple[SingularPosition, ...]) -> tuple[str, ...]:

@@ -31,9 +31,8 @@ _MIN_FALL_DISPLACEMENT = 0.5
 _ROUNDING_OF_MOTIONS = 1e-9  # [m] and [rad], in descriptions
 _MIN_OPEN_GAP = 1e-9  # relative to the scale of the gap
 _MAX_CONSTRAINTS = 1500  # for dense matrices of rigid motions
-_MAX_ROUNDING = 1e-12  # of velocities, relative to those of all parts
-# Slower motions [1/s], relative to the length of the mechanism, are those of resumed runs at rest.
-_MIN_RATE = 1e-14
+_MAX_ROUNDING = 1e-9  # of velocities, relative to the largest one
+_MIN_RATE = 1e-14  # of velocities relative to the length [1/s]; slower motions are at rest
 
 
 @dataclass(frozen=True)
@@ -247,52 +246,34 @@ def _are_joints_closed(e: EquationsOfMotion, q: Array) -> bool:
 
 def _describe_lost_velocity(e: EquationsOfMotion, requested: Array, state: State) -> str:
     """Return a sentence on the requested velocity that changed most, or an empty string."""
-    actual, worst, largest = state.v, None, _MAX_UNREPORTED_VELOCITY_CHANGE
-    lengths, angles = (
-        np.array([x.unit == unit for x in e.coordinates], bool) for unit in ("m", "rad")
-    )
-
-    def largest_speed(v: Array, size: float, kind: int) -> float:
-        """Return the largest velocity by motions of both kinds of a part with this size.
-
-        At a dead center, all translations are rounding errors of rotations.
-        """
-        speeds = np.max(np.abs(v[lengths]), initial=0.0), np.max(np.abs(v[angles]), initial=0.0)
-        return float(max(speeds[0] / size, speeds[1]) if kind else max(speeds[0], speeds[1] * size))
-
-    # Elastic coordinates adapt to the rigid motion.
+    scales, is_angle = e.position_scales, np.array([x.unit == "rad" for x in e.coordinates], bool)
+    asked, actual, a = (np.abs(e.without_states(x)) / scales for x in (requested, state.v, state.a))
+    changes = np.abs(e.without_states(state.v - requested)) / scales
+    # A motion that reverses has no velocity, but one after a travel of its length.
+    largest = max(np.max(asked), np.max(actual), np.sqrt(np.max(a))) if e.n else 0.0
+    rounding = max(_MAX_ROUNDING * largest, _MIN_RATE)
+    worst, largest_ratio = None, _MAX_UNREPORTED_VELOCITY_CHANGE
     for part in (x for x in e.parts if not x.is_state):
+        # Elastic coordinates adapt to the rigid motion, and nodes of a beam to a given rotation.
         rows = np.arange(part.rows.start, part.rows.stop - len(e.q_names[part.deformations]))
-        is_angle = angles[rows]
-        vectors = [(rows[is_angle], 1), (rows[~is_angle], 0)]
-        if not part.rigid_count and np.any(requested[vectors[0][0]]):
-            # The nodes of a turning beam move although no translation is given.
-            vectors.pop()
-        for vector, kind in vectors:
-            size = np.max(np.abs(requested[vector]), initial=0.0)
-            rows_of_kind = angles if kind else lengths
-            extent = part.size if kind else 1.0
-            # A motion that reverses has no velocity, but this one after a travel of its length.
-            reached = np.sqrt(largest_speed(state.a, part.size, kind) * e.length / extent)
-            rounding = _MAX_ROUNDING * max(largest_speed(requested, part.size, kind), reached)
-            if size <= max(rounding, _MIN_RATE * e.length / extent):
-                size = 0.0
-            if not size and part.given_velocities[kind]:
-                # A given zero is compared with the motion of the other bodies, unless this motion
-                # is the rounding error of motions of the other kind.
-                size = np.max(np.abs(actual[rows_of_kind]), initial=0.0)
-                if size <= _MAX_ROUNDING * largest_speed(actual, part.size, kind):
-                    size = 0.0
-            for k in vector if size else ():
-                change = abs(actual[k] - requested[k]) / size
-                if change > largest:
-                    worst, largest = (part, k), change
+        turns = rows[is_angle[rows]]
+        is_turning = not part.rigid_count and bool(np.any(requested[turns]))
+        for kind, k in enumerate((rows[~is_angle[rows]], turns)):
+            if not len(k) or (is_turning and kind == 0):
+                continue
+            size = float(np.max(asked[k]))
+            if size <= rounding and part.given_velocities[kind]:
+                # A given zero is compared with the motion of the other bodies.
+                size = float(np.max(actual[is_angle == bool(kind)]))
+            ratio = float(np.max(changes[k])) / size if size > rounding else 0.0
+            if ratio > largest_ratio:
+                worst, largest_ratio = (part, int(k[np.argmax(changes[k])])), ratio
     if worst is None:
         return ""
-    part, k = worst
-    unit = f"{e.coordinates[k].unit}/s"
+    part, row = worst
+    unit = f"{e.coordinates[row].unit}/s"
     return (
         f"{part.name}: the joints do not allow the given velocities, and the run starts with "
-        f"{e.q_names[k]}_dot = {actual[k]:.4g} {unit} instead of {requested[k]:.4g} {unit}, as "
-        "after an impact of the connected bodies; give velocities that the joints allow."
+        f"{e.q_names[row]}_dot = {state.v[row]:.4g} {unit} instead of {requested[row]:.4g} {unit}; "
+        "give velocities that the joints allow."
     )
