@@ -24,6 +24,7 @@ from beamdae.equations.part_warnings import (
     idle_part_warnings,
     sample_velocities,
     start_inside_warnings,
+    starts_in_equilibrium,
     supplied_energy_warnings,
     unguided_driver_warnings,
 )
@@ -55,7 +56,7 @@ from beamdae.integrators.auto import Auto
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.run_plan import plan_run
 from beamdae.interrupts import interruptible
-from beamdae.model_checks.deep_contacts import deep_start_warnings
+from beamdae.model_checks.contacts import deep_rest_warnings
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.joints.joint import Joint
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism, require_start
@@ -393,7 +394,8 @@ def _collect_warnings(
     if state is not None:
         sentences += filter(None, (compare_start(equations, state).warning,))
         sentences += start_inside_warnings(equations, starter.equations, time, state)
-        sentences += deep_start_warnings(equations, time, state)
+        if starts_in_equilibrium(equations):
+            sentences += deep_rest_warnings(equations, time[None], state.q[None])
         sentences += supplied_energy_warnings(
             equations, lambda: sample_velocities(equations, time, state)
         )

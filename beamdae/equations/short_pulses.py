@@ -33,7 +33,7 @@ def plan_ends(
 ) -> tuple[float, ...]:
     """Return the ends [s] of the intervals of a run: breakpoints, its end and short pulses.
 
-    Fixed steps, which do not become shorter at a pulse, pass it; `unresolved_forces` warns of them.
+    Fixed steps, which do not become shorter at a pulse, pass it; measured errors state this.
 
     Raises
     ------

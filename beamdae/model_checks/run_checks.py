@@ -22,17 +22,16 @@ from beamdae.equations.part_warnings import (
     unguided_driver_warnings,
 )
 from beamdae.model_checks.coarse_rows import coarse_row_warnings
-from beamdae.model_checks.deep_contacts import (
+from beamdae.model_checks.contacts import (
     deep_contact_warnings,
-    soft_contact_warnings,
+    impact_speed_warnings,
+    untouched_contact_warnings,
 )
-from beamdae.model_checks.elastic_bounces import elastic_bounce_warnings
 from beamdae.model_checks.growing_modes import (
     growing_mode_warnings,
     unstable_loop_warnings,
     unstable_start_warnings,
 )
-from beamdae.model_checks.impact_speeds import impact_speed_warnings
 from beamdae.model_checks.impacts import impact_warnings
 from beamdae.model_checks.quality_warnings import balance_warnings, column_warnings
 from beamdae.model_checks.rare_samples import rare_sample_warnings
@@ -40,19 +39,8 @@ from beamdae.model_checks.saturated_commands import saturated_command_warnings
 from beamdae.model_checks.sliding_overrun import overrun_warnings
 from beamdae.model_checks.start_transients import start_transient_warnings
 from beamdae.model_checks.strain_limits import sample_positions, strain_warnings
-from beamdae.model_checks.table_ranges import (
-    table_range_warnings,
-    unentered_table_warnings,
-)
-from beamdae.model_checks.unconnected_bodies import (
-    unconnected_body_warnings,
-    undriven_body_warnings,
-)
-from beamdae.model_checks.unresolved_forces import unresolved_force_warnings
-from beamdae.model_checks.untouched_contacts import (
-    fallen_contact_warnings,
-    untouched_contact_warnings,
-)
+from beamdae.model_checks.table_ranges import table_range_warnings
+from beamdae.model_checks.unconnected_bodies import idle_body_warnings
 from beamdae.model_checks.velocity_jumps import velocity_jump_warnings
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.results.columns import UNITS_OF_FORCES, Header
@@ -105,6 +93,10 @@ def _is_complete(run: RunData) -> bool:
     return start == 0.0 and bool(end >= run.model.get("t_end", end))
 
 
+def _table_ranges(run: RunData) -> Iterable[str]:
+    return table_range_warnings(run.equations, run.trajectory, _is_complete(run))
+
+
 def _growing_modes(run: RunData) -> Iterable[str]:
     # The reason of a run that has stopped names an unstable loop already.
     if not run.status.success:
@@ -120,7 +112,7 @@ def _balance(run: RunData) -> Iterable[str]:
     ledger = run._energy_ledger
     if has_rounding_forces(run.equations, run.trajectory, ledger.force.scale):
         return ()
-    return balance_warnings(run.equations, ledger)
+    return balance_warnings(ledger)
 
 
 def _columns(run: RunData) -> Iterable[str]:
@@ -146,22 +138,6 @@ def _coarse_rows(run: RunData) -> Iterable[str]:
 
 def _impacts(run: RunData) -> Iterable[str]:
     return impact_warnings(run.equations, run.trajectory, run.event_records)
-
-
-def _velocity_jumps(run: RunData) -> Iterable[str]:
-    return velocity_jump_warnings(run.equations, run.trajectory, run.event_records)
-
-
-def _unresolved_forces(run: RunData) -> Iterable[str]:
-    has_fixed_steps = run._has_fixed_steps
-    return unresolved_force_warnings(run.equations, run.trajectory) if has_fixed_steps else ()
-
-
-def _untouched_contacts(run: RunData) -> Iterable[str]:
-    if not _is_complete(run):
-        return ()
-    force = run._energy_ledger.force.scale
-    return untouched_contact_warnings(run.equations, run.trajectory, force)
 
 
 def _start_transients(run: RunData) -> Iterable[str]:
@@ -202,10 +178,7 @@ def _parts_inside_surfaces(run: RunData) -> Iterable[str]:
     first = run.trajectory.intervals[0]
     active, state = first.active_equations(run.equations), State(*(x[0] for x in first.rows))
     time = np.array([first.t[0], first.branch])
-    inside = tuple(start_inside_warnings(run.equations, active, time, state))
-    if inside or not _is_complete(run):
-        return inside
-    return fallen_contact_warnings(run.equations, run.trajectory)
+    return start_inside_warnings(run.equations, active, time, state)
 
 
 def _supplied_energy(run: RunData) -> Iterable[str]:
@@ -228,13 +201,11 @@ ROW_CHECKS: tuple[Check, ...] = (_coarse_rows,)
 RUN_CHECKS: tuple[Check, ...] = (
     # Causes of errors come first: of the model and the start, ...
     _built_model,
-    _of_motion(table_range_warnings),
-    _of_complete_run(unentered_table_warnings),
+    _table_ranges,
     _resumed_run,
     _start_changes,
     _parts_inside_surfaces,
-    _of_complete_run(unconnected_body_warnings),
-    _of_complete_run(undriven_body_warnings),
+    _of_complete_run(idle_body_warnings),
     _unguided_drivers,
     _supplied_energy,
     # ... and modes that grow.
@@ -250,13 +221,10 @@ RUN_CHECKS: tuple[Check, ...] = (
     *ROW_CHECKS,
     # Single forces and columns.
     _impacts,
-    _velocity_jumps,
-    _unresolved_forces,
+    _of_motion(velocity_jump_warnings),
     _of_motion(impact_speed_warnings),
-    _of_motion(elastic_bounce_warnings),
     _of_motion(deep_contact_warnings),
-    _of_motion(soft_contact_warnings),
-    _untouched_contacts,
+    _of_complete_run(untouched_contact_warnings),
     _of_motion(overrun_warnings),
     # Remarks on the start and on parts without effect.
     _start_transients,

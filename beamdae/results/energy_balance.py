@@ -19,15 +19,8 @@ _TINY = np.finfo(float).tiny
 # Energies below the sum of these two terms are rounding noise.
 _ROUNDING_OF_FORCES = 1e-8  # relative to the largest force times the length of the mechanism
 _ROUNDING_OF_ENERGIES = 1e-11  # relative to the largest energy
-# Largest dissipated energy of free vibrations, relative to the largest kinetic energy and the range
-# of the strain energy: 0 to 0.63 in 40 mechanisms, and 0.89 to 6.8 where loads maintain them.
-_MAX_DISSIPATED_SHARE = 0.7
 # Signs of (kinetic, strain, gravity, work of loads, work of drivers, dissipated) in the balance.
 _BALANCE_SIGNS = np.array([1.0, 1.0, 1.0, -1.0, -1.0, 1.0])
-# Steps of the blocks in which local imbalances are measured: an impact of more steps is resolved.
-_STEPS_PER_BLOCK = 32
-_NEIGHBORS = 2  # blocks before and after, which contain the energy exchanged in an impact
-_MIN_LOCAL_SHARE = 0.005  # of the energy exchanged in the run; less is no part of the motion
 
 
 @dataclass(frozen=True)
@@ -77,22 +70,6 @@ class Imbalance(NamedTuple):
     def ratio(self) -> float:
         """`value` divided by `scale` [-]."""
         return self.value / max(self.scale, _TINY)
-
-
-class LocalImbalance(NamedTuple):
-    """Largest change of the energy imbalance over a few steps.
-
-    Attributes
-    ----------
-    ratio
-        Change of the imbalance over 33 to 65 steps, relative to the energy exchanged in these and
-        the 64 steps before and after [-].
-    time
-        Time [s] in the middle of these steps.
-    """
-
-    ratio: float
-    time: float
 
 
 @read_only_data
@@ -208,41 +185,6 @@ class EnergyLedger:
         )
         return Imbalance(imbalance, max(exchanged, rounding), largest)
 
-    def imbalance_after(self, steps: int) -> float:
-        """Return the largest energy imbalance from a number of steps on, see `Imbalance.ratio`."""
-        later = self._step_imbalances[steps:]
-        if not len(later):
-            return self.energy.ratio
-        return float(np.max(np.abs(later - later[0]))) / max(self.energy.scale, _TINY)
-
-    @cached_property
-    def local_energy(self) -> LocalImbalance:
-        """Largest change of the energy imbalance over a few steps, as in an impact.
-
-        Steps that exchange less than 0.5 % of the energy exchanged in the run are ignored.
-        """
-        rows = self._step_rows
-        times = np.concatenate([interval.t for interval in self.trajectory.intervals])
-        values = np.column_stack([rows, self._step_imbalances])
-        starts = np.arange(0, max(len(rows) - 1, 1), _STEPS_PER_BLOCK)
-        # Neighboring blocks share a row, so that no change between them is missed.
-        following = values[np.append(starts[1:], len(rows) - 1)]
-        low = np.minimum(np.minimum.reduceat(values, starts), following)
-        high = np.maximum(np.maximum.reduceat(values, starts), following)
-        count = len(starts)
-        pairs, around = (
-            np.clip(np.arange(count)[:, None] + np.arange(-before, after + 1), 0, count - 1)
-            for before, after in ((0, 1), (_NEIGHBORS, _NEIGHBORS + 1))
-        )
-        changes = np.max(high[pairs, -1], axis=1) - np.min(low[pairs, -1], axis=1)
-        ranges = np.max(high[around, :-1], axis=1) - np.min(low[around, :-1], axis=1)
-        exchanged = np.max(ranges, axis=1)
-        is_part = exchanged > _MIN_LOCAL_SHARE * self.energy.scale
-        ratios = np.where(is_part, changes / np.maximum(exchanged, _TINY), 0.0)
-        worst = int(np.argmax(ratios))
-        last = int(starts[pairs[worst, -1]])
-        return LocalImbalance(float(ratios[worst]), float(times[last]))
-
     @property
     def force(self) -> Imbalance:
         """Largest absolute entry of the residual F + G^T lam over the steps.
@@ -252,14 +194,6 @@ class EnergyLedger:
         residual, reaction, force, _, _ = self._largest_norms
         scale = max(reaction, force)
         return Imbalance(residual, scale, scale)
-
-    def time_above(self, residual: float) -> float:
-        """Return the fraction of the run time in which |F + G^T lam| is above `residual`."""
-        durations = [np.diff(i.t, prepend=i.t[0]) for i in self.trajectory.intervals]
-        is_above = self._step_norms[:, 0] > residual
-        duration = self.trajectory.end - self.trajectory.start
-        # No product, for which BLAS would wake up its threads.
-        return float(np.concatenate(durations)[is_above].sum()) / max(duration, _TINY)
 
     @property
     def quality(self) -> Quality:

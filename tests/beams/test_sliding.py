@@ -143,8 +143,8 @@ def test_passing_an_end_is_an_event(ends):
 @pytest.mark.parametrize(
     ("speed", "t_end", "place"),
     [
-        (2.0, 0.5, "the end of rail from t = 0.3 s on, by up to 40 % of its length"),
-        (-20.0, 0.12, "the start of rail from t = 0.02 s on, by up to 200 % of its length"),
+        (2.0, 0.5, "the end of rail at t = 0.30"),
+        (-20.0, 0.12, "the start of rail at t = 0.02"),
         (2.0, 0.304, ""),
         (2.0, 0.29, ""),
     ],

@@ -54,34 +54,6 @@ def test_regression_a_law_with_a_pole_is_rejected(law, integrator):
         bd.simulate(bar(law), integrator, 1.0)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-def test_regression_energy_warnings_do_not_understate_errors_of_velocities():
-    """Velocities that were 39 % off "may be wrong by several percent"."""
-
-    def camshaft():
-        mech = bd.Mechanism(gravity=(0.0, -9.81))
-        cam = mech.add(bd.RigidBody("cam", mass=1.0, inertia=1e-3, center=(0.01, 0.0)))
-        axle = (mech.ground.at(0.0, 0.0), cam.at(0.0, 0.0))
-        mech.add(bd.Revolute("axle", *axle))
-        mech.add(bd.Driver("motor", *axle, lambda t: 30.0 * t))
-        follower = mech.add(bd.PointMass("follower", 0.2, at=(0.0, np.sqrt(8e-4))))
-        mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), follower.point, (0.0, 1.0)))
-        top = mech.ground.at(0.0, 0.2)
-        mech.add(bd.Spring("spring", top, follower.point, 2000.0, free_length=0.27))
-        surface = bd.CircleSurface(cam.at(0.01, 0.0), 0.03)
-        contact = {"restitution": 0.5, "impact_speed": 0.1}
-        mech.add(bd.Contact("cam contact", follower.point, surface, 1e8, **contact))
-        mech.observe("follower", follower.point)
-        return mech
-
-    coarse = bd.simulate(camshaft(), bd.GeneralizedAlpha(3e-3), 0.3, output_step=3e-3)
-    fine = bd.simulate(camshaft(), bd.Radau(1e-7), 0.3, output_step=3e-3)
-    exact = fine["follower.y_dot"]
-    assert np.abs(coarse["follower.y_dot"] - exact).max() > 0.1 * np.ptp(exact)
-    (message,) = (x for x in coarse.warnings if x.startswith("energy"))
-    assert "velocities and forces may be wrong by tens of percent" in message
-
-
 @pytest.mark.parametrize(
     "law",
     [
@@ -131,58 +103,29 @@ def test_regression_an_energy_imbalance_is_reported(model, step, t_end):
     assert solution.quality.energy_imbalance > 0.1
 
 
-def dropped_ball(flywheel):
-    """Return a ball that falls by 1 m on a stop, beside a swinging wheel with an energy [J]."""
+@pytest.mark.slow(reason="a second")
+@pytest.mark.parametrize("flywheel", [0.0, 300.0])
+@pytest.mark.parametrize(("step", "is_stated"), [(2e-3, True), (1e-3, True), (2e-4, False)])
+def test_errors_of_impacts_of_few_steps_are_measured(flywheel, step, is_stated):
+    """With steps of 1 ms, the peak was percents off; the impact takes 9 ms.
+
+    A wheel with thirty times the energy hides the imbalance of the impact.
+    """
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
-    mech.add(bd.Contact("stop", ball.point, floor, 1e6))
+    mech.observe("stop", mech.add(bd.Contact("stop", ball.point, floor, 1e6)).force)
     if flywheel:
         rate = (2.0 * flywheel) ** 0.5
         wheel = mech.add(bd.RigidBody("wheel", 1.0, 1.0, (3.0, 0.0), angular_velocity=rate))
         mech.add(bd.Revolute("bearing", mech.ground.at(3.0, 0.0), wheel.at(3.0, 0.0)))
-        load = bd.ForceLaw("spring", wheel.at(3.0, 0.0), lambda w, t: (0.0, 0.0, -0.04 * w.angle))
-        mech.add(load)
-    return mech
-
-
-@pytest.mark.parametrize("flywheel", [0.0, 300.0])
-@pytest.mark.parametrize(
-    ("step", "is_reported"), [(2e-3, True), (1e-3, True), (2e-4, False), (5e-5, False)]
-)
-def test_regression_impacts_of_few_steps_are_reported(flywheel, step, is_reported):
-    """With steps of 1 ms, peak and rebound were percents off; the impact takes 9 ms.
-
-    A wheel with thirty times the energy hid the imbalance of the impact.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        run = bd.simulate(dropped_ball(flywheel), bd.GeneralizedAlpha(step=step), t_end=0.6)
-    messages = [x for x in run.warnings if x.startswith("energy: ")]
-    assert len(messages) == is_reported
-    if flywheel and is_reported:
-        assert run.quality.energy_imbalance < 0.02
-        assert "of the energy exchanged there" in messages[0]
-        assert float(messages[0].split("t = ")[1].split()[0]) == pytest.approx(0.4515, abs=0.1)
-
-
-@pytest.mark.parametrize(("steps", "is_reported"), [(100, True), (2, False)])
-def test_a_large_residual_is_reported_unless_it_is_short(steps, is_reported):
-    """Single steps exceed the limit after a sudden load and at singular positions."""
-    solution = bd.simulate(bar(angle=1.0), bd.GeneralizedAlpha(step=1e-3), 1.0)
-    (interval,) = solution.trajectory.intervals
-    a = interval.rows.a.copy()
-    a[300 : 300 + steps] *= -1.0
-    wrong = replace(interval, rows=interval.rows._replace(a=a))
-    off = replace(solution, trajectory=replace(solution.trajectory, intervals=(wrong,)))
-    assert off.quality.max_residual > 0.5
-    messages = [
-        w
-        for w in off.warnings
-        if w.startswith("forces: the residual of the equations of motion exceeds half")
-    ]
-    assert len(messages) == is_reported
-    assert all("during 10 % of the run" in w for w in messages)
+    run = bd.simulate(mech, bd.GeneralizedAlpha(step=step), t_end=0.6)
+    # The largest force of m y'' = -k (-y)^1.5 with the energy m g h.
+    depth = (2.5 * 9.81 / 1e6) ** 0.4
+    true = abs(float(run["stop.N"].max()) / (1e6 * depth**1.5) - 1.0)
+    stated = float(run.errors.table()["total"]["stop.N [N]"])
+    assert (stated > 0.02) == is_stated
+    assert stated > 0.5 * true
 
 
 @pytest.mark.parametrize(
@@ -205,9 +148,9 @@ def test_systems_at_rest_have_no_warnings(model, integrator):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         # The bar without gravity has a warning that nothing moves it.
-        warnings.filterwarnings("ignore", "bar: no driver and no force moves it")
+        warnings.filterwarnings("ignore", "bar: no joint holds it and no force moves it")
         texts = bd.simulate(model, integrator, 1.0).warnings
-        assert [x for x in texts if "no driver and no force" not in x] == []
+        assert [x for x in texts if "no joint holds it" not in x] == []
 
 
 def magnet(datum):

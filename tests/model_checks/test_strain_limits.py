@@ -39,7 +39,7 @@ def test_strains_beyond_linear_elasticity_are_reported(settings, strain, is_repo
 
 
 @pytest.mark.parametrize(
-    ("modulus", "strain"), [(2.1e11, 0.03), (7e10, 0.07), (1e10, 0.07), (1e9, 0.6)]
+    ("modulus", "strain"), [(2.1e11, 0.03), (7e10, 0.03), (1e10, 0.03), (1e9, 0.6)]
 )
 def test_regression_stiff_materials_are_not_strained_by_several_percent(modulus, strain):
     """Steel at 44 GPa, and a steel rod at five times the Euler load, 2 % strain, were silent."""

@@ -40,7 +40,7 @@ from beamdae.errors import (
     suggest,
 )
 from beamdae.linear.saddle_point import factorize_saddle_point
-from beamdae.model_checks.strain_limits import rotation_warnings
+from beamdae.model_checks.strain_limits import strain_warnings
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.start_changes import compare_start, drawing_warnings
@@ -48,6 +48,8 @@ from beamdae.results.trajectory import Instant
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
+
+_RPM = np.pi / 30.0  # rad/s
 TangentFunction = Callable[[State], Tangent]
 
 REFERENCE = "reference"
@@ -141,9 +143,11 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     turning = () if isinstance(about, (Instant, Rotation)) else _turning_warnings(lin)
     rotations: list[str] = []
     if isinstance(about, Rotation):
+        speed = about.speed
+        unit = f"speeds are in rad/s ({speed:g} rpm are {speed * _RPM:.4g} rad/s)"
         rotations = [
             *filter(None, [center_warning(lin.full_equations, about)]),
-            *rotation_warnings(lin.equations, lin.state.q, about.speed),
+            *strain_warnings(lin.equations, lin.state.q[None], unit),
         ]
     lin = replace(lin, warnings=(*lin.warnings, *turning, *rotations))
     q, v = (x[None] for x in lin.state[:2])

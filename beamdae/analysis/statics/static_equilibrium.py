@@ -42,7 +42,7 @@ from beamdae.interrupts import (
     interruptible,
 )
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.model_checks.deep_contacts import deep_rest_warnings
+from beamdae.model_checks.contacts import deep_rest_warnings
 from beamdae.model_checks.strain_limits import describe_meaningless_strain
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start

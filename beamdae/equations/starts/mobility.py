@@ -52,7 +52,24 @@ def describe_unheld_motions(
     constraint_rank: ConstraintRank,
     duration: float,
 ) -> tuple[str, ...]:
-    """Describe those of the `describe_free_motions` along which no force acts.
+    """Describe those of the `describe_free_motions` along which no force and no damping acts.
+
+    See `find_unheld_motions`.
+    """
+    motions = find_unheld_motions(e, times, q, reactions, constraint_rank, duration)
+    return tuple(describe_free_motion(e, q, x) for x in motions)
+
+
+def find_unheld_motions(
+    e: EquationsOfMotion,
+    times: Sequence[Array],
+    q: Array,
+    reactions: Array,
+    constraint_rank: ConstraintRank,
+    duration: float,
+    is_at_rest: bool = False,
+) -> list[Array]:
+    """Return those of the free motions along which no force acts, as changes (n,) of `q`.
 
     Bodies of contacts are excluded, because contacts may hold them later.
 
@@ -68,11 +85,13 @@ def describe_unheld_motions(
         Rank of the constraints at the start.
     duration
         Time of the run [s].
+    is_at_rest
+        True to disregard damping, and rotations of bodies that forces hold in translation.
     """
     mechanism = e.mechanism
     motions = _free_motions(e, q, constraint_rank)
     if mechanism is None or mechanism.inactive or not motions:
-        return ()
+        return []
     waiting = {body.name for part in mechanism.parts.values() if part.gaps for body in part.bodies}
     rows = [np.arange(x.rows.start, x.rows.stop) for x in e.parts if x.name in waiting]
     of_contacts = np.concatenate([np.zeros(0, int), *rows])
@@ -84,9 +103,10 @@ def describe_unheld_motions(
         for x in (tangent.stiffness, tangent.damping, tangent.mass)
     )
     inertia = abs(mass).max() / duration
-    limits = [_STIFFNESS_ROUNDING * (abs(x).max() + inertia) for x in (stiffness, damping)]
+    matrices = [stiffness] if is_at_rest else [stiffness, damping]
+    limits = [_STIFFNESS_ROUNDING * (abs(x).max() + inertia) for x in matrices]
     limit_of_force = _STIFFNESS_ROUNDING * (abs(stiffness).max() + inertia / duration)
-    unheld = []
+    unheld, held = [], np.zeros(e.n, bool)
     for motion in motions:
         shape = motion / scales
         shape /= np.max(np.abs(shape))
@@ -99,12 +119,16 @@ def describe_unheld_motions(
             not np.any(motion[of_contacts])
             and all(
                 max(np.abs(x @ shape).max(), np.abs(x.T @ shape).max()) <= limit
-                for x, limit in zip((stiffness, damping), limits, strict=True)
+                for x, limit in zip(matrices, limits, strict=True)
             )
             and all(abs(force) <= limit_of_force for force in forces)
         ):
-            unheld.append(describe_free_motion(e, q, motion))
-    return tuple(unheld)
+            unheld.append(motion)
+        elif not np.any(motion[e.is_angle]):
+            for part in e.parts:
+                held[part.rows] |= np.any(motion[part.rows])
+    # A body at rest may turn about the point at which a spring holds it.
+    return [x for x in unheld if not (is_at_rest and np.any(x[held]))]
 
 
 def describe_free_motion_of(
