@@ -59,12 +59,12 @@ def collect_run_values(solution: Solution) -> dict[str, Any]:
     )
     warnings = " ".join(solution.warnings)  # measures the errors
     errors: Any = vars(solution).get("errors")
-    error = np.nan if errors is None or np.isnan(errors.total).all() else errors.largest
+    has_errors = errors is not None and not np.isnan(errors.total).all()
     return {
         REACHED_COLUMN: summary["last_time"],
         **dict(zip(SETTING_COLUMNS, values, strict=True)),
         **{column: summary[name] for column, name in (COUNT_COLUMNS | MEASURE_COLUMNS).items()},
-        MEASURED_ERROR_COLUMN: error,
+        **({MEASURED_ERROR_COLUMN: errors.largest} if has_errors else {}),
         "warnings": warnings,
         **collect_event_values(solution),
     }

@@ -91,45 +91,6 @@ def test_regression_overshoots_of_tables_are_printed_before_the_run(folder):
     assert result.output.index(SENTENCE) < result.output.index("tip.y"), result.output
 
 
-TRAIN = """
-import beamdae as bd
-
-
-@bd.model(t_end=0.6)
-def train():
-    mech = bd.Mechanism()
-    car = mech.add(bd.RigidBody("car", 1500.0, 100.0, velocity=(20.0, 0.0)))
-    mech.add(bd.Prismatic("road", mech.ground.at(0.0, 0.0), car.at(0.0, 0.0)))
-    sensor = mech.add(bd.PointMass("sensor", 1e-3, at=(0.1, 0.0), velocity=(20.0, 0.0)))
-    mech.add(bd.PointOnLine("guide", car.at(0.1, 0.0), sensor.point))
-    mech.add(bd.Spring("spring", car.at(0.0, 0.0), sensor.point, 0.324, free_length=0.099))
-    mech.observe("sensor", bd.relative_motion(sensor.point, car.at(0.1, 0.0)))
-    return mech
-"""
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize(
-    ("t_end", "options", "is_kept"),
-    [("0.6", (), False), ("2", (), True), ("0.6", ("--no-estimate",), True)],
-)
-def test_regression_estimates_refute_warnings_about_suspected_errors(
-    tmp_path, monkeypatch, t_end, options, is_kept
-):
-    """An error of "several percent" was suspected beside its estimate of 0.5 %."""
-    monkeypatch.chdir(tmp_path)
-    Path("train.py").write_text(TRAIN, encoding="utf-8")
-    command = ["run", "train.py", "--t-end", t_end, "--no-picture", "--output-step", "0.02"]
-    command += ["--rtol", "1e-5"]
-    result = CliRunner().invoke(app, [*command, *options])
-    assert result.exit_code == 0, result.output
-    sentence = "amplitude of its parts"
-    assert (sentence in result.output) == is_kept
-    for suffix in ("json", "html"):
-        text = Path(f"results/train.{suffix}").read_text(encoding="utf-8")
-        assert (sentence in text) == is_kept, suffix
-
-
 @pytest.mark.slow(reason="half a second")
 def test_regression_run_compares_with_more_accurate_beams(folder):
     """The command, which estimates errors of time steps itself, also left out those of beams."""
@@ -137,4 +98,6 @@ def test_regression_run_compares_with_more_accurate_beams(folder):
     Path("soft.py").write_text(soft, encoding="utf-8")
     result = CliRunner().invoke(app, ["run", "soft.py", "--no-page"])
     assert result.exit_code == 0, result.output
-    assert "with exact strains, " in " ".join(result.output.split())
+    errors = json.loads(Path("results/spring.json").read_text(encoding="utf-8"))["errors"]
+    # Two elements that bend by 0.6 rad with moderate strains; steps cause 1e-3.
+    assert 0.01 < errors["tip.x [m]"]["total"] < 0.06

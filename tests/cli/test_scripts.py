@@ -109,7 +109,7 @@ def test_json_document_of_a_run(here):
     assert document["result"]["last_time"] == 0.02
     fall = document["observed"]["tip.y [m]"]
     assert fall["min"] == fall["end"] < fall["max"] == 0.0
-    assert 0.0 < fall["error over half the range"] < 1e-3
+    assert 0.0 < fall["total"] < 1e-3
     assert [Path(file).suffix for file in document["files"]][:2] == [".csv", ".json"]
 
 

@@ -3,7 +3,6 @@
 import warnings
 
 import numpy as np
-import pytest
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import State
@@ -32,15 +31,6 @@ def run(step, **options):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
         return bd.simulate(leaf_spring(**options), bd.GeneralizedAlpha(step), t_end=0.05)
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_regression_energy_lost_in_the_first_steps_is_that_of_the_start():
-    """The whole motion was said to be unreliable, although only the first steps lose energy."""
-    (sentence,) = (x for x in run(1e-4).warnings if x.startswith("energy"))
-    assert "because drive starts with a velocity" in sentence
-    assert "run_up" in sentence
-    assert not any(x.startswith("energy") for x in run(1e-4, is_smooth=True).warnings)
 
 
 def test_regression_failures_of_the_first_step_name_the_driver():

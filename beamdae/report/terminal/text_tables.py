@@ -49,7 +49,7 @@ _COMPARISON_COLUMNS = {
     "residual calls": Column("residual\ncalls", 8),
     "Jacobian calls": Column("Jacobian\ncalls", 6),
     "error [-]": Column("error\n[-]"),
-    "measured error [-]": Column("measured\nerror [-]"),
+    "measured error [-]": Column("measured\nerror [-]", 6),
     "max position drift": Column("position\ndrift", 5),
     "max velocity drift": Column("velocity\ndrift", 9),
     "energy imbalance [-]": Column("energy\nimbalance", 4),
