@@ -69,11 +69,6 @@ class TableArgumentTerm:
         edge, neighbor, rounding = self._edge(side)
         return any(bool(np.max(np.abs(x)) <= rounding) for x in (edge, edge - neighbor))
 
-    def continues_as_zero(self, side: int) -> bool:
-        """Return True if the table is zero at its first (0) or last (-1) row."""
-        edge, _, rounding = self._edge(side)
-        return bool(np.max(np.abs(edge)) <= rounding)
-
     def _edge(self, side: int) -> tuple[Array, Array, float]:
         """Return the scaled values of a row at an edge and of its neighbor, and their rounding."""
         largest = float(np.max(np.abs(self.table.values))) or 1.0
