@@ -16,7 +16,7 @@ from beamdae.accuracy.values import compare_columns
 from beamdae.beams.beam import beams_of
 from beamdae.beams.remeshing import list_fixed_beams
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.errors import BeamdaeError, short_repr
+from beamdae.errors import BeamdaeError, require_progress, short_repr
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.integrators.limits import Progress
@@ -165,7 +165,8 @@ def verify(
     Raises
     ------
     BeamdaeError
-        If `solution` is not a solution, or `integrator` is not an integrator.
+        If `solution` is not a solution, `integrator` is not an integrator, or `progress` is not a
+        function.
     Interrupted
         If the second run is interrupted.
 
@@ -185,6 +186,7 @@ def verify(
         )
     if integrator is not None:
         require_integrator("verify", integrator)
+    require_progress("verify", progress)
     if reason := _find_obstacle(solution):
         return _state_obstacle(solution, reason)
     own: Any = solution.made_by
