@@ -227,14 +227,20 @@ def test_modes_beyond_the_vibrations_of_strong_damping_are_found(elements, count
 
 
 @pytest.mark.slow(reason="many elements")
-@pytest.mark.parametrize(("height", "count"), [(0.004, 100), (0.001, 12)])
-def test_regression_modes_in_a_cluster_of_decays_need_few_solutions(height, count, monkeypatch):
+@pytest.mark.parametrize(
+    # The number of solutions depends on rounding: 256 to 739 for heights within 1e-7 of 1 mm.
+    ("height", "count", "most_solutions"),
+    [(0.004, 100, 2250), (0.001, 12, 1000)],
+)
+def test_regression_modes_in_a_cluster_of_decays_need_few_solutions(
+    height, count, most_solutions, monkeypatch
+):
     """100 modes of 4 mm took 83 s (3420 solutions), and 12 modes of 1 mm failed after 50 s."""
     mech = damped_strip(150, height)
     undamped = np.abs(bd.modes(mech, n=12, damping=False).eigenvalues)
     solutions = count_solutions(monkeypatch)
     modes = find_modes(mech, n=count)
-    assert len(solutions) < 20 * count + 250
+    assert len(solutions) < most_solutions
     # Kelvin-Voigt damping: l^2 + 1e-3 w^2 l + w^2 = 0.
     vibrations = undamped[undamped < 1e3]
     exact = -0.5e-3 * vibrations**2 + 1j * vibrations * np.sqrt(1.0 - (0.5e-3 * vibrations) ** 2)
