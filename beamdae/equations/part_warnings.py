@@ -45,6 +45,9 @@ _MAX_STATIC_RATIO = 10.0
 # that is reached from there, and at most this fraction of the length of the mechanism: a point
 # between two reversed surfaces is in equilibrium, too.
 _MIN_RESTING_SHARE, _MAX_PRELOAD_DEPTH = 0.5, 0.05
+# At the center of a circle, where the contact force has no direction, it is smaller than this
+# fraction of stored energy / penetration.
+_MIN_DIRECTED_FORCE = 1e-3
 # Stored energies below this fraction of the kinetic energy change velocities by less than 0.1 %.
 _NEGLIGIBLE_ENERGY = 1e-6
 # Random positions of a body, at which the distances of attachments are compared.
@@ -411,7 +414,9 @@ def start_inside_warnings(
             if rest is not None:
                 depth_at_rest = -_evaluate_gap(x.gap.quantity, coordinates, time, rest)
             is_shallow = x.depth <= _MAX_PRELOAD_DEPTH * equations.length
-            if is_shallow and depth_at_rest >= _MIN_RESTING_SHARE * x.depth:
+            size = np.max(np.abs(x.force) * equations.position_scales) / equations.length
+            has_direction = size * x.depth >= _MIN_DIRECTED_FORCE * x.energy
+            if is_shallow and has_direction and depth_at_rest >= _MIN_RESTING_SHARE * x.depth:
                 continue
             remedy = x.gap.remedy
             if depth_at_rest > 0.0 and x.force @ (equations.position_scales**2 * others) < 0.0:
