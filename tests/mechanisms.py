@@ -27,6 +27,21 @@ def falling_ball(height=2.0, gravity=G, **ball):
     return mech
 
 
+@bd.model(t_end=0.6)
+def dropped_ball(stiffness=1e10):
+    """A ball of 1 kg that falls by 1 m onto a stop."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    mech.observe("stop", mech.add(bd.Contact("stop", body.point, floor, stiffness)).force)
+    return mech
+
+
+def peak_of_dropped_ball(stiffness):
+    """Return the force at which the energy of a Hertzian contact is that of the fall."""
+    return stiffness * (1.25 * 2.0 * 9.81 / stiffness) ** 0.6
+
+
 def bouncing_ball(restitution=0.8, height=0.3):
     """A ball that impacts on the ground at y = 0."""
     mech = falling_ball(height)

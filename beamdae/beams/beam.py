@@ -127,20 +127,17 @@ class Beam(Part):
         another `PlaneCurve`.
     section
         Cross-section. For a section that varies along the beam, a `taper` or a function of arc
-        length s [m] that returns a `Section`. Where it jumps or has kinks, elements must end
-        (`elements=[...]`): sections that change within elements have a warning if the error of
-        deflections is more than 0.4 %. Between two supports, this is an estimate: 25 of 750
-        errors, of up to 1.2 %, have no warning.
+        length s [m] that returns a `Section`. Elements end at the kinks of a `taper`; where a
+        function jumps or has kinks, pass `elements=[...]`.
     elements
         Number of elements, or the arc lengths of the element ends [m], ascending from 0 to the
         length of the curve. With a number n, the elements have equal arc length, unless a joint, a
         mass, a load or another part is attached between two element ends. The first assembly (run,
-        check or analysis) then divides the beam at its attachments into at least n elements, none
+        check or analysis) then divides the beam there into at least n elements, none
         of which is longer than with equal lengths. A beam is not divided if it would need more than
         2 n + 8 elements, if it has custom `kinematics`, or if its coordinates must not change
-        because the start or a custom `Quantity` refers to them. An attachment inside an element
-        causes an error of deflections. For a force, the error of the bending deflection is of order
-        3 in the element length (2 for 2-node elements); for a moment, it is of order 1.
+        because the start or a custom `Quantity` refers to them. `errors` of results include those
+        by attachments and sections that change within elements.
     strain
         Strain measure of the floating frame:
 

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache, wraps
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 import scipy.sparse as sp
@@ -31,13 +31,15 @@ from beamdae.errors import (
 )
 from beamdae.read_only import read_only, read_only_data
 from beamdae.symbolic.formula import Formula
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
     Local,
     Variable,
 )
+
+if TYPE_CHECKING:
+    from beamdae.beams.point_elements import PointElement
 
 Array = np.ndarray
 T = TypeVar("T")
@@ -416,9 +418,9 @@ class FormulationKinematics(Kinematics):
         return compute_frame_angle(self.name, self.mesh.curve, str(self.frame))
 
     @property
-    def strain_function(self) -> RowFunction:
-        """Function of (q, data) for the largest strain of an element."""
-        raise NotImplementedError
+    @abstractmethod
+    def element(self) -> PointElement:
+        """Element type, the same for all elements."""
 
     def largest_strain(self, q: Array) -> float:
         """Return the largest axial strain of outer fibers [-] in the states q (k, n)."""
@@ -428,7 +430,9 @@ class FormulationKinematics(Kinematics):
         for first in range(0, len(q), count):
             rows = q[first : first + count]
             columns = np.asarray(self.operator @ rows.T).reshape(-1, size, len(rows))
-            largest = max(largest, float(np.max(self.strain_function.on_copies(columns, data))))
+            largest = max(
+                largest, float(np.max(self.element.strain_function.on_copies(columns, data)))
+            )
         return largest
 
     def _require_off_chord_ends(self, s: float) -> None:

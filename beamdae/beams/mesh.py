@@ -26,7 +26,7 @@ _MIN_POLYGON_LENGTH = 0.5  # of the polygon through an element's nodes, relative
 # Attachments closer to each other or to an end of the beam share an element end; relative to the
 # length of elements of equal length. A clamp at this distance from an element end changes
 # deflections by less than 2e-4; shorter elements would amplify rounding errors of strains.
-MIN_END_DISTANCE = 1e-4
+_MIN_END_DISTANCE = 1e-4
 # Number of elements up to which a beam is divided at its attachments: factor times the requested
 # number, plus a constant. More attachments, such as the springs of an elastic foundation, act like
 # a distributed load.
@@ -105,13 +105,10 @@ class Mesh:
         """Return a mesh whose elements end at the arc lengths `bounds` [m]; see `Mesh`."""
         return replace(self, elements=len(bounds) - 1, bounds=tuple(map(float, bounds)))
 
-    def has_end_at(self, s: float, tolerance: float = 0.0) -> bool:
-        """Return True if an element ends at the arc length `s` [m], up to rounding errors.
-
-        `tolerance` is an additional distance, relative to the mean element length.
-        """
+    def has_end_at(self, s: float) -> bool:
+        """Return True if an element ends at the arc length `s` [m], up to rounding errors."""
         gaps = np.abs(self.element_bounds - s) / self.curve.length
-        return bool(gaps.min() <= ARC_LENGTH_TOLERANCE + tolerance / self.elements)
+        return bool(gaps.min() <= ARC_LENGTH_TOLERANCE)
 
     def with_ends_at(self, arc_lengths: Sequence[float]) -> Mesh:
         """Return a mesh with element ends at the given ascending arc lengths [m].
@@ -125,7 +122,7 @@ class Mesh:
         if all(map(self.has_end_at, arc_lengths)):
             return self
         length, spacing = self.curve.length, self.curve.length / self.elements
-        stops, nearest = [0.0], MIN_END_DISTANCE * spacing
+        stops, nearest = [0.0], _MIN_END_DISTANCE * spacing
         for s in arc_lengths:
             if s - stops[-1] > nearest and length - s > nearest:
                 stops.append(s)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, Protocol
 
 import casadi as ca
@@ -18,7 +17,7 @@ from beamdae.beams.element_data import ElementData, ElementDataLayout
 from beamdae.beams.sections import Section, VaryingSection
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.functions.compiled import RowFunction
-from beamdae.symbolic.statements import SX, ForceKernel, Local
+from beamdae.symbolic.statements import SX, Local
 
 Array = np.ndarray
 
@@ -32,39 +31,6 @@ STRAIN_SIZE = 3
 _N_FIBER_NUMBERS = 4
 # Number that changes no stress [Pa] and no sum of ratios of stresses, one of which is 1.
 _NEGLIGIBLE = 1e-200
-
-
-@cache
-def elastic_kernel(element: Any, size: int, strain_of: Callable[[Any, SX, SX], SX]) -> ForceKernel:
-    """Return the kernel of elasticity and damping of a stiffness point.
-
-    The section forces are D (eps + damping eps') with D = diag(EA, GA, EI), eq. (21) of Pan & Liu
-    (2012). The data are the values of `element.layout.stiffness_point`, which begin with the
-    weight [m], then (EA, GA, EI) and the retardation time.
-
-    Parameters
-    ----------
-    element
-        Element type; if it is not `damped`, material damping is omitted.
-    size
-        Number of coordinates of the point.
-    strain_of
-        Function of the element type, the coordinates and the data that returns (axial strain, shear
-        strain, kappa11).
-    """
-    values = len(element.layout.stiffness_point)
-    local = Local(size, values + STRAIN_SIZE + 1)
-    weight, stiffness = local.data[0], local.data[values : values + STRAIN_SIZE]
-    strain = strain_of(element, local.q, local.data)
-    section_forces = stiffness * strain
-    energy, dissipated = 0.5 * weight * ca.dot(section_forces, strain), SX(0)
-    if element.damped:
-        strain_rate = ca.jtimes(strain, local.q, local.v)
-        viscous = local.data[-1] * stiffness * strain_rate
-        section_forces += viscous
-        dissipated = weight * ca.dot(viscous, strain_rate)
-    force = weight * ca.jtimes(strain, local.q, section_forces, True)
-    return ForceKernel(local, force, ca.vertcat(0, energy, 0), ca.vertcat(0, dissipated))
 
 
 def outer_strain_function(local: Local, data: ElementData, strains: Sequence[SX]) -> RowFunction:

@@ -9,6 +9,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 import pytest
+from mechanisms import dropped_ball as ball
 
 import beamdae as bd
 from beamdae.report.run_page import build_run_page
@@ -18,21 +19,6 @@ PERIOD = 2.0 * np.pi / 20.0  # of the mass of `vibration` [s]
 ALPHA = bd.GeneralizedAlpha(PERIOD / 60.0)
 
 pytestmark = pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
-
-
-@bd.model(t_end=0.6)
-def ball(stiffness=1e10):
-    """Return a ball of 1 kg that falls by 1 m onto a stop."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
-    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
-    mech.observe("stop", mech.add(bd.Contact("stop", body.point, floor, stiffness)).force)
-    return mech
-
-
-def peak(stiffness):
-    """Return the force at which the energy of a Hertzian contact is that of the fall."""
-    return stiffness * (1.25 * 2.0 * 9.81 / stiffness) ** 0.6
 
 
 def stop_law(form, **settings) -> bd.Solution:

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from beamdae.beams.floating_frame.element import FloatingFrameElement, floating_frame_kernel
+from beamdae.beams.floating_frame.element import FloatingFrameElement
 from beamdae.native.lane_code import is_supported, write_lane_module
 from beamdae.native.lane_kernels import LANE_WIDTH, LaneKernel, build_lane_kernel, pad_copies
 
@@ -168,7 +168,7 @@ def test_nested_operations_have_the_same_bits(function, seed):
 @pytest.mark.parametrize("copies", [8, 24, 256])
 def test_element_force_has_the_same_bits(copies):
     kind = FloatingFrameElement(strain="green")
-    kernel = floating_frame_kernel(kind)
+    kernel = kind.kernel()
     x = kernel.local
     inputs = ca.vertcat(x.q, x.v, x.a, x.data)
     function = ca.Function("force_of_test", [x.time, inputs], [ca.densify(kernel.force)])

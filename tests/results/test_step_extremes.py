@@ -6,6 +6,8 @@ import warnings
 
 import numpy as np
 import pytest
+from mechanisms import dropped_ball as ball
+from mechanisms import peak_of_dropped_ball as peak
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -17,21 +19,6 @@ from beamdae.studies.column_measures import MEASURES, measure_table
 MISSED = "the output rows miss its largest value"
 
 pytestmark = pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
-
-
-@bd.model(t_end=0.6)
-def ball(stiffness=1e10):
-    """Return a ball of 1 kg that falls by 1 m onto a stop."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
-    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
-    mech.observe("stop", mech.add(bd.Contact("stop", body.point, floor, stiffness)).force)
-    return mech
-
-
-def peak(stiffness):
-    """Return the force at which the energy of a Hertzian contact is that of the fall."""
-    return stiffness * (1.25 * 2.0 * 9.81 / stiffness) ** 0.6
 
 
 @pytest.mark.parametrize("integrator", [bd.Auto(), bd.Radau(1e-6), bd.GeneralizedAlpha(rtol=1e-5)])

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.element_data import assemble_point_data, is_damped
-from beamdae.beams.exact.element import NODE_SIZE, ExactElement, strain_function
+from beamdae.beams.exact.element import NODE_SIZE, ExactElement
 from beamdae.beams.exact.formulas import ExactDeformation, ExactSectionMotion, chord_motion
 from beamdae.beams.kinematics import (
     FormulationKinematics,
@@ -26,7 +26,6 @@ from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_
 from beamdae.beams.strains import InterpolatedStrains, interpolation_weights
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.sparse_operators import build_selection
 from beamdae.symbolic.statements import SX, Variable
 
@@ -163,11 +162,6 @@ class GeometricallyExact(FormulationKinematics):
             self._select_nodes(nodes),
             Formula(ExactSectionMotion(len(nodes), has_offset), tuple(map(float, numbers))),
         )
-
-    @property
-    def strain_function(self) -> RowFunction:
-        """Function of (q, data) for the largest strain of an element."""
-        return strain_function(self.element)
 
     @property
     def floating_frame(self) -> MaterialPoint:

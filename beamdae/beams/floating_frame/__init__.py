@@ -1,5 +1,5 @@
 """Floating-frame formulation of Pan & Liu (2012): kinematics, element and formulas.
 
 May import: symbolic, parts, curves, read_only, errors, and modules of `beams` such as mesh.
-To extend: add another strain measure as a case of `element.strain_points`.
+To extend: add another strain measure as a case of `element.strain_at`.
 """

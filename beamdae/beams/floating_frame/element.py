@@ -8,7 +8,7 @@ points of elements of any degree, curved or straight.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
 
@@ -16,12 +16,9 @@ import casadi as ca
 import numpy as np
 
 from beamdae.beams.element_data import ElementDataLayout
-from beamdae.beams.kinematics import Element, InertiaPoint, StrainRatePoint
-from beamdae.beams.shape_functions import gauss_points, shape_functions, weigh_nodes
-from beamdae.beams.strains import elastic_kernel, outer_strain_function
-from beamdae.symbolic.formula import cache_kernels
-from beamdae.symbolic.functions.compiled import RowFunction
-from beamdae.symbolic.statements import SX, ForceKernel, Local, PointForce
+from beamdae.beams.kinematics import InertiaPoint
+from beamdae.beams.point_elements import PointElement
+from beamdae.symbolic.statements import SX, ForceKernel, Local
 
 # Local coordinates: (x0, y0, theta) of the frame, then (u, v, phi) of each node.
 FRAME_SIZE = 3
@@ -39,79 +36,39 @@ PRESTRAIN_VALUES = ("axial", "bending")
 
 
 @dataclass(frozen=True)
-class FloatingFrameElement(Element):
-    """Element type of the floating frame, defined by the properties that its kernel depends on.
+class FloatingFrameElement(PointElement):
+    """Element type of the floating frame.
+
+    The coordinates are (x0, y0, theta) of the frame and (u, v, phi) of each node.
 
     Attributes
     ----------
-    nodes
-        Number of nodes (4 in the paper, eq. 12); the shape functions have the degree nodes - 1.
-    quadrature
-        Number of Gauss points of the stiffness terms.
     strain
         "nonlinear" (eq. 5), "green" (with the curvature in the quadratic terms as well), "linear"
         (without quadratic terms) or "exact" (strains of Reissner).
-    damped
-        True if the section has Kelvin-Voigt damping; without damping, the tangent matrix needs a
-        third fewer operations.
-    varying
-        True if the section varies along the beam.
     prestressed
         True if the reference configuration is strained.
     """
 
-    nodes: int = 4
-    quadrature: int = 3
     strain: str = "nonlinear"
-    damped: bool = True
-    varying: bool = False
     prestressed: bool = False
 
     @property
-    def mass_quadrature(self) -> int:
-        """Number of inertia points, which integrate products of two shape functions exactly."""
-        return self.nodes
-
-    @property
-    def size(self) -> int:
-        """Number of local coordinates: (x0, y0, theta) and (u, v, phi) of each node."""
-        return FRAME_SIZE + NODE_SIZE * self.nodes
+    def frame_size(self) -> int:
+        """Number of coordinates of the floating frame."""
+        return FRAME_SIZE
 
     @property
     def layout(self) -> ElementDataLayout:
         """Layout of the data of an element."""
         stiffness_point = STIFFNESS_POINT_VALUES + PRESTRAIN_VALUES * self.prestressed
-        counts = (self.mass_quadrature, self.quadrature)
+        counts = (self.nodes, self.quadrature)
         return ElementDataLayout(*counts, MASS_POINT_VALUES, stiffness_point, self.varying)
-
-    @property
-    def n_data(self) -> int:
-        """Number of data values of one element."""
-        return self.layout.size
-
-    def kernel(self) -> ForceKernel:
-        """Return the kernel of one element; see `floating_frame_kernel`."""
-        return floating_frame_kernel(self)
-
-    def strain_points(self, points: SX, q: SX) -> list[tuple[SX, SX]]:
-        """Return weight and (axial strain, shear strain 2 eps12, kappa11) of each stiffness point.
-
-        Parameters
-        ----------
-        points
-            Values of each point, one column per point: `STIFFNESS_POINT_VALUES` and, if the
-            reference configuration is strained, `PRESTRAIN_VALUES`; further rows may follow.
-        q
-            Local coordinates.
-        """
-        columns = zip(self._stiffness_weights, ca.horzsplit(points), strict=True)
-        return [(point[0], _strain(self, SX(weights) @ q, point)) for weights, point in columns]
 
     def inertia_points(self, local: Local) -> list[InertiaPoint]:
         """Return the motion of the inertia points, each in its local frame; see `AxisMotion`."""
-        data = self.layout.split(local.data)
-        points = []
-        for k, weights in enumerate(self._mass_weights):
+        data, points = self.layout.split(local.data), []
+        for k, weights in enumerate(self.mass_weights):
             weight, reference, to_local = _read_mass_point(data.mass[:, k])
             axis = AxisMotion(*(SX(weights) @ x for x in (local.q, local.v)))
             velocity = axis.velocity(AT_POINT, reference, to_local)
@@ -120,28 +77,47 @@ class FloatingFrameElement(Element):
             points.append(InertiaPoint(weight, density, *rates, axis.rotation(AT_POINT)))
         return points
 
-    def strain_rate_points(self, local: Local) -> list[StrainRatePoint]:
-        """Return the strain rates at the stiffness points of the deformed beam."""
-        data = self.layout.split(local.data)
-        return [
-            StrainRatePoint(weight, data.elasticity(k), local.dot(strain))
-            for k, (weight, strain) in enumerate(self.strain_points(data.stiffness, local.q))
-        ]
+    def strain_at(self, z: SX, point: SX) -> SX:
+        """Return (axial strain, shear strain 2 eps12, kappa11) at a stiffness point.
 
-    @property
-    def _mass_weights(self) -> list[ca.DM]:
-        """Matrices of (x0, y0, theta) and (u, v, phi) at the inertia points (6, size)."""
-        xi, _ = gauss_points(self.mass_quadrature)
-        frame = np.eye(FRAME_SIZE, self.size)
-        rows = shape_functions(self.nodes, xi)
-        return [weigh_nodes(FRAME_SIZE, [row], frame) for row in rows]
+        The strains are those of eqs. (5) and (6) with kappa11 = -phi'. With along = u' - v/R and
+        across = v' + u/R, the derivative of the position is (1 + along, across) in ec. The exact
+        strains are the components of this vector in the axes of the section, rotated by phi, minus
+        1 for the axial strain: (1 + along) cos phi + across sin phi - 1 and
+        across cos phi - (1 + along) sin phi.
+        """
+        _, curvature, dxi_ds = (point[k] for k in range(len(STIFFNESS_POINT_VALUES)))
+        u, v, phi = ca.vertsplit(z[:NODE_SIZE])
+        du, dv, dphi = ca.vertsplit(dxi_ds * z[NODE_SIZE:])
+        along, across = du - v * curvature, dv + u * curvature
+        if self.strain == "exact":
+            # cos phi - 1 from the half angle avoids cancellation for small strains.
+            c, s = ca.cos(0.5 * phi), ca.sin(0.5 * phi)
+            cosine_minus_1, sine = -2.0 * s * s, 2.0 * s * c
+            axial = along + (along * cosine_minus_1 + across * sine) + cosine_minus_1
+            shear = across + (across * cosine_minus_1 - along * sine) - sine
+        else:
+            quadratic = {
+                "linear": SX(0),
+                "nonlinear": 0.5 * (du**2 + dv**2),
+                "green": 0.5 * (along**2 + across**2),
+            }
+            axial, shear = along + quadratic[self.strain], across - phi
+        strain = ca.vertcat(axial, shear, -dphi)
+        if self.prestressed:
+            first = len(STIFFNESS_POINT_VALUES)
+            strain += ca.vertcat(point[first], 0, point[first + 1])
+        return strain
 
-    @property
-    def _stiffness_weights(self) -> list[ca.DM]:
-        """Matrices of (u, v, phi) and their slopes d/dxi at the stiffness points (6, size)."""
-        xi, _ = gauss_points(self.quadrature)
-        rows, slopes = (shape_functions(self.nodes, xi, k) for k in (0, 1))
-        return [weigh_nodes(FRAME_SIZE, pair) for pair in zip(rows, slopes, strict=True)]
+    def inertia_kernel(self) -> ForceKernel:
+        """Return the kernel of inertia and weight of a point, in (x0, y0, theta, u, v, phi).
+
+        Eqs. (10), (11) and (15) of Pan & Liu (2012). Inertial forces follow from the mass per
+        length and the acceleration of the axis. Unlike in the paper, the rotary inertia is
+        consistent: the kinetic energy of rotation is 1/2 rho I (theta' + phi')^2, while eq. (8)
+        leads to 1/2 rho I (phi'^2 + phi^2 theta'^2).
+        """
+        return _inertia_kernel()
 
 
 # The only "node" of an `AxisMotion` in the coordinates of a point.
@@ -267,95 +243,7 @@ def _read_mass_point(point: SX) -> tuple[SX, SX, SX]:
 
 
 @cache
-def strain_function(element: FloatingFrameElement) -> RowFunction:
-    """Return the function of (q, data) for the largest axial strain of an element's fibers."""
-    local = Local(element.size, element.n_data)
-    data = element.layout.split(local.data)
-    points = element.strain_points(data.stiffness, local.q)
-    return outer_strain_function(local, data, [strain for _, strain in points])
-
-
-def _strain(element: FloatingFrameElement, z: SX, point: SX) -> SX:
-    """Return (axial strain, shear strain 2 eps12, kappa11) at a stiffness point.
-
-    The strains are those of eqs. (5) and (6) with kappa11 = -phi'. With along = u' - v/R and
-    across = v' + u/R, the derivative of the position is (1 + along, across) in ec. The exact
-    strains are the components of this vector in the axes of the section, rotated by phi, minus 1
-    for the axial strain: (1 + along) cos phi + across sin phi - 1 and
-    across cos phi - (1 + along) sin phi.
-
-    Parameters
-    ----------
-    element
-        Element type.
-    z
-        (u, v, phi) and their derivatives with respect to xi.
-    point
-        Values of the point; see `FloatingFrameElement.strain_points`.
-    """
-    _, curvature, dxi_ds = (point[k] for k in range(len(STIFFNESS_POINT_VALUES)))
-    u, v, phi = ca.vertsplit(z[:NODE_SIZE])
-    du, dv, dphi = ca.vertsplit(dxi_ds * z[NODE_SIZE:])
-    along, across = du - v * curvature, dv + u * curvature
-    if element.strain == "exact":
-        # cos phi - 1 from the half angle avoids cancellation for small strains.
-        c, s = ca.cos(0.5 * phi), ca.sin(0.5 * phi)
-        cosine_minus_1, sine = -2.0 * s * s, 2.0 * s * c
-        axial = along + (along * cosine_minus_1 + across * sine) + cosine_minus_1
-        shear = across + (across * cosine_minus_1 - along * sine) - sine
-    else:
-        quadratic = {
-            "linear": SX(0),
-            "nonlinear": 0.5 * (du**2 + dv**2),
-            "green": 0.5 * (along**2 + across**2),
-        }
-        axial, shear = along + quadratic[element.strain], across - phi
-    strain = ca.vertcat(axial, shear, -dphi)
-    if element.prestressed:
-        first = len(STIFFNESS_POINT_VALUES)
-        strain += ca.vertcat(point[first], 0, point[first + 1])
-    return strain
-
-
-@cache_kernels
-def floating_frame_kernel(element: FloatingFrameElement) -> ForceKernel:
-    """Return the kernel of one element: forces of inertia, weight, elasticity and damping.
-
-    Eqs. (10), (11), (15) and (21) of Pan & Liu (2012). Inertial forces follow from the mass per
-    length and the acceleration of the axis. Unlike in the paper, the rotary inertia is consistent:
-    the kinetic energy of rotation is 1/2 rho I (theta' + phi')^2, while eq. (8) leads to
-    1/2 rho I (phi'^2 + phi^2 theta'^2).
-    """
-    local = Local(element.size, element.n_data)
-    data, same = element.layout.split(local.data), ca.DM.eye(element.size)
-    inertia = _inertia_kernel()
-    points = [
-        PointForce(
-            same,
-            weights,
-            inertia,
-            ca.vertcat(data.mass[: len(MASS_POINT_VALUES), k], data.inertia(k), data.gravity),
-        )
-        for k, weights in enumerate(element._mass_weights)
-    ]
-    one_size = replace(element, nodes=2, quadrature=1, varying=False)
-    elasticity = elastic_kernel(one_size, 2 * NODE_SIZE, _strain)
-    values = len(element.layout.stiffness_point)
-    points += [
-        PointForce(
-            same,
-            weights,
-            elasticity,
-            ca.vertcat(data.stiffness[:values, k], data.elasticity(k), data.damping(k)),
-        )
-        for k, weights in enumerate(element._stiffness_weights)
-    ]
-    return ForceKernel.of_points(local, points)
-
-
-@cache
 def _inertia_kernel() -> ForceKernel:
-    """Return the kernel of inertia and weight of a point, in (x0, y0, theta, u, v, phi)."""
     local = Local(FRAME_SIZE + NODE_SIZE, len(MASS_POINT_VALUES) + 4)
     weight, reference, to_local = _read_mass_point(local.data)
     rhoA, rhoI, *g = ca.vertsplit(local.data[len(MASS_POINT_VALUES) :])

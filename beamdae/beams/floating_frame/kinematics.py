@@ -14,7 +14,6 @@ from beamdae.beams.floating_frame.element import (
     FRAME_SIZE,
     NODE_SIZE,
     FloatingFrameElement,
-    strain_function,
 )
 from beamdae.beams.floating_frame.formulas import (
     FloatingFrameDeformation,
@@ -43,7 +42,6 @@ from beamdae.curves.plane_curves import rotate_points
 from beamdae.errors import BeamdaeError, require_choice
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.sparse_operators import select_rows
 from beamdae.symbolic.statements import SX, Variable
 
@@ -91,9 +89,9 @@ class FloatingFrame(FormulationKinematics):
         return FloatingFrameElement(
             self.mesh.nodes,
             self.stiffness_points,
-            self.strain,
             is_damped(self.section, self.mesh, self.stiffness_points),
             isinstance(self.section, VaryingSection),
+            self.strain,
             self.free_curve is not None,
         )
 
@@ -298,11 +296,6 @@ class FloatingFrame(FormulationKinematics):
             self._element_operator(element, nodes),
             Formula(SectionMotion(len(nodes)), tuple(map(float, numbers))),
         )
-
-    @property
-    def strain_function(self) -> RowFunction:
-        """Function of (q, data) for the largest strain of an element."""
-        return strain_function(self.element)
 
     @geometric_property
     def floating_frame(self) -> MaterialPoint:
