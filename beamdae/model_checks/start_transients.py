@@ -19,6 +19,7 @@ from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.errors import BeamdaeError, name_with_others
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.model_checks.contacts import contacts_of
+from beamdae.model_checks.load_derivatives import read_state
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.results.columns import Header, remove_unit
 from beamdae.results.step_extremes import StepExtremes
@@ -86,14 +87,14 @@ def start_transient_warnings(
     if not any(x > _MIN_EXCESS for x in excess.values()):
         return
     interval = trajectory.intervals[0]
-    active = interval.active_equations(e)
-    time, start = interval.times[0], State(*(x[0] for x in interval.rows))
+    _, active, time, start = read_state(e, trajectory, begin)
 
-    def observe_state(time: Array, state: State) -> Array:
+    def observe_state(t: Array, state: State) -> Array:
+        """Return the columns at (t, branch) and a state with the active multipliers."""
         q, v, a, lam = (x[None] for x in state)
         if interval.configuration is not None:
             lam = interval.configuration.expand_multipliers(lam, e.m)
-        return np.asarray(observe(time[None], q, v, a, lam)[0])
+        return np.asarray(observe(t[None], q, v, a, lam)[0])
 
     smooth, rest = _find_smooth_states(active, time, start)
     if smooth is None or rest is None or not _is_minor(active, trajectory, time, start, smooth):

@@ -220,6 +220,15 @@ def press_beside_a_ball():
     return mech
 
 
+def beside_an_inactive_rod(mech):
+    """Return the mechanism with a mass on a spring beside it, whose rod never acts."""
+    mass = mech.add(bd.PointMass("late", 1.0, at=(30.0, 0.0)))
+    mech.add(bd.Spring("late spring", mech.ground.at(30.0, 2.0), mass.point, 100.0))
+    rod = mech.add(bd.Distance("late rod", mech.ground.at(30.0, 1.0), mass.point))
+    mech.deactivate(rod)
+    return mech
+
+
 def start_impact():
     mech = sliding_box(1.0, friction=0.0)
     mech.start = {"box.x_dot": 1.0, "box.y_dot": -1.0}
@@ -246,6 +255,8 @@ CASES = {
     "crank": (slider_crank(), 2.0 * PERIOD, {}, SMOOTH),
     "rotor": (rotor(9.0), 1.0, {}, SMOOTH),
     "exact rotor": (rotor(formulation="exact"), 0.3, {}, SMOOTH),
+    "rotor and rod": (beside_an_inactive_rod(rotor(9.0)), 1.0, {}, SMOOTH),
+    "wiper and rod": (beside_an_inactive_rod(wiper(oscillate)), 2.0, {}, EQUILIBRIUM),
     "press in equilibrium": (press(), 1.0, IN_EQUILIBRIUM, ""),
     "wiper in equilibrium": (wiper(oscillate), 2.0, IN_EQUILIBRIUM, ""),
     "hoist in equilibrium": (hoist(), 6.0, IN_EQUILIBRIUM, ""),
