@@ -17,7 +17,7 @@ from beamdae.symbolic.formula import cache_kernels
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import SX, ForceKernel, Local, PointForce
 
-_NODE_SIZE = 3  # coordinates of a node
+NODE_SIZE = 3  # coordinates of a node
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class PointElement(Element):
     @property
     def size(self) -> int:
         """Number of local coordinates: those of the frame, then three of each node."""
-        return self.frame_size + _NODE_SIZE * self.nodes
+        return self.frame_size + NODE_SIZE * self.nodes
 
     @property
     @abstractmethod
@@ -169,7 +169,7 @@ def _elastic_kernel(element: PointElement) -> ForceKernel:
     then (EA, GA, EI) and the retardation time.
     """
     values = len(element.layout.stiffness_point)
-    local = Local(2 * _NODE_SIZE, values + STRAIN_SIZE + 1)
+    local = Local(2 * NODE_SIZE, values + STRAIN_SIZE + 1)
     weight, stiffness = local.data[0], local.data[values : values + STRAIN_SIZE]
     strain = element.strain_at(local.q, local.data)
     section_forces = stiffness * strain

@@ -10,12 +10,10 @@ from scipy.sparse.linalg import splu
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.mesh import Mesh
+from beamdae.beams.point_elements import NODE_SIZE
 from beamdae.beams.shape_functions import node_positions, shape_functions
 
 Array = np.ndarray
-
-# Coordinates of a node: two displacements and a rotation.
-_NODE_SIZE = 3
 
 
 def halve_elements(mesh: Mesh) -> Mesh:
@@ -42,7 +40,7 @@ def prolongation_matrix(coarse: Beam, fine: Beam) -> sp.csc_array:
     nodes, frame_size = coarse.mesh.nodes, coarse.rigid_coordinate_count
     frame, ends = np.eye(frame_size), node_positions(nodes)
     halves = [
-        sp.block_diag([frame, np.kron(shape_functions(nodes, xi), np.eye(_NODE_SIZE))])
+        sp.block_diag([frame, np.kron(shape_functions(nodes, xi), np.eye(NODE_SIZE))])
         for xi in (0.5 * (ends - 1.0), 0.5 * (ends + 1.0))
     ]
     interpolation = sp.kron(sp.eye_array(coarse.mesh.elements), sp.vstack(halves))

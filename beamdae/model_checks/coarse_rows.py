@@ -76,7 +76,8 @@ def find_missed_peaks(run: RunData) -> ColumnDict:
     The rows of a column show neither an extreme nor a vibration between them if the extreme of the
     steps exceeds that of the rows by 4 % of half the range, or the steps are outside the range of
     the two neighboring rows by a root mean square of 4 % of the deviation of the column. Columns
-    that vary by errors only are omitted.
+    that vary by errors only, or are small beside others of the same observable, are omitted, and so
+    are lower extremes of magnitudes.
     """
     e, steps = run.equations, run._step_measures
     if run._is_at_rest or not run.columns:
@@ -117,10 +118,10 @@ def find_missed_peaks(run: RunData) -> ColumnDict:
 
 
 def _mark_minor(headers: Sequence[str], half_range: Array, length: float) -> Array:
-    """Return the mask of columns that are small beside others of the same observable and kind.
+    """Return the mask of columns that are small beside translations or forces of their observable.
 
-    Rotations and moments are compared with translations and forces by the `length` [m]. The reverse
-    is not done: shafts turn far more often than they vibrate.
+    Rotations and moments are compared with these by the `length` [m]. The reverse is not done:
+    shafts turn far more often than they vibrate.
     """
     parts = [Header.of(header) for header in headers]
     units, powers = zip(
@@ -144,17 +145,18 @@ def coarse_row_warnings(run: RunData) -> Iterator[str]:
     if not run.trajectory.stores_all_steps and may_have_short_peaks(e):
         units = {header: Header.of(header).unit for header in e.observed_headers}
         unknown = [remove_unit(x) for x, unit in units.items() if unit not in _GRADUAL_UNITS]
-    remedy = (
-        "this long run stores only some of its steps, so larger peaks between the output rows are "
-        "unknown; set keep_steps=True, or reduce output_step= or the end time"
-    )
-    if not unknown:
+    if unknown:
+        remedy = (
+            "this long run stores only some of its steps, so larger peaks between the output rows "
+            "are unknown; set keep_steps=True, or reduce output_step= or the end time"
+        )
+    else:
         step = _find_output_step(run, peaks)
         remedy = "tables of extremes and step_extremes include these values"
         remedy += f", and curves show them with output_step={step:.0e}" if step else ""
+    if unknown and not peaks:
+        yield f"{list_first(unknown, _MAX_NAMES)}: {remedy}."
     if not peaks:
-        if unknown:
-            yield f"{list_first(unknown, _MAX_NAMES)}: {remedy}."
         return
     worst, *others = sorted(peaks, key=lambda x: -x.importance)
     value, row_value = format_apart(worst.column, worst.value, worst.row_value)

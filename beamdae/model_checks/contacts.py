@@ -25,7 +25,7 @@ Array = np.ndarray
 
 _ROUNDING = 1e-10  # of gaps, relative to the length of the mechanism
 _MIN_CHANGE = 0.1  # of a gap that approaches or departs, relative to the gap at the start
-# Smallest gap of a wrong unit, relative to the sizes of all bodies and the change of the gap.
+# Gaps up to this multiple of the sizes of all bodies and of the change of the gap may be meant.
 _MAX_DISTANCE = 5.0
 _MIN_DEEPENING = 1.01  # of a depth relative to that in the drawing
 _MAX_DEPTH_IN_CIRCLE = 0.5  # relative to the radius: points also pass beside the center
@@ -47,7 +47,7 @@ def contacts_of(equations: EquationsOfMotion) -> dict[str, Contact]:
 def untouched_contact_warnings(
     equations: EquationsOfMotion, trajectory: Trajectory
 ) -> Iterator[str]:
-    """Yield a warning about contacts that are meters away, or if no contact ever touches.
+    """Yield a warning about contacts that are far away, or if no contact ever touches.
 
     Contacts are meant to touch if they have friction, or if all bodies approach their surfaces, or
     all depart. Others may be guards and stops that are not reached.
@@ -69,11 +69,11 @@ def untouched_contact_warnings(
     size = sum(x.size for x in equations.parts if not x.is_state)
     named = [x for x, d in gaps.items() if np.min(d) > _MAX_DISTANCE * (size + np.ptp(d))]
     if not named:
-        limit = -_ROUNDING * equations.length
-        if any(np.min(d[1:], initial=0.0) < limit for d in gaps.values()):
+        rounding = _ROUNDING * equations.length
+        if any(np.min(d[1:], initial=0.0) < -rounding for d in gaps.values()):
             return
         has_friction = any(contacts[name].friction > 0.0 for name in gaps)
-        changes = [_steady_change(contacts[x], mechanism, d, -limit) for x, d in gaps.items()]
+        changes = [_steady_change(contacts[x], mechanism, d, rounding) for x, d in gaps.items()]
         is_steady = min(changes) > 0.0 or max(changes) < 0.0
         if not (has_friction or (is_steady and not have_actions(mechanism.events))):
             return

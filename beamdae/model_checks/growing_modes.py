@@ -38,7 +38,7 @@ _LOOP_GROWTH, _GROWTH, _PART_GROWTH = np.log(5.0), np.log(1e3), 1.0
 _PARTS = ((0.0, 0.25), (0.25, 0.5), (0.5, 0.75), (0.75, 1.0), (0.9375, 1.0))
 # States of a part: its end, and multiples of the golden ratio, which are no periods of a load
 _FRACTIONS = 1.0 - (np.arange(8) * 0.5 * (np.sqrt(5.0) - 1.0)) % 1.0
-_SAMPLES = 1024  # of signals of loops
+_SAMPLES = 1024  # of signals of loops, and of displacements
 # Range in the last quarter of the run, relative to the whole run, of signals that do not settle
 _MIN_LAST_RANGE = 0.3
 # Growth by the steps relative to that of the mode: of modes that are damped, and that are resolved
@@ -80,7 +80,7 @@ def _describe_unstable_loop(equations: EquationsOfMotion, trajectory: Trajectory
     value = analysis.find_loop_mode(at, trajectory, loads, min_rate)
     if value is None:
         return ""
-    vibration = f" with {value.imag / (2.0 * np.pi):.3g} Hz" if value.imag else ""
+    vibration = f" at {value.imag / (2.0 * np.pi):.3g} Hz" if value.imag else ""
     return (
         f"{name} does not settle, because its loop is unstable: a mode grows as "
         f"exp({value.real:.3g} t){vibration}; check the signs and sizes of its gains, and delays."
@@ -204,7 +204,8 @@ def _examine_part(
 ) -> str:
     """Return a warning about a mode that grows in all states at `times`, the last one first."""
     lost = path = ""
-    for t in times.tolist():
+    displacements: Array | None = None
+    for k, t in enumerate(times.tolist()):
         at = read_state(equations, trajectory, t)
         loads = differentiate_loads(at)
         if not loads and not (is_pressed and _may_diverge(at, min_rate)):
@@ -213,8 +214,11 @@ def _examine_part(
         run, step = analysis.LinearizedState(at, loads), _find_step(trajectory, t)
         modes = run.find_growing(min_rate)
         vibration = _find_damped(modes.values, step, amplify) if amplify else None
-        still = _find_still(modes, run.mass, trajectory, times[0]) if is_pressed else None
-        if t == times[0]:
+        if is_pressed and displacements is None:
+            q = trajectory.positions_at(np.linspace(trajectory.start, times[0], _SAMPLES))
+            displacements = q - q[0]
+        still = None if displacements is None else _find_still(modes, run.mass, displacements)
+        if k == 0:
             lost = "" if vibration is None else _describe_lost(run, vibration, step)
             path = "" if still is None else _describe_path(equations, modes, still, t)
         lost = "" if vibration is None else lost
@@ -249,13 +253,11 @@ def _find_damped(values: Array, step: float, amplify: Amplify) -> complex | None
     return complex(vibrations[np.argmin(vibrations.imag)])
 
 
-def _find_still(modes: Any, mass: Any, trajectory: Trajectory, end: float) -> int | None:
+def _find_still(modes: Any, mass: Any, displacements: Array) -> int | None:
     """Return the index of a growing motion in which displacements have no share, or None."""
     (directions,) = np.nonzero(modes.values.imag == 0.0)
     if not len(directions):
         return None
-    q = trajectory.positions_at(np.linspace(trajectory.start, end, _SAMPLES))
-    displacements = q - q[0]
     momentum = displacements @ mass.toarray()
     size = np.sqrt(np.max(np.sum(momentum * displacements, axis=1)))
     for k in directions.tolist():

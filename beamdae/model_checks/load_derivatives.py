@@ -52,15 +52,18 @@ def differentiate_loads(
 ) -> dict[str, LoadDerivatives]:
     """Return the derivatives of the loads that may supply energy, and of `commanded`, by part.
 
-    Energy is supplied by circulatory stiffness and negative damping. Forces with inertia are no
-    loads.
+    Energy is supplied by circulatory stiffness and negative damping. Forces with inertia, and those
+    on first-order states alone, are no loads.
     """
     loads: dict[str, LoadDerivatives] = {}
     for name, load in _differentiate_copies(at, commanded):
         before = loads.get(name)
         if before is not None:
-            both = zip(before, load, strict=True)
-            load = LoadDerivatives(*(x + y for x, y in both))
+            load = LoadDerivatives(
+                before.stiffness + load.stiffness,
+                before.damping + load.damping,
+                before.is_source or load.is_source,
+            )
         loads[name] = load
     return loads
 

@@ -43,7 +43,7 @@ from beamdae.model_checks.table_ranges import table_range_warnings
 from beamdae.model_checks.unconnected_bodies import idle_body_warnings
 from beamdae.model_checks.velocity_jumps import velocity_jump_warnings
 from beamdae.parts.mechanism import EQUILIBRIUM
-from beamdae.results.columns import UNITS_OF_FORCES, Header
+from beamdae.results.columns import UNITS_OF_LOADS, Header
 from beamdae.results.noise import mark_noise
 from beamdae.results.rest import has_rounding_forces
 from beamdae.results.run_data import RunData
@@ -143,7 +143,7 @@ def _impacts(run: RunData) -> Iterable[str]:
 def _start_transients(run: RunData) -> Iterable[str]:
     headers, values = run.equations.observed_headers, run._step_measures.values
     half_range = 0.5 * np.ptp(values, axis=0)
-    is_force = np.isin([Header.of(x).unit for x in headers], (*UNITS_OF_FORCES, "Pa"))
+    is_force = np.isin([Header.of(x).unit for x in headers], UNITS_OF_LOADS)
     is_noise = mark_noise(run, values, half_range, np.where(is_force, half_range, 0.0))
     noise = {header for header, x in zip(headers, is_noise, strict=True) if x}
     extremes = {header: x for header, x in run.step_extremes.items() if header not in noise}
@@ -177,8 +177,7 @@ def _parts_inside_surfaces(run: RunData) -> Iterable[str]:
         return ()
     first = run.trajectory.intervals[0]
     active, state = first.active_equations(run.equations), State(*(x[0] for x in first.rows))
-    time = np.array([first.t[0], first.branch])
-    return start_inside_warnings(run.equations, active, time, state)
+    return start_inside_warnings(run.equations, active, first.times[0], state)
 
 
 def _supplied_energy(run: RunData) -> Iterable[str]:

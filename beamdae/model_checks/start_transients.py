@@ -21,13 +21,12 @@ from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.model_checks.contacts import contacts_of
 from beamdae.model_checks.load_derivatives import read_state
 from beamdae.parts.mechanism import EQUILIBRIUM
-from beamdae.results.columns import Header, remove_unit
+from beamdae.results.columns import UNITS_OF_LOADS, Header, remove_unit
 from beamdae.results.step_extremes import StepExtremes
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
-_UNITS = ("N", "N m", "Pa")
 _EARLY, _LATE = 0.25, 0.5  # extremes before and after these shares of the run are compared
 _MIN_EXCESS = 0.05  # of the early extreme over the later ones, relative to it
 _MIN_PART = 0.5  # of a value, to be its main cause
@@ -68,7 +67,7 @@ def start_transient_warnings(
     peaks: dict[int, tuple[float, float]] = {}
     for k, header in enumerate(e.observed_headers):
         unit = Header.of(header).unit
-        if header not in extremes or unit not in _UNITS:
+        if header not in extremes or unit not in UNITS_OF_LOADS:
             continue
         x = extremes[header]
         sides = (x.max, x.max_time), (x.min, x.min_time)
@@ -107,8 +106,10 @@ def start_transient_warnings(
             continue
         (at,), states = trajectory.at(np.array([t]))
         near = find_smooth_state(ConsistencySolver(active), at, states.q[0], states.v[0])
-        share = near and (value - observe_state(at, near)[k]) * np.sign(value)
-        if share and _MIN_PART * excess[k] * abs(value) < share <= 2.0 * vibration[k]:
+        if near is None:
+            continue
+        share = (value - observe_state(at, near)[k]) * np.sign(value)
+        if _MIN_PART * excess[k] * abs(value) < share <= 2.0 * vibration[k]:
             caused.append(k)
     if not caused:
         return
@@ -125,7 +126,7 @@ def start_transient_warnings(
     yield (
         f"{name_with_others(remove_unit(header), names)}: its largest value, {value:.4g} {unit} at "
         f"t = {t:.3g} s, belongs to the vibration that the start as drawn causes (largest one "
-        f"later: {later[worst]:.4g} {unit}); {remedy}, or read the extremes later."
+        f"later: {later[worst]:.4g} {unit}); {remedy}, or evaluate extremes after it has decayed."
     )
 
 

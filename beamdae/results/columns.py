@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,13 +27,11 @@ from beamdae.errors import (
 from beamdae.model_parameters import split_unit
 from beamdae.read_only import ReadOnlyDict
 
-if TYPE_CHECKING:
-    pass
-
 UNITS_OF_POSITIONS = ("m", "rad")  # which must be accurate by default
 
 UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
 UNITS_OF_FORCES = ("N", "N m")  # of columns whose values do not depend on an origin
+UNITS_OF_LOADS = (*UNITS_OF_FORCES, "Pa")
 
 # Errors of columns that have a sentence, and those at which recommended settings aim.
 LIMIT, AIM = 0.04, 0.01

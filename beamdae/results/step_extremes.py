@@ -155,9 +155,9 @@ def measure_steps(
                     index = np.argmax(x[:, columns], axis=0)
                     largest[side, columns] = x[index, columns]
                     times[side, columns] = t[index]
-                excess_values[columns], excess_rows[columns] = (
-                    y[index, columns] for y in (block, nearest)
-                )
+                    if x is excess:
+                        excess_values[columns] = block[index, columns]
+                        excess_rows[columns] = nearest[index, columns]
                 changes, weight = block - rows[0], weights[done : done + len(here)]
                 sums += np.stack([weight @ changes, weight @ changes**2, weight @ excess**2])
                 done += len(here)
@@ -204,7 +204,7 @@ def refine_extremes(
     Parameters
     ----------
     extreme_times, extremes
-        Times (2, n) [s], which are nodes, and values of the smallest and the largest value.
+        Times (2, n) [s], and values of the smallest and the largest value.
     nodes
         Ascending times (k,) of the steps or the rows [s].
     observe_at

@@ -279,8 +279,8 @@ class ForceKernel:
         for point in self.points:
             # B^T C B has half as many operations as the derivatives of the sum of all points.
             tangent = point.kernel._tangent_function(tuple(factors))
-            matrix = tangent(*factors.values(), *point.inputs(x))
-            total += point.operator.T @ (matrix @ point.operator)
+            matrix, operator = tangent(*factors.values(), *point.inputs(x)), point.operator
+            total += operator.T @ (matrix @ operator)
         if self.points:
             return total
         symbols = {STIFFNESS: x.q, DAMPING: x.v, MASS: x.a}

@@ -106,7 +106,7 @@ def find_loop_mode(
     Parameters
     ----------
     at
-        State at rest about which the equations are linearized.
+        State about which the equations are linearized, with commands between their limits.
     trajectory
         The steps of the run, at whose samples laws are differentiated.
     commanded
@@ -116,13 +116,13 @@ def find_loop_mode(
     """
     run = LinearizedState(at, differentiate_loads(at, commanded))
     if at.whole.controllers:
-        values, opened = (_sampled_poles(run, trajectory, x) for x in (None, commanded))
+        values, open_values = (_sampled_poles(run, trajectory, x) for x in (None, commanded))
     else:
-        values, opened = (run.find_growing(min_rate, x).values for x in ((), commanded))
+        values, open_values = (run.find_growing(min_rate, x).values for x in ((), commanded))
     if not len(values):
         return None
     fastest = complex(values[np.argmax(values.real)])
-    is_of_loop = np.max(opened.real, initial=0.0) <= _MAX_OPEN_RATIO * fastest.real
+    is_of_loop = np.max(open_values.real, initial=0.0) <= _MAX_OPEN_RATIO * fastest.real
     return fastest if is_of_loop and fastest.real > min_rate else None
 
 
@@ -139,9 +139,9 @@ def _sampled_poles(
     intervals = np.array([x.controller.every for x in terms])
     ratios = np.round(intervals / np.min(intervals)).astype(int)
     is_regular = np.abs(intervals / np.min(intervals) - ratios) < _ROUNDING
-    laws = [differentiate_law(equations, trajectory, x, k) for k, x in enumerate(terms)]
     if reduction is None or not is_regular.all() or np.any(np.max(ratios) % ratios):
         return np.zeros(0, complex)
+    laws = [differentiate_law(equations, trajectory, x, k) for k, x in enumerate(terms)]
     model = reduction.linear_model([read for term in terms for read in term.reads])
     place = {int(row): k for k, row in enumerate(reduction.x_indices)}
     step, total = la.expm(np.min(intervals) * model.A), np.eye(len(model.A))
@@ -155,7 +155,7 @@ def _sampled_poles(
             outputs = model.C[first : first + by_reads.shape[1]]
             first += by_reads.shape[1]
             if k % ratio == 0:
-                sample[own] = (opened is None) * by_reads @ outputs
+                sample[own] = by_reads @ outputs if opened is None else 0.0
                 sample[np.ix_(own, own)] += by_values
         total = step @ sample @ total
     multipliers = la.eigvals(total).astype(complex)

@@ -16,11 +16,10 @@ import numpy as np
 
 from beamdae.beams.element_data import ElementDataLayout
 from beamdae.beams.kinematics import InertiaPoint
-from beamdae.beams.point_elements import PointElement
+from beamdae.beams.point_elements import NODE_SIZE, PointElement
 from beamdae.beams.shape_functions import gauss_points, shape_functions, weigh_nodes
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
-NODE_SIZE = 3  # coordinates (x, y, psi) of a node
 MASS_POINT_VALUES = ("weight",)
 # `angle_offset` is the angle of the axis minus the interpolated section angle in the reference
 # configuration; `free_curvature` is psi0' of the stress-free shape.

@@ -17,14 +17,13 @@ import numpy as np
 
 from beamdae.beams.element_data import ElementDataLayout
 from beamdae.beams.kinematics import InertiaPoint
-from beamdae.beams.point_elements import PointElement
+from beamdae.beams.point_elements import NODE_SIZE, PointElement
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
 # Local coordinates: (x0, y0, theta) of the frame, then (u, v, phi) of each node.
 FRAME_SIZE = 3
 ORIGIN = slice(0, 2)
 THETA = 2
-NODE_SIZE = 3
 PHI = 2
 
 # Values of a point in the element data. X and Y are the components, in the local frame of the
