@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.beams.beam import Beam, beams_of, require_beam
-from beamdae.beams.kinematics import Element
+from beamdae.beams.elements import Element
 from beamdae.errors import require_name, require_non_negative, set_fields
 from beamdae.parts.forces.load_observables import ObservableBeamLoad
 from beamdae.parts.mechanism import Mechanism

@@ -1,4 +1,4 @@
-"""Base classes of beam kinematics and elements, and code shared by both formulations.
+"""Base classes of beam kinematics, and code shared by both formulations.
 
 A subclass of `Kinematics` expresses the motion of the points of a beam by coordinates: in a
 floating frame (`floating_frame`), in the inertial frame (`exact`), or otherwise. Beams, damping,
@@ -11,12 +11,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache, wraps
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.element_data import assemble_element_data, require_free_curve
+from beamdae.beams.elements import Element, PointElement
 from beamdae.beams.mesh import Mesh, consists_of_numbers, is_shareable
 from beamdae.beams.reference_frames import compute_frame_angle, resolve_frame
 from beamdae.beams.sections import Section, VaryingSection
@@ -33,13 +34,9 @@ from beamdae.read_only import read_only, read_only_data
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.statements import (
     SX,
-    ForceKernel,
     Local,
     Variable,
 )
-
-if TYPE_CHECKING:
-    from beamdae.beams.point_elements import PointElement
 
 Array = np.ndarray
 T = TypeVar("T")
@@ -48,81 +45,6 @@ _MAX_NUMBERS = 1e6  # of the local coordinates at which strains are evaluated to
 _MAX_CACHED_GEOMETRIES = 32  # of earlier beams
 # Smaller absolute values of shape functions are rounding errors of zero.
 _MIN_SHAPE_FUNCTION = 1e-12
-
-
-class InertiaPoint(NamedTuple):
-    """Quadrature point of the inertia terms.
-
-    Attributes
-    ----------
-    weight
-        Length of axis that the point represents [m].
-    density
-        Inertia per length for the components of (velocity, angular velocity):
-        (rhoA [kg/m], rhoA [kg/m], rhoI [kg m]).
-    velocity
-        Velocity of the axis relative to the inertial frame (2,) [m/s], resolved in any orthogonal
-        axes.
-    angular_velocity
-        Angular velocity of the section [rad/s].
-    rotation
-        Angle of the section relative to the axes of `velocity` [rad].
-    """
-
-    weight: SX
-    density: SX
-    velocity: SX
-    angular_velocity: SX
-    rotation: SX
-
-
-class StrainRatePoint(NamedTuple):
-    """Quadrature point of the stiffness terms.
-
-    Attributes
-    ----------
-    weight
-        Length of axis that the point represents [m].
-    stiffness
-        (EA [N], GA [N], EI [N m^2]).
-    rates
-        Rates of axial strain [1/s], shear strain [1/s] and kappa11 [1/(m s)] of the deformed beam,
-        linear in the velocities.
-    """
-
-    weight: SX
-    stiffness: SX
-    rates: SX
-
-
-class Element(ABC):
-    """Symbolic element type; hashable, with all numbers as inputs (`local.data`)."""
-
-    @property
-    @abstractmethod
-    def size(self) -> int:
-        """Number of local coordinates of an element."""
-
-    @property
-    @abstractmethod
-    def n_data(self) -> int:
-        """Number of data values of one element."""
-
-    @abstractmethod
-    def kernel(self) -> ForceKernel:
-        """Return the kernel of the forces of inertia, elasticity, material damping and weight.
-
-        Equal elements must return the same object, because all elements that share a kernel are
-        evaluated together.
-        """
-
-    @abstractmethod
-    def inertia_points(self, local: Local) -> list[InertiaPoint]:
-        """Return the motion of the inertia points; `local.data` may end with additional values."""
-
-    @abstractmethod
-    def strain_rate_points(self, local: Local) -> list[StrainRatePoint]:
-        """Return the strain rates at the stiffness points; `local.data` as in `inertia_points`."""
 
 
 class MaterialPoint(NamedTuple):

@@ -9,8 +9,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from beamdae.beams.beam import Beam
+from beamdae.beams.elements import NODE_SIZE
 from beamdae.beams.mesh import Mesh
-from beamdae.beams.point_elements import NODE_SIZE
 from beamdae.beams.shape_functions import node_positions, shape_functions
 
 Array = np.ndarray

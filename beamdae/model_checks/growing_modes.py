@@ -80,7 +80,7 @@ def _describe_unstable_loop(equations: EquationsOfMotion, trajectory: Trajectory
     value = analysis.find_loop_mode(at, trajectory, loads, min_rate)
     if value is None:
         return ""
-    vibration = f" at {value.imag / (2.0 * np.pi):.3g} Hz" if value.imag else ""
+    vibration = f" with {value.imag / (2.0 * np.pi):.3g} Hz" if value.imag else ""
     return (
         f"{name} does not settle, because its loop is unstable: a mode grows as "
         f"exp({value.real:.3g} t){vibration}; check the signs and sizes of its gains, and delays."

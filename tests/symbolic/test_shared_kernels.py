@@ -6,7 +6,7 @@ from threading import Barrier
 import beamdae as bd
 import beamdae.symbolic.formula
 import beamdae.symbolic.kernel_groups
-from beamdae.beams import damping, point_elements
+from beamdae.beams import damping, elements
 from beamdae.parts.bodies import rigid_body
 
 
@@ -16,7 +16,7 @@ def test_structures_of_concurrent_threads_are_equal():
         beamdae.symbolic.formula._build_shared_kernel,
         beamdae.symbolic.kernel_groups._rebuild_kernel,
         damping._rayleigh_kernel,
-        point_elements.element_kernel,
+        elements.element_kernel,
         rigid_body._rigid_body_kernel,
     ):
         build.cache_clear()

@@ -15,8 +15,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.beams.element_data import ElementDataLayout
-from beamdae.beams.kinematics import InertiaPoint
-from beamdae.beams.point_elements import NODE_SIZE, PointElement
+from beamdae.beams.elements import NODE_SIZE, InertiaPoint, PointElement
 from beamdae.beams.shape_functions import gauss_points, shape_functions, weigh_nodes
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 

@@ -16,8 +16,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.beams.element_data import ElementDataLayout
-from beamdae.beams.kinematics import InertiaPoint
-from beamdae.beams.point_elements import NODE_SIZE, PointElement
+from beamdae.beams.elements import NODE_SIZE, InertiaPoint, PointElement
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
 # Local coordinates: (x0, y0, theta) of the frame, then (u, v, phi) of each node.

@@ -1,16 +1,16 @@
-"""Elements as sums over quadrature points: kernels of points, shared by elements of any degree."""
+"""Element types, and elements as sums over points whose kernels serve elements of any degree."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from beamdae.beams.element_data import ElementDataLayout
-from beamdae.beams.kinematics import Element, StrainRatePoint
 from beamdae.beams.shape_functions import gauss_points, shape_functions, weigh_nodes
 from beamdae.beams.strains import STRAIN_SIZE, outer_strain_function
 from beamdae.symbolic.formula import cache_kernels
@@ -18,6 +18,81 @@ from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import SX, ForceKernel, Local, PointForce
 
 NODE_SIZE = 3  # coordinates of a node
+
+
+class InertiaPoint(NamedTuple):
+    """Quadrature point of the inertia terms.
+
+    Attributes
+    ----------
+    weight
+        Length of axis that the point represents [m].
+    density
+        Inertia per length for the components of (velocity, angular velocity):
+        (rhoA [kg/m], rhoA [kg/m], rhoI [kg m]).
+    velocity
+        Velocity of the axis relative to the inertial frame (2,) [m/s], resolved in any orthogonal
+        axes.
+    angular_velocity
+        Angular velocity of the section [rad/s].
+    rotation
+        Angle of the section relative to the axes of `velocity` [rad].
+    """
+
+    weight: SX
+    density: SX
+    velocity: SX
+    angular_velocity: SX
+    rotation: SX
+
+
+class StrainRatePoint(NamedTuple):
+    """Quadrature point of the stiffness terms.
+
+    Attributes
+    ----------
+    weight
+        Length of axis that the point represents [m].
+    stiffness
+        (EA [N], GA [N], EI [N m^2]).
+    rates
+        Rates of axial strain [1/s], shear strain [1/s] and kappa11 [1/(m s)] of the deformed beam,
+        linear in the velocities.
+    """
+
+    weight: SX
+    stiffness: SX
+    rates: SX
+
+
+class Element(ABC):
+    """Symbolic element type; hashable, with all numbers as inputs (`local.data`)."""
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Number of local coordinates of an element."""
+
+    @property
+    @abstractmethod
+    def n_data(self) -> int:
+        """Number of data values of one element."""
+
+    @abstractmethod
+    def kernel(self) -> ForceKernel:
+        """Return the kernel of the forces of inertia, elasticity, material damping and weight.
+
+        Equal elements must return the same object, because all elements that share a kernel are
+        evaluated together.
+        """
+
+    @abstractmethod
+    def inertia_points(self, local: Local) -> list[InertiaPoint]:
+        """Return the motion of the inertia points; `local.data` may end with additional values."""
+
+    @abstractmethod
+    def strain_rate_points(self, local: Local) -> list[StrainRatePoint]:
+        """Return the strain rates at the stiffness points; `local.data` as in `inertia_points`."""
 
 
 @dataclass(frozen=True)
