@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import casadi as ca
 import numpy as np
 
 from beamdae.native.lane_code import BINARY_FUNCTIONS, LIBRARY_NAMES
+from beamdae.native.point_programs import Call, Load, Loop, Mix, Place, Program, Set, Spread, Step
 from beamdae.native.table_functions import FIND, PICK
 from beamdae.symbolic.functions.table_lookups import has_lookups
 
@@ -103,6 +104,49 @@ def write_kernel(name: str, function: ca.Function) -> str:
     body = "\n".join(f"    {line}" for line in lines)
     head = f"static void {name}(const double *shared, const double *local, double *out) {{"
     return f"{head}\n    (void)shared, (void)local, (void)out;\n{body}\n}}\n"
+
+
+def write_point_kernel(
+    name: str, program: Program, names: Mapping[str, str], integers: str, weights: str
+) -> str:
+    """Return a C function of the type `Kernel` that executes a program.
+
+    `names` maps the kernels of points to their C functions; `integers` and `weights` are the names
+    of the tables of constants.
+    """
+    arrays = {"integers": integers, "weights": weights}
+
+    def locate(place: Place) -> str:
+        moved = f" + {place.per_point} * point" if place.per_point else ""
+        return f"{arrays.get(place.array, place.array)} + {place.offset}{moved}"
+
+    def write(step: Step) -> list[str]:
+        if isinstance(step, Loop):
+            body = [line for x in step.steps for line in write(x)]
+            return [f"for (Index point = 0; point < {step.points}; point++) {{", *body, "}"]
+        places = ", ".join(locate(x) for x in step if isinstance(x, Place))
+        if isinstance(step, Call):
+            return [f"{names[step.symbol]}(shared, {places});"]
+        if isinstance(step, Mix):
+            sizes = (step.tiles, step.tile, step.entries, step.length, *step.strides)
+            settings = f"(Mix){{{', '.join(map(str, sizes))}, {int(step.adds)}}}"
+            *four, rest = [*map(locate, step[:4]), settings]
+            if step.numbers is None:
+                return [f"mix({', '.join([*four, rest])});"]
+            return [f"mix_numbers({', '.join([*four, rest])}, {locate(step.numbers)});"]
+        if isinstance(step, Spread):
+            return [f"spread({places}, {step.runs}, {step.entries}, {step.size});"]
+        if isinstance(step, Set):
+            return [f"set({places}, {step.size}, {format_number(step.value)});"]
+        if isinstance(step, Load):
+            return [f"load({places}, {step.size}, local);"]
+        return [f"store({places}, {step.size}, out);"]
+
+    lines = [f"double {x}[{count}];" for x, count in program.buffers.items()]
+    lines += [line for step in program.steps for line in write(step)]
+    body = "\n".join(f"    {line}" for line in lines)
+    head = f"static void {name}(const double *shared, const double *local, double *out) {{"
+    return f"{head}\n{body}\n}}\n"
 
 
 def _write_call(name: str, operands: Sequence[str], count: int) -> list[str]:

@@ -69,13 +69,14 @@ from beamdae.results.storage.files import require_file_path, write_bytes
 from beamdae.simulation import as_equations, unpack_model
 
 PART = "export_fmu"
-_C_FOLDER = Path(__file__).parent / "c"
-_SHARED_SOURCES = ("stepper.c", "linear.c", "variables.c")
+C_FOLDER = Path(__file__).parent / "c"
+_SHARED_SOURCES = ("stepper.c", "linear.c", "points.c", "variables.c")
 _SHARED_HEADERS = (
     "stepper.h",
     "instance.h",
     "linear.h",
     "elimination.h",
+    "points.h",
     "variables.h",
     "model.h",
 )
@@ -584,7 +585,7 @@ def _compile(
     description = replace(description, token=token)
     sources = {"model.c": f"{model_source}\nconst char model_token[] = {format_string(token)};\n"}
     for name in (*description.sources[1:], *_SHARED_HEADERS, *_INTERFACE_HEADERS[fmi]):
-        sources[name] = (_C_FOLDER / name).read_text("utf-8")
+        sources[name] = (C_FOLDER / name).read_text("utf-8")
     texts = {"modelDescription.xml": write_description(description, fmi)}
     texts |= {f"sources/{name}": text for name, text in sources.items()}
     texts["documentation/licenses/license.txt"] = _LICENSE
@@ -596,7 +597,7 @@ def _compile(
         folder = Path(name)
         for source, text in sources.items():
             (folder / source).write_text(text, "utf-8")
-        (folder / _BENCHMARK).write_bytes((_C_FOLDER / _BENCHMARK).read_bytes())
+        (folder / _BENCHMARK).write_bytes((C_FOLDER / _BENCHMARK).read_bytes())
         for target in targets:
             compiler = find_compiler(PART, target)
             is_timed = timed_steps > 0 and target == current_platform()

@@ -23,6 +23,7 @@ from beamdae.export.c_code import (
     format_number,
     format_string,
     write_kernel,
+    write_point_kernel,
 )
 from beamdae.export.elimination_order import plan_elimination
 from beamdae.export.radau_settings import RadauSettings
@@ -31,9 +32,11 @@ from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.radau import coefficients
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
 from beamdae.linear.fixed_order import FixedOrder
+from beamdae.native.lane_kernels import rewrite
 from beamdae.symbolic.sparse_operators import build_selection
 from beamdae.symbolic.sums.directional_sums import directional_plan
 from beamdae.symbolic.sums.kernel_sums import Kernel, SumPlan
+from beamdae.symbolic.sums.point_sums import PointSum
 from beamdae.symbolic.sums.sum_builder import LocalInput, SumBuilder
 
 Array = np.ndarray
@@ -147,6 +150,7 @@ class _SourceWriter:
         self._tables = Tables()
         self._kernels: dict[int, tuple[str, Kernel | ca.Function]] = {}
         self._functions: list[str] = []
+        self._programs: list[str] = []
         variable = np.zeros(len(exported.equations.p), bool)
         variable[exported.numbers.targets] = True
         self._is_variable = variable
@@ -216,9 +220,10 @@ class _SourceWriter:
         return "\n".join(
             [
                 "/* Kernels, tables and numbers of a model exported by beamdae. */\n",
-                '#include "model.h"\n\n#include <math.h>\n',
+                '#include "model.h"\n#include "points.h"\n\n#include <math.h>\n',
                 *self._functions,
                 tables.source,
+                *self._programs,
                 f"const Model model = {{\n{body}}};\n",
             ]
         )
@@ -322,8 +327,23 @@ class _SourceWriter:
         if id(kernel) not in self._kernels:
             name = f"kernel{len(self._kernels)}"
             self._kernels[id(kernel)] = (name, kernel)
-            self._functions.append(write_kernel(name, kernel.function))
+            if kernel.loops is None:
+                self._functions.append(write_kernel(name, kernel.function))
+            else:
+                self._write_points(name, kernel, kernel.loops)
         return self._kernels[id(kernel)][0]
+
+    def _write_points(self, name: str, kernel: Kernel, points: PointSum) -> None:
+        names = {}
+        for symbol, term in zip(points.symbols, points.terms, strict=True):
+            names[symbol] = f"{name}_{symbol}"
+            function = rewrite(term.source, term.rewrites)
+            self._functions.append(write_kernel(names[symbol], function))
+        # Its constants are among the tables, which refer to the function.
+        self._functions.append(f"static void {name}(const double *, const double *, double *);\n")
+        program, tables = points.program(kernel.outputs), self._tables
+        constants = tables.indices(program.integers), tables.numbers(program.weights)
+        self._programs.append(write_point_kernel(name, program, names, *constants))
 
     def _plan(self, plan: SumPlan | None, size: int) -> str:
         """Return the initializer of a `Plan`, with the numbers of each copy side by side."""

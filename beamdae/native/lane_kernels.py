@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 import inspect
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial, reduce
 from typing import Any
@@ -34,6 +34,9 @@ Rewrite = Callable[[ca.Function], ca.Function]
 
 # Straight-line code gains nothing from LLVM's passes, which take a third of the build time.
 _OPTIMIZATION_LEVEL = 0
+_OPTIMIZATION_LEVEL_OF_LOOPS = 2
+# Loops add numbers in another order than straight-line code.
+_ROUNDING = 1e-10
 # Rows whose length [doubles] is a multiple of this map to few sets of the processor cache, so that
 # tangents take up to 1.7 times as long.
 _CACHE_CONFLICT_STRIDE = 128
@@ -66,6 +69,8 @@ class LaneKernel:
         Numbers of inputs shared by all copies, of inputs per copy, and of outputs per copy.
     code
         Loaded object that contains the machine code and keeps it in memory.
+    called
+        Kernels that the machine code calls.
     """
 
     name: str
@@ -74,6 +79,7 @@ class LaneKernel:
     n_local: int
     n_out: int
     code: LoadedObject = field(repr=False, compare=False)
+    called: tuple[LaneKernel, ...] = field(default=(), repr=False, compare=False)
 
     @cached_property
     def _call(self) -> Any:
@@ -179,6 +185,39 @@ def build_lane_kernel(
     return None if code is None else wrap_code(code)
 
 
+def build_loop_kernel(
+    function: ca.Function,
+    text: str,
+    called: Mapping[str, LaneKernel],
+    compiles: bool = True,
+) -> LaneKernel | None:
+    """Compile a module of LLVM IR that evaluates `function` and calls other kernels by name.
+
+    For the results and warnings, see `build_lane_kernel`.
+    """
+    name = function.name()
+
+    def wrap_code(code: LoadedObject) -> LaneKernel:
+        sizes = (function.nnz_in(0), function.nnz_in(1), function.nnz_out(0))
+        return LaneKernel(name, code.addresses[name], *sizes, code, tuple(called.values()))
+
+    def is_correct(code: LoadedObject) -> bool:
+        values, expected = _evaluate_both(function, wrap_code(code))
+        scale = np.abs(expected).max(initial=0.0)
+        return bool(np.all(np.abs(values - expected) <= _ROUNDING * scale))
+
+    source = ObjectSource(
+        name=name,
+        text=text,
+        symbols=(name,),
+        imports={symbol: kernel.address for symbol, kernel in called.items()},
+        level=_OPTIMIZATION_LEVEL_OF_LOOPS,
+        portable_text=lambda: text,
+    )
+    code = load_object(source, is_correct, compiles)
+    return None if code is None else wrap_code(code)
+
+
 @cache
 def _describe_rewrite(step: Rewrite) -> str:
     return f"{step.__qualname__}\n{inspect.getsource(sys.modules[step.__module__])}"
@@ -186,6 +225,11 @@ def _describe_rewrite(step: Rewrite) -> str:
 
 def _matches_virtual_machine(function: ca.Function, kernel: LaneKernel) -> bool:
     """Return True if a kernel agrees bitwise with CasADi's virtual machine at random points."""
+    return np.array_equal(*_evaluate_both(function, kernel), equal_nan=True)
+
+
+def _evaluate_both(function: ca.Function, kernel: LaneKernel) -> tuple[Array, Array]:
+    """Return the values of a kernel and of CasADi's virtual machine at random points."""
     random = np.random.default_rng(0)
     shared = random.uniform(0.5, 1.5, kernel.n_shared)
     local = random.uniform(0.5, 1.5, (kernel.n_local, _N_TEST_COPIES))
@@ -193,4 +237,4 @@ def _matches_virtual_machine(function: ca.Function, kernel: LaneKernel) -> bool:
     local[:, -LANE_WIDTH // 2 :] = local[:, -1:]
     values = kernel(shared, local)
     expected = np.hstack([function(shared, column).full() for column in local.T])
-    return np.array_equal(values, expected, equal_nan=True)
+    return values, expected

@@ -8,12 +8,16 @@ from functools import cached_property
 from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
 
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 from beamdae.symbolic.signals import SignalBinding, bind_signals, find_signals
 from beamdae.symbolic.sums.kernel_sums import Kernel
+from beamdae.symbolic.sums.point_sums import PointSum, PointTerm
 from beamdae.symbolic.table_calls import TableCall
+
+Array = np.ndarray
 
 # Indices of dF/dq, dF/dv and dF/da in `Tangents`.
 STIFFNESS = 0
@@ -250,7 +254,8 @@ class ForceKernel:
     @cached_property
     def force_kernel(self) -> Kernel:
         """Kernel of F in (t, branch) and (q, v, a, lam, data)."""
-        return Kernel.of("force", self.local.time, self._stacked, [ca.densify(self.force)])
+        outputs, points = [ca.densify(self.force)], self._sum_points(lambda x: x.force_kernel)
+        return Kernel.of("force", self.local.time, self._stacked, outputs, points)
 
     def tangent_kernel(self, sums: Tangents) -> Kernel:
         """Return the kernel of sums of c_q dF/dq, c_v dF/dv and c_a dF/da, one matrix per sum.
@@ -271,7 +276,8 @@ class ForceKernel:
             by_lam = ca.jacobian(self.force, x.lam)
             outputs += [by_lam, c.c_l * by_lam]
             outputs = ca.substitute(outputs, [x.lam], [c.c_r * x.lam])
-        return Kernel.of("tangent", shared, self._stacked, outputs)
+        points = self._sum_points(lambda x: x.tangent_kernel(sums))
+        return Kernel.of("tangent", shared, self._stacked, outputs, points)
 
     def _sum_derivatives(self, factors: dict[int, SX]) -> SX:
         """Return the sum of derivatives of F, times factors by derivative, (size, size)."""
@@ -301,7 +307,32 @@ class ForceKernel:
         x = self.local
         at_zero_acceleration = ca.substitute(self.force, x.a, SX.zeros(x.a.shape))
         outputs = [self.force, at_zero_acceleration, ca.vertcat(self.energies, self.powers)]
-        return Kernel.of("balance", x.time, self._stacked, [ca.densify(o) for o in outputs])
+        dense, points = [ca.densify(o) for o in outputs], self._sum_points(_get_balance_kernel)
+        return Kernel.of("balance", x.time, self._stacked, dense, points)
+
+    def _sum_points(self, get_kernel: Callable[[ForceKernel], Kernel]) -> PointSum | None:
+        """Return the sum of a kernel of all points; None if the force has another form."""
+        if not self.points:
+            return None
+        terms = []
+        for kernel in {id(x.kernel): x.kernel for x in self.points}.values():
+            points = [x for x in self.points if x.kernel is kernel]
+            of_point = get_kernel(kernel)
+            terms.append(
+                PointTerm(
+                    of_point.source,
+                    of_point.rewrites,
+                    of_point.outputs,
+                    points[0].differences.full(),
+                    np.array([x.weights.full() for x in points]),
+                    np.array([x.rows_of_data(self.local) for x in points]),
+                )
+            )
+        return PointSum(tuple(terms), 3, self.local.n_data)
+
+
+def _get_balance_kernel(kernel: ForceKernel) -> Kernel:
+    return kernel.balance_kernel
 
 
 class PointForce(NamedTuple):
@@ -334,3 +365,8 @@ class PointForce(NamedTuple):
         """Return (q, v, a, data) of the point."""
         differences, weights = SX(self.differences), SX(self.weights)
         return [*(weights @ (differences @ x) for x in (local.q, local.v, local.a)), self.data]
+
+    def rows_of_data(self, local: Local) -> Array:
+        """Return the rows of the local data of which the numbers of the kernel consist."""
+        rows = ca.Function("rows", [local.data], [ca.densify(self.data)])
+        return rows(np.arange(local.data.numel())).full().ravel().astype(int)

@@ -40,6 +40,7 @@ from beamdae.symbolic.functions.row_kernels import CodeOnDemand
 from beamdae.symbolic.functions.table_lookups import has_lookups, remove_zero_lookups
 from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_BRANCH, SHARED_T
 from beamdae.symbolic.sums.lane_tiles import BatchRows, Tiles, find_tiles
+from beamdae.symbolic.sums.point_sums import PointSum
 from beamdae.symbolic.sums.vector_sines import expand_sines
 
 Array = np.ndarray
@@ -59,6 +60,9 @@ ADD_TILE_END = 7
 
 # Gathering and adding the numbers of a batch take as long as this number of operations.
 _OPERATIONS_PER_BATCH = 10_000
+# Straight-line code of larger kernels takes seconds to compile; that of elements with up to four
+# nodes is faster than loops.
+_MAX_STRAIGHT_INSTRUCTIONS = 6500
 # Rewriting larger kernels for the virtual machine takes longer than loading their machine code.
 _MIN_INSTRUCTIONS_OF_CACHED_CODE = 4000
 
@@ -79,12 +83,15 @@ class Kernel:
     rewrites
         Functions that return a faster function of the same values, applied to `source` in order.
         They take longer than reading machine code from the cache, which is found without them.
+    points
+        Points whose sum is the kernel, for machine code of large kernels; None for others.
     """
 
     source: ca.Function
     outputs: tuple[ca.Sparsity, ...]
     linear_from: int | None = None
     rewrites: tuple[Rewrite, ...] = ()
+    points: PointSum | None = None
     _derived_kernels: dict[Any, Kernel] = field(
         default_factory=dict, init=False, compare=False, repr=False
     )
@@ -160,22 +167,40 @@ class Kernel:
 
     @cached_property
     def _lane_kernel(self) -> LaneKernel | None:
-        return self._cached_lane_kernel or build_lane_kernel(self.source, True, self.rewrites)
+        return self._cached_lane_kernel or self._build(True)
 
     @cached_property
     def _cached_lane_kernel(self) -> LaneKernel | None:
         # Looked up once, because serializing the function takes milliseconds.
-        return build_lane_kernel(self.source, False, self.rewrites)
+        return self._build(False)
+
+    def _build(self, compiles: bool) -> LaneKernel | None:
+        if self.loops is None:
+            return build_lane_kernel(self.source, compiles, self.rewrites)
+        return self.loops.compile(self.source, self.outputs, compiles)
+
+    @property
+    def loops(self) -> PointSum | None:
+        """Points whose sum replaces straight-line code; None for small and for other kernels."""
+        is_long = self.source.n_instructions() > _MAX_STRAIGHT_INSTRUCTIONS
+        return self.points if is_long else None
 
     @classmethod
-    def of(cls, name: str, shared: SX, local: SX, outputs: Sequence[SX]) -> Kernel:
+    def of(
+        cls,
+        name: str,
+        shared: SX,
+        local: SX,
+        outputs: Sequence[SX],
+        points: PointSum | None = None,
+    ) -> Kernel:
         """Return the kernel of `outputs`, expressions in `shared` and `local`."""
         entries = ca.densify(ca.vertcat(*(ca.vec(x.nz[:]) for x in outputs)))
         source = ca.Function(name, [shared, local], [entries])
         rewrites: tuple[Rewrite, ...] = (remove_repetitions,)
         if has_lookups(source):
             rewrites = (*rewrites, remove_zero_lookups)
-        return cls(source, tuple(map(SX.sparsity, outputs)), rewrites=rewrites)
+        return cls(source, tuple(map(SX.sparsity, outputs)), rewrites=rewrites, points=points)
 
 
 @dataclass(slots=True)

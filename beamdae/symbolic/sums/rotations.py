@@ -7,7 +7,7 @@ vector lanes, and only selection and addition remain to be done entry by entry i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -53,6 +53,16 @@ class LocalRotation:
         for k, (row, column) in enumerate(self.others):
             matrix[row, column] = data[k]
         return matrix
+
+    @property
+    def arrays(self) -> tuple[Array, Array]:
+        """Matrix of the ones, and matrix of the indices + 1 of the numbers."""
+        ones, numbers = np.zeros(self.shape), np.zeros(self.shape, int)
+        ones[tuple(np.array(self.ones, int).reshape(-1, 2).T)] = 1.0
+        numbers[tuple(np.array(self.others, int).reshape(-1, 2).T)] = 1 + np.arange(
+            len(self.others)
+        )
+        return ones, numbers
 
 
 class RotatedOperator(NamedTuple):
@@ -176,4 +186,7 @@ def _build_rotated_kernel(
     ]
     outputs += values[n_rotated:]
     local = ca.vertcat(*selected_vectors, data, numbers)
-    return Kernel.of(function.name(), shared, local, outputs)
+    points = kernel.points
+    if points is not None:
+        points = replace(points, rotation=rotation.arrays)
+    return Kernel.of(function.name(), shared, local, outputs, points)

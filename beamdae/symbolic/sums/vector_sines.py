@@ -121,3 +121,8 @@ def expand_sines(function: ca.Function, is_derivative: bool = False) -> ca.Funct
 
     arguments = function.sx_in()
     return ca.Function(function.name(), arguments, [rebuild_output(function, arguments, operate)])
+
+
+def expand_all_sines(function: ca.Function) -> ca.Function:
+    """Return an SX function of a point with all its sines and cosines as polynomials."""
+    return expand_sines(function, is_derivative=True)

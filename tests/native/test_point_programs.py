@@ -1,0 +1,110 @@
+"""Programs of sums over points equal the straight-line kernels, in machine code and in C."""
+
+import ctypes
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+from beamdae.beams.exact.element import ExactElement
+from beamdae.beams.floating_frame.element import FloatingFrameElement
+from beamdae.equations.assembly.assemble import equations_of_motion
+from beamdae.export.c_code import Tables, write_kernel, write_point_kernel
+from beamdae.export.fmu import C_FOLDER
+from beamdae.native.lane_kernels import LANE_WIDTH, rewrite
+from beamdae.symbolic.sums.rotations import rotate_kernel
+
+# Sums of some hundred products of numbers between 0.5 and 1.5, in another order.
+ROUNDING = 1e-13
+
+ELEMENTS = [
+    FloatingFrameElement(strain="green"),
+    FloatingFrameElement(strain="nonlinear", damped=False, prestressed=True),
+    FloatingFrameElement(strain="linear", varying=True),
+    FloatingFrameElement(strain="exact"),
+    ExactElement(),
+    ExactElement(damped=False, varying=True),
+]
+
+
+def list_kernels(force):
+    return [
+        (force.force_kernel, 0),
+        (force.balance_kernel, 1),
+        (force.tangent_kernel(((0, 1, 2),)), 0),
+        (force.tangent_kernel(((2,), (0, 1))), 0),
+    ]
+
+
+def draw_inputs(kernel, lanes=1):
+    random = np.random.default_rng(3)
+    shared = random.uniform(0.5, 1.5, kernel.source.numel_in(0))
+    return shared, random.uniform(0.5, 1.5, (kernel.n_local, lanes))
+
+
+def assert_equal_to(expected, values):
+    assert_allclose(values, expected, rtol=0.0, atol=ROUNDING * np.abs(expected).max())
+
+
+def evaluate(kernel, shared, local):
+    return np.hstack([kernel.function(shared, x).full() for x in local.T])
+
+
+@pytest.fixture(scope="module")
+def rotation():
+    """Rotation of a curved beam of one element with five nodes."""
+    mech = bd.Mechanism()
+    arc, section = bd.Arc(radius=1.0, length=1.0), bd.Section.circle(bd.Material.of("steel"), 0.01)
+    beam = mech.add(bd.Beam("beam", arc, section, elements=1, nodes=5))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    (term,) = equations_of_motion(mech).structure.forces
+    assert term.rotation is not None
+    return term.rotation
+
+
+@pytest.mark.parametrize("element", ELEMENTS, ids=str)
+@pytest.mark.parametrize("nodes", [2, 5, 8])
+def test_machine_code_equals_straight_line_kernels(element, nodes):
+    element = type(element)(**{**vars(element), "nodes": nodes, "quadrature": nodes - 1})
+    for kernel, _ in list_kernels(element.kernel()):
+        shared, local = draw_inputs(kernel, 2 * LANE_WIDTH)
+        code = kernel.points.compile(kernel.source, kernel.outputs, True)
+        assert_equal_to(evaluate(kernel, shared, local), code(shared, local))
+
+
+@pytest.mark.parametrize("element", ELEMENTS[:4], ids=str)
+def test_rotated_machine_code_equals_straight_line_kernels(element, rotation):
+    element = type(element)(**{**vars(element), "nodes": 5, "quadrature": 5})
+    for kernel, scalars in list_kernels(element.kernel()):
+        rotated = rotate_kernel(kernel, rotation, 3, scalars)
+        shared, local = draw_inputs(rotated, LANE_WIDTH)
+        code = rotated.points.compile(rotated.source, rotated.outputs, True)
+        assert_equal_to(evaluate(rotated, shared, local), code(shared, local))
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+def test_c_functions_equal_straight_line_kernels(rotation, tmp_path):
+    element = FloatingFrameElement(nodes=5, quadrature=4, strain="green")
+    for k, (kernel, scalars) in enumerate(list_kernels(element.kernel())):
+        kernel = rotate_kernel(kernel, rotation, 3, scalars)
+        points, tables, functions, names = kernel.points, Tables(), [], {}
+        for symbol, term in zip(points.symbols, points.terms, strict=True):
+            names[symbol] = symbol
+            functions.append(write_kernel(symbol, rewrite(term.source, term.rewrites)))
+        program = points.program(kernel.outputs)
+        constants = tables.indices(program.integers), tables.numbers(program.weights)
+        function = write_point_kernel("whole", program, names, *constants)
+        text = "\n".join([*functions, tables.source, function]).replace("static void", "void")
+        source, library = tmp_path / f"model{k}.c", tmp_path / f"model{k}.so"
+        source.write_text(f'#include "points.h"\n#include <math.h>\n{text}')
+        sources = [str(source), str(C_FOLDER / "points.c")]
+        flags = ["-std=c99", "-O2", "-shared", "-fPIC", f"-I{C_FOLDER}"]
+        subprocess.run(["cc", *flags, *sources, "-o", str(library), "-lm"], check=True)
+        shared, local = draw_inputs(kernel)
+        column, values = np.ascontiguousarray(local[:, 0]), np.zeros(kernel.n_out)
+        arrays = [x.ctypes.data_as(ctypes.c_void_p) for x in (shared, column, values)]
+        ctypes.CDLL(str(library)).whole(*arrays)
+        assert_equal_to(evaluate(kernel, shared, local)[:, 0], values)
