@@ -32,6 +32,7 @@ from beamdae.beams.strains import (
     fiber_stress,
     identity,
     section_forces,
+    strain_by_forces,
 )
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve, Segment, require_curve
 from beamdae.errors import (
@@ -632,8 +633,8 @@ class Beam(Part):
             If `s` is outside the beam, the fiber lies outside the section, the section has no
             height for "top" or "bottom", or it reaches the center of curvature.
         """
-        lever = self.stress_lever(s, offset)
-        return self._evaluate_strains(s, (Variable("", "-"),), fiber_strain, lever)
+        x, lever = self._section_at(s), self.stress_lever(s, offset)
+        return self._evaluate_strains(s, (Variable("", "-"),), fiber_strain, lever, x.EA, x.EI)
 
     def stress(self, s: float, offset: float | str) -> Quantity:
         """Return the longitudinal stress of a fiber, including material damping.
@@ -657,7 +658,7 @@ class Beam(Part):
             See `strain`.
         """
         x = self._section_at(s)
-        numbers = (self.stress_lever(s, offset), x.material.E, x.damping)
+        numbers = (self.stress_lever(s, offset), x.EA, x.EI, x.material.E)
         return self._evaluate_strains(s, (Variable("", "Pa"),), fiber_stress, *numbers)
 
     def largest_stress(self, s: Sequence[float] | None = None, exponent: float = 100.0) -> Quantity:
@@ -732,11 +733,10 @@ class Beam(Part):
         functions: list[Callable[..., Any]] = []
         pieces = []
         for s in self._stress_sections(arc_lengths):
-            section, strains = self._section_at(s), self.kinematics.strains(s)
+            x, forces = self._section_at(s), self.kinematics.section_forces(s)
             levers = (self.stress_lever(s, "top"), self.stress_lever(s, "bottom"))
-            numbers = constant_formula(*levers, section.material.E, section.damping)
-            functions += [strains.values, numbers]
-            pieces.append(Piece(self, strains.operator))
+            functions += [forces.values, constant_formula(*levers, x.EA, x.EI, x.material.E)]
+            pieces.append(Piece(self, forces.operator))
         kind = LargestStress(tuple(x.operator.shape[0] for x in pieces), exponent)
         values, data = FormulaExpression.of(kind, functions)
         columns = (Variable("largest", "Pa"), Variable("bound", "Pa"))
@@ -781,9 +781,8 @@ class Beam(Part):
         BeamdaeError
             If `s` is outside the beam.
         """
-        x = self._section_at(s)
         columns = (Variable("N", "N"), Variable("Q", "N"), Variable("M", "N m"))
-        return self._evaluate_strains(s, columns, section_forces, x.EA, x.GA, x.EI, x.damping)
+        return self._evaluate_strains(s, columns, section_forces)
 
     def stress_lever(self, s: float, offset: float | str) -> float:
         """Return the lever [m] of a fiber for the curvature of the stress-free beam at `s`.
@@ -853,17 +852,28 @@ class Beam(Part):
         beam, _, *settings = quantity.recipe.arguments
         if section_forces in settings:
             return forces
-        N, _, M = forces
-        sections = [beam.section.at(x) for x in s]
-        stiffness = np.array([(x.EA, x.EI, x.material.E) for x in sections])
-        EA, EI, modulus = stiffness.T
         if quantity.recipe.build is Beam._evaluate_largest_stress:
-            levers = [[beam.stress_lever(x, side) for x in s] for side in ("top", "bottom")]
-            largest = np.max([np.abs(N / EA + x * M / EI) for x in np.array(levers)], axis=0)
-            return np.stack([modulus * largest] * len(quantity.columns))
-        _, kind, *numbers = settings
-        strain = N / EA + numbers[0] * M / EI
-        return (modulus * strain if kind is fiber_stress else strain)[None]
+            return np.stack([beam.largest_fiber_stresses(forces, s)] * len(quantity.columns))
+        _, kind, lever, *_ = settings
+        return beam._fiber_values(forces, s, lever, kind is fiber_stress)[None]
+
+    def largest_fiber_stresses(
+        self, forces: Array, s: Sequence[float], is_stress: bool = True
+    ) -> Array:
+        """Return the largest stress magnitudes [Pa], or strains, of the outer fibers of sections.
+
+        `forces` are N [N], Q [N] and M [N m], (3, ..., sections), and `s` the arc lengths [m].
+        """
+        levers = [np.array([self.stress_lever(x, side) for x in s]) for side in ("top", "bottom")]
+        return np.max([np.abs(self._fiber_values(forces, s, x, is_stress)) for x in levers], axis=0)
+
+    def _fiber_values(
+        self, forces: Array, s: Sequence[float], lever: Any, is_stress: bool
+    ) -> Array:
+        sections = [self.section.at(x) for x in s]
+        EA, EI, modulus = np.array([(x.EA, x.EI, x.material.E) for x in sections]).T
+        strain = strain_by_forces(forces, lever, EA, EI)
+        return np.asarray(modulus * strain if is_stress else strain)
 
     @rebuilt_for_mesh
     def _evaluate_strains(
@@ -871,12 +881,10 @@ class Beam(Part):
     ) -> Quantity:
         """Return the quantity that `kind` computes from the strains at `s` and `numbers`."""
         s = self._require_arc_length(s)
-        strains = self.kinematics.strains(s)
-        functions: list[Callable[..., Any]] = [strains.values, constant_formula(*numbers)]
-        if kind is section_forces:
-            functions.insert(1, self.kinematics.force_rotation(s).values)
-        values, data = FormulaExpression.of(kind, functions)
-        return Quantity(columns, (Piece(self, strains.operator),), values, data)
+        forces = self.kinematics.section_forces(s)
+        constants = [constant_formula(*numbers)] if numbers else []
+        values, data = FormulaExpression.of(kind, [forces.values, *constants])
+        return Quantity(columns, (Piece(self, forces.operator),), values, data)
 
 
 class BeamAttachment(Attachment):

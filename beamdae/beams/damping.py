@@ -5,13 +5,15 @@ Viscous material damping (Kelvin-Voigt) is a property of the section: see `Secti
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
 
 import casadi as ca
 import numpy as np
 
 from beamdae.beams.beam import Beam, beams_of, require_beam
-from beamdae.beams.elements import Element
+from beamdae.beams.elements import NODE_SIZE, PointElement, PointMotion, stiffness_kernel
 from beamdae.errors import require_name, require_non_negative, set_fields
 from beamdae.parts.forces.load_observables import ObservableBeamLoad
 from beamdae.parts.mechanism import Mechanism
@@ -76,8 +78,9 @@ class RayleighDamping(ObservableBeamLoad):
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the damping forces of all elements."""
-        kernel = _rayleigh_kernel(self.beam.kinematics.element)
-        return [_damping_statement(self.name, self.beam, kernel, [self.mass, self.stiffness])]
+        return [
+            _damping_statement(self.name, self.beam, _rayleigh_kernel, self.mass, self.stiffness)
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,49 +126,65 @@ class AirDrag(ObservableBeamLoad):
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the drag forces on all elements."""
-        kernel = _drag_kernel(self.beam.kinematics.element)
-        return [_damping_statement(self.name, self.beam, kernel, [self.coefficient])]
+        return [_damping_statement(self.name, self.beam, _drag_kernel, self.coefficient)]
 
 
 def _damping_statement(
-    part: str, beam: Beam, kernel: ForceKernel, coefficients: list[float]
+    part: str, beam: Beam, kernel: Callable[[PointElement], ForceKernel], *coefficients: float
 ) -> ForceStatement:
     """Return the statement of a kernel whose data are the element data and `coefficients`."""
     elements = beam.kinematics.data(np.zeros(2))
     repeated = np.repeat(np.array(coefficients)[:, None], elements.shape[1], axis=1)
-    piece = Piece(beam, beam.kinematics.operator)
-    return ForceStatement(part, kernel, (piece,), np.concatenate([elements, repeated]))
+    data, piece = np.concatenate([elements, repeated]), Piece(beam, beam.kinematics.operator)
+    return ForceStatement(part, kernel(beam.kinematics.element), (piece,), data)
 
 
 @cache_kernels
-def _rayleigh_kernel(element: Element) -> ForceKernel:
-    local = Local(element.size, element.n_data + 2)
-    mass_coefficient, stiffness_coefficient = local.data[-2], local.data[-1]
-    force, dissipated = SX.zeros(element.size), SX(0)
-    for inertia in element.inertia_points(local):
-        rates = ca.vertcat(inertia.velocity, inertia.angular_velocity)
-        resistance = mass_coefficient * inertia.weight * inertia.density * rates
-        force += ca.jtimes(rates, local.v, resistance, True)
-        dissipated += ca.dot(resistance, rates)
-    for elastic in element.strain_rate_points(local):
-        resistance = stiffness_coefficient * elastic.weight * elastic.stiffness * elastic.rates
-        force += ca.jtimes(elastic.rates, local.v, resistance, True)
-        dissipated += ca.dot(resistance, elastic.rates)
-    return ForceKernel(local, force, powers=ca.vertcat(0, dissipated), reused=True)
+def _rayleigh_kernel(element: PointElement) -> ForceKernel:
+    local, layout = Local(element.size, element.n_data + 2), element.layout
+    data, (mass, stiffness) = local.data, ca.vertsplit(local.data[-2:])
+    kernel, of_point = _motion_kernel(element.of_point, _inertia_resistance), element.of_point
+    points = element.mass_points(kernel, [ca.vertcat(x, mass) for x in layout.split_mass(data)])
+    # The coefficient is a retardation time in place of that of the section.
+    kernel = stiffness_kernel(replace(of_point, damped=True), has_elasticity=False)
+    numbers = [ca.vertcat(x[:-1], stiffness) for x in layout.split_stiffness(data)]
+    return ForceKernel.of_points(local, points + element.stiffness_points(kernel, numbers))
 
 
 @cache_kernels
-def _drag_kernel(element: Element) -> ForceKernel:
+def _drag_kernel(element: PointElement) -> ForceKernel:
     local = Local(element.size, element.n_data + 1)
-    coefficient = local.data[-1]
-    force, dissipated = SX.zeros(element.size), SX(0)
-    for point in element.inertia_points(local):
-        normal = ca.vertcat(-ca.sin(point.rotation), ca.cos(point.rotation))
-        normal_velocity = ca.dot(normal, point.velocity)
-        resistance = coefficient * point.weight * ca.fabs(normal_velocity) * normal_velocity
-        force += ca.jtimes(normal_velocity, local.v, resistance, True)
-        dissipated += resistance * normal_velocity
-    return ForceKernel(local, force, powers=ca.vertcat(0, dissipated), reused=True)
+    numbers = [ca.vertcat(x, local.data[-1]) for x in element.layout.split_mass(local.data)]
+    kernel = _motion_kernel(element.of_point, _drag_resistance)
+    return ForceKernel.of_points(local, element.mass_points(kernel, numbers))
+
+
+@cache
+def _motion_kernel(
+    element: PointElement, resist: Callable[[PointMotion, SX, SX], SX]
+) -> ForceKernel:
+    """Return the kernel of a force at an inertia point against its motion.
+
+    `resist` returns the force per length times the coefficient, the last number of the point, from
+    the motion and (rhoA, rhoI); forces do work on the rates of the motion.
+    """
+    first = len(element.layout.mass_point)
+    local = Local(element.frame_size + NODE_SIZE, first + 5)
+    motion = element.motion_at(local.q, local.v, local.data)
+    rhoA, rhoI, _, _, coefficient = ca.vertsplit(local.data[first:])
+    resistance = local.data[0] * coefficient * resist(motion, rhoA, rhoI)
+    force = ca.jtimes(motion.rates, local.v, resistance, True)
+    return ForceKernel(local, force, powers=ca.vertcat(0, ca.dot(resistance, motion.rates)))
+
+
+def _inertia_resistance(motion: PointMotion, rhoA: SX, rhoI: SX) -> SX:
+    return ca.vertcat(rhoA, rhoA, rhoI) * motion.rates
+
+
+def _drag_resistance(motion: PointMotion, rhoA: SX, rhoI: SX) -> SX:
+    normal = ca.vertcat(-ca.sin(motion.rotation), ca.cos(motion.rotation), 0)
+    normal_velocity = ca.dot(normal, motion.rates)
+    return ca.fabs(normal_velocity) * normal_velocity * normal
 
 
 def find_undamped_beams(mechanism: Mechanism | None) -> list[str]:

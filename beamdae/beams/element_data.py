@@ -1,8 +1,8 @@
 """Numerical data of beam elements: quadrature points, section properties and gravity.
 
 Element kernels contain no numbers. Each element passes one column of `data`: the values at its
-inertia points, the values at its stiffness points, the section properties that all points share
-(constant sections only), and gravity.
+inertia points, the values at its stiffness points, and gravity. The values of a point are those of
+the formulation, then those of the section.
 """
 
 from __future__ import annotations
@@ -23,12 +23,8 @@ from beamdae.symbolic.statements import SX
 
 Array = np.ndarray
 
-# Properties of a constant section in `ElementData.section`, and the slice of each group.
-SECTION_VALUES = ("EA", "GA", "EI", "rhoA", "rhoI", "damping")
-_STIFFNESSES = slice(SECTION_VALUES.index("EA"), SECTION_VALUES.index("EI") + 1)
-_INERTIAS = slice(SECTION_VALUES.index("rhoA"), SECTION_VALUES.index("rhoI") + 1)
-_DAMPING = SECTION_VALUES.index("damping")
-# Properties of a varying section, appended to the values of each inertia and stiffness point.
+# Properties of the section, appended to the values of each inertia point and stiffness point: mass
+# and rotary inertia per length, stiffnesses, and the Kelvin-Voigt retardation time.
 INERTIA_VALUES = ("rhoA", "rhoI")
 STIFFNESS_VALUES = ("EA", "GA", "EI", "damping")
 _GRAVITY_SIZE = 2
@@ -47,85 +43,39 @@ class ElementDataLayout:
         Numbers of inertia points and of stiffness points.
     mass_point, stiffness_point
         Names of the values that the formulation requires at each point; the first is "weight".
-    varying
-        True if the section varies, so that section properties are stored at each point.
     """
 
     mass_points: int
     stiffness_points: int
     mass_point: tuple[str, ...]
     stiffness_point: tuple[str, ...]
-    varying: bool
 
     @property
-    def mass_point_size(self) -> int:
-        """Number of values of one inertia point."""
-        return len(self.mass_point) + len(INERTIA_VALUES) * self.varying
-
-    @property
-    def stiffness_point_size(self) -> int:
-        """Number of values of one stiffness point."""
-        return len(self.stiffness_point) + len(STIFFNESS_VALUES) * self.varying
+    def mass_size(self) -> int:
+        """Number of values of all inertia points."""
+        return self.mass_points * len(self.mass_point + INERTIA_VALUES)
 
     @property
     def size(self) -> int:
         """Number of values of one element, including gravity."""
-        section = 0 if self.varying else len(SECTION_VALUES)
-        return self._mass_size + self._stiffness_size + section + _GRAVITY_SIZE
+        stiffness_point = len(self.stiffness_point + STIFFNESS_VALUES)
+        return self.mass_size + self.stiffness_points * stiffness_point + _GRAVITY_SIZE
 
     @property
-    def _mass_size(self) -> int:
-        return self.mass_points * self.mass_point_size
+    def stiffness_values(self) -> slice:
+        """Rows of the values of all stiffness points in the data of an element."""
+        return slice(self.mass_size, self.size - _GRAVITY_SIZE)
 
-    @property
-    def _stiffness_size(self) -> int:
-        return self.stiffness_points * self.stiffness_point_size
+    def split_mass(self, data: SX) -> list[SX]:
+        """Return the values of each inertia point, each followed by gravity (2,) [m/s^2]."""
+        points = ca.reshape(data[: self.mass_size], -1, self.mass_points)
+        gravity = data[self.size - _GRAVITY_SIZE : self.size]
+        return [ca.vertcat(x, gravity) for x in ca.horzsplit(points)]
 
-    def split(self, data: SX) -> ElementData:
-        """Split the data vector of a kernel into its parts; values after `size` are ignored."""
-        mass, points = self._mass_size, self._mass_size + self._stiffness_size
-        return ElementData(
-            self.varying,
-            ca.reshape(data[:mass], self.mass_point_size, self.mass_points),
-            ca.reshape(data[mass:points], self.stiffness_point_size, self.stiffness_points),
-            data[points : self.size - _GRAVITY_SIZE],
-            data[self.size - _GRAVITY_SIZE : self.size],
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class ElementData:
-    """Symbolic data of one element.
-
-    Attributes
-    ----------
-    varying
-        True if the section properties are stored at each point.
-    mass, stiffness
-        Values of the inertia points and of the stiffness points, one column per point.
-    section
-        Properties of a constant section, in the order of `SECTION_VALUES`; empty if `varying`.
-    gravity
-        Acceleration of gravity (2,) [m/s^2].
-    """
-
-    varying: bool
-    mass: Any
-    stiffness: Any
-    section: Any
-    gravity: Any
-
-    def inertia(self, k: int) -> SX:
-        """Return (rhoA [kg/m], rhoI [kg m]) at inertia point `k`."""
-        return self.mass[-2:, k] if self.varying else self.section[_INERTIAS]
-
-    def elasticity(self, k: int) -> SX:
-        """Return (EA [N], GA [N], EI [N m^2]) at stiffness point `k`."""
-        return self.stiffness[-4:-1, k] if self.varying else self.section[_STIFFNESSES]
-
-    def damping(self, k: int) -> SX:
-        """Return the Kelvin-Voigt retardation time [s] at stiffness point `k`."""
-        return self.stiffness[-1, k] if self.varying else self.section[_DAMPING]
+    def split_stiffness(self, data: SX) -> list[SX]:
+        """Return the values of each stiffness point."""
+        values = data[self.stiffness_values]
+        return ca.horzsplit(ca.reshape(values, -1, self.stiffness_points))
 
 
 def is_damped(section: Section | VaryingSection, mesh: Mesh, points: int) -> bool:
@@ -150,34 +100,15 @@ def assemble_point_data(
     `mass` and `stiffness` contain one array for each name in `layout.mass_point` and
     `layout.stiffness_point`, with the values at the points of all elements in order.
     """
-    s = mesh.gauss_arc_lengths(layout.mass_points)
-    mass = [*mass, *_sample_varying_section(section, s, INERTIA_VALUES)]
-    s = mesh.gauss_arc_lengths(layout.stiffness_points)
-    stiffness = [*stiffness, *_sample_varying_section(section, s, STIFFNESS_VALUES)]
-    points = [np.stack(x, axis=-1).reshape(mesh.elements, -1).T for x in (mass, stiffness)]
-    return np.concatenate(points)
-
-
-def assemble_element_data(
-    points: Array, section: Section | VaryingSection, gravity: Array
-) -> Array:
-    """Return the data of all elements, one column per element.
-
-    A column contains the values `points` of `assemble_point_data`, the properties of the section
-    if it is constant, and `gravity` (2,) [m/s^2].
-    """
-    constant = attrgetter(*SECTION_VALUES)(section) if isinstance(section, Section) else ()
-    values = np.array([*constant, *gravity])
-    return np.concatenate([points, np.repeat(values[:, None], points.shape[1], axis=1)])
-
-
-def _sample_varying_section(
-    section: Section | VaryingSection, s: Array, names: tuple[str, ...]
-) -> list[Array]:
-    """Return one array for each property in `names`, or an empty list for a constant section."""
-    if isinstance(section, Section):
-        return []
-    return list(np.array([attrgetter(*names)(section.at(x)) for x in s.tolist()]).T)
+    columns = []
+    for values, points, names in (
+        (mass, layout.mass_points, INERTIA_VALUES),
+        (stiffness, layout.stiffness_points, STIFFNESS_VALUES),
+    ):
+        sections = [section.at(s) for s in mesh.gauss_arc_lengths(points).tolist()]
+        of_section = np.array([attrgetter(*names)(x) for x in sections]).T
+        columns.append(np.stack([*values, *of_section], axis=-1).reshape(mesh.elements, -1).T)
+    return np.concatenate(columns)
 
 
 def compute_prestrains(curve: PlaneCurve, free: PlaneCurve | None, s: Array) -> list[Array]:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from beamdae.beams.element_data import ElementDataLayout
+from beamdae.beams.element_data import STIFFNESS_VALUES, ElementDataLayout
 from beamdae.beams.shape_functions import gauss_points, shape_functions, weigh_nodes
-from beamdae.beams.strains import STRAIN_SIZE, outer_strain_function
+from beamdae.beams.strains import AXIAL, BENDING, SHEAR, STRAIN_SIZE, slice_column
 from beamdae.symbolic.formula import cache_kernels
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import SX, ForceKernel, Local, PointForce
@@ -20,16 +21,11 @@ from beamdae.symbolic.statements import SX, ForceKernel, Local, PointForce
 NODE_SIZE = 3  # coordinates of a node
 
 
-class InertiaPoint(NamedTuple):
-    """Quadrature point of the inertia terms.
+class PointMotion(NamedTuple):
+    """Motion of a section.
 
     Attributes
     ----------
-    weight
-        Length of axis that the point represents [m].
-    density
-        Inertia per length for the components of (velocity, angular velocity):
-        (rhoA [kg/m], rhoA [kg/m], rhoI [kg m]).
     velocity
         Velocity of the axis relative to the inertial frame (2,) [m/s], resolved in any orthogonal
         axes.
@@ -39,65 +35,23 @@ class InertiaPoint(NamedTuple):
         Angle of the section relative to the axes of `velocity` [rad].
     """
 
-    weight: SX
-    density: SX
     velocity: SX
     angular_velocity: SX
     rotation: SX
 
-
-class StrainRatePoint(NamedTuple):
-    """Quadrature point of the stiffness terms.
-
-    Attributes
-    ----------
-    weight
-        Length of axis that the point represents [m].
-    stiffness
-        (EA [N], GA [N], EI [N m^2]).
-    rates
-        Rates of axial strain [1/s], shear strain [1/s] and kappa11 [1/(m s)] of the deformed beam,
-        linear in the velocities.
-    """
-
-    weight: SX
-    stiffness: SX
-    rates: SX
-
-
-class Element(ABC):
-    """Symbolic element type; hashable, with all numbers as inputs (`local.data`)."""
-
     @property
-    @abstractmethod
-    def size(self) -> int:
-        """Number of local coordinates of an element."""
-
-    @property
-    @abstractmethod
-    def n_data(self) -> int:
-        """Number of data values of one element."""
-
-    @abstractmethod
-    def kernel(self) -> ForceKernel:
-        """Return the kernel of the forces of inertia, elasticity, material damping and weight.
-
-        Equal elements must return the same object, because all elements that share a kernel are
-        evaluated together.
-        """
-
-    @abstractmethod
-    def inertia_points(self, local: Local) -> list[InertiaPoint]:
-        """Return the motion of the inertia points; `local.data` may end with additional values."""
-
-    @abstractmethod
-    def strain_rate_points(self, local: Local) -> list[StrainRatePoint]:
-        """Return the strain rates at the stiffness points; `local.data` as in `inertia_points`."""
+    def rates(self) -> SX:
+        """Components of velocity, then angular velocity."""
+        return ca.vertcat(self.velocity, self.angular_velocity)
 
 
 @dataclass(frozen=True)
-class PointElement(Element):
+class PointElement(ABC):
     """Element type, defined by the properties that the kernels of its points depend on.
+
+    All numbers are inputs of the kernels. The coordinates of an inertia point are those of the
+    frame and the interpolated ones of the nodes; those of a stiffness point are the interpolated
+    ones of the nodes, then their derivatives with respect to xi.
 
     Attributes
     ----------
@@ -109,14 +63,11 @@ class PointElement(Element):
     damped
         True if the section has Kelvin-Voigt damping, without which the tangent matrix needs fewer
         operations.
-    varying
-        True if the section varies along the beam.
     """
 
     nodes: int = 4
     quadrature: int = 3
     damped: bool = True
-    varying: bool = False
 
     @property
     def frame_size(self) -> int:
@@ -142,21 +93,34 @@ class PointElement(Element):
     def inertia_kernel(self) -> ForceKernel:
         """Return the kernel of inertia and weight of a point.
 
-        Its coordinates are those of the frame and the interpolated ones of the nodes. Its data are
-        the values of `layout.mass_point`, then rhoA, rhoI and gravity (2,).
+        Its data are the values of `layout.mass_point`, then rhoA, rhoI and gravity (2,).
+        """
+
+    @abstractmethod
+    def motion_at(self, q: SX, v: SX, point: SX) -> PointMotion:
+        """Return the motion of an inertia point with the coordinates `q` and velocities `v`.
+
+        `point` begins with the values of `layout.mass_point`.
         """
 
     @abstractmethod
     def strain_at(self, z: SX, point: SX) -> SX:
         """Return (axial strain, shear strain, kappa11) at a stiffness point.
 
-        Parameters
-        ----------
-        z
-            Interpolated coordinates of the nodes, then their derivatives with respect to xi.
-        point
-            Values of `layout.stiffness_point`; further ones may follow.
+        `z` are its coordinates, and `point` begins with the values of `layout.stiffness_point`.
         """
+
+    def force_rotation_at(self, z: SX) -> SX:
+        """Return the rotation of the section from the direction of EA eps11 [rad].
+
+        It is zero by default: strains refer to the axes of the section.
+        """
+        return SX(0)
+
+    @property
+    def of_point(self) -> PointElement:
+        """Element type with the same kernels of points, for elements of all degrees."""
+        return replace(self, nodes=2, quadrature=1)
 
     @property
     def differences(self) -> ca.DM:
@@ -183,84 +147,119 @@ class PointElement(Element):
 
     @property
     def strain_function(self) -> RowFunction:
-        """Function of (q, data) for the largest axial strain of an element's fibers."""
+        """Function of (q, data) for the largest axial strain of an element's fibers.
+
+        It is |eps11| + h/2 |kappa11| at the stiffness points, with the height h = sqrt(12 I / A) of
+        a rectangle; for a solid circle, this h is 13 % less than the diameter.
+        """
         return _strain_function(self)
 
+    def mass_points(self, kernel: ForceKernel, numbers: Sequence[SX]) -> list[PointForce]:
+        """Return the forces of a kernel at the inertia points, with the numbers of each point."""
+        eye = ca.DM.eye(self.size)
+        pairs = zip(self.mass_weights, numbers, strict=True)
+        return [PointForce(eye, weights, kernel, values) for weights, values in pairs]
+
+    def stiffness_points(self, kernel: ForceKernel, numbers: Sequence[SX]) -> list[PointForce]:
+        """Return the forces of a kernel at the stiffness points, with the numbers of each point."""
+        pairs = zip(self.stiffness_weights, numbers, strict=True)
+        return [PointForce(self.differences, weights, kernel, values) for weights, values in pairs]
+
     def kernel(self) -> ForceKernel:
-        """Return the kernel of the forces of inertia, elasticity, material damping and weight."""
-        return element_kernel(self)
+        """Return the kernel of the forces of inertia, elasticity, material damping and weight.
 
-    def strain_points(self, points: SX, q: SX) -> list[tuple[SX, SX]]:
-        """Return weight and strains of each stiffness point.
-
-        Parameters
-        ----------
-        points
-            Values of `layout.stiffness_point` of each point, one column per point; further rows may
-            follow.
-        q
-            Local coordinates.
+        Equal elements return the same object, because all elements that share a kernel are
+        evaluated together.
         """
-        changes = SX(self.differences) @ q
-        columns = zip(self.stiffness_weights, ca.horzsplit(points), strict=True)
-        return [
-            (point[0], self.strain_at(SX(weights) @ changes, point)) for weights, point in columns
-        ]
-
-    def strain_rate_points(self, local: Local) -> list[StrainRatePoint]:
-        """Return the strain rates at the stiffness points of the deformed beam."""
-        data = self.layout.split(local.data)
-        return [
-            StrainRatePoint(weight, data.elasticity(k), local.dot(strain))
-            for k, (weight, strain) in enumerate(self.strain_points(data.stiffness, local.q))
-        ]
+        return element_kernel(self)
 
 
 @cache_kernels
 def element_kernel(element: PointElement) -> ForceKernel:
     """Return the kernel of one element, the sum over its points."""
     local, layout = Local(element.size, element.n_data), element.layout
-    data, inertia = layout.split(local.data), element.inertia_kernel()
-    # Points of elements of all degrees share a kernel.
-    elasticity = _elastic_kernel(replace(element, nodes=2, quadrature=1, varying=False))
-    points = []
-    for k, weights in enumerate(element.mass_weights):
-        values = data.mass[: len(layout.mass_point), k]
-        numbers = ca.vertcat(values, data.inertia(k), data.gravity)
-        points.append(PointForce(ca.DM.eye(element.size), weights, inertia, numbers))
-    for k, weights in enumerate(element.stiffness_weights):
-        values = data.stiffness[: len(layout.stiffness_point), k]
-        numbers = ca.vertcat(values, data.elasticity(k), data.damping(k))
-        points.append(PointForce(element.differences, weights, elasticity, numbers))
+    inertia, elasticity = element.inertia_kernel(), stiffness_kernel(element.of_point)
+    points = element.mass_points(inertia, layout.split_mass(local.data))
+    points += element.stiffness_points(elasticity, layout.split_stiffness(local.data))
     return ForceKernel.of_points(local, points)
 
 
-@cache
-def _elastic_kernel(element: PointElement) -> ForceKernel:
-    """Return the kernel of elasticity and damping of a stiffness point.
+class StiffnessPoint(NamedTuple):
+    """Strains and section forces at a stiffness point, in its coordinates and data.
 
-    The section forces are D (eps + damping eps') with D = diag(EA, GA, EI), eq. (21) of Pan & Liu
-    (2012). The data are the values of `layout.stiffness_point`, which begin with the weight [m],
-    then (EA, GA, EI) and the retardation time.
+    The section forces are D (eps + tau eps') with D = diag(EA, GA, EI), eq. (21) of Pan & Liu
+    (2012): `elastic` plus `viscous`. The data are the values of `layout.stiffness_point`, then EA,
+    GA, EI and the retardation time tau.
     """
-    values = len(element.layout.stiffness_point)
-    local = Local(2 * NODE_SIZE, values + STRAIN_SIZE + 1)
-    weight, stiffness = local.data[0], local.data[values : values + STRAIN_SIZE]
-    strain = element.strain_at(local.q, local.data)
-    section_forces = stiffness * strain
-    energy, dissipated = 0.5 * weight * ca.dot(section_forces, strain), SX(0)
-    if element.damped:
-        strain_rate = ca.jtimes(strain, local.q, local.v)
-        viscous = local.data[-1] * stiffness * strain_rate
-        section_forces += viscous
-        dissipated = weight * ca.dot(viscous, strain_rate)
-    force = weight * ca.jtimes(strain, local.q, section_forces, True)
-    return ForceKernel(local, force, ca.vertcat(0, energy, 0), ca.vertcat(0, dissipated))
+
+    local: Local
+    strain: SX
+    strain_rate: SX
+    elastic: SX
+    viscous: SX
+
+    @classmethod
+    def of(cls, element: PointElement) -> StiffnessPoint:
+        """Return the point of an element type."""
+        first = len(element.layout.stiffness_point)
+        local = Local(2 * NODE_SIZE, first + len(STIFFNESS_VALUES))
+        stiffness, time = local.data[first:-1], local.data[-1] if element.damped else SX(0)
+        strain = element.strain_at(local.q, local.data)
+        rate = ca.jtimes(strain, local.q, local.v)
+        return cls(local, strain, rate, stiffness * strain, time * stiffness * rate)
+
+
+@cache
+def stiffness_kernel(element: PointElement, has_elasticity: bool = True) -> ForceKernel:
+    """Return the kernel of elasticity and damping, or of damping alone, of a stiffness point."""
+    local, strain, rate, elastic, viscous = StiffnessPoint.of(element)
+    elastic = elastic if has_elasticity else SX.zeros(STRAIN_SIZE)
+    weight = local.data[0]
+    force = weight * ca.jtimes(strain, local.q, elastic + viscous, True)
+    energies = ca.vertcat(0, 0.5 * weight * ca.dot(elastic, strain), 0)
+    return ForceKernel(local, force, energies, ca.vertcat(0, weight * ca.dot(viscous, rate)))
+
+
+@dataclass(frozen=True)
+class InterpolatedForces:
+    """Section forces at a section, interpolated between the stiffness points of an element.
+
+    `numbers` are the weights of the stiffness points at the section, then the data of each point.
+    Where stiffnesses have kinks or jumps, section forces are smooth, but strains are not.
+    """
+
+    element: PointElement
+
+    def __call__(self, local: Local, numbers: Any) -> SX:
+        """Return (conjugate elastic forces (3,), conjugate viscous forces (3,), rest of N) (7,).
+
+        The rest of N is N minus the force conjugate to the axial strain.
+        """
+        element, count = self.element, self.element.quadrature
+        function, total = _section_force_function(element.of_point), SX(0)
+        values = ca.reshape(slice_column(numbers, count, function.numel_in(2) * count), -1, count)
+        points = element.stiffness_points(stiffness_kernel(element.of_point), ca.horzsplit(values))
+        for k, point in enumerate(points):
+            _, q, v, _, data = point.inputs(local)
+            total += numbers[k] * function(q, v, data)
+        return total
+
+
+@cache
+def _section_force_function(element: PointElement) -> ca.Function:
+    local, _, _, elastic, viscous = StiffnessPoint.of(element)
+    rest = ca.sin(element.force_rotation_at(local.q)) * (elastic + viscous)[SHEAR]
+    values = ca.densify(ca.vertcat(elastic, viscous, rest))
+    return ca.Function("section_forces", [local.q, local.v, local.data], [values])
 
 
 @cache
 def _strain_function(element: PointElement) -> RowFunction:
-    local = Local(element.size, element.n_data)
-    data = element.layout.split(local.data)
-    strains = [strain for _, strain in element.strain_points(data.stiffness, local.q)]
-    return outer_strain_function(local, data, strains)
+    local, outer = Local(element.size, element.n_data), []
+    data = element.layout.split_stiffness(local.data)
+    for point in element.stiffness_points(stiffness_kernel(element.of_point), data):
+        _, q, _, _, values = point.inputs(local)
+        strain, (EA, _, EI, _) = element.strain_at(q, values), ca.vertsplit(values[-4:])
+        outer.append(ca.fabs(strain[AXIAL]) + ca.sqrt(3.0 * EI / EA) * ca.fabs(strain[BENDING]))
+    largest = ca.densify(ca.mmax(ca.vertcat(*outer)))
+    return RowFunction(ca.Function("strain", [local.q, local.data], [largest]))

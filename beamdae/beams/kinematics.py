@@ -16,12 +16,12 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.beams.element_data import assemble_element_data, require_free_curve
-from beamdae.beams.elements import Element, PointElement
+from beamdae.beams.element_data import require_free_curve
+from beamdae.beams.elements import InterpolatedForces, PointElement
 from beamdae.beams.mesh import Mesh, consists_of_numbers, is_shareable
 from beamdae.beams.reference_frames import compute_frame_angle, resolve_frame
 from beamdae.beams.sections import Section, VaryingSection
-from beamdae.beams.strains import no_rotation
+from beamdae.beams.shape_functions import gauss_points, lagrange_weights
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve
 from beamdae.errors import (
     BeamdaeError,
@@ -32,6 +32,7 @@ from beamdae.errors import (
 )
 from beamdae.read_only import read_only, read_only_data
 from beamdae.symbolic.formula import Formula
+from beamdae.symbolic.sparse_operators import select_rows
 from beamdae.symbolic.statements import (
     SX,
     Local,
@@ -134,7 +135,7 @@ class Kinematics(ABC):
 
     @property
     @abstractmethod
-    def element(self) -> Element:
+    def element(self) -> PointElement:
         """Element type, the same for all elements."""
 
     @property
@@ -211,17 +212,19 @@ class Kinematics(ABC):
         """
         return self.material_point(s)
 
-    @abstractmethod
-    def strains(self, s: float) -> PointValues:
-        """Return the function for (axial strain, shear strain, kappa11 [1/m]) at s [m]."""
+    def section_forces(self, s: float) -> PointValues:
+        """Return the function for the section forces at s [m], see `InterpolatedForces`.
 
-    def force_rotation(self, s: float) -> PointValues:
-        """Return the function for the rotation [rad] from the direction of EA eps11 to the section.
-
-        It has the same local coordinates as `strains`. By default, it is zero: the strains refer to
-        the axes of the section.
+        They are interpolated between the stiffness points, where the strains of an element are most
+        accurate.
         """
-        return PointValues(self.strains(s).operator, Formula(no_rotation, ()))
+        element, xi = self.mesh.locate(s)
+        layout, size = self.element.layout, self.element.size
+        gauss, _ = gauss_points(layout.stiffness_points)
+        values = self.data(np.zeros(2))[layout.stiffness_values, element]
+        numbers = (*lagrange_weights(gauss, xi), *values.tolist())
+        rows = select_rows(self.operator, np.arange(size) + element * size)
+        return PointValues(rows, Formula(InterpolatedForces(self.element), numbers))
 
     @property
     def curvature_error(self) -> float:
@@ -385,7 +388,8 @@ class FormulationKinematics(Kinematics):
 
     def data(self, gravity: Array) -> Array:
         """Return the data of the elements under `gravity` (2,), shape (n_data, elements)."""
-        return assemble_element_data(self._point_data, self.section, gravity)
+        of_gravity = np.repeat(np.array(gravity)[:, None], self.mesh.elements, axis=1)
+        return np.concatenate([self._point_data, of_gravity])
 
     def material_point(self, s: float) -> MaterialPoint:
         """Return the section at arc length s [m], on the reference curve."""

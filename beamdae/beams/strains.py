@@ -1,25 +1,19 @@
-"""Elastic work, strains and section forces, shared by all beam formulations.
+"""Strains, stresses and section forces from the values of `Kinematics.section_forces`.
 
-`InterpolatedStrains` is a kind of a `Formula`. `fiber_strain`, `fiber_stress`, `section_forces` and
-`identity` build `FormulaExpression`s, like `LargestStress`; see `symbolic.formula`.
+`fiber_strain`, `fiber_stress`, `section_forces` and `identity` build `FormulaExpression`s, like
+`LargestStress`; see `symbolic.formula`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
-import numpy as np
 
-from beamdae.beams.element_data import ElementData, ElementDataLayout
-from beamdae.beams.sections import Section, VaryingSection
 from beamdae.symbolic.formula import Formula
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import SX, Local
-
-Array = np.ndarray
 
 # Components of a strain vector (eps11, 2 eps12, kappa11) and of (EA, GA, EI).
 AXIAL = 0
@@ -28,28 +22,9 @@ BENDING = 2
 STRAIN_SIZE = 3
 
 # Numbers of a section in `LargestStress`.
-_N_FIBER_NUMBERS = 4
+_N_FIBER_NUMBERS = 5
 # Number that changes no stress [Pa] and no sum of ratios of stresses, one of which is 1.
 _NEGLIGIBLE = 1e-200
-
-
-def outer_strain_function(local: Local, data: ElementData, strains: Sequence[SX]) -> RowFunction:
-    """Return the function of (q, data) for the largest of the strains of the outer fibers [-].
-
-    It is |eps11| + h/2 |kappa11| of the strains at the stiffness points, with the height
-    h = sqrt(12 I / A) of a rectangle; for a solid circle, this h is 13 % less than the diameter.
-    """
-    outer = [
-        ca.fabs(strain[AXIAL]) + half_height(data.elasticity(k)) * ca.fabs(strain[BENDING])
-        for k, strain in enumerate(strains)
-    ]
-    largest = ca.densify(ca.mmax(ca.vertcat(*outer)))
-    return RowFunction(ca.Function("strain", [local.q, local.data], [largest]))
-
-
-def half_height(stiffness: SX) -> SX:
-    """Return half the height of a rectangle with the stiffnesses (EA, GA, EI) [m]."""
-    return ca.sqrt(3.0 * stiffness[BENDING] / stiffness[AXIAL])
 
 
 def slice_column(numbers: Any, first: int, count: int) -> Any:
@@ -57,78 +32,27 @@ def slice_column(numbers: Any, first: int, count: int) -> Any:
     return ca.vertcat(*(numbers[first + k] for k in range(count)))
 
 
-class _StrainElement(Protocol):
-    """Element type with strains at stiffness points."""
+def fiber_strain(local: Local, forces: Callable[[Local], SX], numbers: Callable[[], Any]) -> SX:
+    """Return the longitudinal strain of a fiber by the elastic forces.
 
-    @property
-    def layout(self) -> ElementDataLayout: ...
-
-    def strain_points(self, points: SX, q: SX) -> list[tuple[SX, SX]]: ...
-
-
-@dataclass(frozen=True)
-class InterpolatedStrains:
-    """Strains at a section, interpolated between the stiffness points of its element.
-
-    `numbers` are the `interpolation_weights` of the points, then the values at all points: one
-    quantity of `layout.stiffness_point` after another, without the quadrature weight.
+    `numbers()` returns (lever [m], EA [N], EI [N m^2]).
     """
-
-    element: _StrainElement
-
-    def __call__(self, local: Local, numbers: Any) -> SX:
-        """Return the strains (3,) from local coordinates."""
-        layout = self.element.layout
-        count, n_weights = layout.stiffness_points, STRAIN_SIZE if layout.varying else 1
-        rows = range(n_weights, n_weights + len(layout.stiffness_point) - 1)
-        points = [ca.vertcat(0, *(numbers[i * count + k] for i in rows)) for k in range(count)]
-        strains = self.element.strain_points(SX(ca.horzcat(*points)), local.q)
-        total = SX.zeros(STRAIN_SIZE)
-        for k, (_, strain) in enumerate(strains):
-            weights = [numbers[i * count + k] for i in range(n_weights)]
-            total += (ca.vertcat(*weights) if layout.varying else weights[0]) * strain
-        return total
+    return strain_by_forces(forces(local)[:STRAIN_SIZE], *(numbers()[k] for k in range(3)))
 
 
-def interpolation_weights(
-    section: Section | VaryingSection, weights: Sequence[float], points: Array, s: float
-) -> list[float]:
-    """Return the weights of `InterpolatedStrains` at a section.
-
-    In elements whose section varies, the section forces are interpolated, because they are smooth
-    where stiffnesses have kinks or jumps: the strains are the interpolated forces divided by the
-    stiffnesses at `s`, and have one row of weights for each component.
-
-    Parameters
-    ----------
-    section
-        Section of the beam.
-    weights
-        Values at `s` of the Lagrange polynomials of the stiffness points.
-    points
-        Arc lengths of the stiffness points of the element [m].
-    s
-        Arc length of the section [m].
-    """
-    if isinstance(section, VaryingSection):
-        stiffness = np.array([(x.EA, x.GA, x.EI) for x in map(section.at, points.tolist())])
-        here = section.at(s)
-        ratios = stiffness.T / np.array([[here.EA], [here.GA], [here.EI]])
-        return np.ravel(ratios * np.array(weights)).tolist()
-    return list(weights)
+def fiber_stress(local: Local, forces: Callable[[Local], SX], numbers: Callable[[], Any]) -> SX:
+    """Return the stress [Pa] of a fiber; `numbers()` as in `fiber_strain`, then E [Pa]."""
+    total = _conjugate_forces(forces(local))
+    return numbers()[3] * strain_by_forces(total, *(numbers()[k] for k in range(3)))
 
 
-def fiber_strain(local: Local, strains: Callable[[Local], SX], offset: Callable[[], Any]) -> SX:
-    """Return the longitudinal strain of a fiber; `offset()[0]` is its offset from the axis [m]."""
-    strain = strains(local)
-    return strain[AXIAL] + offset()[0] * strain[BENDING]
+def strain_by_forces(forces: Any, lever: Any, EA: Any, EI: Any) -> Any:
+    """Return the strain at a lever [m] by (N, Q, M)."""
+    return forces[AXIAL] / EA + lever * forces[BENDING] / EI
 
 
-def fiber_stress(local: Local, strains: Callable[[Local], SX], numbers: Callable[[], Any]) -> SX:
-    """Return the stress [Pa] of a fiber; `numbers()` returns (offset [m], E [Pa], damping [s])."""
-    offset, modulus, damping = (numbers()[k] for k in range(3))
-    strain = fiber_strain(local, strains, lambda: (offset,))
-    return modulus * (strain + damping * local.dot(strain))
+def _conjugate_forces(values: SX) -> SX:
+    return values[:STRAIN_SIZE] + values[STRAIN_SIZE : 2 * STRAIN_SIZE]
 
 
 @dataclass(frozen=True)
@@ -149,21 +73,19 @@ class LargestStress:
     def __call__(self, local: Local, *functions: Any) -> SX:
         """Return (largest, bound) [Pa].
 
-        `functions` are, for each section, that of the strains, and one without arguments that
-        returns (lever of the left fiber [m], lever of the right fiber [m], E [Pa], damping [s]).
+        `functions` are, for each section, the `Formula` of the section forces, and one without
+        arguments that returns (lever of the left fiber [m], lever of the right fiber [m], EA [N],
+        EI [N m^2], E [Pa]).
         """
         kernels: dict[Any, ca.Function] = {}
         first, stresses = 0, []
-        for size, strains, numbers in zip(self.sizes, functions[::2], functions[1::2], strict=True):
-            is_formula = isinstance(strains, Formula)
-            data = strains.numbers if is_formula else SX(0, 1)
-            kind = strains.kind if is_formula else strains
-            key = kind, size, data.numel(), is_formula
+        for size, forces, numbers in zip(self.sizes, functions[::2], functions[1::2], strict=True):
+            key = forces.kind, size, forces.numbers.numel()
             if key not in kernels:
-                kernels[key] = _fiber_magnitude_function(kind, size, data.numel(), is_formula)
+                kernels[key] = _fiber_magnitude_function(*key)
             here = slice(first, first + size)
             values = slice_column(numbers(), 0, _N_FIBER_NUMBERS)
-            stresses.append(kernels[key](local.q[here], local.v[here], data, values))
+            stresses.append(kernels[key](local.q[here], local.v[here], forces.numbers, values))
             first += size
         largest = SX(0)
         for stress in stresses:
@@ -174,43 +96,22 @@ class LargestStress:
         return ca.vertcat(largest, largest * (total + _NEGLIGIBLE) ** (1.0 / self.exponent))
 
 
-def _fiber_magnitude_function(
-    kind: Callable[..., SX], size: int, count: int, is_formula: bool
-) -> ca.Function:
+def _fiber_magnitude_function(kind: Callable[..., SX], size: int, count: int) -> ca.Function:
     """Return the largest stress magnitude of two fibers as a function of (q, v, data, numbers)."""
     local = Local(size)
     data, numbers = SX.sym("data", count), SX.sym("numbers", _N_FIBER_NUMBERS)
-    strains = Formula(kind, data) if is_formula else kind
-
-    def magnitude_of(lever: SX) -> SX:
-        return ca.fabs(fiber_stress(local, strains, lambda: (lever, numbers[2], numbers[3])))
-
-    magnitude = ca.fmax(magnitude_of(numbers[0]), magnitude_of(numbers[1]))
-    return ca.Function("magnitude", [local.q, local.v, data, numbers], [magnitude])
-
-
-def section_forces(
-    local: Local,
-    strains: Callable[[Local], SX],
-    rotation: Callable[[Local], SX],
-    numbers: Callable[[], Any],
-) -> SX:
-    """Return (N, Q, M) on the axis, in the axes of the section.
-
-    `numbers()` returns (EA, GA, EI, damping), and `rotation` the rotation of the section from the
-    direction of the force EA eps11; see `Kinematics.force_rotation`.
-    """
-    *stiffness, damping = (numbers()[k] for k in range(STRAIN_SIZE + 1))
-    strain = strains(local)
-    viscous = damping * local.dot(strain)
-    forces = ca.vertcat(*(stiffness[k] * (strain[k] + viscous[k]) for k in range(STRAIN_SIZE)))
-    forces[AXIAL] += ca.sin(rotation(local)) * forces[SHEAR]
-    return forces
+    forces, section = Formula(kind, data), ca.vertsplit(numbers[2:])
+    magnitudes = [
+        ca.fabs(fiber_stress(local, forces, lambda lever=numbers[k]: (lever, *section)))
+        for k in range(2)
+    ]
+    return ca.Function("magnitude", [local.q, local.v, data, numbers], [ca.fmax(*magnitudes)])
 
 
-def no_rotation(local: Local, numbers: Any) -> SX:
-    """Return zero, for strains whose forces refer to the axes of the section."""
-    return SX(0)
+def section_forces(local: Local, forces: Callable[[Local], SX]) -> SX:
+    """Return (N, Q, M) on the axis, in the axes of the section."""
+    values = forces(local)
+    return _conjugate_forces(values) + ca.vertcat(values[-1], 0, 0)
 
 
 def identity(local: Local, values: Callable[[Local], SX]) -> SX:

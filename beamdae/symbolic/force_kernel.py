@@ -63,6 +63,8 @@ _ABRUPT_OPERATIONS = {
     ca.OP_CALL,
 }
 
+# Functions of points may contain the symbols of signals, which statements replace.
+_FREE_SIGNALS = {"allow_free": True}
 _N_ENERGIES = 3
 _N_POWERS = 2
 
@@ -133,9 +135,10 @@ class ForceKernel:
 
     @cached_property
     def point_function(self) -> ca.Function:
-        """Function of (q, v, a, data) that returns the `outputs`, for kernels of points."""
+        """Function of (time, q, v, a, data) that returns the `outputs`, for kernels of points."""
         x = self.local
-        return ca.Function("point", [x.q, x.v, x.a, x.data], self.outputs)
+        inputs = [x.time, x.q, x.v, x.a, x.data]
+        return ca.Function("point", inputs, self.outputs, _FREE_SIGNALS)
 
     @cached_property
     def expression_error(self) -> str:
@@ -293,11 +296,12 @@ class ForceKernel:
         return sum((c * ca.jacobian(self.force, symbols[k]) for k, c in factors.items()), total)
 
     def _tangent_function(self, terms: tuple[int, ...]) -> ca.Function:
-        """Return the function of (factors of `terms`, q, v, a, data) for a sum of derivatives."""
+        """Return the function of (factors of `terms`, time, q, v, a, data) for their sum."""
         if terms not in self._tangent_functions:
             x, factors = self.local, {k: SX.sym(f"c{k}") for k in terms}
-            inputs = [*factors.values(), x.q, x.v, x.a, x.data]
-            function = ca.Function("tangent", inputs, [self._sum_derivatives(factors)])
+            inputs = [*factors.values(), x.time, x.q, x.v, x.a, x.data]
+            outputs = [self._sum_derivatives(factors)]
+            function = ca.Function("tangent", inputs, outputs, _FREE_SIGNALS)
             self._tangent_functions[terms] = function
         return self._tangent_functions[terms]
 
@@ -336,7 +340,7 @@ def _get_balance_kernel(kernel: ForceKernel) -> Kernel:
 
 
 class PointForce(NamedTuple):
-    """Force B^T f(B q, B v, B a, data) of a point on local coordinates, for example of elements.
+    """Force B^T f(t, B q, B v, B a, data) of a point on local coordinates, for example of elements.
 
     Attributes
     ----------
@@ -362,9 +366,10 @@ class PointForce(NamedTuple):
         return SX(ca.sparsify(self.weights @ self.differences))
 
     def inputs(self, local: Local) -> list[SX]:
-        """Return (q, v, a, data) of the point."""
+        """Return (time, q, v, a, data) of the point."""
         differences, weights = SX(self.differences), SX(self.weights)
-        return [*(weights @ (differences @ x) for x in (local.q, local.v, local.a)), self.data]
+        motion = (weights @ (differences @ x) for x in (local.q, local.v, local.a))
+        return [local.time, *motion, self.data]
 
     def rows_of_data(self, local: Local) -> Array:
         """Return the rows of the local data of which the numbers of the kernel consist."""

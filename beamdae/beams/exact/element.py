@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.beams.element_data import ElementDataLayout
-from beamdae.beams.elements import NODE_SIZE, InertiaPoint, PointElement
+from beamdae.beams.elements import NODE_SIZE, PointElement, PointMotion
 from beamdae.beams.shape_functions import gauss_points, shape_functions, weigh_nodes
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
@@ -32,9 +32,8 @@ class ExactElement(PointElement):
     @property
     def layout(self) -> ElementDataLayout:
         """Layout of the data of an element."""
-        return ElementDataLayout(
-            self.nodes, self.quadrature, MASS_POINT_VALUES, STIFFNESS_POINT_VALUES, self.varying
-        )
+        counts = (self.nodes, self.quadrature)
+        return ElementDataLayout(*counts, MASS_POINT_VALUES, STIFFNESS_POINT_VALUES)
 
     @property
     def differences(self) -> ca.DM:
@@ -58,14 +57,9 @@ class ExactElement(PointElement):
         rows[:, 0], slopes[:, 0] = 1.0, 0.0
         return [weigh_nodes(0, pair) for pair in zip(rows, slopes, strict=True)]
 
-    def inertia_points(self, local: Local) -> list[InertiaPoint]:
-        """Return the motion of the inertia points in the inertial frame."""
-        data, points = self.layout.split(local.data), []
-        for k, weights in enumerate(self.mass_weights):
-            q, v = (SX(weights) @ x for x in (local.q, local.v))
-            density = data.inertia(k)[[0, 0, 1]]
-            points.append(InertiaPoint(data.mass[0, k], density, v[:2], v[2], q[2]))
-        return points
+    def motion_at(self, q: SX, v: SX, point: SX) -> PointMotion:
+        """Return the motion of an inertia point in the inertial frame."""
+        return PointMotion(v[:2], v[2], q[2])
 
     def strain_at(self, z: SX, point: SX) -> SX:
         """Return (axial strain, shear strain, kappa11) at a stiffness point.

@@ -21,9 +21,7 @@ from beamdae.beams.kinematics import (
     nonzero_shape_functions,
 )
 from beamdae.beams.reference_frames import chord_vector
-from beamdae.beams.sections import VaryingSection
-from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_functions
-from beamdae.beams.strains import InterpolatedStrains, interpolation_weights
+from beamdae.beams.shape_functions import gauss_points, shape_functions
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.sparse_operators import build_selection
@@ -60,8 +58,7 @@ class GeometricallyExact(FormulationKinematics):
     def element(self) -> ExactElement:
         """Element type, the same for all elements."""
         damped = is_damped(self.section, self.mesh, self.stiffness_points)
-        varying = isinstance(self.section, VaryingSection)
-        return ExactElement(self.mesh.nodes, self.stiffness_points, damped, varying)
+        return ExactElement(self.mesh.nodes, self.stiffness_points, damped)
 
     @geometric_property
     def _node_angles(self) -> Array:
@@ -202,24 +199,6 @@ class GeometricallyExact(FormulationKinematics):
         )
         operator = sp.csr_array(sp.vstack([frame.operator, section.operator]))
         return PointValues(operator, Formula(kind, numbers))
-
-    def strains(self, s: float) -> PointValues:
-        """Return the function for the strains at s [m], interpolated between stiffness points.
-
-        Where the section varies, the section forces are interpolated, see `interpolation_weights`.
-        """
-        element, xi = self.mesh.locate(s)
-        points = self.stiffness_points
-        element_points = slice(element * points, (element + 1) * points)
-        values = [column[element_points] for column in self._stiffness_values[1:]]
-        weights = lagrange_weights(gauss_points(points)[0], xi)
-        s_points = self.mesh.gauss_arc_lengths(points)[element_points]
-        numbers = [
-            *interpolation_weights(self.section, weights, s_points, s),
-            *np.ravel(values),
-        ]
-        formula = Formula(InterpolatedStrains(self.element), tuple(map(float, numbers)))
-        return PointValues(self._select_nodes(self.mesh.element_nodes[element]), formula)
 
     @property
     def curvature_error(self) -> float:

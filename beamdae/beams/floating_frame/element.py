@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.beams.element_data import ElementDataLayout
-from beamdae.beams.elements import NODE_SIZE, InertiaPoint, PointElement
+from beamdae.beams.elements import NODE_SIZE, PointElement, PointMotion
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
 # Local coordinates: (x0, y0, theta) of the frame, then (u, v, phi) of each node.
@@ -61,19 +61,23 @@ class FloatingFrameElement(PointElement):
         """Layout of the data of an element."""
         stiffness_point = STIFFNESS_POINT_VALUES + PRESTRAIN_VALUES * self.prestressed
         counts = (self.nodes, self.quadrature)
-        return ElementDataLayout(*counts, MASS_POINT_VALUES, stiffness_point, self.varying)
+        return ElementDataLayout(*counts, MASS_POINT_VALUES, stiffness_point)
 
-    def inertia_points(self, local: Local) -> list[InertiaPoint]:
-        """Return the motion of the inertia points, each in its local frame; see `AxisMotion`."""
-        data, points = self.layout.split(local.data), []
-        for k, weights in enumerate(self.mass_weights):
-            weight, reference, to_local = _read_mass_point(data.mass[:, k])
-            axis = AxisMotion(*(SX(weights) @ x for x in (local.q, local.v)))
-            velocity = axis.velocity(AT_POINT, reference, to_local)
-            rates = velocity, axis.angular_velocity(AT_POINT)
-            density = data.inertia(k)[[0, 0, 1]]
-            points.append(InertiaPoint(weight, density, *rates, axis.rotation(AT_POINT)))
-        return points
+    def motion_at(self, q: SX, v: SX, point: SX) -> PointMotion:
+        """Return the motion of an inertia point in its local frame; see `AxisMotion`."""
+        _, reference, to_local = _read_mass_point(point)
+        axis = AxisMotion(q, v)
+        velocity = axis.velocity(AT_POINT, reference, to_local)
+        return PointMotion(velocity, axis.angular_velocity(AT_POINT), axis.rotation(AT_POINT))
+
+    def force_rotation_at(self, z: SX) -> SX:
+        """Return phi; for exact and linear strains, zero.
+
+        In strains for moderate rotations, such as u' + v'^2 / 2, the energy conjugate of the axial
+        strain is the force along the undeformed axis, while that of the shear strain v' - phi is
+        the shear force in the section. In linear strains, phi Q is neglected.
+        """
+        return SX(0) if self.strain in ("exact", "linear") else z[PHI]
 
     def strain_at(self, z: SX, point: SX) -> SX:
         """Return (axial strain, shear strain 2 eps12, kappa11) at a stiffness point.

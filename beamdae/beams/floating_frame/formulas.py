@@ -52,17 +52,6 @@ def frame_motion(q: SX, frame_angle: Any) -> tuple[SX, SX]:
 
 
 @dataclass(frozen=True)
-class SectionRotation:
-    """Rotation phi of a section from the undeformed section; `numbers` are the shape functions."""
-
-    nodes: int
-
-    def __call__(self, local: Local, numbers: Any) -> SX:
-        """Return phi from local coordinates."""
-        return AxisMotion(local.q).rotation(slice_column(numbers, 0, self.nodes))
-
-
-@dataclass(frozen=True)
 class FloatingFrameDeformation:
     """Deformation (u, v, phi) of a section in the axes `axes`.
 

@@ -18,7 +18,6 @@ from beamdae.beams.floating_frame.element import (
 from beamdae.beams.floating_frame.formulas import (
     FloatingFrameDeformation,
     SectionMotion,
-    SectionRotation,
     frame_motion,
 )
 from beamdae.beams.kinematics import (
@@ -30,14 +29,11 @@ from beamdae.beams.kinematics import (
     nonzero_shape_functions,
 )
 from beamdae.beams.mesh import Mesh
-from beamdae.beams.sections import VaryingSection
 from beamdae.beams.shape_functions import (
     gauss_points,
-    lagrange_weights,
     node_positions,
     shape_functions,
 )
-from beamdae.beams.strains import InterpolatedStrains, interpolation_weights
 from beamdae.curves.plane_curves import rotate_points
 from beamdae.errors import BeamdaeError, require_choice
 from beamdae.read_only import read_only_data
@@ -90,7 +86,6 @@ class FloatingFrame(FormulationKinematics):
             self.mesh.nodes,
             self.stiffness_points,
             is_damped(self.section, self.mesh, self.stiffness_points),
-            isinstance(self.section, VaryingSection),
             self.strain,
             self.free_curve is not None,
         )
@@ -244,12 +239,7 @@ class FloatingFrame(FormulationKinematics):
             ("points", layout.mass_points), lambda: self._measure_points(layout.mass_points)
         )
 
-        def assemble() -> Array:
-            return assemble_point_data(mesh, layout, self.section, mass, stiffness)
-
-        if isinstance(self.section, VaryingSection):
-            return assemble()
-        return self._geometry.derive(("point data", layout), assemble)
+        return assemble_point_data(mesh, layout, self.section, mass, stiffness)
 
     def _measure_points(self, mass_points: int) -> tuple[list[Array], list[Array]]:
         """Return the geometric values of the inertia points and of the stiffness points."""
@@ -303,55 +293,6 @@ class FloatingFrame(FormulationKinematics):
         rows = sp.eye_array(FRAME_SIZE, len(self.coordinates), format="csr")
         motion = Formula(frame_motion, (self.frame_angle,))
         return MaterialPoint(self.origin, self.frame_angle, rows, motion)
-
-    def strains(self, s: float) -> PointValues:
-        """Return the function for the strains at arc length s [m].
-
-        The strains are interpolated between the stiffness quadrature points, where the strains of
-        an element are most accurate. Where the section varies, the section forces are interpolated,
-        see `interpolation_weights`.
-        """
-        if isinstance(self.section, VaryingSection):
-            return self._interpolate_strains(s)
-        return self._geometry.derive(
-            ("strains", s, self.element), lambda: self._interpolate_strains(s)
-        )
-
-    def _interpolate_strains(self, s: float) -> PointValues:
-        element, xi = self.mesh.locate(s)
-        points = self.stiffness_points
-        gauss, _ = gauss_points(points)
-
-        def locate_points() -> tuple[sp.csr_array, Array, tuple[float, ...]]:
-            axis = self.mesh_in_frame.axis(np.full(points, element), gauss)
-            s_points = self.mesh.gauss_arc_lengths(points)[element * points :][:points]
-            prestrains = compute_prestrains(self.mesh.curve, self.free_curve, s_points)
-            numbers = np.concatenate([axis.curvature, 1.0 / axis.ds, np.ravel(prestrains)])
-            return self._element_operator(element), s_points, tuple(numbers.tolist())
-
-        # Varying sections, which optimizations change, have many strains in each element.
-        key = ("strain points", element, self.element)
-        operator, s_points, numbers = self._geometry.derive(key, locate_points)
-        weights = interpolation_weights(self.section, lagrange_weights(gauss, xi), s_points, s)
-        formula = Formula(InterpolatedStrains(self.element), (*map(float, weights), *numbers))
-        return PointValues(operator, formula)
-
-    def force_rotation(self, s: float) -> PointValues:
-        """Return the function for phi at s [m]; for exact and linear strains, zero.
-
-        In strains for moderate rotations, such as u' + v'^2 / 2, the energy conjugate of the axial
-        strain is the force along the undeformed axis, while that of the shear strain v' - phi is
-        the shear force in the section. In linear strains, phi Q is neglected.
-        """
-        if self.strain in ("exact", "linear"):
-            return super().force_rotation(s)
-
-        def create() -> PointValues:
-            element, row, _ = self._locate_section(s)
-            formula = Formula(SectionRotation(self.mesh.nodes), tuple(map(float, row)))
-            return PointValues(self._element_operator(element), formula)
-
-        return self._geometry.derive(("force rotation", s, self.element), create)
 
     def deformation(self, s: float, axes: str) -> PointValues:
         """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame.

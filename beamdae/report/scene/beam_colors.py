@@ -17,7 +17,6 @@ from beamdae.results.section_forces.recovery import MAX_EVALUATIONS
 from beamdae.results.section_forces.section_motions import (
     SectionFunction,
     evaluate_sections,
-    strains_and_rates,
 )
 from beamdae.results.solution import Solution
 
@@ -102,25 +101,19 @@ def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) 
         and a section does not define its height.
     """
     what = require_choice(name, "color", what, tuple(_QUANTITIES))
-    return _color_beams(name, what, _evaluate_beams(solution, times, (what,)))
+    return _color_beams(name, what, _evaluate_beams(solution, times))
 
 
-class _BeamStrains(NamedTuple):
-    """Strains and strain rates (rows, sections, 3) along a beam, and the rows of the frames.
-
-    `rotations` (rows, sections) are those of `Kinematics.force_rotation`; None if no quantity
-    requires them.
-    """
+class _BeamForces(NamedTuple):
+    """Values of `Kinematics.section_forces` along a beam, and the rows of the frames."""
 
     beam: Beam
     places: list[float]
-    strains: Array
-    rates: Array
-    rotations: Array | None
+    values: Array
     frame_rows: Array
 
 
-def _color_beams(name: str, what: str, beams: Sequence[_BeamStrains]) -> BeamColors:
+def _color_beams(name: str, what: str, beams: Sequence[_BeamForces]) -> BeamColors:
     if not beams:
         raise BeamdaeError(
             f"{name}: color {what!r} requires a beam, but the mechanism has none; omit color."
@@ -160,7 +153,7 @@ def available_colors(solution: Solution, times: Array, first: Any = None) -> lis
     if first is not None:
         first = require_choice("animate", "color", first, tuple(_QUANTITIES))
         quantities = [first, *(x for x in quantities if x != first)]
-    beams, colors = _evaluate_beams(solution, times, quantities), []
+    beams, colors = _evaluate_beams(solution, times), []
     for what in quantities:
         try:
             colors.append(_color_beams("animate", what, beams))
@@ -170,10 +163,8 @@ def available_colors(solution: Solution, times: Array, first: Any = None) -> lis
     return colors
 
 
-def _evaluate_beams(
-    solution: Solution, times: Array, quantities: Sequence[str]
-) -> list[_BeamStrains]:
-    """Return the strains of all beams, for these quantities, at `times` and the output times."""
+def _evaluate_beams(solution: Solution, times: Array) -> list[_BeamForces]:
+    """Return the section forces of all beams at `times` and at the output times."""
     mechanism = solution.equations.mechanism
     beams = beams_of(mechanism)
     if mechanism is None or not beams:
@@ -183,42 +174,26 @@ def _evaluate_beams(
     sections, frame_rows = count_beam_sections(mechanism), np.searchsorted(all_times, times)
     coordinates = map_coordinates(mechanism)
     rows = max(MAX_EVALUATIONS // sections, 1)
-    strains = []
+    forces = []
     for beam in beams:
         columns = coordinates.slice_of(beam)
         q, v = state.q[:, columns], state.v[:, columns]
         places = np.linspace(0.0, beam.length, sections).tolist()
-        strain_terms = [beam.kinematics.strains(s) for s in places]
-        functions = [SectionFunction(x.operator, x.values) for x in strain_terms]
+        terms = [beam.kinematics.section_forces(s) for s in places]
+        functions = [SectionFunction(x.operator, x.values) for x in terms]
         blocks = [[x[k : k + rows] for x in (q, v, 0.0 * q)] for k in range(0, len(q), rows)]
-        strains_of_blocks = [evaluate_sections(strains_and_rates, functions, *x) for x in blocks]
-        values, rotations = np.concatenate(strains_of_blocks), None
-        if "N" in quantities:
-            rotation_terms = [beam.kinematics.force_rotation(s) for s in places]
-            functions = [SectionFunction(x.operator, x.values) for x in rotation_terms]
-            angles = [evaluate_sections(identity, functions, *x) for x in blocks]
-            rotations = np.concatenate(angles)[..., 0]
-        terms = (values[..., :3], values[..., 3:], rotations)
-        strains.append(_BeamStrains(beam, places, *terms, frame_rows))
-    return strains
+        values = np.concatenate([evaluate_sections(identity, functions, *x) for x in blocks])
+        forces.append(_BeamForces(beam, places, values, frame_rows))
+    return forces
 
 
-def _compute_quantity(what: str, beam_strains: _BeamStrains) -> Array:
+def _compute_quantity(what: str, forces: _BeamForces) -> Array:
     """Return the quantity (rows, sections) along a beam."""
-    beam, places, strains, rates, rotations, _ = beam_strains
-    local = [beam.section.at(s) for s in places]
-    damping = np.array([x.damping for x in local])[:, None]
-    strains = strains + (0.0 if what == "strain" else damping * rates)
+    beam, places, values, _ = forces
+    elastic, viscous, rest = np.split(np.moveaxis(values, -1, 0), (3, 6))
     if what in ("N", "Q", "M"):
         k = "NQM".index(what)
-        force = strains[..., k] * np.array([(x.EA, x.GA, x.EI)[k] for x in local])
-        if what == "N":
-            assert rotations is not None
-            force += np.sin(rotations) * strains[..., 1] * np.array([x.GA for x in local])
-        return np.asarray(force)
-    top, bottom = (
-        np.array([beam.stress_lever(s, side) for s in places]) for side in ("top", "bottom")
-    )
-    surfaces = [strains[..., 0] + lever * strains[..., 2] for lever in (top, bottom)]
-    modulus = np.array([x.material.E for x in local]) if what == "stress" else 1.0
-    return modulus * np.max(np.abs(surfaces), axis=0)
+        return np.asarray(elastic[k] + viscous[k] + rest[0] * (what == "N"))
+    if what == "strain":
+        return beam.largest_fiber_stresses(elastic, places, is_stress=False)
+    return beam.largest_fiber_stresses(elastic + viscous, places)

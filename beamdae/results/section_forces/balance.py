@@ -23,7 +23,7 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points
-from beamdae.beams.strains import identity
+from beamdae.beams.strains import section_forces
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.results.section_forces.applied_loads import (
@@ -35,7 +35,6 @@ from beamdae.results.section_forces.section_motions import (
     SectionFunction,
     evaluate_sections,
     position_and_angle,
-    strains_and_rates,
 )
 from beamdae.results.trajectory import Trajectory
 
@@ -152,18 +151,9 @@ class _BeamSections:
 
     def elastic_forces(self, s: Array) -> Array:
         """Return (N, Q, M) from the strains and their rates, (3, rows, sections)."""
-        kinematics = self._beam.kinematics
-        strains = [kinematics.strains(x) for x in s.tolist()]
-        at = [SectionFunction(strain.operator, strain.values) for strain in strains]
-        values = evaluate_sections(strains_and_rates, at, *self._beam_state)
-        at = [SectionFunction(*kinematics.force_rotation(x)) for x in s.tolist()]
-        rotation = evaluate_sections(identity, at, *self._beam_state)[..., 0]
-        sections = [self._beam.section.at(x) for x in s.tolist()]
-        stiffness = np.array([(x.EA, x.GA, x.EI) for x in sections])
-        damping = np.array([x.damping for x in sections])[:, None]
-        forces = np.moveaxis(stiffness * (values[..., :3] + damping * values[..., 3:]), -1, 0)
-        forces[0] += np.sin(rotation) * forces[1]
-        return forces
+        functions = (self._beam.kinematics.section_forces(x) for x in s.tolist())
+        at = [SectionFunction(x.operator, x.values) for x in functions]
+        return np.moveaxis(evaluate_sections(section_forces, at, *self._beam_state), -1, 0)
 
 
 def group_rows(trajectory: Trajectory, times: Array) -> list[RowGroup]:

@@ -1,4 +1,4 @@
-"""Motion of beam sections: positions, rotations, their accelerations, and strains."""
+"""Motion of beam sections: positions, rotations and their accelerations."""
 
 from __future__ import annotations
 
@@ -49,12 +49,6 @@ def section_motion(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
 def section_jacobian(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
     """Return the columns of d(x, y, rotation)/d(local coordinates), stacked in one vector."""
     return ca.vec(ca.densify(ca.jacobian(position_and_angle(local, motion), local.q)))
-
-
-def strains_and_rates(local: Local, values: Callable[[Local], SX]) -> SX:
-    """Return axial strain, shear strain, curvature and their rates as an expression."""
-    strains = values(local)
-    return ca.vertcat(strains, local.dot(strains))
 
 
 def evaluate_sections(
