@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.beams.beam import Beam, require_beam
+from beamdae.beams.elements import NODE_SIZE, PointElement
 from beamdae.beams.shape_functions import node_positions
 from beamdae.errors import (
     BeamdaeError,
@@ -33,10 +34,18 @@ from beamdae.parts.laws import Law, as_law
 from beamdae.symbolic.formula import (
     Formula,
     FormulaExpression,
-    build_formula_kernel,
+    cache_kernels,
     constant_formula,
 )
-from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local
+from beamdae.symbolic.sparse_operators import select_rows
+from beamdae.symbolic.statements import (
+    SX,
+    ForceKernel,
+    ForceStatement,
+    Local,
+    Piece,
+    PointForce,
+)
 
 # Maximum time that a moving force may take to pass the beam [s]; keeps the times of laws finite.
 _MAX_PASSAGE_TIME = 1e30
@@ -146,14 +155,9 @@ class DistributedForce(ObservableBeamLoad):
             return ()
         return tuple(as_law(self.name, component) for component in self.law)
 
-    @property
-    def load_distribution(self) -> str:
-        """Distribution "line": the load is a force per length."""
-        return "line"
-
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return one load statement per Gauss point of the inertia terms."""
-        mesh = self.beam.mesh
+        """Return the sum of the loads at the Gauss points of the inertia terms."""
+        kinematics, mesh = self.beam.kinematics, self.beam.mesh
         kind = (
             _FormulaLineLoad(self.axes, self.name, self.law)
             if callable(self.law)
@@ -161,34 +165,44 @@ class DistributedForce(ObservableBeamLoad):
         )
         laws = [law.formula for law in self.laws]
         weights, _ = mesh.gauss(mesh.nodes)
-        kernels: dict[FormulaExpression, ForceKernel] = {}
+        points = []
+        for s, weight in zip(mesh.gauss_arc_lengths(mesh.nodes), weights, strict=True):
+            at = kinematics.placement(float(s))
+            constants = constant_formula(float(weight), at.inclination, float(s))
+            points.append(FormulaExpression.of(kind, (at.motion, constants, *laws)))
+        # Elements whose points have the same expressions share a statement.
+        groups: dict[tuple[FormulaExpression, ...], list[tuple[int, np.ndarray]]] = {}
+        for element in range(mesh.elements):
+            expressions, numbers = zip(*points[mesh.nodes * element :][: mesh.nodes], strict=True)
+            groups.setdefault(expressions, []).append((element, np.concatenate(numbers)))
         statements = []
-        arc_lengths = mesh.gauss_arc_lengths(mesh.nodes).tolist()
-        for s, weight in zip(arc_lengths, weights.tolist(), strict=True):
-            section = self.beam.at(s)
-            functions = (
-                section.checked_kinematics,
-                constant_formula(weight, section.inclination, s),
-                *laws,
-            )
-            kernel, data = self._build_kernel(kind, functions, section.size, kernels)
-            statements.append(ForceStatement(self.name, kernel, (section.piece,), data))
+        for expressions, members in groups.items():
+            is_shared = all(x.is_shareable for x in expressions) and not callable(self.law)
+            build = _share_line_load_kernel if is_shared else _build_line_load_kernel
+            elements, data = zip(*members, strict=True)
+            size = kinematics.element.size
+            rows = size * np.array(elements)[:, None] + np.arange(size)
+            piece = Piece(self.beam, select_rows(kinematics.operator, rows.ravel()))
+            kernel = replace(build(kinematics.element, expressions), reused=is_shared)
+            statements.append(ForceStatement(self.name, kernel, (piece,), np.stack(data, axis=1)))
         return statements
 
-    def _build_kernel(
-        self, kind: Any, functions: Any, size: int, kernels: dict[FormulaExpression, ForceKernel]
-    ) -> tuple[ForceKernel, np.ndarray]:
-        """Return the kernel and data of one point.
 
-        Kernels with a user formula are shared within this part through `kernels`; those of equal
-        models are identified by comparison.
-        """
-        expression, numbers = FormulaExpression.of(kind, functions)
-        if expression.is_shareable and not callable(self.law):
-            return build_formula_kernel(kind, functions, size)
-        if expression not in kernels:
-            kernels[expression] = expression(Local(size, len(numbers)))
-        return kernels[expression], numbers[:, None]
+def _build_line_load_kernel(
+    element: PointElement, expressions: tuple[FormulaExpression, ...]
+) -> ForceKernel:
+    """Return the kernel of the loads at the inertia points of an element."""
+    counts = [sum(filter(None, x.counts)) for x in expressions]
+    local, size = Local(element.size, sum(counts)), element.frame_size + NODE_SIZE
+    kernels = {x: x(Local(size, n)) for x, n in zip(expressions, counts, strict=True)}
+    numbers = ca.vertsplit(local.data, np.cumsum([0, *counts]).tolist())
+    eye, points = ca.DM.eye(element.size), []
+    for x, weights, data in zip(expressions, element.mass_weights, numbers, strict=True):
+        points.append(PointForce(eye, weights, kernels[x], data))
+    return ForceKernel.of_points(local, points)
+
+
+_share_line_load_kernel = cache_kernels(_build_line_load_kernel)
 
 
 @dataclass(frozen=True)

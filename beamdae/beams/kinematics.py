@@ -13,15 +13,17 @@ from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache, wraps
 from typing import Any, NamedTuple, TypeVar, cast
 
+import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.element_data import require_free_curve
-from beamdae.beams.elements import InterpolatedForces, PointElement
+from beamdae.beams.elements import NODE_SIZE, InterpolatedForces, PointElement
 from beamdae.beams.mesh import Mesh, consists_of_numbers, is_shareable
 from beamdae.beams.reference_frames import compute_frame_angle, resolve_frame
 from beamdae.beams.sections import Section, VaryingSection
-from beamdae.beams.shape_functions import gauss_points, lagrange_weights
+from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_functions
+from beamdae.beams.strains import slice_column
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve
 from beamdae.errors import (
     BeamdaeError,
@@ -68,6 +70,42 @@ class MaterialPoint(NamedTuple):
     inclination: float
     operator: sp.csr_array
     motion: Callable[[SX], tuple[SX, SX]]
+
+
+class Placement(NamedTuple):
+    """Section of a beam in the reference configuration, and its motion.
+
+    Attributes
+    ----------
+    reference_position, inclination
+        See `MaterialPoint`.
+    motion
+        Formula of the coordinates of the frame and of those interpolated at the section that
+        returns (position in the inertial frame [m], rotation from the reference configuration
+        [rad]).
+    """
+
+    reference_position: tuple[float, float]
+    inclination: float
+    motion: Formula
+
+
+@dataclass(frozen=True)
+class InterpolatedMotion:
+    """Motion of a section between the nodes of an element.
+
+    `numbers` are the shape functions, then those of the motion `kind` of a `Placement`.
+    """
+
+    kind: Callable[..., tuple[SX, SX]]
+    frame_size: int
+    nodes: int
+
+    def __call__(self, q: SX, numbers: Any) -> tuple[SX, SX]:
+        """Return position and rotation from local coordinates."""
+        nodal = ca.reshape(q[self.frame_size :], NODE_SIZE, self.nodes)
+        interpolated = nodal @ slice_column(numbers, 0, self.nodes)
+        return self.kind(ca.vertcat(q[: self.frame_size], interpolated), numbers[self.nodes :])
 
 
 class PointValues(NamedTuple):
@@ -201,16 +239,24 @@ class Kinematics(ABC):
         """Return the data of the elements under `gravity` (2,), shape (n_data, elements)."""
 
     @abstractmethod
+    def placement(self, s: float, on_axis: bool = False) -> Placement:
+        """Return the section at arc length s [m], on the reference curve.
+
+        If `on_axis`, it is on the axis of its element, which interpolates the curve: inertia is
+        integrated along the interpolated axes.
+        """
+
     def material_point(self, s: float) -> MaterialPoint:
         """Return the section at arc length s [m], on the reference curve."""
-
-    def axis_point(self, s: float) -> MaterialPoint:
-        """Return the section at arc length s [m], on the axis of its element.
-
-        Elements interpolate the curve. Inertia is integrated along the interpolated axes, while
-        `material_point` lies on the curve. By default, return `material_point(s)`.
-        """
-        return self.material_point(s)
+        element, xi = self.mesh.locate(s)
+        row = shape_functions(self.mesh.nodes, np.array([xi]))[0]
+        nodes = np.flatnonzero(np.abs(row) > _MIN_SHAPE_FUNCTION)
+        frame, (position, inclination, motion) = self.element.frame_size, self.placement(s)
+        nodal = frame + NODE_SIZE * nodes[:, None] + np.arange(NODE_SIZE)
+        rows = np.concatenate([np.arange(frame), nodal.ravel()]) + element * self.element.size
+        kind = InterpolatedMotion(motion.kind, frame, len(nodes))
+        formula = Formula(kind, (*row[nodes].tolist(), *motion.numbers))
+        return MaterialPoint(position, inclination, select_rows(self.operator, rows), formula)
 
     def section_forces(self, s: float) -> PointValues:
         """Return the function for the section forces at s [m], see `InterpolatedForces`.
@@ -394,22 +440,8 @@ class FormulationKinematics(Kinematics):
     def material_point(self, s: float) -> MaterialPoint:
         """Return the section at arc length s [m], on the reference curve."""
         # Cached because joints, observables and drawings request the same sections.
-        return self._geometry.derive(("section", s), lambda: self._create_section(s, on_axis=False))
-
-    def axis_point(self, s: float) -> MaterialPoint:
-        """Return the section at arc length s [m], on the interpolated axis."""
-        return self._geometry.derive(
-            ("axis point", s), lambda: self._create_section(s, on_axis=True)
-        )
-
-    @abstractmethod
-    def _create_section(self, s: float, on_axis: bool) -> MaterialPoint:
-        """Return the section on the interpolated axis (`on_axis`) or on the reference curve."""
-
-
-def nonzero_shape_functions(row: Array) -> Array:
-    """Return a mask that is False where a value in `row` is zero up to rounding errors."""
-    return np.abs(row) > _MIN_SHAPE_FUNCTION
+        create = super().material_point
+        return self._geometry.derive(("section", s), lambda: create(s))
 
 
 def create_custom_kinematics(

@@ -126,12 +126,26 @@ class ForceKernel:
     def of_points(cls, local: Local, points: Sequence[PointForce]) -> ForceKernel:
         """Return the reused kernel of the sum of the forces, energies and powers of points."""
         force, energies, powers = SX.zeros(local.size), SX.zeros(_N_ENERGIES), SX.zeros(_N_POWERS)
+        calls: list[TableCall] = []
         for point in points:
-            of_point = point.kernel.point_function(*point.inputs(local))
+            inputs = point.inputs(local)
+            of_point = point.kernel.point_function(*inputs)
             force += point.operator.T @ of_point[0]
             energies += of_point[1]
             powers += of_point[2]
-        return cls(local, force, energies, powers, reused=True, points=tuple(points))
+            calls += point.kernel.table_calls_at(*inputs)
+        return cls(local, force, energies, powers, True, tuple(calls), tuple(points))
+
+    def table_calls_at(self, *inputs: SX) -> list[TableCall]:
+        """Return the calls of tables at other (time, q, v, a, data), for kernels of points."""
+        x, calls = self.local, []
+        for table, arguments, value in self.table_calls:
+            symbols = [x.time, x.q, x.v, x.a, x.data]
+            expressions = [*arguments, value]
+            function = ca.Function("calls", symbols, expressions, _FREE_SIGNALS)
+            *others, value_at = function.call(inputs)
+            calls.append(TableCall(table, tuple(others), value_at))
+        return calls
 
     @cached_property
     def point_function(self) -> ca.Function:

@@ -10,7 +10,6 @@ from typing import Any
 
 import casadi as ca
 
-from beamdae.beams.exact.element import NODE_SIZE
 from beamdae.beams.strains import slice_column
 from beamdae.parts.attachments import rotate
 from beamdae.symbolic.statements import SX, Local
@@ -18,31 +17,21 @@ from beamdae.symbolic.statements import SX, Local
 
 @dataclass(frozen=True)
 class ExactSectionMotion:
-    """Position and rotation of a section between the nodes of an element.
+    """Position and rotation of a section from (x, y, psi) there.
 
-    `numbers` are the angle of the section in the reference configuration and the shape functions.
-    With an offset, they also contain the vector (x, y) from the interpolated axis to the section in
-    the reference configuration; this vector rotates with the section. Without an offset, for
-    example at nodes, the motion is linear in the coordinates.
+    `numbers` begin with the angle of the section in the reference configuration. With an offset,
+    they also contain the vector (x, y) from the interpolated axis to the section in the reference
+    configuration; this vector rotates with the section. Without an offset, for example at nodes,
+    the motion is linear in the coordinates.
     """
 
-    nodes: int
     has_offset: bool
 
-    @property
-    def count(self) -> int:
-        """Length of `numbers`."""
-        return 1 + self.nodes + 2 * self.has_offset
-
     def __call__(self, q: SX, numbers: Any) -> tuple[SX, SX]:
-        """Return position and rotation from local coordinates."""
-        reference_angle = numbers[0]
-        nodal = ca.reshape(q, NODE_SIZE, self.nodes)
-        section = nodal @ slice_column(numbers, 1, self.nodes)
-        rotation = section[2] - reference_angle
-        position = section[:2]
+        """Return position and rotation."""
+        rotation, position = q[2] - numbers[0], q[:2]
         if self.has_offset:
-            position += rotate(rotation, slice_column(numbers, 1 + self.nodes, 2))
+            position += rotate(rotation, slice_column(numbers, 1, 2))
         return position, rotation
 
 
@@ -72,15 +61,15 @@ class ExactDeformation:
     frame: Any
     frame_size: int
     frame_count: int
-    section: ExactSectionMotion
+    section: Any
+    section_count: int
     axes: str
 
     def __call__(self, local: Local, numbers: Any) -> SX:
         """Return (u, v, phi) from local coordinates."""
-        section_count = self.section.count
-        offset_first = self.frame_count + section_count
+        offset_first = self.frame_count + self.section_count
         frame_numbers = slice_column(numbers, 0, self.frame_count)
-        section_numbers = slice_column(numbers, self.frame_count, section_count)
+        section_numbers = slice_column(numbers, self.frame_count, self.section_count)
         offset = slice_column(numbers, offset_first, 2)
         frame_angle, section_angle = (numbers[offset_first + k] for k in (2, 3))
 

@@ -16,9 +16,9 @@ from beamdae.beams.exact.formulas import ExactDeformation, ExactSectionMotion, c
 from beamdae.beams.kinematics import (
     FormulationKinematics,
     MaterialPoint,
+    Placement,
     PointValues,
     geometric_property,
-    nonzero_shape_functions,
 )
 from beamdae.beams.reference_frames import chord_vector
 from beamdae.beams.shape_functions import gauss_points, shape_functions
@@ -143,22 +143,17 @@ class GeometricallyExact(FormulationKinematics):
             self.mesh, self.element.layout, self.section, [weight], self._stiffness_values
         )
 
-    def _create_section(self, s: float, on_axis: bool) -> MaterialPoint:
+    def placement(self, s: float, on_axis: bool = False) -> Placement:
+        """Return the section at arc length s [m]; see `Kinematics`."""
         element, xi = self.mesh.locate(s)
-        row = shape_functions(self.mesh.nodes, np.array([xi]))[0]
-        nonzero = nonzero_shape_functions(row)
-        row, nodes = row[nonzero], self.mesh.element_nodes[element][nonzero]
-        on_element = row @ self.initial_position.reshape(-1, NODE_SIZE)[nodes, :2]
+        row, nodes = shape_functions(self.mesh.nodes, np.array([xi]))[0], self.mesh.element_nodes
+        on_element = row @ self.initial_position.reshape(-1, NODE_SIZE)[nodes[element], :2]
         position = on_element if on_axis else np.asarray(self.mesh.curve.point(s), float)
-        angle, offset = float(row @ self._node_angles[nodes]), position - on_element
+        angle, offset = float(row @ self._node_angles[nodes[element]]), position - on_element
         has_offset = bool(np.hypot(*offset) > _MAX_AXIS_OFFSET * self.mesh.curve.length)
-        numbers = [angle, *row, *(offset if has_offset else ())]
-        return MaterialPoint(
-            (float(position[0]), float(position[1])),
-            angle,
-            self._select_nodes(nodes),
-            Formula(ExactSectionMotion(len(nodes), has_offset), tuple(map(float, numbers))),
-        )
+        numbers = (angle, *(offset.tolist() if has_offset else ()))
+        x, y = position.tolist()
+        return Placement((x, y), angle, Formula(ExactSectionMotion(has_offset), numbers))
 
     @property
     def floating_frame(self) -> MaterialPoint:
@@ -187,7 +182,8 @@ class GeometricallyExact(FormulationKinematics):
             frame_motion.kind,
             frame.operator.shape[0],
             len(frame_motion.numbers),
-            cast("ExactSectionMotion", section_motion.kind),
+            section_motion.kind,
+            len(section_motion.numbers),
             axes,
         )
         numbers = (

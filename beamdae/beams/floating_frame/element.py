@@ -13,7 +13,6 @@ from functools import cache, cached_property
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from beamdae.beams.element_data import ElementDataLayout
 from beamdae.beams.elements import NODE_SIZE, PointElement, PointMotion
@@ -24,6 +23,7 @@ FRAME_SIZE = 3
 ORIGIN = slice(0, 2)
 THETA = 2
 PHI = 2
+DISPLACEMENT = slice(FRAME_SIZE, FRAME_SIZE + 2)  # of a point
 
 # Values of a point in the element data. X and Y are the components, in the local frame of the
 # point, of its undeformed position relative to the origin of the floating frame. If the reference
@@ -67,8 +67,8 @@ class FloatingFrameElement(PointElement):
         """Return the motion of an inertia point in its local frame; see `AxisMotion`."""
         _, reference, to_local = _read_mass_point(point)
         axis = AxisMotion(q, v)
-        velocity = axis.velocity(AT_POINT, reference, to_local)
-        return PointMotion(velocity, axis.angular_velocity(AT_POINT), axis.rotation(AT_POINT))
+        velocity = axis.velocity(reference, to_local)
+        return PointMotion(velocity, axis.angular_velocity, q[FRAME_SIZE + PHI])
 
     def force_rotation_at(self, z: SX) -> SX:
         """Return phi; for exact and linear strains, zero.
@@ -122,24 +122,20 @@ class FloatingFrameElement(PointElement):
         return _inertia_kernel()
 
 
-# The only "node" of an `AxisMotion` in the coordinates of a point.
-AT_POINT = np.ones(1)
-
-
 @dataclass(frozen=True, eq=False)
 class AxisMotion:
-    """Position, velocity and acceleration of the points of an axis (eqs. 8 and 10).
+    """Position, velocity and acceleration of a point of an axis (eqs. 8 and 10).
 
     The local frame ec of a point has the directions of the undeformed axis and its normal there. A
-    point is defined by the shape functions `row`, the undeformed position `reference` in ec, and
-    the rotation matrix `to_local` from the floating frame to ec. Velocities and accelerations are
-    resolved in ec, in which the displacements are interpolated.
+    point is defined by the undeformed position `reference` in ec, and the rotation matrix
+    `to_local` from the floating frame to ec. Velocities and accelerations are resolved in ec, in
+    which the displacements are interpolated.
 
     Attributes
     ----------
     q, v, a
-        Local coordinates (x0, y0, theta, (u, v, phi) of each node) and their first and second time
-        derivatives. `v` may be None if only positions are evaluated.
+        Coordinates (x0, y0, theta, u, v, phi) and their first and second time derivatives. `v` may
+        be None if only positions are evaluated.
     gravity
         Acceleration of gravity (2,) [m/s^2]; accelerations are relative to free fall. `a` and
         `gravity` may be None if accelerations are not evaluated.
@@ -155,66 +151,43 @@ class AxisMotion:
         """Rotation matrix of the floating frame."""
         return rotation_matrix(ca.cos(self.q[THETA]), ca.sin(self.q[THETA]))
 
-    @cached_property
-    def _origin_velocity(self) -> SX:
-        return self.frame.T @ self.v[ORIGIN]
-
-    @cached_property
-    def _origin_acceleration(self) -> SX:
-        return self.frame.T @ (self.a[ORIGIN] - self.gravity)
-
-    @cached_property
-    def _transport_matrix(self) -> SX:
-        """Matrix that maps a position in the frame to centripetal plus tangential acceleration."""
-        return rotation_matrix(-(self.v[THETA] ** 2), self.a[THETA])
-
-    @cached_property
-    def _deformation_accelerations(self) -> SX:
-        """Accelerations due to the nodal displacements, one column per node.
-
-        They depend linearly on the nodal motion, in the same way at all points, and can therefore
-        be interpolated.
-        """
-        q, v, a = (_nodal_vectors(z) for z in (self.q, self.v, self.a))
-        return self._transport_matrix @ q + 2 * self.v[THETA] * _rotate_quarter_turn(v) + a
-
-    def relative_position(self, row: np.ndarray, reference: SX) -> SX:
+    def relative_position(self, reference: SX) -> SX:
         """Return the position relative to the origin of the frame, in ec."""
-        return reference + _nodal_vectors(self.q) @ row
+        return reference + self.q[DISPLACEMENT]
 
-    def position(self, row: np.ndarray, reference_in_frame: Any, to_frame: SX) -> SX:
+    def position(self, reference_in_frame: Any, to_frame: SX) -> SX:
         """Return the position in the inertial frame.
 
         `reference_in_frame` is the undeformed position in the floating frame and `to_frame` the
         rotation matrix from ec to that frame.
         """
-        in_frame = reference_in_frame + to_frame @ (_nodal_vectors(self.q) @ row)
+        in_frame = reference_in_frame + to_frame @ self.q[DISPLACEMENT]
         return self.q[ORIGIN] + self.frame @ in_frame
 
-    def rotation(self, row: np.ndarray) -> SX:
-        """Return phi, the rotation of the section relative to the undeformed section."""
-        return _section_rotations(self.q).T @ row
-
-    def velocity(self, row: np.ndarray, reference: SX, to_local: SX) -> SX:
+    def velocity(self, reference: SX, to_local: SX) -> SX:
         """Return the velocity in ec."""
-        relative = self.relative_position(row, reference)
-        transport = to_local @ self._origin_velocity + self.v[THETA] * _rotate_quarter_turn(
-            relative
-        )
-        return transport + _nodal_vectors(self.v) @ row
+        relative = _rotate_quarter_turn(self.relative_position(reference))
+        transport = to_local @ (self.frame.T @ self.v[ORIGIN]) + self.v[THETA] * relative
+        return transport + self.v[DISPLACEMENT]
 
-    def angular_velocity(self, row: np.ndarray) -> SX:
-        """Return theta' + phi' of the section."""
-        return self.v[THETA] + _section_rotations(self.v).T @ row
+    @property
+    def angular_velocity(self) -> SX:
+        """Theta' + phi' of the section."""
+        return self.v[THETA] + self.v[FRAME_SIZE + PHI]
 
-    def acceleration(self, row: np.ndarray, reference: SX, to_local: SX) -> SX:
+    def acceleration(self, reference: SX, to_local: SX) -> SX:
         """Return the acceleration relative to free fall, in ec."""
-        transport = to_local @ self._origin_acceleration + self._transport_matrix @ reference
-        return transport + self._deformation_accelerations @ row
+        # Centripetal and tangential, Coriolis, and relative acceleration.
+        transport = rotation_matrix(-(self.v[THETA] ** 2), self.a[THETA])
+        q, v, a = (x[DISPLACEMENT] for x in (self.q, self.v, self.a))
+        of_origin = to_local @ (self.frame.T @ (self.a[ORIGIN] - self.gravity))
+        of_deformation = transport @ q + 2 * self.v[THETA] * _rotate_quarter_turn(v) + a
+        return of_origin + transport @ reference + of_deformation
 
-    def angular_acceleration(self, row: np.ndarray) -> SX:
-        """Return theta'' + phi'' of the section."""
-        return self.a[THETA] + _section_rotations(self.a).T @ row
+    @property
+    def angular_acceleration(self) -> SX:
+        """Theta'' + phi'' of the section."""
+        return self.a[THETA] + self.a[FRAME_SIZE + PHI]
 
 
 def rotation_matrix(cosine: SX, sine: SX) -> SX:
@@ -222,20 +195,9 @@ def rotation_matrix(cosine: SX, sine: SX) -> SX:
     return ca.vertcat(ca.horzcat(cosine, -sine), ca.horzcat(sine, cosine))
 
 
-def _rotate_quarter_turn(vectors: SX) -> SX:
-    """Return the columns rotated counter-clockwise by 90 degrees."""
-    return ca.vertcat(-vectors[1, :], vectors[0, :])
-
-
-def _nodal_vectors(coordinates: SX) -> SX:
-    """Return the displacements (u, v) of the nodes, or their rates, as columns."""
-    nodes = (coordinates.shape[0] - FRAME_SIZE) // NODE_SIZE
-    return ca.reshape(coordinates[FRAME_SIZE:], NODE_SIZE, nodes)[:2, :]
-
-
-def _section_rotations(coordinates: SX) -> SX:
-    """Return the section rotations phi of the nodes, or their rates."""
-    return coordinates[FRAME_SIZE + PHI :: NODE_SIZE]
+def _rotate_quarter_turn(vector: SX) -> SX:
+    """Return the vector rotated counter-clockwise by 90 degrees."""
+    return ca.vertcat(-vector[1], vector[0])
 
 
 def _read_mass_point(point: SX) -> tuple[SX, SX, SX]:
@@ -251,13 +213,13 @@ def _inertia_kernel() -> ForceKernel:
     rhoA, rhoI, *g = ca.vertsplit(local.data[len(MASS_POINT_VALUES) :])
     gravity = ca.vertcat(*g)
     axis = AxisMotion(local.q, local.v, local.a, gravity)
-    force = (weight * rhoA) * axis.acceleration(AT_POINT, reference, to_local)
-    moment = weight * rhoI * axis.angular_acceleration(AT_POINT)
-    relative = axis.relative_position(AT_POINT, reference)
+    force = (weight * rhoA) * axis.acceleration(reference, to_local)
+    moment = weight * rhoI * axis.angular_acceleration
+    relative = axis.relative_position(reference)
     on_angle = ca.dot(_rotate_quarter_turn(relative), force) + moment
     on_origin = axis.frame @ (to_local.T @ force)
-    position = axis.position(AT_POINT, to_local.T @ reference, to_local.T)
-    speed2 = ca.sumsqr(axis.velocity(AT_POINT, reference, to_local))
-    kinetic = 0.5 * weight * (rhoA * speed2 + rhoI * axis.angular_velocity(AT_POINT) ** 2)
+    position = axis.position(to_local.T @ reference, to_local.T)
+    speed2 = ca.sumsqr(axis.velocity(reference, to_local))
+    kinetic = 0.5 * weight * (rhoA * speed2 + rhoI * axis.angular_velocity**2)
     energies = ca.vertcat(kinetic, 0, -weight * rhoA * ca.dot(gravity, position))
     return ForceKernel(local, ca.vertcat(on_origin, on_angle, force, moment), energies)

@@ -24,23 +24,15 @@ from beamdae.parts.attachments import rotate
 from beamdae.symbolic.statements import SX, Local
 
 
-@dataclass(frozen=True)
-class SectionMotion:
-    """Position and rotation of a section between the nodes of an element.
+def section_motion(q: SX, numbers: Any) -> tuple[SX, SX]:
+    """Return position and rotation of a section from (x0, y0, theta, u, v, phi).
 
     `numbers` are the undeformed position (x, y) in the frame, the cosine and sine of the axis angle
-    at this position, the angle of the frame in the reference configuration, and the shape
-    functions.
+    at this position, and the angle of the frame in the reference configuration.
     """
-
-    nodes: int
-
-    def __call__(self, q: SX, numbers: Any) -> tuple[SX, SX]:
-        """Return position and rotation from local coordinates."""
-        x, y, cosine, sine, frame_angle = (numbers[k] for k in range(5))
-        axis, row = AxisMotion(q), slice_column(numbers, 5, self.nodes)
-        rotation = q[THETA] - frame_angle + axis.rotation(row)
-        return axis.position(row, ca.vertcat(x, y), rotation_matrix(cosine, sine)), rotation
+    x, y, cosine, sine, frame_angle = (numbers[k] for k in range(5))
+    position = AxisMotion(q).position(ca.vertcat(x, y), rotation_matrix(cosine, sine))
+    return position, q[THETA] - frame_angle + q[FRAME_SIZE + PHI]
 
 
 def frame_motion(q: SX, frame_angle: Any) -> tuple[SX, SX]:

@@ -17,16 +17,16 @@ from beamdae.beams.floating_frame.element import (
 )
 from beamdae.beams.floating_frame.formulas import (
     FloatingFrameDeformation,
-    SectionMotion,
     frame_motion,
+    section_motion,
 )
 from beamdae.beams.kinematics import (
     FormulationKinematics,
     LocalAxis,
     MaterialPoint,
+    Placement,
     PointValues,
     geometric_property,
-    nonzero_shape_functions,
 )
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.shape_functions import (
@@ -259,33 +259,20 @@ class FloatingFrame(FormulationKinematics):
         angle = float(self.mesh_in_frame.axis(np.array([element]), np.array([xi])).angle[0])
         return element, row, angle
 
-    def _element_operator(self, element: int, nodes: Array | None = None) -> sp.csr_array:
-        """Return the rows of `operator` for one element: the frame, and all or some nodes."""
-        size = self.element.size
-        rows = np.arange(size)
-        if nodes is not None:
-            nodal_rows = FRAME_SIZE + NODE_SIZE * nodes[:, None] + np.arange(NODE_SIZE)
-            rows = np.concatenate([rows[:FRAME_SIZE], nodal_rows.ravel()])
-        return select_rows(self.operator, rows + element * size)
-
-    def _create_section(self, s: float, on_axis: bool) -> MaterialPoint:
+    def placement(self, s: float, on_axis: bool = False) -> Placement:
+        """Return the section at arc length s [m]; see `Kinematics`."""
+        located, xi = self.mesh.locate(s)
         if on_axis:
-            located, xi = self.mesh.locate(s)
             position = self.mesh.axis(np.array([located]), np.array([xi])).position[0]
         else:
             position = np.asarray(self.mesh.curve.point(s), float)
-        element, row, angle = self._locate_section(s)
-        nodes = np.flatnonzero(nonzero_shape_functions(row))
+        _, _, angle = self._locate_section(s)
         in_frame = rotate_points(position - np.asarray(self.origin), -self.frame_angle)
-        numbers = [*in_frame, math.cos(angle), math.sin(angle), self.frame_angle, *row[nodes]]
+        numbers = (*in_frame.tolist(), math.cos(angle), math.sin(angle), self.frame_angle)
         # The section as drawn is normal to the curve, not to the axis interpolated by the elements.
-        tangent_angle = float(self.mesh_in_frame.tangent_angle(s))
-        return MaterialPoint(
-            (float(position[0]), float(position[1])),
-            tangent_angle + self.frame_angle,
-            self._element_operator(element, nodes),
-            Formula(SectionMotion(len(nodes)), tuple(map(float, numbers))),
-        )
+        inclination = float(self.mesh_in_frame.tangent_angle(s)) + self.frame_angle
+        x, y = position.tolist()
+        return Placement((x, y), inclination, Formula(section_motion, numbers))
 
     @geometric_property
     def floating_frame(self) -> MaterialPoint:
@@ -309,7 +296,8 @@ class FloatingFrame(FormulationKinematics):
             formula = Formula(
                 FloatingFrameDeformation(self.mesh.nodes, axes), tuple(map(float, (angle, *row)))
             )
-            return PointValues(self._element_operator(element), formula)
+            rows = np.arange(self.element.size) + element * self.element.size
+            return PointValues(select_rows(self.operator, rows), formula)
 
         return self._geometry.derive(("deformation", s, axes, self.element), create)
 
