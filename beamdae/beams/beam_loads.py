@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import casadi as ca
@@ -37,7 +37,6 @@ from beamdae.symbolic.formula import (
     cache_kernels,
     constant_formula,
 )
-from beamdae.symbolic.sparse_operators import select_rows
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
@@ -155,9 +154,14 @@ class DistributedForce(ObservableBeamLoad):
             return ()
         return tuple(as_law(self.name, component) for component in self.law)
 
+    @property
+    def load_distribution(self) -> str:
+        """Distribution "line": the load acts along the curve."""
+        return "line"
+
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the sum of the loads at the Gauss points of the inertia terms."""
-        kinematics, mesh = self.beam.kinematics, self.beam.mesh
+        """Return one statement per element, the sum of the loads at its inertia points."""
+        mesh, kinematics = self.beam.mesh, self.beam.kinematics
         kind = (
             _FormulaLineLoad(self.axes, self.name, self.law)
             if callable(self.law)
@@ -170,21 +174,15 @@ class DistributedForce(ObservableBeamLoad):
             at = kinematics.placement(float(s))
             constants = constant_formula(float(weight), at.inclination, float(s))
             points.append(FormulaExpression.of(kind, (at.motion, constants, *laws)))
-        # Elements whose points have the same expressions share a statement.
-        groups: dict[tuple[FormulaExpression, ...], list[tuple[int, np.ndarray]]] = {}
-        for element in range(mesh.elements):
-            expressions, numbers = zip(*points[mesh.nodes * element :][: mesh.nodes], strict=True)
-            groups.setdefault(expressions, []).append((element, np.concatenate(numbers)))
+        # Kernels with a user formula are shared within this part; those of equal models are
+        # identified by comparison.
+        build = cache(_build_line_load_kernel) if callable(self.law) else _line_load_kernel
         statements = []
-        for expressions, members in groups.items():
-            is_shared = all(x.is_shareable for x in expressions) and not callable(self.law)
-            build = _share_line_load_kernel if is_shared else _build_line_load_kernel
-            elements, data = zip(*members, strict=True)
-            size = kinematics.element.size
-            rows = size * np.array(elements)[:, None] + np.arange(size)
-            piece = Piece(self.beam, select_rows(kinematics.operator, rows.ravel()))
-            kernel = replace(build(kinematics.element, expressions), reused=is_shared)
-            statements.append(ForceStatement(self.name, kernel, (piece,), np.stack(data, axis=1)))
+        for k in range(mesh.elements):
+            expressions, numbers = zip(*points[mesh.nodes * k :][: mesh.nodes], strict=True)
+            piece = Piece(self.beam, kinematics.rows_of_element(k))
+            kernel, data = build(kinematics.element, expressions), np.concatenate(numbers)
+            statements.append(ForceStatement(self.name, kernel, (piece,), data[:, None]))
         return statements
 
 
@@ -192,17 +190,22 @@ def _build_line_load_kernel(
     element: PointElement, expressions: tuple[FormulaExpression, ...]
 ) -> ForceKernel:
     """Return the kernel of the loads at the inertia points of an element."""
-    counts = [sum(filter(None, x.counts)) for x in expressions]
+    counts = [sum(n or 0 for n in x.counts) for x in expressions]
     local, size = Local(element.size, sum(counts)), element.frame_size + NODE_SIZE
     kernels = {x: x(Local(size, n)) for x, n in zip(expressions, counts, strict=True)}
     numbers = ca.vertsplit(local.data, np.cumsum([0, *counts]).tolist())
-    eye, points = ca.DM.eye(element.size), []
-    for x, weights, data in zip(expressions, element.mass_weights, numbers, strict=True):
-        points.append(PointForce(eye, weights, kernels[x], data))
-    return ForceKernel.of_points(local, points)
+    points = [
+        PointForce(ca.DM.eye(element.size), weights, kernels[x], data)
+        for x, weights, data in zip(expressions, element.mass_weights, numbers, strict=True)
+    ]
+    kernel, is_shared = (
+        ForceKernel.of_points(local, points),
+        all(x.is_shareable for x in expressions),
+    )
+    return replace(kernel, reused=is_shared)
 
 
-_share_line_load_kernel = cache_kernels(_build_line_load_kernel)
+_line_load_kernel = cache_kernels(_build_line_load_kernel)
 
 
 @dataclass(frozen=True)

@@ -218,6 +218,11 @@ class Kinematics(ABC):
     def operator(self) -> sp.csr_array:
         """Matrix that maps beam coordinates to element coordinates, (elements * size, n)."""
 
+    def rows_of_element(self, element: int) -> sp.csr_array:
+        """Return the rows of `operator` for one element."""
+        size = self.element.size
+        return select_rows(self.operator, np.arange(size) + element * size)
+
     def rigid_motions(self, q: SX) -> SX:
         """Return the rates of the coordinates q (n,) in rigid motions of the beam, (n, 3).
 
@@ -248,12 +253,20 @@ class Kinematics(ABC):
 
     def material_point(self, s: float) -> MaterialPoint:
         """Return the section at arc length s [m], on the reference curve."""
+        return self._interpolate(s, self.placement(s), _MIN_SHAPE_FUNCTION)
+
+    def element_point(self, s: float, on_axis: bool) -> MaterialPoint:
+        """Return the section at arc length s [m] in all coordinates of its element."""
+        return self._interpolate(s, self.placement(s, on_axis), -1.0)
+
+    def _interpolate(self, s: float, placement: Placement, above: float) -> MaterialPoint:
+        """Return a section in the coordinates of nodes with shape functions `above` a value."""
         element, xi = self.mesh.locate(s)
         row = shape_functions(self.mesh.nodes, np.array([xi]))[0]
-        nodes = np.flatnonzero(np.abs(row) > _MIN_SHAPE_FUNCTION)
-        frame, (position, inclination, motion) = self.element.frame_size, self.placement(s)
+        nodes, frame = np.flatnonzero(np.abs(row) > above), self.element.frame_size
         nodal = frame + NODE_SIZE * nodes[:, None] + np.arange(NODE_SIZE)
         rows = np.concatenate([np.arange(frame), nodal.ravel()]) + element * self.element.size
+        position, inclination, motion = placement
         kind = InterpolatedMotion(motion.kind, frame, len(nodes))
         formula = Formula(kind, (*row[nodes].tolist(), *motion.numbers))
         return MaterialPoint(position, inclination, select_rows(self.operator, rows), formula)
@@ -264,13 +277,12 @@ class Kinematics(ABC):
         They are interpolated between the stiffness points, where the strains of an element are most
         accurate.
         """
-        element, xi = self.mesh.locate(s)
-        layout, size = self.element.layout, self.element.size
+        layout, (element, xi) = self.element.layout, self.mesh.locate(s)
         gauss, _ = gauss_points(layout.stiffness_points)
         values = self.data(np.zeros(2))[layout.stiffness_values, element]
         numbers = (*lagrange_weights(gauss, xi), *values.tolist())
-        rows = select_rows(self.operator, np.arange(size) + element * size)
-        return PointValues(rows, Formula(InterpolatedForces(self.element), numbers))
+        formula = Formula(InterpolatedForces(self.element), numbers)
+        return PointValues(self.rows_of_element(element), formula)
 
     @property
     def curvature_error(self) -> float:

@@ -233,9 +233,9 @@ class Part:
     def load_distribution(self) -> str:
         """Distribution of the forces along a beam, used to recover section forces.
 
-        "points": each force acts at its attachment. "line": the forces are a force per length,
-        integrated at the quadrature points of the inertia terms. "shares": the forces are shares
-        of a single force that acts between their attachments.
+        "points": each force acts at its attachment, or on the axes of elements. "line": the forces
+        act along the curve. "shares": the forces are shares of a single force that acts between
+        their attachments.
         """
         return "points"
 

@@ -38,7 +38,6 @@ from beamdae.curves.plane_curves import rotate_points
 from beamdae.errors import BeamdaeError, require_choice
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
-from beamdae.symbolic.sparse_operators import select_rows
 from beamdae.symbolic.statements import SX, Variable
 
 Array = np.ndarray
@@ -296,8 +295,7 @@ class FloatingFrame(FormulationKinematics):
             formula = Formula(
                 FloatingFrameDeformation(self.mesh.nodes, axes), tuple(map(float, (angle, *row)))
             )
-            rows = np.arange(self.element.size) + element * self.element.size
-            return PointValues(select_rows(self.operator, rows), formula)
+            return PointValues(self.rows_of_element(element), formula)
 
         return self._geometry.derive(("deformation", s, axes, self.element), create)
 

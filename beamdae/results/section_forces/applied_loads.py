@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -23,11 +22,12 @@ from beamdae.parts.part import Part
 from beamdae.results.section_forces.section_motions import (
     SectionFunction,
     evaluate_sections,
+    position_and_angle,
     section_jacobian,
-    section_motion,
 )
 from beamdae.symbolic.functions.compiled import RowFunction
-from beamdae.symbolic.statements import ConstraintStatement, ForceStatement, Local
+from beamdae.symbolic.statements import ConstraintStatement, ForceKernel, ForceStatement, Local
+from beamdae.symbolic.sums.kernel_sums import Kernel
 
 Array = np.ndarray
 
@@ -142,21 +142,17 @@ class _LoadCollector:
         self._line_loads = np.zeros((self._rows, mesh.elements, mesh.nodes, 3))
         self._arc_lengths: list[Array] = []
         self._wrenches: list[Array] = []
-        # Loads of parts that act on several sections: (arc length, wrench) by part.
-        self._distributed: dict[Part, list[tuple[float, Array]]] = {}
+        # Shares of the loads of parts: (arc length, wrench) by part.
+        self._shares: dict[Part, list[tuple[float, Array]]] = {}
         self._functions: dict[int, RowFunction] = {}
         self._start = self._evaluate_motion(self._sections_at(np.zeros(1)))[:, 0, :2]
 
     def add_inertia_and_weight(self, gravity: Array) -> None:
-        mesh = self._beam.mesh
-        s, weights = mesh.gauss_arc_lengths(mesh.nodes), mesh.gauss(mesh.nodes)[0]
-        xi_weights = np.tile(gauss_points(mesh.nodes)[1], mesh.elements)
-        sections = [self._beam.section.at(x) for x in s.tolist()]
-        rhoA, rhoI = (np.array([getattr(x, name) for x in sections]) for name in ("rhoA", "rhoI"))
-        motion, ds = self._evaluate_motion(self._inertia_sections), weights / xi_weights
-        force = (rhoA * ds)[:, None] * (gravity[:, None] - motion[..., 3:5])
-        wrench = self._move_to_start(motion[..., :2], force, -rhoI * ds * motion[..., 5])
-        self._line_loads += wrench.reshape(self._line_loads.shape)
+        """Add the forces of inertia and weight, for gravity (rows, 2) [m/s^2]."""
+        (statement,) = self._beam.forces(np.zeros(2))
+        entry = _PartStatement(self._beam, statement, slice(0, 0))
+        forces = -self._evaluate_statement(entry, statement.count, gravity)
+        self._add_to_elements(forces, on_axis=True)
 
     def add_statement(self, entry: _PartStatement, factor: float) -> None:
         """Add the forces that a statement exerts on the beam, multiplied by a load factor."""
@@ -172,41 +168,29 @@ class _LoadCollector:
             if piece.owner is not self._beam or not force.any():
                 continue
             if piece.s is None:
-                self._add_to_elements(force)
+                self._add_to_elements(force, entry.part.load_distribution != "line")
             else:
                 s = np.clip(piece.s, 0.0, self._beam.length)
                 self._add_at_section(entry.part, float(s), force.sum(axis=1))
 
     def collect(self) -> AppliedLoads:
-        weights = gauss_points(self._beam.mesh.nodes)[1]
-        for part, loads in self._distributed.items():
-            wrenches = np.stack([wrench for _, wrench in loads], axis=1)
-            if part.load_distribution == "line":
-                self._line_loads += wrenches.reshape(self._line_loads.shape) / weights[:, None]
-            else:
-                s = np.array([s for s, _ in loads])
-                self._arc_lengths.append(_center_of_force(s, wrenches))
-                self._wrenches.append(wrenches.sum(axis=1))
+        for loads in self._shares.values():
+            s, wrenches = np.array([s for s, _ in loads]), np.stack([x for _, x in loads], axis=1)
+            self._arc_lengths.append(_center_of_force(s, wrenches))
+            self._wrenches.append(wrenches.sum(axis=1))
         if not self._wrenches:
             no_arc_lengths, no_wrenches = np.zeros((self._rows, 0)), np.zeros((self._rows, 0, 3))
             return AppliedLoads(self._line_loads, no_arc_lengths, no_wrenches)
         arc_lengths, wrenches = (np.stack(x, axis=1) for x in (self._arc_lengths, self._wrenches))
         return AppliedLoads(self._line_loads, arc_lengths, wrenches)
 
-    @cached_property
-    def _inertia_sections(self) -> list[SectionFunction]:
-        mesh = self._beam.mesh
-        s = mesh.gauss_arc_lengths(mesh.nodes).tolist()
-        points = (self._beam.kinematics.axis_point(x) for x in s)
-        return [SectionFunction(point.operator, point.motion) for point in points]
-
     def _sections_at(self, s: Array) -> list[SectionFunction]:
         points = (self._beam.kinematics.material_point(x) for x in s.tolist())
         return [SectionFunction(point.operator, point.motion) for point in points]
 
     def _evaluate_motion(self, at: list[SectionFunction]) -> Array:
-        """Return x, y, rotation and their second time derivatives, (rows, sections, 6)."""
-        return evaluate_sections(section_motion, at, *self._beam_state)
+        """Return x, y and rotation, (rows, sections, 3)."""
+        return evaluate_sections(position_and_angle, at, *self._beam_state)
 
     def _move_to_start(self, position: Array, force: Array, moment: Array) -> Array:
         """Return wrenches about the start of the beam, given forces and moments at positions."""
@@ -214,26 +198,38 @@ class _LoadCollector:
         transport = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
         return np.concatenate([force, (moment + transport)[..., None]], axis=-1)
 
-    def _evaluate_statement(self, entry: _PartStatement, count: int) -> Array:
+    def _evaluate_statement(
+        self, entry: _PartStatement, count: int, gravity: Array | None = None
+    ) -> Array:
         """Return the forces of a statement in local coordinates, (rows, count, size).
 
         The forces have the sign of terms on the left-hand side of the equations of motion.
+        `gravity` (rows, 2) replaces that of the data of elements.
         """
         statement, (q, v, a, lam) = entry.statement, self._state
         multipliers = np.repeat(lam[:, entry.lam], count, axis=0)
         data = np.tile(statement.data.T, (self._rows, 1))
-        if isinstance(statement, ConstraintStatement):
-            kernel = statement.kernel.residual_kernel((), False)
-            inputs = [self._select_local(statement, q, count), multipliers, data]
-        else:
-            kernel = statement.kernel.force_kernel
-            motion = [self._select_local(statement, x, count) for x in (q, v, a)]
-            inputs = [*motion, multipliers, data]
-        if id(kernel) not in self._functions:
-            self._functions[id(kernel)] = RowFunction(kernel.function)
+        if gravity is not None:
+            data[:, -2:] = np.repeat(gravity, count, axis=0)
+        motion = [q] if isinstance(statement, ConstraintStatement) else [q, v, a]
+        inputs = [*(self._select_local(statement, x, count) for x in motion), multipliers, data]
+        # Statements keep their kernels, so that Python does not reuse their ids.
+        key = id(statement.kernel)
+        if key not in self._functions:
+            self._functions[key] = RowFunction(self._load_kernel(statement).function)
         times = np.repeat(self._times, count, axis=0)
-        forces = self._functions[id(kernel)](times, np.concatenate(inputs, axis=1))
+        forces = self._functions[key](times, np.concatenate(inputs, axis=1))
         return forces.reshape(self._rows, count, -1)
+
+    def _load_kernel(self, statement: ForceStatement | ConstraintStatement) -> Kernel:
+        if isinstance(statement, ConstraintStatement):
+            return statement.kernel.residual_kernel((), False)
+        kernel = statement.kernel
+        if kernel.points:
+            # The points beyond the inertia points have section forces.
+            loads = kernel.points[: self._beam.mesh.nodes]
+            kernel = ForceKernel.of_points(kernel.local, loads)
+        return kernel.force_kernel
 
     def _select_local(self, statement: Any, x: Array, count: int) -> Array:
         """Return the local coordinates (rows * count, size) of a statement."""
@@ -245,36 +241,52 @@ class _LoadCollector:
 
     def _add_at_section(self, part: Part, s: float, force: Array) -> None:
         """Add a generalized force on the local coordinates of the section at arc length `s` [m]."""
-        wrench = self._equivalent_wrenches(self._sections_at(np.array([s])), force)[:, 0]
+        sections = self._sections_at(np.array([s]))
+        wrench = self._equivalent_wrenches(sections, force[:, None])[:, 0, 0]
         if part.load_distribution == "points":
             self._arc_lengths.append(np.full(self._rows, s))
             self._wrenches.append(wrench)
         else:
-            self._distributed.setdefault(part, []).append((s, wrench))
+            self._shares.setdefault(part, []).append((s, wrench))
 
-    def _add_to_elements(self, forces: Array) -> None:
-        """Add generalized forces on each element as a uniform load along the element."""
-        mesh = self._beam.mesh
-        for element in range(mesh.elements):
-            at = self._inertia_sections[element * mesh.nodes :][: mesh.nodes]
-            wrench = self._equivalent_wrenches(at, forces[:, element]).sum(axis=1)
-            self._line_loads[:, element] += 0.5 * wrench[:, None]
+    def _add_to_elements(self, forces: Array, on_axis: bool) -> None:
+        """Add generalized forces on each element as loads at its inertia points.
 
-    def _equivalent_wrenches(self, at: list[SectionFunction], force: Array) -> Array:
-        """Return wrenches at sections that do the same virtual work as a generalized force.
-
-        With too few sections to reproduce the virtual work exactly, the wrenches are the
-        least-squares solution.
+        There are as many inertia points as nodes, so that one load at each does this virtual work.
         """
+        mesh, kinematics = self._beam.mesh, self._beam.kinematics
+        arc_lengths = mesh.gauss_arc_lengths(mesh.nodes).tolist()
+        points = [kinematics.element_point(s, on_axis) for s in arc_lengths]
+        sections = [SectionFunction(point.operator, point.motion) for point in points]
+        weights = gauss_points(mesh.nodes)[1][:, None]
+        self._line_loads += self._equivalent_wrenches(sections, forces) / weights
+
+    def _equivalent_wrenches(self, at: list[SectionFunction], forces: Array) -> Array:
+        """Return wrenches at sections that do the same virtual work as generalized forces.
+
+        If there is no exact solution, the wrenches are those of the least-squares solution.
+
+        Parameters
+        ----------
+        at
+            Sections, with the same number of them for each force.
+        forces
+            Generalized forces (rows, count, size).
+
+        Returns
+        -------
+        ndarray
+            Wrenches (rows, count, sections of each force, 3).
+        """
+        rows, count, size = forces.shape
         motion = self._evaluate_motion(at)
-        size, count = at[0].operator.shape[0], len(at)
         jacobians = evaluate_sections(section_jacobian, at, *self._beam_state)
-        rows = np.swapaxes(jacobians.reshape(self._rows, count, size, 3), 2, 3)
-        stacked = rows.reshape(self._rows, 3 * count, size)
-        work = stacked @ force[..., None]
-        loads = np.linalg.solve(stacked @ np.swapaxes(stacked, 1, 2), work)
-        loads = loads.reshape(self._rows, count, 3)
-        return self._move_to_start(motion[..., :2], loads[..., :2], loads[..., 2])
+        stacked = jacobians.reshape(rows, count, -1, size, 3).swapaxes(3, 4)
+        stacked = stacked.reshape(rows, count, -1, size)
+        work = stacked @ forces[..., None]
+        loads = np.linalg.solve(stacked @ stacked.swapaxes(2, 3), work).reshape(*motion.shape)
+        wrenches = self._move_to_start(motion[..., :2], loads[..., :2], loads[..., 2])
+        return wrenches.reshape(rows, count, -1, 3)
 
 
 def _center_of_force(s: Array, wrenches: Array) -> Array:

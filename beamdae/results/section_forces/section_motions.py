@@ -1,4 +1,4 @@
-"""Motion of beam sections: positions, rotations and their accelerations."""
+"""Values at sections of beams at several states: positions, rotations, section forces."""
 
 from __future__ import annotations
 
@@ -40,12 +40,6 @@ def position_and_angle(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> S
     return ca.vertcat(*motion(local.q))
 
 
-def section_motion(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
-    """Return (x, y, rotation) of a section and their second time derivatives as an expression."""
-    position = position_and_angle(local, motion)
-    return ca.vertcat(position, local.ddot(position))
-
-
 def section_jacobian(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
     """Return the columns of d(x, y, rotation)/d(local coordinates), stacked in one vector."""
     return ca.vec(ca.densify(ca.jacobian(position_and_angle(local, motion), local.q)))
@@ -59,7 +53,7 @@ def evaluate_sections(
     Parameters
     ----------
     build
-        Function that returns the expression, for example `section_motion`.
+        Function that returns the expression, for example `position_and_angle`.
     at
         The sections.
     q, v, a
