@@ -176,18 +176,20 @@ class DistributedForce(ObservableBeamLoad):
             points.append(FormulaExpression.of(kind, (at.motion, constants, *laws)))
         # Kernels with a user formula are shared within this part; those of equal models are
         # identified by comparison.
-        build = cache(_build_line_load_kernel) if callable(self.law) else _line_load_kernel
+        is_shared = not callable(self.law) and all(isinstance(x, Formula) for x in laws)
+        build = _share_line_load_kernel if is_shared else cache(_build_line_load_kernel)
         statements = []
         for k in range(mesh.elements):
             expressions, numbers = zip(*points[mesh.nodes * k :][: mesh.nodes], strict=True)
             piece = Piece(self.beam, kinematics.rows_of_element(k))
-            kernel, data = build(kinematics.element, expressions), np.concatenate(numbers)
-            statements.append(ForceStatement(self.name, kernel, (piece,), data[:, None]))
+            kernel = build(kinematics.element, expressions, is_shared)
+            data = np.concatenate(numbers)[:, None]
+            statements.append(ForceStatement(self.name, kernel, (piece,), data))
         return statements
 
 
 def _build_line_load_kernel(
-    element: PointElement, expressions: tuple[FormulaExpression, ...]
+    element: PointElement, expressions: tuple[FormulaExpression, ...], is_shared: bool
 ) -> ForceKernel:
     """Return the kernel of the loads at the inertia points of an element."""
     counts = [sum(n or 0 for n in x.counts) for x in expressions]
@@ -198,14 +200,10 @@ def _build_line_load_kernel(
         PointForce(ca.DM.eye(element.size), weights, kernels[x], data)
         for x, weights, data in zip(expressions, element.mass_weights, numbers, strict=True)
     ]
-    kernel, is_shared = (
-        ForceKernel.of_points(local, points),
-        all(x.is_shareable for x in expressions),
-    )
-    return replace(kernel, reused=is_shared)
+    return replace(ForceKernel.of_points(local, points), reused=is_shared)
 
 
-_line_load_kernel = cache_kernels(_build_line_load_kernel)
+_share_line_load_kernel = cache_kernels(_build_line_load_kernel)
 
 
 @dataclass(frozen=True)
