@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -43,7 +43,6 @@ from beamdae.symbolic.statements import (
     ForceStatement,
     Local,
     Piece,
-    PointForce,
 )
 
 # Maximum time that a moving force may take to pass the beam [s]; keeps the times of laws finite.
@@ -160,7 +159,7 @@ class DistributedForce(ObservableBeamLoad):
         return "line"
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return one statement per element, the sum of the loads at its inertia points."""
+        """Return the loads at the inertia points of all elements."""
         mesh, kinematics = self.beam.mesh, self.beam.kinematics
         kind = (
             _FormulaLineLoad(self.axes, self.name, self.law)
@@ -168,39 +167,35 @@ class DistributedForce(ObservableBeamLoad):
             else _LineLoad(self.axes)
         )
         laws = [law.formula for law in self.laws]
-        weights, _ = mesh.gauss(mesh.nodes)
+        arc_lengths, (weights, _) = mesh.gauss_arc_lengths(mesh.nodes), mesh.gauss(mesh.nodes)
+        sections = [kinematics.placement(s) for s in arc_lengths.tolist()]
+        general = max((x.motion for x in sections), key=lambda x: len(x.numbers))
         points = []
-        for s, weight in zip(mesh.gauss_arc_lengths(mesh.nodes), weights, strict=True):
-            at = kinematics.placement(float(s))
-            constants = constant_formula(float(weight), at.inclination, float(s))
-            points.append(FormulaExpression.of(kind, (at.motion, constants, *laws)))
-        # Kernels with a user formula are shared within this part; those of equal models are
-        # identified by comparison.
+        for s, weight, at in zip(arc_lengths.tolist(), weights.tolist(), sections, strict=True):
+            # Numbers that are missing at some points are an offset of zero.
+            missing = [0.0] * (len(general.numbers) - len(at.motion.numbers))
+            motion = replace(general, numbers=(*at.motion.numbers, *missing))
+            functions = (motion, constant_formula(weight, at.inclination, s), *laws)
+            expression, numbers = FormulaExpression.of(kind, functions)
+            points.append(numbers)
+        # A kernel with a user formula is identified by comparison with those of equal models.
         is_shared = not callable(self.law) and all(isinstance(x, Formula) for x in laws)
-        build = _share_line_load_kernel if is_shared else cache(_build_line_load_kernel)
-        statements = []
-        for k in range(mesh.elements):
-            expressions, numbers = zip(*points[mesh.nodes * k :][: mesh.nodes], strict=True)
-            piece = Piece(self.beam, kinematics.rows_of_element(k))
-            kernel = build(kinematics.element, expressions, is_shared)
-            data = np.concatenate(numbers)[:, None]
-            statements.append(ForceStatement(self.name, kernel, (piece,), data))
-        return statements
+        build = _share_line_load_kernel if is_shared else _build_line_load_kernel
+        kernel = build(kinematics.element, expression, len(points[0]), is_shared)
+        data = np.reshape(points, (mesh.elements, -1)).T
+        piece = Piece(self.beam, kinematics.operator)
+        return [ForceStatement(self.name, kernel, (piece,), data)]
 
 
 def _build_line_load_kernel(
-    element: PointElement, expressions: tuple[FormulaExpression, ...], is_shared: bool
+    element: PointElement, expression: FormulaExpression, count: int, is_shared: bool
 ) -> ForceKernel:
-    """Return the kernel of the loads at the inertia points of an element."""
-    counts = [sum(n or 0 for n in x.counts) for x in expressions]
-    local, size = Local(element.size, sum(counts)), element.frame_size + NODE_SIZE
-    kernels = {x: x(Local(size, n)) for x, n in zip(expressions, counts, strict=True)}
-    numbers = ca.vertsplit(local.data, np.cumsum([0, *counts]).tolist())
-    points = [
-        PointForce(ca.DM.eye(element.size), weights, kernels[x], data)
-        for x, weights, data in zip(expressions, element.mass_weights, numbers, strict=True)
-    ]
-    return replace(ForceKernel.of_points(local, points), reused=is_shared)
+    """Return the kernel of loads with `count` numbers each at the inertia points of an element."""
+    local = Local(element.size, count * element.nodes)
+    kernel = expression(Local(element.frame_size + NODE_SIZE, count))
+    numbers = ca.vertsplit(local.data, count)
+    points = ForceKernel.of_points(local, element.mass_points(kernel, numbers))
+    return replace(points, reused=is_shared)
 
 
 _share_line_load_kernel = cache_kernels(_build_line_load_kernel)

@@ -455,6 +455,11 @@ class FormulationKinematics(Kinematics):
         create = super().material_point
         return self._geometry.derive(("section", s), lambda: create(s))
 
+    def element_point(self, s: float, on_axis: bool) -> MaterialPoint:
+        """Return the section at arc length s [m] in all coordinates of its element."""
+        create = super().element_point
+        return self._geometry.derive(("in element", s, on_axis), lambda: create(s, on_axis))
+
 
 def create_custom_kinematics(
     name: str, make: Callable[[str, Mesh, Any], Kinematics], mesh: Mesh, section: Any

@@ -176,19 +176,19 @@ class GeometricallyExact(FormulationKinematics):
         """
         self._require_off_chord_ends(s)
         frame, section = self.floating_frame, self.material_point(s)
-        frame_motion, section_motion = (cast("Formula", x.motion) for x in (frame, section))
+        of_frame, of_section = (cast("Formula", x.motion) for x in (frame, section))
         offset = np.subtract(section.reference_position, frame.reference_position)
         kind = ExactDeformation(
-            frame_motion.kind,
+            of_frame.kind,
             frame.operator.shape[0],
-            len(frame_motion.numbers),
-            section_motion.kind,
-            len(section_motion.numbers),
+            len(of_frame.numbers),
+            of_section.kind,
+            len(of_section.numbers),
             axes,
         )
         numbers = (
-            *frame_motion.numbers,
-            *section_motion.numbers,
+            *of_frame.numbers,
+            *of_section.numbers,
             *map(float, offset),
             frame.inclination,
             section.inclination,

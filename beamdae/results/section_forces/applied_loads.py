@@ -138,8 +138,9 @@ class _LoadCollector:
         self._coordinates = map_coordinates(mechanism)
         rows_of_beam = self._coordinates.slice_of(beam)
         self._beam_state = tuple(x[:, rows_of_beam] for x in state[:3])
-        self._rows, mesh = len(times), beam.mesh
-        self._line_loads = np.zeros((self._rows, mesh.elements, mesh.nodes, 3))
+        self._rows = len(times)
+        # Generalized forces (rows, elements, size) on the axes of elements and along the curve.
+        self._element_forces: dict[bool, Array] = {}
         self._arc_lengths: list[Array] = []
         self._wrenches: list[Array] = []
         # Shares of the loads of parts: (arc length, wrench) by part.
@@ -152,7 +153,7 @@ class _LoadCollector:
         (statement,) = self._beam.forces(np.zeros(2))
         entry = _PartStatement(self._beam, statement, slice(0, 0))
         forces = -self._evaluate_statement(entry, statement.count, gravity)
-        self._add_to_elements(forces, on_axis=True)
+        self._element_forces[True] = forces
 
     def add_statement(self, entry: _PartStatement, factor: float) -> None:
         """Add the forces that a statement exerts on the beam, multiplied by a load factor."""
@@ -168,21 +169,23 @@ class _LoadCollector:
             if piece.owner is not self._beam or not force.any():
                 continue
             if piece.s is None:
-                self._add_to_elements(force, entry.part.load_distribution != "line")
+                on_axis = entry.part.load_distribution != "line"
+                self._element_forces[on_axis] = self._element_forces.get(on_axis, 0.0) + force
             else:
                 s = np.clip(piece.s, 0.0, self._beam.length)
                 self._add_at_section(entry.part, float(s), force.sum(axis=1))
 
     def collect(self) -> AppliedLoads:
+        line_loads = sum(self._locate_element_forces(f, x) for x, f in self._element_forces.items())
         for loads in self._shares.values():
             s, wrenches = np.array([s for s, _ in loads]), np.stack([x for _, x in loads], axis=1)
             self._arc_lengths.append(_center_of_force(s, wrenches))
             self._wrenches.append(wrenches.sum(axis=1))
         if not self._wrenches:
             no_arc_lengths, no_wrenches = np.zeros((self._rows, 0)), np.zeros((self._rows, 0, 3))
-            return AppliedLoads(self._line_loads, no_arc_lengths, no_wrenches)
+            return AppliedLoads(line_loads, no_arc_lengths, no_wrenches)
         arc_lengths, wrenches = (np.stack(x, axis=1) for x in (self._arc_lengths, self._wrenches))
-        return AppliedLoads(self._line_loads, arc_lengths, wrenches)
+        return AppliedLoads(line_loads, arc_lengths, wrenches)
 
     def _sections_at(self, s: Array) -> list[SectionFunction]:
         points = (self._beam.kinematics.material_point(x) for x in s.tolist())
@@ -224,11 +227,10 @@ class _LoadCollector:
     def _load_kernel(self, statement: ForceStatement | ConstraintStatement) -> Kernel:
         if isinstance(statement, ConstraintStatement):
             return statement.kernel.residual_kernel((), False)
-        kernel = statement.kernel
-        if kernel.points:
+        kernel, nodes = statement.kernel, self._beam.mesh.nodes
+        if len(kernel.points) > nodes:
             # The points beyond the inertia points have section forces.
-            loads = kernel.points[: self._beam.mesh.nodes]
-            kernel = ForceKernel.of_points(kernel.local, loads)
+            kernel = ForceKernel.of_points(kernel.local, kernel.points[:nodes])
         return kernel.force_kernel
 
     def _select_local(self, statement: Any, x: Array, count: int) -> Array:
@@ -249,8 +251,8 @@ class _LoadCollector:
         else:
             self._shares.setdefault(part, []).append((s, wrench))
 
-    def _add_to_elements(self, forces: Array, on_axis: bool) -> None:
-        """Add generalized forces on each element as loads at its inertia points.
+    def _locate_element_forces(self, forces: Array, on_axis: bool) -> Array:
+        """Return the wrenches per xi at the inertia points by generalized forces on each element.
 
         There are as many inertia points as nodes, so that one load at each does this virtual work.
         """
@@ -258,8 +260,7 @@ class _LoadCollector:
         arc_lengths = mesh.gauss_arc_lengths(mesh.nodes).tolist()
         points = [kinematics.element_point(s, on_axis) for s in arc_lengths]
         sections = [SectionFunction(point.operator, point.motion) for point in points]
-        weights = gauss_points(mesh.nodes)[1][:, None]
-        self._line_loads += self._equivalent_wrenches(sections, forces) / weights
+        return self._equivalent_wrenches(sections, forces) / gauss_points(mesh.nodes)[1][:, None]
 
     def _equivalent_wrenches(self, at: list[SectionFunction], forces: Array) -> Array:
         """Return wrenches at sections that do the same virtual work as generalized forces.
