@@ -123,8 +123,10 @@ class ForceStatement:
         if self.kernel.signal_binding is not None:
             calls = (*calls, *select_table_calls(*self.kernel.outputs))
         if calls:
-            local, pieces, data = self.kernel.local, self.pieces, self.data
-            tables = (TableArgument(self.part, call, local, pieces, data) for call in calls)
+            tables = []
+            for k in range(self.count):
+                copy = tuple(_select_copy(self.pieces, k, self.count)), self.data[:, k : k + 1]
+                tables += [TableArgument(self.part, x, self.kernel.local, *copy) for x in calls]
             set_fields(self, tables=tuple(tables))
         if (binding := self.kernel.signal_binding) is not None:
             _set_binding(self, *binding)
@@ -137,6 +139,15 @@ class ForceStatement:
     def count(self) -> int:
         """Number of copies of the kernel."""
         return self.data.shape[1]
+
+    @property
+    def separate_copies(self) -> list[ForceStatement]:
+        """One statement per copy if copies have pieces of their own, because they read sensors."""
+        if not any(x.signal.rows for x in self.signals):
+            return [self]
+        size, copies = len(self.pieces) // self.count, range(self.count)
+        pieces = [self.pieces[k * size :][:size] for k in copies]
+        return [replace(self, pieces=pieces[k], data=self.data[:, k : k + 1]) for k in copies]
 
 
 @dataclass(frozen=True)

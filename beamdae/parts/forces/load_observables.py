@@ -194,6 +194,7 @@ def _observe(
 
     If `body` is given, it owns all pieces, and its coordinates are those of the quantity.
     """
+    statements = [copy for s in statements for copy in s.separate_copies]
     pieces = tuple(piece for s in statements for piece in s.pieces)
     operator = None
     if body is not None:

@@ -139,8 +139,9 @@ class _LoadCollector:
         rows_of_beam = self._coordinates.slice_of(beam)
         self._beam_state = tuple(x[:, rows_of_beam] for x in state[:3])
         self._rows = len(times)
-        # Generalized forces (rows, elements, size) on the axes of elements and along the curve.
-        self._element_forces: dict[bool, Array] = {}
+        # Generalized forces on elements, along their axes (True) and along the curve (False).
+        shape = (self._rows, beam.mesh.elements, beam.kinematics.element.size)
+        self._element_forces = {on_axis: np.zeros(shape) for on_axis in (True, False)}
         self._arc_lengths: list[Array] = []
         self._wrenches: list[Array] = []
         # Shares of the loads of parts: (arc length, wrench) by part.
@@ -152,31 +153,34 @@ class _LoadCollector:
         """Add the forces of inertia and weight, for gravity (rows, 2) [m/s^2]."""
         (statement,) = self._beam.forces(np.zeros(2))
         entry = _PartStatement(self._beam, statement, slice(0, 0))
-        forces = -self._evaluate_statement(entry, statement.count, gravity)
-        self._element_forces[True] = forces
+        forces = self._evaluate_statement(entry, gravity)
+        self._element_forces[True] -= forces.reshape(self._element_forces[True].shape)
 
     def add_statement(self, entry: _PartStatement, factor: float) -> None:
         """Add the forces that a statement exerts on the beam, multiplied by a load factor."""
         pieces = entry.statement.pieces
         if not any(piece.owner is self._beam for piece in pieces):
             return
-        count = entry.statement.data.shape[1]
-        sizes = [piece.operator.shape[0] // count for piece in pieces]
-        forces = -factor * self._evaluate_statement(entry, count)
-        for piece, last, size in zip(pieces, np.cumsum(sizes), sizes, strict=True):
-            force = forces[..., last - size : last]
+        forces = -factor * self._evaluate_statement(entry)
+        ends = np.cumsum([piece.operator.shape[0] for piece in pieces])
+        element, size = 0, self._beam.kinematics.element.size
+        for piece, force in zip(pieces, np.split(forces, ends[:-1], axis=1), strict=True):
             # Laws that read sensors have no force on the coordinates that these measure.
             if piece.owner is not self._beam or not force.any():
                 continue
             if piece.s is None:
+                copies = force.reshape(self._rows, -1, size)
                 on_axis = entry.part.load_distribution != "line"
-                self._element_forces[on_axis] = self._element_forces.get(on_axis, 0.0) + force
+                self._element_forces[on_axis][:, element : element + copies.shape[1]] += copies
+                element += copies.shape[1]
             else:
                 s = np.clip(piece.s, 0.0, self._beam.length)
-                self._add_at_section(entry.part, float(s), force.sum(axis=1))
+                self._add_at_section(entry.part, float(s), force)
 
     def collect(self) -> AppliedLoads:
-        line_loads = sum(self._locate_element_forces(f, x) for x, f in self._element_forces.items())
+        line_loads = sum(
+            self._locate_forces(f, x) for x, f in self._element_forces.items() if f.any()
+        )
         for loads in self._shares.values():
             s, wrenches = np.array([s for s, _ in loads]), np.stack([x for _, x in loads], axis=1)
             self._arc_lengths.append(_center_of_force(s, wrenches))
@@ -201,15 +205,14 @@ class _LoadCollector:
         transport = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
         return np.concatenate([force, (moment + transport)[..., None]], axis=-1)
 
-    def _evaluate_statement(
-        self, entry: _PartStatement, count: int, gravity: Array | None = None
-    ) -> Array:
-        """Return the forces of a statement in local coordinates, (rows, count, size).
+    def _evaluate_statement(self, entry: _PartStatement, gravity: Array | None = None) -> Array:
+        """Return the forces of a statement in the local coordinates of its pieces, (rows, n).
 
         The forces have the sign of terms on the left-hand side of the equations of motion.
         `gravity` (rows, 2) replaces that of the data of elements.
         """
         statement, (q, v, a, lam) = entry.statement, self._state
+        count = statement.data.shape[1]
         multipliers = np.repeat(lam[:, entry.lam], count, axis=0)
         data = np.tile(statement.data.T, (self._rows, 1))
         if gravity is not None:
@@ -222,7 +225,7 @@ class _LoadCollector:
             self._functions[key] = RowFunction(self._load_kernel(statement).function)
         times = np.repeat(self._times, count, axis=0)
         forces = self._functions[key](times, np.concatenate(inputs, axis=1))
-        return forces.reshape(self._rows, count, -1)
+        return forces.reshape(self._rows, -1)
 
     def _load_kernel(self, statement: ForceStatement | ConstraintStatement) -> Kernel:
         if isinstance(statement, ConstraintStatement):
@@ -235,11 +238,11 @@ class _LoadCollector:
 
     def _select_local(self, statement: Any, x: Array, count: int) -> Array:
         """Return the local coordinates (rows * count, size) of a statement."""
-        columns = []
-        for piece in statement.pieces:
-            local = (piece.operator @ x[:, self._coordinates.slice_of(piece.owner)].T).T
-            columns.append(local.reshape(self._rows * count, -1))
-        return np.concatenate(columns, axis=1)
+        columns = [
+            (piece.operator @ x[:, self._coordinates.slice_of(piece.owner)].T).T
+            for piece in statement.pieces
+        ]
+        return np.concatenate(columns, axis=1).reshape(self._rows * count, -1)
 
     def _add_at_section(self, part: Part, s: float, force: Array) -> None:
         """Add a generalized force on the local coordinates of the section at arc length `s` [m]."""
@@ -251,7 +254,7 @@ class _LoadCollector:
         else:
             self._shares.setdefault(part, []).append((s, wrench))
 
-    def _locate_element_forces(self, forces: Array, on_axis: bool) -> Array:
+    def _locate_forces(self, forces: Array, on_axis: bool) -> Array:
         """Return the wrenches per xi at the inertia points by generalized forces on each element.
 
         There are as many inertia points as nodes, so that one load at each does this virtual work.
