@@ -178,9 +178,11 @@ class _LoadCollector:
                 self._add_at_section(entry.part, float(s), force)
 
     def collect(self) -> AppliedLoads:
-        line_loads = sum(
-            self._locate_forces(f, x) for x, f in self._element_forces.items() if f.any()
-        )
+        mesh = self._beam.mesh
+        line_loads = np.zeros((self._rows, mesh.elements, mesh.nodes, 3))
+        for on_axis, forces in self._element_forces.items():
+            if forces.any():
+                line_loads += self._locate_forces(forces, on_axis)
         for loads in self._shares.values():
             s, wrenches = np.array([s for s, _ in loads]), np.stack([x for _, x in loads], axis=1)
             self._arc_lengths.append(_center_of_force(s, wrenches))
