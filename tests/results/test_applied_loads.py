@@ -18,12 +18,13 @@ FRAME, NODES = "chord frame, Green's strain", "nodes"
 KINDS = ("slider on a beam", "spring within a beam", "pressure", "sliding in the span", "AirDrag")
 
 
-def collect_loads(make, kind, shape="curved"):
+def collect_loads(make, kind, shape="curved", nodes=4):
     """Return a beam and the loads on it at random positions and velocities."""
     mech = bd.Mechanism(gravity=(0.2, -1.5))
     disk = mech.add(bd.RigidBody("disk", mass=1.3, inertia=0.7, center=(0.5, 0.4)))
     kinematics = KINEMATICS[kind]
-    beam = bd.Beam("beam", ARC, SECTION, 2, elements_shape=shape, kinematics=kinematics)
+    settings = {"elements_shape": shape, "nodes": nodes}
+    beam = bd.Beam("beam", ARC, SECTION, 2, kinematics=kinematics, **settings)
     mech.add(beam)
     if make is not None:
         mech.add(make(mech, disk, beam))
@@ -36,8 +37,8 @@ def collect_loads(make, kind, shape="curved"):
     return beam, collect_applied_loads(beam, e, time[None], state)
 
 
-def assert_balanced(make, kind, shape="curved", off=1e-11):
-    beam, loads = collect_loads(make, kind, shape)
+def assert_balanced(make, kind, shape="curved", off=1e-11, nodes=4):
+    beam, loads = collect_loads(make, kind, shape, nodes)
     line_loads = np.einsum("rekc,k->rec", loads.line_loads, gauss_points(beam.mesh.nodes)[1])
     parts = np.concatenate([line_loads, loads.wrenches], axis=1)[0]
     np.testing.assert_allclose(parts.sum(axis=0), 0.0, atol=off * np.max(np.abs(parts)))
@@ -71,3 +72,11 @@ def test_rayleigh_damping_balances_inertia():
     assert_balanced(LOADS["Rayleigh"], NODES)
     # In a floating frame its strain rates are linear, so that its moments do not balance exactly.
     assert_balanced(LOADS["Rayleigh"], FRAME, off=1e-2)
+
+
+@pytest.mark.parametrize("kind", [FRAME, NODES])
+@pytest.mark.parametrize("nodes", [3, 5])
+def test_loads_on_elements_with_a_gauss_point_at_a_node(nodes, kind):
+    """Regression: loads on elements of an odd number of nodes were errors in a floating frame."""
+    for name in ("AirDrag", "pressure"):
+        assert_balanced(PARTS[name], kind, nodes=nodes)

@@ -197,6 +197,29 @@ def test_a_slider_loads_the_beam_between_nodes(kind):
     np.testing.assert_allclose(forces.M[0], M, rtol=0.0, atol=3e-6 * SMALL)
 
 
+@every_formulation
+@pytest.mark.parametrize("nodes", [4, pytest.param(7, marks=pytest.mark.slow(reason="compiles"))])
+def test_air_drag_of_a_turning_beam(nodes, kind):
+    """Regression: the recovered drag was uniform in an element."""
+    speed, coefficient, mech = 4.0, 10.0, bd.Mechanism()
+    section = replace(BAR, damping=2e-3)
+    settings = {"nodes": nodes, "elements": 1, **FORMULATIONS[kind]}
+    beam = mech.add(bd.Beam("beam", LINE, section, angular_velocity=speed, **settings))
+    axle = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Revolute("axle", axle, beam.start))
+    mech.add(bd.Driver("drive", axle, beam.start, lambda t: speed * t))
+    mech.add(bd.AirDrag("air", beam, coefficient))
+    # Strong damping ends the vibrations about the steady rotation.
+    run = bd.simulate(mech, bd.Radau(1e-6), t_end=0.2, output_step=0.2)
+    forces = run.section_forces(beam, t=0.2, s=S)
+    # The drag per length is coefficient (speed s)^2. Slopes of 5e-5 turn the axial force, 1 to 2
+    # times the drag, into shear forces.
+    scale = coefficient * speed**2
+    Q, M = -(1.0 - S**3) / 3.0, 0.25 * (1.0 - S**4) - S * (1.0 - S**3) / 3.0
+    for values, expected in ((forces.Q, Q), (forces.M, M)):
+        np.testing.assert_allclose(values[0] / scale, expected, rtol=0.0, atol=1e-4)
+
+
 def test_inactive_parts_have_no_load():
     mech, beam = cantilever()
     load = mech.add(bd.Force("load", beam.end, (0.0, -SMALL)))
