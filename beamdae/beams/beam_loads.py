@@ -175,7 +175,8 @@ class DistributedForce(ObservableBeamLoad):
             # Numbers that are missing at some points are an offset of zero.
             missing = [0.0] * (len(general.numbers) - len(at.motion.numbers))
             motion = replace(general, numbers=(*at.motion.numbers, *missing))
-            functions = (motion, constant_formula(weight, at.inclination, s), *laws)
+            constants = constant_formula(weight, at.inclination, s)
+            functions: list[Callable[..., Any]] = [motion, constants, *laws]
             expression, numbers = FormulaExpression.of(kind, functions)
             points.append(numbers)
         # A kernel with a user formula is identified by comparison with those of equal models.

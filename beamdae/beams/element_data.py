@@ -62,7 +62,7 @@ class ElementDataLayout:
         return self.mass_size + self.stiffness_points * stiffness_point + _GRAVITY_SIZE
 
     @property
-    def stiffness_values(self) -> slice:
+    def stiffness_rows(self) -> slice:
         """Rows of the values of all stiffness points in the data of an element."""
         return slice(self.mass_size, self.size - _GRAVITY_SIZE)
 
@@ -74,7 +74,7 @@ class ElementDataLayout:
 
     def split_stiffness(self, data: SX) -> list[SX]:
         """Return the values of each stiffness point."""
-        values = data[self.stiffness_values]
+        values = data[self.stiffness_rows]
         return ca.horzsplit(ca.reshape(values, -1, self.stiffness_points))
 
 

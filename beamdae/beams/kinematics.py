@@ -279,7 +279,7 @@ class Kinematics(ABC):
         """
         layout, (element, xi) = self.element.layout, self.mesh.locate(s)
         gauss, _ = gauss_points(layout.stiffness_points)
-        values = self.data(np.zeros(2))[layout.stiffness_values, element]
+        values = self.data(np.zeros(2))[layout.stiffness_rows, element]
         numbers = (*lagrange_weights(gauss, xi), *values.tolist())
         formula = Formula(InterpolatedForces(self.element), numbers)
         return PointValues(self.rows_of_element(element), formula)

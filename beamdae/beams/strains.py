@@ -101,11 +101,12 @@ def _fiber_magnitude_function(kind: Callable[..., SX], size: int, count: int) ->
     local = Local(size)
     data, numbers = SX.sym("data", count), SX.sym("numbers", _N_FIBER_NUMBERS)
     forces, section = Formula(kind, data), ca.vertsplit(numbers[2:])
-    magnitudes = [
-        ca.fabs(fiber_stress(local, forces, lambda lever=numbers[k]: (lever, *section)))
-        for k in range(2)
-    ]
-    return ca.Function("magnitude", [local.q, local.v, data, numbers], [ca.fmax(*magnitudes)])
+
+    def magnitude_of(lever: SX) -> SX:
+        return ca.fabs(fiber_stress(local, forces, lambda: (lever, *section)))
+
+    magnitude = ca.fmax(magnitude_of(numbers[0]), magnitude_of(numbers[1]))
+    return ca.Function("magnitude", [local.q, local.v, data, numbers], [magnitude])
 
 
 def section_forces(local: Local, forces: Callable[[Local], SX]) -> SX:
