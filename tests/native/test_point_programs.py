@@ -23,10 +23,10 @@ ROUNDING = 1e-13
 ELEMENTS = [
     FloatingFrameElement(strain="green"),
     FloatingFrameElement(strain="nonlinear", damped=False, prestressed=True),
-    FloatingFrameElement(strain="linear", varying=True),
+    FloatingFrameElement(strain="linear"),
     FloatingFrameElement(strain="exact"),
     ExactElement(),
-    ExactElement(damped=False, varying=True),
+    ExactElement(damped=False),
 ]
 
 
@@ -70,6 +70,27 @@ def rotation():
 def test_machine_code_equals_straight_line_kernels(element, nodes):
     element = type(element)(**{**vars(element), "nodes": nodes, "quadrature": nodes - 1})
     for kernel, _ in list_kernels(element.kernel()):
+        shared, local = draw_inputs(kernel, 2 * LANE_WIDTH)
+        code = kernel.points.compile(kernel.source, kernel.outputs, True)
+        assert_equal_to(evaluate(kernel, shared, local), code(shared, local))
+
+
+LOADS = {
+    "drag": lambda beam: bd.AirDrag("drag", beam, 0.3),
+    "damping": lambda beam: bd.RayleighDamping("damping", beam, mass=0.1, stiffness=1e-3),
+    "follower": lambda beam: bd.DistributedForce(
+        "follower", beam, (1.0, bd.sine(2.0, frequency=1.0)), axes="section"
+    ),
+}
+
+
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+@pytest.mark.parametrize("name", LOADS)
+def test_machine_code_of_loads_equals_straight_line_kernels(name, formulation):
+    arc, section = bd.Arc(radius=1.0, length=1.0), bd.Section.circle(bd.Material.of("steel"), 0.01)
+    beam = bd.Beam("beam", arc, section, elements=1, nodes=5, formulation=formulation)
+    (statement,) = LOADS[name](beam).forces(np.zeros(2))
+    for kernel, _ in list_kernels(statement.kernel):
         shared, local = draw_inputs(kernel, 2 * LANE_WIDTH)
         code = kernel.points.compile(kernel.source, kernel.outputs, True)
         assert_equal_to(evaluate(kernel, shared, local), code(shared, local))
