@@ -66,6 +66,10 @@ class ElementDataLayout:
         """Rows of the values of all stiffness points in the data of an element."""
         return slice(self.mass_size, self.size - _GRAVITY_SIZE)
 
+    def stiffness_values(self, data: Array) -> Array:
+        """Return the values of the stiffness points of all elements, (elements, points, values)."""
+        return data[self.stiffness_rows].T.reshape(data.shape[1], self.stiffness_points, -1)
+
     def split_mass(self, data: SX) -> list[SX]:
         """Return the values of each inertia point, each followed by gravity (2,) [m/s^2]."""
         points = ca.reshape(data[: self.mass_size], -1, self.mass_points)

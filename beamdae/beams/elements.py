@@ -13,10 +13,12 @@ import numpy as np
 
 from beamdae.beams.element_data import STIFFNESS_VALUES, ElementDataLayout
 from beamdae.beams.shape_functions import gauss_points, shape_functions, weigh_nodes
-from beamdae.beams.strains import AXIAL, BENDING, SHEAR, STRAIN_SIZE, slice_column
+from beamdae.beams.strains import SHEAR, STRAIN_SIZE, slice_column
 from beamdae.symbolic.formula import cache_kernels
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import SX, ForceKernel, Local, PointForce
+
+Array = np.ndarray
 
 NODE_SIZE = 3  # coordinates of a node
 
@@ -145,14 +147,25 @@ class PointElement(ABC):
         rows, slopes = (shape_functions(self.nodes, xi, k) for k in (0, 1))
         return [weigh_nodes(self.frame_size, pair) for pair in zip(rows, slopes, strict=True)]
 
-    @property
-    def strain_function(self) -> RowFunction:
-        """Function of (q, data) for the largest axial strain of an element's fibers.
+    def strains_on_copies(self, columns: Array, data: Array) -> Array:
+        """Return the strains at the stiffness points of elements, (3, elements, points, k).
 
-        It is |eps11| + h/2 |kappa11| at the stiffness points, with the height h = sqrt(12 I / A) of
-        a rectangle; for a solid circle, this h is 13 % less than the diameter.
+        Parameters
+        ----------
+        columns
+            Local coordinates (elements, size, k).
+        data
+            Data of the elements (n_data, elements).
         """
-        return _strain_function(self)
+        layout = self.layout
+        weights = np.array([x.full() for x in self.stiffness_weights])
+        differences = np.einsum("st,etk->esk", self.differences.full(), columns)
+        z = np.einsum("pzs,esk->epzk", weights, differences)
+        points = layout.stiffness_values(data)[:, :, : len(layout.stiffness_point)]
+        copies = z.reshape(-1, *z.shape[2:])
+        function = _strain_function(replace(self.of_point, damped=False))
+        strains = function.on_copies(copies, points.reshape(len(copies), -1).T)
+        return strains.reshape(STRAIN_SIZE, *z.shape[:2], -1)
 
     def mass_points(self, kernel: ForceKernel, numbers: Sequence[SX]) -> list[PointForce]:
         """Return the forces of a kernel at the inertia points, with the numbers of each point."""
@@ -255,11 +268,5 @@ def _section_force_function(element: PointElement) -> ca.Function:
 
 @cache
 def _strain_function(element: PointElement) -> RowFunction:
-    local, outer = Local(element.size, element.n_data), []
-    data = element.layout.split_stiffness(local.data)
-    for point in element.stiffness_points(stiffness_kernel(element.of_point), data):
-        _, q, _, _, values = point.inputs(local)
-        strain, (EA, _, EI, _) = element.strain_at(q, values), ca.vertsplit(values[-4:])
-        outer.append(ca.fabs(strain[AXIAL]) + ca.sqrt(3.0 * EI / EA) * ca.fabs(strain[BENDING]))
-    largest = ca.densify(ca.mmax(ca.vertcat(*outer)))
-    return RowFunction(ca.Function("strain", [local.q, local.data], [largest]))
+    z, point = SX.sym("z", 2 * NODE_SIZE), SX.sym("point", len(element.layout.stiffness_point))
+    return RowFunction(ca.Function("strains", [z, point], [element.strain_at(z, point)]))
