@@ -610,9 +610,9 @@ class Beam(Part):
 
         The strain is eps11 + l kappa11 with the strains of the axis and the lever l of
         `stress_lever`, which is the offset of the fiber in beams without initial curvature. The
-        strains are interpolated to `s` between the stiffness quadrature points, where the strains
-        of an element are most accurate. Where they jump, such as at a joint or load, the value is
-        that just beyond `s`.
+        strains follow from the section forces, interpolated to `s` between the stiffness quadrature
+        points, where an element is most accurate. Where they jump, such as at a joint or load, the
+        value is that just beyond `s`.
 
         Parameters
         ----------
@@ -639,8 +639,7 @@ class Beam(Part):
     def stress(self, s: float, offset: float | str) -> Quantity:
         """Return the longitudinal stress of a fiber, including material damping.
 
-        The stress is E (strain + damping * strain rate) with the strain of `strain`. In a beam of
-        varying cross-section, it follows from the section forces, interpolated in the element.
+        The stress is E (strain + damping * strain rate) with the strain of `strain`.
 
         Parameters
         ----------
