@@ -59,6 +59,26 @@ def test_resultant_of_pressure_on_a_ring_and_on_an_arch():
     assert_allclose(force, expected, rtol=1e-6)  # mesh error
 
 
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+def test_load_by_a_sensor_on_all_elements(formulation):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    beam = mech.add(bd.Beam("beam", ARC, STRIP, elements=3, formulation=formulation))
+    mech.add(bd.Weld("clamp", mech.ground.at(*ARC.start), beam.start))
+    height = mech.sensor("height", beam.end, "y")
+    load = mech.add(bd.DistributedForce("load", beam, (0.0, 10.0 * height)))
+    for name, quantity in {"sum": load.force, "end": beam.end}.items():
+        mech.observe(name, quantity)
+    mech.observe("root", beam.section_forces(0.0))
+    path = bd.equilibrium(mech, step=1.0)
+    sum_of_load, y = path["sum.Fy"].iloc[-1], path["end.y"].iloc[-1]
+    # Lengths of elements, which interpolate the arc, have errors of 5e-6.
+    assert_allclose(sum_of_load, 10.0 * y * ARC.length, rtol=1e-4)
+    # The section at the clamp carries the load and the weight.
+    forces, weight = path.section_forces(beam, 0.0), STRIP.rhoA * 9.81 * ARC.length
+    total = np.hypot(forces.N[0, 0], forces.Q[0, 0])
+    assert_allclose(total, abs(sum_of_load - weight), rtol=1e-4)
+
+
 def test_elastic_foundation_by_a_formula_of_position():
     """Compare force and moment on a rigidly displaced beam with the exact integrals."""
     mech = bd.Mechanism()

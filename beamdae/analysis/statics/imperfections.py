@@ -32,7 +32,6 @@ from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.section_forces.section_motions import (
-    SectionFunction,
     evaluate_sections,
     position_and_angle,
 )
@@ -348,7 +347,7 @@ def _nodal_motion(beam: Beam, change: Array) -> Array:
     The change is scaled to a rotation small enough for a linear result.
     """
     points = [beam.kinematics.material_point(s) for s in beam.mesh.node_arc_lengths.tolist()]
-    at = [SectionFunction(point.operator, point.motion) for point in points]
+    at = [(point.operator, point.motion) for point in points]
     step = _DIFFERENCE / (np.max(np.abs(change), initial=0.0) or 1.0)
     q = beam.initial_position + step * np.stack([change, -change])
     at_rest = np.zeros_like(q)

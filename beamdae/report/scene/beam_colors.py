@@ -15,7 +15,6 @@ from beamdae.errors import BeamdaeError, require_choice
 from beamdae.report.scene.mechanism_scene import count_beam_sections
 from beamdae.results.section_forces.recovery import MAX_EVALUATIONS
 from beamdae.results.section_forces.section_motions import (
-    SectionFunction,
     evaluate_sections,
 )
 from beamdae.results.solution import Solution
@@ -179,8 +178,7 @@ def _evaluate_beams(solution: Solution, times: Array) -> list[_BeamForces]:
         columns = coordinates.slice_of(beam)
         q, v = state.q[:, columns], state.v[:, columns]
         places = np.linspace(0.0, beam.length, sections).tolist()
-        terms = [beam.kinematics.section_forces(s) for s in places]
-        functions = [SectionFunction(x.operator, x.values) for x in terms]
+        functions = [beam.kinematics.section_forces(s) for s in places]
         blocks = [[x[k : k + rows] for x in (q, v, 0.0 * q)] for k in range(0, len(q), rows)]
         values = np.concatenate([evaluate_sections(identity, functions, *x) for x in blocks])
         forces.append(_BeamForces(beam, places, values, frame_rows))

@@ -11,7 +11,6 @@ from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.section_forces.section_motions import (
-    SectionFunction,
     evaluate_sections,
     position_and_angle,
 )
@@ -61,8 +60,7 @@ class CoordinatePoses:
         for members in bodies.values():
             q = self._q[:, self._coordinates.slice_of(attachments[members[0]].body)]
             functions = [
-                SectionFunction(attachments[k].operator, attachments[k].checked_kinematics)
-                for k in members
+                (attachments[k].operator, attachments[k].checked_kinematics) for k in members
             ]
             at_rest = np.zeros_like(q)
             poses[:, members] = evaluate_sections(

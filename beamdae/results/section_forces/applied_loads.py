@@ -195,7 +195,7 @@ class _LoadCollector:
 
     def _sections_at(self, s: Array) -> list[SectionFunction]:
         points = (self._beam.kinematics.material_point(x) for x in s.tolist())
-        return [SectionFunction(point.operator, point.motion) for point in points]
+        return [(point.operator, point.motion) for point in points]
 
     def _evaluate_motion(self, at: list[SectionFunction]) -> Array:
         """Return x, y and rotation, (rows, sections, 3)."""
@@ -264,7 +264,7 @@ class _LoadCollector:
         mesh, kinematics = self._beam.mesh, self._beam.kinematics
         arc_lengths = mesh.gauss_arc_lengths(mesh.nodes).tolist()
         points = [kinematics.element_point(s, on_axis) for s in arc_lengths]
-        sections = [SectionFunction(point.operator, point.motion) for point in points]
+        sections = [(point.operator, point.motion) for point in points]
         return self._equivalent_wrenches(sections, forces) / gauss_points(mesh.nodes)[1][:, None]
 
     def _equivalent_wrenches(self, at: list[SectionFunction], forces: Array) -> Array:

@@ -32,7 +32,6 @@ from beamdae.results.section_forces.applied_loads import (
     collect_applied_loads,
 )
 from beamdae.results.section_forces.section_motions import (
-    SectionFunction,
     evaluate_sections,
     position_and_angle,
 )
@@ -78,10 +77,26 @@ def balanced_and_elastic_forces(
         Section forces in equilibrium with the loads (3, rows, sections), and section forces
         computed from the strains (3, rows, sections).
     """
-    sections = _BeamSections(beam, equations, state)
+    assert equations.mechanism is not None
+    kinematics, columns = beam.kinematics, map_coordinates(equations.mechanism).slice_of(beam)
+    of_beam = [x[:, columns] for x in state[:3]]
     loads = collect_applied_loads(beam, equations, times, state, factors)
-    balanced = sections.resolve_wrenches(s, _accumulate_loads(beam, loads, s, before))
-    return balanced, sections.elastic_forces(np.where(before, beam.mesh.just_before(s), s))
+    wrenches = _accumulate_loads(beam, loads, s, before)
+    points = [kinematics.material_point(x) for x in (0.0, *s.tolist())]
+    at = [(x.operator, x.motion) for x in points]
+    motion = evaluate_sections(position_and_angle, at, *of_beam)
+    # Sections are normal to the curve. The inclination of a material point is not used, because it
+    # is the angle of an element, and elements meet at small angles.
+    angle = motion[:, 1:, 2] + beam.curve.tangent_angle(s)
+    n, arm = -wrenches[..., :2], motion[:, 1:, :2] - motion[:, :1, :2]
+    cosine, sine = np.cos(angle), np.sin(angle)
+    axial = cosine * n[..., 0] + sine * n[..., 1]
+    shear = cosine * n[..., 1] - sine * n[..., 0]
+    # M is positive if it stretches the left side: a clockwise moment on the preceding segment.
+    moment = wrenches[..., 2] + arm[..., 0] * n[..., 1] - arm[..., 1] * n[..., 0]
+    sides = np.where(before, beam.mesh.just_before(s), s).tolist()
+    forces = evaluate_sections(section_forces, [*map(kinematics.section_forces, sides)], *of_beam)
+    return np.stack([axial, shear, moment]), np.moveaxis(forces, -1, 0)
 
 
 def _accumulate_loads(beam: Beam, loads: AppliedLoads, s: Array, before: Array) -> Array:
@@ -118,42 +133,6 @@ def _integrate_polynomials(points: int, xi: Array) -> Array:
 def _lagrange_coefficients(points: int) -> Array:
     """Return the coefficients of the Lagrange polynomials of Gauss points, (power, point)."""
     return np.linalg.inv(np.vander(gauss_points(points)[0], increasing=True))
-
-
-class _BeamSections:
-    """Positions, angles and strains of beam sections at several states."""
-
-    def __init__(self, beam: Beam, equations: EquationsOfMotion, state: State) -> None:
-        assert equations.mechanism is not None
-        rows_of_beam = map_coordinates(equations.mechanism).slice_of(beam)
-        self._beam, self._beam_state = beam, tuple(x[:, rows_of_beam] for x in state[:3])
-        self._start = self._locate(np.zeros(1))[0]
-
-    def _locate(self, s: Array) -> tuple[Array, Array]:
-        """Return positions (rows, sections, 2) [m] and angles (rows, sections) [rad]."""
-        points = [self._beam.kinematics.material_point(x) for x in s.tolist()]
-        at = [SectionFunction(point.operator, point.motion) for point in points]
-        motion = evaluate_sections(position_and_angle, at, *self._beam_state)
-        # Sections are normal to the curve. The inclination of a material point is not used, because
-        # it is the angle of an element, and elements meet at small angles.
-        return motion[..., :2], motion[..., 2] + self._beam.curve.tangent_angle(s)
-
-    def resolve_wrenches(self, s: Array, wrenches: Array) -> Array:
-        """Return (N, Q, M) from the sums of the loads before each section, (3, rows, sections)."""
-        position, angle = self._locate(s)
-        n, arm = -wrenches[..., :2], position - self._start
-        cosine, sine = np.cos(angle), np.sin(angle)
-        axial = cosine * n[..., 0] + sine * n[..., 1]
-        shear = cosine * n[..., 1] - sine * n[..., 0]
-        # M is positive if it stretches the left side: a clockwise moment on the preceding segment.
-        moment = wrenches[..., 2] + arm[..., 0] * n[..., 1] - arm[..., 1] * n[..., 0]
-        return np.stack([axial, shear, moment])
-
-    def elastic_forces(self, s: Array) -> Array:
-        """Return (N, Q, M) from the strains and their rates, (3, rows, sections)."""
-        functions = (self._beam.kinematics.section_forces(x) for x in s.tolist())
-        at = [SectionFunction(x.operator, x.values) for x in functions]
-        return np.moveaxis(evaluate_sections(section_forces, at, *self._beam_state), -1, 0)
 
 
 def group_rows(trajectory: Trajectory, times: Array) -> list[RowGroup]:

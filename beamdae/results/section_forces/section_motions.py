@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -18,21 +18,8 @@ from beamdae.symbolic.statements import SX, Local
 Array = np.ndarray
 # Returns a symbolic column of values, given the local symbols and the function of a section.
 Build = Callable[[Local, Callable[..., Any]], SX]
-
-
-class SectionFunction(NamedTuple):
-    """Function of the local coordinates of a section.
-
-    Attributes
-    ----------
-    operator
-        Matrix that maps the coordinates of the beam to the local coordinates.
-    function
-        The function, for example the motion of a material point.
-    """
-
-    operator: sp.csr_array
-    function: Any
+# Matrix that maps the coordinates of the beam to local ones, and function of the local ones.
+SectionFunction = tuple[sp.csr_array, Any]
 
 
 def position_and_angle(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
@@ -75,12 +62,12 @@ def evaluate_sections(
     for (kind, size, count), members in groups.items():
         compile_rows = _compile_rows if count is None else _compile_shared_rows
         compiled, is_used = compile_rows(build, kind, size, count)
-        operators = stack_rows([at[k].operator for k in members])
+        operators = stack_rows([at[k][0] for k in members])
         local = [
             (operators @ x.T).T.reshape(-1, size) if is_read else np.zeros(size)
             for x, is_read in zip((q, v, a), is_used, strict=True)
         ]
-        numbers = [() if count is None else at[k].function.numbers for k in members]
+        numbers = [() if count is None else at[k][1].numbers for k in members]
         data = np.array(numbers, float).reshape(len(members), -1)
         values = compiled(*local, np.tile(data, (len(q), 1))).reshape(len(q), len(members), -1)
         if result is None:
