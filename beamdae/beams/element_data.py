@@ -81,6 +81,11 @@ class ElementDataLayout:
     def _stiffness_size(self) -> int:
         return self.stiffness_points * self.stiffness_point_size
 
+    def stiffness_values(self, data: Array) -> Array:
+        """Return the values of the stiffness points of all elements, (elements, points, values)."""
+        values = data[self._mass_size : self._mass_size + self._stiffness_size].T
+        return values.reshape(-1, self.stiffness_points, self.stiffness_point_size)
+
     def split(self, data: SX) -> ElementData:
         """Split the data vector of a kernel into its parts; values after `size` are ignored."""
         mass, points = self._mass_size, self._mass_size + self._stiffness_size

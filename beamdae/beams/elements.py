@@ -12,10 +12,12 @@ import numpy as np
 
 from beamdae.beams.element_data import ElementDataLayout
 from beamdae.beams.shape_functions import gauss_points, shape_functions, weigh_nodes
-from beamdae.beams.strains import STRAIN_SIZE, outer_strain_function
+from beamdae.beams.strains import STRAIN_SIZE
 from beamdae.symbolic.formula import cache_kernels
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import SX, ForceKernel, Local, PointForce
+
+Array = np.ndarray
 
 NODE_SIZE = 3  # coordinates of a node
 
@@ -181,10 +183,25 @@ class PointElement(Element):
         rows, slopes = (shape_functions(self.nodes, xi, k) for k in (0, 1))
         return [weigh_nodes(self.frame_size, pair) for pair in zip(rows, slopes, strict=True)]
 
-    @property
-    def strain_function(self) -> RowFunction:
-        """Function of (q, data) for the largest axial strain of an element's fibers."""
-        return _strain_function(self)
+    def strains_on_copies(self, columns: Array, data: Array) -> Array:
+        """Return the strains at the stiffness points of elements, (3, elements, points, k).
+
+        Parameters
+        ----------
+        columns
+            Local coordinates (elements, size, k).
+        data
+            Data of the elements (n_data, elements).
+        """
+        layout, differences = self.layout, self.differences.full()
+        weights = np.array([x.full() @ differences for x in self.stiffness_weights])
+        z = np.einsum("pzs,esk->epzk", weights, columns)
+        points = layout.stiffness_values(data)[:, :, : len(layout.stiffness_point)]
+        copies = z.reshape(-1, *z.shape[2:])
+        # Points of elements of all degrees share a function.
+        kind = replace(self, nodes=2, quadrature=1, damped=False, varying=False)
+        strains = _strain_function(kind).on_copies(copies, points.reshape(len(copies), -1).T)
+        return strains.reshape(STRAIN_SIZE, *z.shape[:2], -1)
 
     def kernel(self) -> ForceKernel:
         """Return the kernel of the forces of inertia, elasticity, material damping and weight."""
@@ -260,7 +277,5 @@ def _elastic_kernel(element: PointElement) -> ForceKernel:
 
 @cache
 def _strain_function(element: PointElement) -> RowFunction:
-    local = Local(element.size, element.n_data)
-    data = element.layout.split(local.data)
-    strains = [strain for _, strain in element.strain_points(data.stiffness, local.q)]
-    return outer_strain_function(local, data, strains)
+    z, point = SX.sym("z", 2 * NODE_SIZE), SX.sym("point", len(element.layout.stiffness_point))
+    return RowFunction(ca.Function("strains", [z, point], [element.strain_at(z, point)]))

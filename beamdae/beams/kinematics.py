@@ -21,7 +21,7 @@ from beamdae.beams.elements import Element, PointElement
 from beamdae.beams.mesh import Mesh, consists_of_numbers, is_shareable
 from beamdae.beams.reference_frames import compute_frame_angle, resolve_frame
 from beamdae.beams.sections import Section, VaryingSection
-from beamdae.beams.strains import no_rotation
+from beamdae.beams.strains import BENDING, no_rotation
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve
 from beamdae.errors import (
     BeamdaeError,
@@ -344,17 +344,33 @@ class FormulationKinematics(Kinematics):
     def element(self) -> PointElement:
         """Element type, the same for all elements."""
 
+    def fiber_strains(self, q: Array) -> Array:
+        """Return strains at the stiffness points in the states q (k, n).
+
+        Returns
+        -------
+        ndarray
+            Axial strain, shear strain, and curvature kappa11 times half the height h of a rectangle
+            with the stiffnesses of the section, h = sqrt(12 I / A), (3, elements, points, k).
+        """
+        columns = np.asarray(self.operator @ q.T).reshape(-1, self.element.size, len(q))
+        strains = self.element.strains_on_copies(columns, self.data(np.zeros(2)))
+        strains[BENDING] *= self._half_heights[..., None]
+        return strains
+
+    @cached_property
+    def _half_heights(self) -> Array:
+        s = self.mesh.gauss_arc_lengths(self.stiffness_points).tolist()
+        ratios = [x.EI / x.EA for x in map(self.section.at, s)]
+        return np.sqrt(3.0 * np.array(ratios)).reshape(-1, self.stiffness_points)
+
     def largest_strain(self, q: Array) -> float:
         """Return the largest axial strain of outer fibers [-] in the states q (k, n)."""
-        data, size = self.data(np.zeros(2)), self.element.size
-        count = max(int(_MAX_NUMBERS / (self.operator.shape[0] + data.size)), 1)
+        count = max(int(_MAX_NUMBERS / self.operator.shape[0]), 1)
         largest = 0.0
         for first in range(0, len(q), count):
-            rows = q[first : first + count]
-            columns = np.asarray(self.operator @ rows.T).reshape(-1, size, len(rows))
-            largest = max(
-                largest, float(np.max(self.element.strain_function.on_copies(columns, data)))
-            )
+            axial, _, bending = np.abs(self.fiber_strains(q[first : first + count]))
+            largest = max(largest, float(np.max(axial + bending)))
         return largest
 
     def _require_off_chord_ends(self, s: float) -> None:

@@ -105,6 +105,16 @@ class Mesh:
         """Return a mesh whose elements end at the arc lengths `bounds` [m]; see `Mesh`."""
         return replace(self, elements=len(bounds) - 1, bounds=tuple(map(float, bounds)))
 
+    def with_degree(self, degree: int) -> Mesh:
+        """Return the mesh with elements of another degree and the same ends."""
+        return replace(self, nodes=degree + 1)
+
+    def with_divided_elements(self, count: int) -> Mesh:
+        """Return the mesh with each element divided into `count` ones of equal arc length."""
+        places = np.arange(count * self.elements + 1) / count
+        bounds = np.interp(places, np.arange(self.elements + 1), self.element_bounds)
+        return self.divided_at(bounds.tolist())
+
     def has_end_at(self, s: float) -> bool:
         """Return True if an element ends at the arc length `s` [m], up to rounding errors."""
         gaps = np.abs(self.element_bounds - s) / self.curve.length

@@ -13,10 +13,9 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
-from beamdae.beams.element_data import ElementData, ElementDataLayout
+from beamdae.beams.element_data import ElementDataLayout
 from beamdae.beams.sections import Section, VaryingSection
 from beamdae.symbolic.formula import Formula
-from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import SX, Local
 
 Array = np.ndarray
@@ -31,25 +30,6 @@ STRAIN_SIZE = 3
 _N_FIBER_NUMBERS = 4
 # Number that changes no stress [Pa] and no sum of ratios of stresses, one of which is 1.
 _NEGLIGIBLE = 1e-200
-
-
-def outer_strain_function(local: Local, data: ElementData, strains: Sequence[SX]) -> RowFunction:
-    """Return the function of (q, data) for the largest of the strains of the outer fibers [-].
-
-    It is |eps11| + h/2 |kappa11| of the strains at the stiffness points, with the height
-    h = sqrt(12 I / A) of a rectangle; for a solid circle, this h is 13 % less than the diameter.
-    """
-    outer = [
-        ca.fabs(strain[AXIAL]) + half_height(data.elasticity(k)) * ca.fabs(strain[BENDING])
-        for k, strain in enumerate(strains)
-    ]
-    largest = ca.densify(ca.mmax(ca.vertcat(*outer)))
-    return RowFunction(ca.Function("strain", [local.q, local.data], [largest]))
-
-
-def half_height(stiffness: SX) -> SX:
-    """Return half the height of a rectangle with the stiffnesses (EA, GA, EI) [m]."""
-    return ca.sqrt(3.0 * stiffness[BENDING] / stiffness[AXIAL])
 
 
 def slice_column(numbers: Any, first: int, count: int) -> Any:

@@ -1,0 +1,151 @@
+"""Resolution of beams: errors estimated by the Legendre coefficients of strains, and next meshes.
+
+In elements of degree p, the strains at the p Gauss points are polynomials of degree p - 1. The
+Legendre coefficients of a resolved motion decrease exponentially, so that the last two of them, the
+tail, measure what higher degrees would add (Aurentz & Trefethen, ACM Trans. Math. Softw. 43 (2017)
+33, choose the lengths of Chebyshev series in this way).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from beamdae.beams.beam import Beam
+from beamdae.beams.kinematics import FormulationKinematics
+from beamdae.beams.mesh import Mesh
+from beamdae.beams.shape_functions import gauss_points
+from beamdae.beams.strains import AXIAL, BENDING, SHEAR
+
+Array = np.ndarray
+
+# Errors by the tail t at degree p: 8 t / p^2 for motions, whose derivatives the strains are, and
+# 3 t for strains and section forces (measured).
+_MOTION_FACTOR, _FORCE_FACTOR = 8.0, 3.0
+_MIN_RATE = 0.25  # of the logarithm of coefficients per degree
+MAX_DEGREE, _SPLIT_DEGREE = 12, 8  # above the first, elements of the second degree are divided
+# Strains of rigid beams are rounding errors, and so are the shear forces of pure bending, which are
+# compared with bending moment per length.
+_MIN_STRAIN, _MIN_SHEAR_RATIO = 1e-11, 1e-6
+_MAX_NUMBERS = 1e6  # of strains that are evaluated together
+
+
+class Tail(NamedTuple):
+    """Legendre coefficients of the strains of a beam that its mesh hardly resolves.
+
+    Attributes
+    ----------
+    degree
+        Degree p of the elements.
+    fiber, shear
+        Largest of the last two coefficients of the fiber strain, relative to its largest value, and
+        of the shear strain, relative to its largest coefficient.
+    rate
+        Decrease of the logarithm of the coefficients per degree; that of the larger tail.
+    """
+
+    degree: int
+    fiber: float
+    shear: float
+    rate: float
+
+    @property
+    def motion_error(self) -> float:
+        """Estimated error of positions and their rates, relative to the motion by deformation."""
+        return _MOTION_FACTOR * self.fiber / self.degree**2
+
+    @property
+    def force_error(self) -> float:
+        """Estimated error of section forces, relative to their largest values."""
+        return _FORCE_FACTOR * max(self.fiber, self.shear)
+
+
+def measure_tail(beam: Beam, q: Array, about: Array | None = None) -> Tail | None:
+    """Return the tail of the strains of a beam in the states q (k, n), its coordinates.
+
+    Parameters
+    ----------
+    beam
+        The beam.
+    q
+        States of a run, of a path of equilibria, or of a period.
+    about
+        State (n,) whose strains are subtracted, for small displacements such as those of modes.
+
+    Returns
+    -------
+    Tail or None
+        None for custom kinematics.
+    """
+    kinematics = beam.kinematics
+    if not isinstance(kinematics, FormulationKinematics):
+        return None
+    degree, points = beam.mesh.nodes - 1, kinematics.stiffness_points
+    transform = _legendre_transform(points)[:degree]
+    start = 0.0 if about is None else kinematics.fiber_strains(about[None])
+    # Largest magnitudes (3, degree) of coefficients, and (3,) of strains, over elements and rows.
+    coefficients, largest, largest_fiber = np.zeros((3, degree)), np.zeros(3), 0.0
+    count = max(int(_MAX_NUMBERS / (3 * points * beam.mesh.elements)), 1)
+    for first in range(0, len(q), count):
+        strains = kinematics.fiber_strains(q[first : first + count]) - start
+        in_element = np.abs(np.einsum("ij,cejk->ceik", transform, strains))
+        coefficients = np.maximum(coefficients, in_element.max(axis=(1, 3)))
+        sizes = np.abs(strains)
+        largest = np.maximum(largest, sizes.max(axis=(1, 2, 3)))
+        largest_fiber = max(largest_fiber, float(np.max(sizes[AXIAL] + sizes[BENDING])))
+    of_fiber = coefficients[[AXIAL, BENDING]].max(axis=0) / max(largest_fiber, _MIN_STRAIN)
+    least = _MIN_SHEAR_RATIO * _shear_by_bending(beam) * largest_fiber
+    scale = max(float(coefficients[SHEAR].max()), least, _MIN_STRAIN)
+    of_shear = coefficients[SHEAR] / scale
+    (fiber, rate), (shear, shear_rate) = map(_measure_series, (of_fiber, of_shear))
+    return Tail(degree, fiber, shear, rate if fiber >= shear else shear_rate)
+
+
+def next_mesh(mesh: Mesh, tail: Tail, accuracy: float, *, forces: bool = True) -> Mesh:
+    """Return a mesh for an aimed accuracy [-]; the same mesh if the error is small enough.
+
+    Elements have a higher degree, or are divided into elements of degree 8 if the degree would
+    exceed 12.
+
+    Parameters
+    ----------
+    mesh
+        Mesh on which the tail was measured.
+    tail
+        Tail of the strains of its beam.
+    accuracy
+        Largest error of motions and, if `forces` is True, of section forces.
+    forces
+        False if section forces are not required.
+    """
+    error = max(tail.motion_error, tail.force_error * forces)
+    if error <= accuracy:
+        return mesh
+    degree = tail.degree + math.ceil(math.log(error / accuracy) / tail.rate)
+    if degree <= MAX_DEGREE:
+        return mesh.with_degree(degree)
+    return mesh.with_divided_elements(math.ceil(degree / _SPLIT_DEGREE)).with_degree(_SPLIT_DEGREE)
+
+
+def _measure_series(coefficients: Array) -> tuple[float, float]:
+    """Return the larger of the last two coefficients, and their decrease per degree."""
+    last, previous = (float(np.max(coefficients[k:][:2])) for k in (-2, -4))
+    if not last > 0.0:
+        return 0.0, math.inf
+    return last, max(0.5 * math.log(max(previous, last) / last), _MIN_RATE)
+
+
+def _shear_by_bending(beam: Beam) -> float:
+    """Return the shear strain by a shear force M / L, relative to the fiber strain by M."""
+    section = beam.section.at(0.5 * beam.length)
+    half_height = math.sqrt(3.0 * section.EI / section.EA)
+    return float(section.EI / (section.GA * half_height * beam.length))
+
+
+def _legendre_transform(points: int) -> Array:
+    """Return the matrix from values at Gauss points to Legendre coefficients, (points, points)."""
+    xi, weights = gauss_points(points)
+    degrees = np.arange(points)
+    return (degrees[:, None] + 0.5) * np.polynomial.legendre.legvander(xi, points - 1).T * weights
