@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.beams.beam import Beam
-from beamdae.beams.kinematics import FormulationKinematics
+from beamdae.beams.kinematics import FormulationKinematics, Kinematics
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.beams.strains import AXIAL, BENDING, SHEAR
@@ -62,13 +61,13 @@ class Tail(NamedTuple):
         return _FORCE_FACTOR * max(self.fiber, self.shear)
 
 
-def measure_tail(beam: Beam, q: Array, about: Array | None = None) -> Tail | None:
+def measure_tail(kinematics: Kinematics, q: Array, about: Array | None = None) -> Tail | None:
     """Return the tail of the strains of a beam in the states q (k, n), its coordinates.
 
     Parameters
     ----------
-    beam
-        The beam.
+    kinematics
+        Kinematics of the beam.
     q
         States of a run, of a path of equilibria, or of a period.
     about
@@ -79,15 +78,15 @@ def measure_tail(beam: Beam, q: Array, about: Array | None = None) -> Tail | Non
     Tail or None
         None for custom kinematics.
     """
-    kinematics = beam.kinematics
     if not isinstance(kinematics, FormulationKinematics):
         return None
-    degree, points = beam.mesh.nodes - 1, kinematics.stiffness_points
+    mesh, points = kinematics.mesh, kinematics.stiffness_points
+    degree = mesh.nodes - 1
     transform = _legendre_transform(points)[:degree]
     start = 0.0 if about is None else kinematics.fiber_strains(about[None])
     # Largest magnitudes (3, degree) of coefficients, and (3,) of strains, over elements and rows.
     coefficients, largest, largest_fiber = np.zeros((3, degree)), np.zeros(3), 0.0
-    count = max(int(_MAX_NUMBERS / (3 * points * beam.mesh.elements)), 1)
+    count = max(int(_MAX_NUMBERS / (3 * points * mesh.elements)), 1)
     for first in range(0, len(q), count):
         strains = kinematics.fiber_strains(q[first : first + count]) - start
         in_element = np.abs(np.einsum("ij,cejk->ceik", transform, strains))
@@ -96,7 +95,7 @@ def measure_tail(beam: Beam, q: Array, about: Array | None = None) -> Tail | Non
         largest = np.maximum(largest, sizes.max(axis=(1, 2, 3)))
         largest_fiber = max(largest_fiber, float(np.max(sizes[AXIAL] + sizes[BENDING])))
     of_fiber = coefficients[[AXIAL, BENDING]].max(axis=0) / max(largest_fiber, _MIN_STRAIN)
-    least = _MIN_SHEAR_RATIO * _shear_by_bending(beam) * largest_fiber
+    least = _MIN_SHEAR_RATIO * _shear_by_bending(kinematics) * largest_fiber
     scale = max(float(coefficients[SHEAR].max()), least, _MIN_STRAIN)
     of_shear = coefficients[SHEAR] / scale
     (fiber, rate), (shear, shear_rate) = map(_measure_series, (of_fiber, of_shear))
@@ -137,11 +136,12 @@ def _measure_series(coefficients: Array) -> tuple[float, float]:
     return last, max(0.5 * math.log(max(previous, last) / last), _MIN_RATE)
 
 
-def _shear_by_bending(beam: Beam) -> float:
+def _shear_by_bending(kinematics: FormulationKinematics) -> float:
     """Return the shear strain by a shear force M / L, relative to the fiber strain by M."""
-    section = beam.section.at(0.5 * beam.length)
+    length = kinematics.mesh.curve.length
+    section = kinematics.section.at(0.5 * length)
     half_height = math.sqrt(3.0 * section.EI / section.EA)
-    return float(section.EI / (section.GA * half_height * beam.length))
+    return float(section.EI / (section.GA * half_height * length))
 
 
 def _legendre_transform(points: int) -> Array:
