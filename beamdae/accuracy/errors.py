@@ -35,6 +35,9 @@ class Refined(NamedTuple):
     ----------
     elements
         Numbers of elements of the original beams by name; the companion has twice as many.
+    degrees
+        Degrees of the elements of beams whose mesh the program chose, by name; the companion has
+        higher ones.
     inexact
         Names of the beams with exact strains instead of moderate ones.
     friction_speeds
@@ -52,6 +55,7 @@ class Refined(NamedTuple):
     """
 
     elements: Mapping[str, int] = {}
+    degrees: Mapping[str, int] = {}
     inexact: tuple[str, ...] = ()
     friction_speeds: tuple[str, ...] = ()
     accuracy: tuple[str, float] = ("", 0.0)
@@ -67,6 +71,8 @@ class Refined(NamedTuple):
         texts = []
         if self.elements:
             texts.append(f"halved elements of {list_first(list(self.elements), _MAX_NAMES)}")
+        if self.degrees:
+            texts.append(f"higher degrees of {list_first(list(self.degrees), _MAX_NAMES)}")
         if self.inexact:
             texts.append("exact strains")
         if self.friction_speeds:
@@ -205,7 +211,8 @@ class Errors(HasTable):
         If there are several causes, the result is repeated once more, with refined steps only, and
         again, with original strains.
         """
-        has_mesh = bool(self.refined.elements or self.refined.friction_speeds)
+        x = self.refined
+        has_mesh = bool(x.elements or x.degrees or x.friction_speeds)
         is_possible = bool(self.refined.accuracy[0]), has_mesh, bool(self.refined.inexact)
         possible = dict(zip(CAUSES, is_possible, strict=True))
         if sum(possible.values()) < 2 or self.split is None:
@@ -295,9 +302,12 @@ class Errors(HasTable):
                 f"a friction_speed of {list_first(refined.friction_speeds, _MAX_NAMES)} ten times "
                 "smaller"
             )
+        is_automatic = "mesh" in needed and bool(refined.degrees)
+        if is_automatic:
+            texts.append(f"accuracy={aim:g}")
         if "theory" in needed:
             texts.append(f'strain="exact" of {list_first(refined.inexact, _MAX_NAMES)}')
-        if "time" in needed:
+        if "time" in needed and not is_automatic:
             name, value = refined.accuracy
             ratio = aim / min(needed["time"], 1.0)
             ratio **= 1.0 / refined.order if name == "step" else 1.0

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.beam import beams_of
-from beamdae.beams.prolongation import halve_elements, prolong_coordinates
+from beamdae.beams.prolongation import prolong_coordinates
 from beamdae.beams.remeshing import attached_sections, list_fixed_beams, replace_beams
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -18,6 +18,8 @@ from beamdae.parts.part import Part
 
 Array = np.ndarray
 
+# Degrees that are added to chosen meshes.
+_MORE_DEGREES = 2
 # Errors by the speed of regularized friction decrease in proportion to it: a tenth of it shows nine
 # tenths of the error.
 SPEED_RATIO = 0.1
@@ -30,9 +32,10 @@ class Refinement(NamedTuple):
     ----------
     equations
         The equations.
-    halved, exact, sharpened
-        Names of the beams with halved elements, of those with exact strains instead of moderate
-        ones, and of the parts with a tenth of their friction speed.
+    halved, raised, exact, sharpened
+        Names of the beams with halved elements, of those with elements of a higher degree, because
+        the program chose their meshes, of those with exact strains instead of moderate ones, and of
+        the parts with a tenth of their friction speed.
     kept
         Reasons why beams are not refined, by name.
     prolongation, start
@@ -42,6 +45,7 @@ class Refinement(NamedTuple):
 
     equations: EquationsOfMotion
     halved: tuple[str, ...]
+    raised: tuple[str, ...]
     exact: tuple[str, ...]
     sharpened: tuple[str, ...]
     kept: dict[str, str]
@@ -61,7 +65,7 @@ def refine(
     strains: bool = True,
     friction: bool = True,
 ) -> Refinement | None:
-    """Return the mechanism with halved elements, exact strains and sharper friction.
+    """Return the mechanism with finer meshes, exact strains and sharper friction.
 
     Beams keep their elements and strains if the start names their coordinates, an observable or
     event refers to them, or their kinematics are custom ones. Returns None if nothing is refined.
@@ -86,13 +90,19 @@ def refine(
     sections = attached_sections(mechanism)
     kept = list_fixed_beams(mechanism, start)
     beams = {x.name: x for x in beams_of(mechanism) if x.name not in kept}
-    finer, exact = {}, []
+    finer, halved, raised, exact = {}, [], [], []
     for name, beam in beams.items():
         other = beam.with_exact_strains() if strains else beam
         if other is not beam:
             exact.append(name)
         stress_mesh = beam.divide_mesh(sections[id(beam)])
-        finer[name] = other.with_mesh(halve_elements(other.mesh), stress_mesh)
+        if beam.has_chosen_mesh:
+            raised.append(name)
+            mesh = beam.mesh.with_degree(beam.mesh.nodes - 1 + _MORE_DEGREES)
+        else:
+            halved.append(name)
+            mesh = beam.mesh.with_divided_elements(2)
+        finer[name] = other.with_mesh(mesh, stress_mesh)
     sharpened = []
 
     def sharpen(part: Part) -> None:
@@ -108,6 +118,5 @@ def refine(
     pairs = {name: (beam, final[name]) for name, beam in beams.items()}
     names = equations.q_names, refined_equations.q_names
     prolongation, offset = prolong_coordinates(*names, pairs)
-    return Refinement(
-        refined_equations, tuple(finer), tuple(exact), tuple(sharpened), kept, prolongation, offset
-    )
+    changes = map(tuple, (halved, raised, exact, sharpened))
+    return Refinement(refined_equations, *changes, kept, prolongation, offset)

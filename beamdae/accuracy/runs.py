@@ -322,7 +322,8 @@ def describe_refinement(
     if refinement is None:
         mechanism = equations.mechanism
         return Refined(kept={} if mechanism is None else list_fixed_beams(mechanism), **of_steps)
-    beams = beams_of(equations.mechanism)
-    elements = {x.name: x.mesh.elements for x in beams if x.name in refinement.halved}
-    of_beams = elements, refinement.exact, refinement.sharpened
+    meshes = {x.name: x.mesh for x in beams_of(equations.mechanism)}
+    elements = {name: meshes[name].elements for name in refinement.halved}
+    degrees = {name: meshes[name].nodes - 1 for name in refinement.raised}
+    of_beams = elements, degrees, refinement.exact, refinement.sharpened
     return Refined(*of_beams, kept=refinement.kept, **of_steps)

@@ -98,7 +98,7 @@ def _measure(
     def refine_and_repeat(strains: bool) -> tuple[Refinement, Array]:
         with hold_messages(), single_threaded:
             refinement = refine(equations, strains=strains)
-            if refinement is None or not refinement.halved:
+            if refinement is None or not (refinement.halved or refinement.raised):
                 raise BeamdaeError("no beam can be refined.")
             found = repeat(refinement)
         return refinement, np.array([found.get(x, np.nan) for x in headers])

@@ -24,7 +24,8 @@ from beamdae.beams.kinematics import (
     create_custom_kinematics,
 )
 from beamdae.beams.mesh import Mesh, intern_mesh
-from beamdae.beams.section_samples import stress_sections
+from beamdae.beams.resolution import choose_mesh
+from beamdae.beams.section_samples import find_breaks, stress_sections
 from beamdae.beams.sections import Section, SectionLaw, Taper, VaryingSection, require_section
 from beamdae.beams.strains import (
     LargestStress,
@@ -33,7 +34,13 @@ from beamdae.beams.strains import (
     identity,
     section_forces,
 )
-from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve, Segment, require_curve
+from beamdae.curves.plane_curves import (
+    ARC_LENGTH_TOLERANCE,
+    PlaneCurve,
+    Segment,
+    curve_breaks,
+    require_curve,
+)
 from beamdae.errors import (
     BeamdaeError,
     as_real,
@@ -73,7 +80,8 @@ _DEFAULT_FORMULATION = "floating frame"
 EXACT_FORMULATION = "exact"
 CUSTOM_FORMULATION = "custom"
 FORMULATIONS = (_DEFAULT_FORMULATION, EXACT_FORMULATION)
-NODES = tuple(range(2, 10))  # per element
+NODES = tuple(range(2, 14))  # per element
+_DEFAULT_ELEMENTS, _DEFAULT_NODES = 8, 4
 
 # Sections higher than the beam is long are those of blocks, or width and height are exchanged, as
 # of short flexures; sizes in millimeters give factors of 1000. Beams joined to others may be short
@@ -229,11 +237,11 @@ class Beam(Part):
         name: str,
         curve: PlaneCurve,
         section: Section | SectionLaw | Taper,
-        elements: int | Sequence[float] = 8,
+        elements: int | Sequence[float] | None = None,
         strain: str | None = None,
         elements_shape: str = "curved",
         continuity: str | None = None,
-        nodes: int = 4,
+        nodes: int | None = None,
         quadrature: str | None = None,
         frame: str | None = None,
         velocity: tuple[float, float] | None = None,
@@ -247,16 +255,18 @@ class Beam(Part):
         self.section: Section | VaryingSection = require_section(name, section, curve.length)
         self.velocity = optional_point(name, "velocity", velocity)
         self.angular_velocity = optional_finite(name, "angular_velocity", angular_velocity)
-        count, bounds = _parse_elements(name, elements, curve.length)
-        self._requested_mesh = intern_mesh(
-            Mesh(
-                curve,
-                count,
-                require_choice(name, "nodes", require_count(name, "nodes", nodes), NODES),
-                require_choice(name, "elements_shape", elements_shape, ("curved", "straight")),
-                bounds=bounds,
-            )
-        )
+        require_choice(name, "elements_shape", elements_shape, ("curved", "straight"))
+        # Long elements are curved, and custom kinematics may assume cubic elements.
+        is_special = elements_shape == "straight" or continuity == "local" or kinematics is not None
+        self.has_chosen_mesh = elements is None and nodes is None and not is_special
+        if self.has_chosen_mesh:
+            self._requested_mesh = self.divide_mesh(())
+        else:
+            count, bounds = _parse_elements(name, elements, curve.length)
+            nodes = require_count(name, "nodes", _DEFAULT_NODES if nodes is None else nodes)
+            require_choice(name, "nodes", nodes, NODES)
+            mesh = Mesh(curve, count, nodes, elements_shape, bounds=bounds)
+            self._requested_mesh = intern_mesh(mesh)
         _require_mesh_memory(name, self.mesh)
         _require_valid_slenderness(name, self.section, self.length)
         self.mesh.require_resolved_curve(name)
@@ -297,6 +307,8 @@ class Beam(Part):
 
     @cached_property
     def _has_final_mesh(self) -> bool:
+        if self.has_chosen_mesh:
+            return False
         # The mesh of custom kinematics is not changed, because they may assume equal elements.
         return self._requested_mesh.bounds is not None or self._make_kinematics is not None
 
@@ -308,12 +320,16 @@ class Beam(Part):
     def divide_mesh(self, arc_lengths: Iterable[float]) -> Mesh:
         """Return the mesh after the first assembly with attachments at `arc_lengths` [m].
 
-        Elements also end at kinks of the section.
+        Elements also end at kinks of the section and, if the program chooses the mesh, at jumps of
+        the section and at kinks of the curve.
         """
         if self._has_final_mesh:
             return self.mesh
-        breaks = self.section.breaks if isinstance(self.section, VaryingSection) else ()
-        return intern_mesh(self.mesh.with_ends_at(sorted({*arc_lengths, *breaks})))
+        if self.has_chosen_mesh:
+            breaks = find_breaks(self.section, self.length) + curve_breaks(self.curve)
+            return intern_mesh(choose_mesh(self.curve, sorted({*arc_lengths, *breaks})))
+        known = self.section.breaks if isinstance(self.section, VaryingSection) else ()
+        return intern_mesh(self.mesh.with_ends_at(sorted({*arc_lengths, *(known or ())})))
 
     def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool:
         """Place element ends at attachments and kinks of the section, and make the mesh final.
@@ -343,7 +359,8 @@ class Beam(Part):
     def with_mesh(self, mesh: Mesh, stress_mesh: Mesh | None = None) -> Beam:
         """Return a copy of the beam with another mesh.
 
-        Assembly does not change this mesh if it has `bounds`. `largest_stress` has the sections of
+        Assembly does not change this mesh if it has `bounds`, or the program chose that of this
+        beam. `largest_stress` has the sections of
         this beam, also on another mesh.
 
         Parameters
@@ -360,6 +377,8 @@ class Beam(Part):
         for name in ("mesh", "kinematics", "_has_final_mesh"):
             vars(other).pop(name, None)
         other._requested_mesh = mesh
+        if other.has_chosen_mesh:
+            other._has_final_mesh = True
         return other
 
     def with_exact_strains(self) -> Beam:
@@ -977,6 +996,7 @@ def _parse_elements(
     part: str, elements: Any, length: float
 ) -> tuple[int, tuple[float, ...] | None]:
     """Return the number of elements and the arc lengths of their ends [m] (None if not given)."""
+    elements = _DEFAULT_ELEMENTS if elements is None else elements
     if as_real(elements) is not None:
         return require_count(part, "elements", elements), None
     what = "a number or the arc lengths of the element ends"

@@ -123,14 +123,21 @@ class Mesh:
     def with_ends_at(self, arc_lengths: Sequence[float]) -> Mesh:
         """Return a mesh with element ends at the given ascending arc lengths [m].
 
-        This mesh must have n elements of equal length; the elements of the result are at most as
-        long. An arc length is skipped if its distance from an end of the beam, or from the
-        preceding arc length that is not skipped, is at most 1e-4 of the element length. Return this
-        mesh if its elements already end at all arc lengths, or if more than 2 n + 8 elements would
-        be needed.
+        This mesh must have n elements of equal length. Return it if its elements already end at all
+        arc lengths, or if more than 2 n + 8 elements would be needed; see `divide`.
         """
         if all(map(self.has_end_at, arc_lengths)):
             return self
+        mesh = self.divide(arc_lengths)
+        is_small = mesh.elements <= _MAX_GROWTH_FACTOR * self.elements + _MAX_GROWTH
+        return mesh if is_small else self
+
+    def divide(self, arc_lengths: Sequence[float]) -> Mesh:
+        """Return a mesh with ends at arc lengths [m] and elements at most as long as equal ones.
+
+        An arc length is skipped if its distance from an end of the beam, or from the preceding arc
+        length that is not skipped, is at most 1e-4 of the element length.
+        """
         length, spacing = self.curve.length, self.curve.length / self.elements
         stops, nearest = [0.0], _MIN_END_DISTANCE * spacing
         for s in arc_lengths:
@@ -138,8 +145,6 @@ class Mesh:
                 stops.append(s)
         spans = np.diff([*stops, length])
         counts = np.ceil(spans / spacing * (1.0 - ARC_LENGTH_TOLERANCE)).astype(int)
-        if counts.sum() > _MAX_GROWTH_FACTOR * self.elements + _MAX_GROWTH:
-            return self
         bounds = [
             start + span / count * np.arange(count)
             for start, span, count in zip(stops, spans, counts, strict=True)

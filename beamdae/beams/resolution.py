@@ -9,6 +9,8 @@ tail, measure what higher degrees would add (Aurentz & Trefethen, ACM Trans. Mat
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +19,7 @@ from beamdae.beams.kinematics import FormulationKinematics, Kinematics
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.beams.strains import AXIAL, BENDING, SHEAR
+from beamdae.curves.plane_curves import PlaneCurve
 
 Array = np.ndarray
 
@@ -28,6 +31,10 @@ MAX_DEGREE, _SPLIT_DEGREE = 12, 8  # above the first, elements of the second deg
 # Strains of rigid beams are rounding errors, and so are the shear forces of pure bending, which are
 # compared with bending moment per length.
 _MIN_STRAIN, _MIN_SHEAR_RATIO = 1e-11, 1e-6
+# Numbers and degrees of elements of beams without attachments that have similar errors.
+_MESHES = ((1, 6), (2, 5), (3, 4), (8, 3))
+_MAX_ELEMENTS = 24  # beyond, attachments act like a distributed load
+_MAX_CURVATURE_ERROR = 0.1  # of elements, relative to the largest curvature or to 1 / length
 _MAX_NUMBERS = 1e6  # of strains that are evaluated together
 
 
@@ -100,6 +107,31 @@ def measure_tail(kinematics: Kinematics, q: Array, about: Array | None = None) -
     of_shear = coefficients[SHEAR] / scale
     (fiber, rate), (shear, shear_rate) = map(_measure_series, (of_fiber, of_shear))
     return Tail(degree, fiber, shear, rate if fiber >= shear else shear_rate)
+
+
+def choose_mesh(curve: PlaneCurve, arc_lengths: Sequence[float]) -> Mesh:
+    """Return the mesh of a beam with element ends at ascending arc lengths [m].
+
+    It is the smallest one of elements of degree 6, 5, 4 or 3 that are at most as long as the beam,
+    a half, a third and an eighth of it, or shorter on curves that they would not resolve. With more
+    than about 20 arc lengths, it has eight elements of degree 3.
+    """
+    meshes = [Mesh(curve, n, p + 1, "curved") for n, p in _MESHES]
+    if meshes[-1].divide(arc_lengths).elements > _MAX_ELEMENTS:
+        return meshes[-1]
+    resolved = [_resolve_curve(mesh, arc_lengths) for mesh in meshes]
+    return min(resolved, key=lambda x: x.node_count)
+
+
+def _resolve_curve(mesh: Mesh, arc_lengths: Sequence[float]) -> Mesh:
+    divided = mesh.divide(arc_lengths)
+    turn = max(float(divided.gauss_curvature.max()) * mesh.curve.length, 1.0)
+    while divided.elements <= _MAX_ELEMENTS:
+        if divided.curvature_error(divided.nodes - 1) <= _MAX_CURVATURE_ERROR * turn:
+            break
+        mesh = replace(mesh, elements=mesh.elements + 1)
+        divided = mesh.divide(arc_lengths)
+    return divided
 
 
 def next_mesh(mesh: Mesh, tail: Tail, accuracy: float, *, forces: bool = True) -> Mesh:

@@ -50,6 +50,7 @@ _LOCATION_DIGITS, _LOCATION_ROUNDING = 12, 1e-9
 # Distance from a located section, relative to the length of the beam, at which stresses in a
 # neighboring model are smaller if the kink is still there. It exceeds the rounding of locations.
 _CHECKED_DISTANCE = 1e-9
+_BREAK_INTERVALS = 16
 _MAX_HALVINGS = 10
 _MAX_SECTIONS_PER_INTERVAL = 32
 
@@ -167,6 +168,20 @@ def stress_sections(
             section.stress_sections[key] = _refine(section, key)
     result = section.stress_sections[key].arc_lengths
     return result if known is None or len(known[0]) == len(result) else known.arc_lengths
+
+
+def find_breaks(section: Section | VaryingSection, length: float) -> tuple[float, ...]:
+    """Return ascending arc lengths [m] of kinks and jumps, at which the section is thin.
+
+    Those of tapers are known. Otherwise, they are located in each sixteenth of the length.
+    """
+    if isinstance(section, Section):
+        return ()
+    if section.breaks is not None:
+        return section.breaks
+    arc_lengths = tuple(np.linspace(0.0, length, _BREAK_INTERVALS + 1).tolist())
+    stress_sections(section, arc_lengths)
+    return tuple(sorted(x.s for x in section.stress_sections[arc_lengths].located))
 
 
 def _find_known(known: KnownSections, key: tuple[float, ...]) -> StressSections | None:
