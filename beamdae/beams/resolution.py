@@ -32,9 +32,10 @@ MAX_DEGREE, _SPLIT_DEGREE = 12, 8  # above the first, elements of the second deg
 # compared with bending moment per length.
 _MIN_STRAIN, _MIN_SHEAR_RATIO = 1e-11, 1e-6
 # Numbers and degrees of elements of beams without attachments that have similar errors.
-_MESHES = ((1, 6), (2, 5), (3, 4), (8, 3))
+_MESHES = ((1, 7), (2, 6), (3, 5), (8, 3))
 _MAX_ELEMENTS = 24  # beyond, attachments act like a distributed load
 _MAX_CURVATURE_ERROR = 0.1  # of elements, relative to the largest curvature or to 1 / length
+_INTERVALS_OF_MODES = 24
 _MAX_NUMBERS = 1e6  # of strains that are evaluated together
 
 
@@ -132,6 +133,12 @@ def _resolve_curve(mesh: Mesh, arc_lengths: Sequence[float]) -> Mesh:
         mesh = replace(mesh, elements=mesh.elements + 1)
         divided = mesh.divide(arc_lengths)
     return divided
+
+
+def mesh_of_modes(mesh: Mesh) -> Mesh:
+    """Return a mesh that resolves ten modes of a beam: of at least 24 intervals between nodes."""
+    intervals = mesh.node_count - 1
+    return mesh.with_divided_elements(math.ceil(_INTERVALS_OF_MODES / intervals))
 
 
 def next_mesh(mesh: Mesh, tail: Tail, accuracy: float, *, forces: bool = True) -> Mesh:

@@ -15,6 +15,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
     linearize_about,
+    model_of_modes,
     solve_for_accelerations,
 )
 from beamdae.equations.assembly.building import build_equations
@@ -40,7 +41,6 @@ from beamdae.errors import (
 )
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.model_functions import Model
 from beamdae.model_parameters import split_unit
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
@@ -422,8 +422,7 @@ def linearize(
     >>> linear.B[:, 0].tolist()
     [0.0, 0.5]
     """
-    if isinstance(model, Model):
-        model = model()
+    model = model_of_modes(model, about)
     time = require_finite("linearize", "t", t)
     lin = linearize_about("linearize", model, about, time)
     request = _Request(about, time, inputs, outputs)

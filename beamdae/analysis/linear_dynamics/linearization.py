@@ -20,6 +20,7 @@ from beamdae.analysis.eigenproblems.eigensolution import massless_error
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading, build_loading
+from beamdae.beams.remeshing import resolve_modes
 from beamdae.equations.commands import limit_warnings
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
@@ -41,7 +42,8 @@ from beamdae.errors import (
 )
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.model_checks.strain_limits import strain_warnings
-from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
+from beamdae.model_functions import Model
+from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.start_changes import compare_start, drawing_warnings
 from beamdae.results.trajectory import Instant
@@ -112,6 +114,18 @@ class Linearization:
         """Equations for the eigenvalue solvers."""
         has_differences = self.rotation is not None or self.zero_square > 0.0
         return LinearizedEquations(self.equations, self.tangent, self.zero_square, has_differences)
+
+
+def model_of_modes(model: Any, about: Any) -> Any:
+    """Return a model whose beams resolve modes about a state that is not a result.
+
+    Models that are not mechanisms, or model functions that return them, are not changed.
+    """
+    if isinstance(model, Model):
+        model = model()
+    if isinstance(model, Mechanism) and not isinstance(about, (Instant, Equilibrium)):
+        model = resolve_modes(model, about)
+    return model
 
 
 def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.0) -> Linearization:

@@ -25,6 +25,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
     linearize_about,
+    model_of_modes,
 )
 from beamdae.beams.beam import Beam
 from beamdae.equations.starts.mobility import find_free_groups
@@ -42,7 +43,6 @@ from beamdae.errors import (
 )
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import HasModeShapes
@@ -372,8 +372,7 @@ def compute_modes(
     """
     count = None if n is None else require_count("modes", "n", n)
     is_damped = require_choice("modes", "damping", damping, (True, False))
-    if isinstance(model, Model):
-        model = model()
+    model = model_of_modes(model, about)
     time = require_finite("modes", "t", t)
     begin = perf_counter()
     lin = linearize_about("modes", model, about, time)
