@@ -118,5 +118,13 @@ def refine(
     pairs = {name: (beam, final[name]) for name, beam in beams.items()}
     names = equations.q_names, refined_equations.q_names
     prolongation, offset = prolong_coordinates(*names, pairs)
-    changes = map(tuple, (halved, raised, exact, sharpened))
-    return Refinement(refined_equations, *changes, kept, prolongation, offset)
+    return Refinement(
+        refined_equations,
+        tuple(halved),
+        tuple(raised),
+        tuple(exact),
+        tuple(sharpened),
+        kept,
+        prolongation,
+        offset,
+    )

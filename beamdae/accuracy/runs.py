@@ -13,10 +13,17 @@ import numpy as np
 from beamdae.accuracy.errors import FACTOR, Errors, Refined, split_causes
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.values import compare_columns
-from beamdae.beams.beam import beams_of
+from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.remeshing import list_fixed_beams
+from beamdae.beams.resolution import measure_tail
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.errors import BeamdaeError, require_progress, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    format_percent,
+    list_first,
+    require_progress,
+    short_repr,
+)
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.integrators.limits import Progress
@@ -24,6 +31,8 @@ from beamdae.integrators.pilot_run import reuse_motion
 from beamdae.interrupts import Interrupted, interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN
+from beamdae.results.columns import AIM
+from beamdae.results.elastic_columns import measured_quantity
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 
@@ -40,6 +49,7 @@ _MAX_STEPS_RATIO, _MIN_MAX_STEPS = 8, 3000
 _RTOL_OF_ANOTHER_METHOD, _MIN_RTOL = 1e-6, 1e-10
 # Runs are checked by themselves up to this time [s], or this multiple of their own.
 _MIN_TIME_LIMIT, _MAX_TIME_RATIO = 2.0, 8.0
+_MAX_NAMES = 6
 
 
 @contextmanager
@@ -201,8 +211,31 @@ def verify(
 
 
 def check_run(run: Solution, progress: Progress | None = None) -> Iterator[str]:
-    """Yield the sentences of the errors of a run, unless its companion takes too long."""
+    """Yield the sentences of the errors of a run; those of meshes are estimated if not measured."""
     yield from check_result(run, run, lambda limit: measure_run(run, limit, progress))
+    if _are_checked.get() and ("errors" not in vars(run) or run.errors.reason):
+        yield from _estimate_mesh_errors(run)
+
+
+def _estimate_mesh_errors(run: Solution) -> Iterator[str]:
+    """Yield a sentence if meshes that the program chose do not resolve the strains of beams."""
+    mechanism, estimates = run.equations.mechanism, {}
+    quantities = () if mechanism is None else mechanism.observables.values()
+    of_strains = (Beam.sections_of_strains(measured_quantity(x)[0]) for x in quantities)
+    stressed = {beam.name for beam, _ in filter(None, of_strains)}
+    rows = {part.name: part.rows for part in run.equations.parts}
+    for beam in beams_of(mechanism):
+        tail = measure_tail(beam.kinematics, run.q[:, rows[beam.name]])
+        if tail is not None and beam.has_chosen_mesh:
+            needs_forces = beam.name in stressed
+            estimates[beam.name] = max(tail.motion_error, tail.force_error * needs_forces)
+    wrong = {name: x for name, x in estimates.items() if x > 2.0 * AIM}
+    if wrong:
+        largest = min(max(wrong.values()), 1.0)
+        yield (
+            f"{list_first(list(wrong), _MAX_NAMES)}: the estimated error by the mesh is "
+            f"{format_percent(largest)}; use accuracy={AIM:g}."
+        )
 
 
 def check_result(result: Any, run: Solution, measure: Callable[[float], Errors]) -> Iterator[str]:
