@@ -23,9 +23,9 @@ from beamdae.curves.plane_curves import PlaneCurve
 
 Array = np.ndarray
 
-# Errors by the tail t at degree p: 8 t / p^2 for motions, whose derivatives the strains are, and
+# Errors by the tail t at degree p: 16 t / p^2 for motions, whose derivatives the strains are, and
 # 3 t for strains and section forces (measured).
-_MOTION_FACTOR, _FORCE_FACTOR = 8.0, 3.0
+_MOTION_FACTOR, _FORCE_FACTOR = 16.0, 3.0
 _MIN_RATE = 0.25  # of the logarithm of coefficients per degree
 MAX_DEGREE, _SPLIT_DEGREE = 12, 8  # above the first, elements of the second degree are divided
 # Strains of rigid beams are rounding errors, and so are the shear forces of pure bending, which are
@@ -47,8 +47,9 @@ class Tail(NamedTuple):
     degree
         Degree p of the elements.
     fiber, shear
-        Largest of the last two coefficients of the fiber strain, relative to its largest value, and
-        of the shear strain, relative to its largest coefficient.
+        Largest of the last two coefficients of the fiber strain, relative to its largest value
+        along the beam, and of the shear strain, relative to its largest coefficient. All are root
+        mean squares over the states: sudden starts excite high coefficients for a short time.
     rate
         Decrease of the logarithm of the coefficients per degree; that of the larger tail.
     """
@@ -92,20 +93,18 @@ def measure_tail(kinematics: Kinematics, q: Array, about: Array | None = None) -
     degree = mesh.nodes - 1
     transform = _legendre_transform(points)[:degree]
     start = 0.0 if about is None else kinematics.fiber_strains(about[None])
-    # Largest magnitudes (3, degree) of coefficients, and (3,) of strains, over elements and rows.
-    coefficients, largest, largest_fiber = np.zeros((3, degree)), np.zeros(3), 0.0
+    squares, square_of_fiber = np.zeros((3, degree)), 0.0  # sums over the states
     count = max(int(_MAX_NUMBERS / (3 * points * mesh.elements)), 1)
     for first in range(0, len(q), count):
         strains = kinematics.fiber_strains(q[first : first + count]) - start
-        in_element = np.abs(np.einsum("ij,cejk->ceik", transform, strains))
-        coefficients = np.maximum(coefficients, in_element.max(axis=(1, 3)))
-        sizes = np.abs(strains)
-        largest = np.maximum(largest, sizes.max(axis=(1, 2, 3)))
-        largest_fiber = max(largest_fiber, float(np.max(sizes[AXIAL] + sizes[BENDING])))
-    of_fiber = coefficients[[AXIAL, BENDING]].max(axis=0) / max(largest_fiber, _MIN_STRAIN)
-    least = _MIN_SHEAR_RATIO * _shear_by_bending(kinematics) * largest_fiber
-    scale = max(float(coefficients[SHEAR].max()), least, _MIN_STRAIN)
-    of_shear = coefficients[SHEAR] / scale
+        coefficients = np.einsum("ij,cejk->ceik", transform, strains)
+        squares += np.sum(np.max(coefficients**2, axis=1), axis=-1)
+        fiber_strains = np.abs(strains[AXIAL]) + np.abs(strains[BENDING])
+        square_of_fiber += float(np.sum(np.max(fiber_strains, axis=(0, 1)) ** 2))
+    sizes, size = np.sqrt(squares / len(q)), math.sqrt(square_of_fiber / len(q))
+    of_fiber = sizes[[AXIAL, BENDING]].max(axis=0) / max(size, _MIN_STRAIN)
+    least = _MIN_SHEAR_RATIO * _shear_by_bending(kinematics) * size
+    of_shear = sizes[SHEAR] / max(float(sizes[SHEAR].max()), least, _MIN_STRAIN)
     (fiber, rate), (shear, shear_rate) = map(_measure_series, (of_fiber, of_shear))
     return Tail(degree, fiber, shear, rate if fiber >= shear else shear_rate)
 
@@ -113,7 +112,7 @@ def measure_tail(kinematics: Kinematics, q: Array, about: Array | None = None) -
 def choose_mesh(curve: PlaneCurve, arc_lengths: Sequence[float]) -> Mesh:
     """Return the mesh of a beam with element ends at ascending arc lengths [m].
 
-    It is the smallest one of elements of degree 6, 5, 4 or 3 that are at most as long as the beam,
+    It is the smallest one of elements of degree 7, 6, 5 or 3 that are at most as long as the beam,
     a half, a third and an eighth of it, or shorter on curves that they would not resolve. With more
     than about 20 arc lengths, it has eight elements of degree 3.
     """
