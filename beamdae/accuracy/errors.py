@@ -292,6 +292,8 @@ class Errors(HasTable):
         of_cause = {x: float(np.nanmax(y, initial=0.0)) for x, y in self.causes.items()}
         needed = {x: y for x, y in of_cause.items() if y > 2.0 * aim}
         texts, refined = [], self.refined
+        if "mesh" in needed and refined.degrees:
+            return f"accuracy={aim:g}"
         if "mesh" in needed and refined.elements:
             halvings = np.log2(min(needed["mesh"], 1.0) / aim) / refined.mesh_order
             factor = 2 ** int(np.ceil(halvings))
@@ -302,12 +304,9 @@ class Errors(HasTable):
                 f"a friction_speed of {list_first(refined.friction_speeds, _MAX_NAMES)} ten times "
                 "smaller"
             )
-        is_automatic = "mesh" in needed and bool(refined.degrees)
-        if is_automatic:
-            texts.append(f"accuracy={aim:g}")
         if "theory" in needed:
             texts.append(f'strain="exact" of {list_first(refined.inexact, _MAX_NAMES)}')
-        if "time" in needed and not is_automatic:
+        if "time" in needed:
             name, value = refined.accuracy
             ratio = aim / min(needed["time"], 1.0)
             ratio **= 1.0 / refined.order if name == "step" else 1.0

@@ -258,6 +258,7 @@ class Beam(Part):
         require_choice(name, "elements_shape", elements_shape, ("curved", "straight"))
         # Long elements are curved, and custom kinematics may assume cubic elements.
         is_special = elements_shape == "straight" or continuity == "local" or kinematics is not None
+        self.has_moving_load = False  # set by parts that move along the beam
         self.has_chosen_mesh = elements is None and nodes is None and not is_special
         if self.has_chosen_mesh:
             self._requested_mesh = self.divide_mesh(())
@@ -327,7 +328,8 @@ class Beam(Part):
             return self.mesh
         if self.has_chosen_mesh:
             breaks = find_breaks(self.section, self.length) + curve_breaks(self.curve)
-            return intern_mesh(choose_mesh(self.curve, sorted({*arc_lengths, *breaks})))
+            stops = sorted({*arc_lengths, *breaks})
+            return intern_mesh(choose_mesh(self.curve, stops, self.has_moving_load))
         known = self.section.breaks if isinstance(self.section, VaryingSection) else ()
         return intern_mesh(self.mesh.with_ends_at(sorted({*arc_lengths, *(known or ())})))
 

@@ -109,14 +109,16 @@ def measure_tail(kinematics: Kinematics, q: Array, about: Array | None = None) -
     return Tail(degree, fiber, shear, rate if fiber >= shear else shear_rate)
 
 
-def choose_mesh(curve: PlaneCurve, arc_lengths: Sequence[float]) -> Mesh:
+def choose_mesh(curve: PlaneCurve, arc_lengths: Sequence[float], has_moving_load: bool) -> Mesh:
     """Return the mesh of a beam with element ends at ascending arc lengths [m].
 
     It is the smallest one of elements of degree 7, 6, 5 or 3 that are at most as long as the beam,
     a half, a third and an eighth of it, or shorter on curves that they would not resolve. With more
-    than about 20 arc lengths, it has eight elements of degree 3.
+    than about 20 arc lengths, it has eight elements of degree 3; with a moving load, at which
+    section forces jump or have kinks, at least as many.
     """
-    meshes = [Mesh(curve, n, p + 1, "curved") for n, p in _MESHES]
+    candidates = _MESHES[-1:] if has_moving_load else _MESHES
+    meshes = [Mesh(curve, n, p + 1, "curved") for n, p in candidates]
     if meshes[-1].divide(arc_lengths).elements > _MAX_ELEMENTS:
         return meshes[-1]
     resolved = [_resolve_curve(mesh, arc_lengths) for mesh in meshes]
