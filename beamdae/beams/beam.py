@@ -135,17 +135,25 @@ class Beam(Part):
         another `PlaneCurve`.
     section
         Cross-section. For a section that varies along the beam, a `taper` or a function of arc
-        length s [m] that returns a `Section`. Elements end at the kinks of a `taper`; where a
-        function jumps or has kinks, pass `elements=[...]`.
+        length s [m] that returns a `Section`. With `elements`, elements end at the kinks of a
+        `taper`; where a function jumps or has kinks, pass `elements=[...]`.
     elements
-        Number of elements, or the arc lengths of the element ends [m], ascending from 0 to the
-        length of the curve. With a number n, the elements have equal arc length, unless a joint, a
-        mass, a load or another part is attached between two element ends. The first assembly (run,
-        check or analysis) then divides the beam there into at least n elements, none
-        of which is longer than with equal lengths. A beam is not divided if it would need more than
-        2 n + 8 elements, if it has custom `kinematics`, or if its coordinates must not change
-        because the start or a custom `Quantity` refers to them. `errors` of results include those
-        by attachments and sections that change within elements.
+        By default (None), the program chooses the mesh in the first assembly (run, check or
+        analysis). Elements end at joints, masses, loads and other attachments, at kinks and jumps
+        of the section where it is thin, and at the `breaks` of a curve. Those of a beam have the
+        same degree: 7 without such ends, and 6, 5 or 3 where more elements are needed, also to
+        follow the curve or a moving load. With more than about 20 ends, there are eight cubic
+        elements. Modes and linear models use a copy with elements that resolve ten modes of each
+        beam, unless they are about an instant of a run or an `Equilibrium`.
+        Otherwise, the number of elements (by default 8, for settings that exclude long elements:
+        `nodes`, custom `kinematics`, elements_shape="straight" or continuity="local"), or the arc
+        lengths of the element ends [m], ascending from 0 to the length of the curve. With a number
+        n, the elements have equal arc length, unless a joint, a mass, a load or another part is
+        attached between two element ends. The first assembly then divides the beam there into at
+        least n elements, none of which is longer than with equal lengths. A beam is not divided if
+        it would need more than 2 n + 8 elements, if it has custom `kinematics`, or if its
+        coordinates must not change because the start or a custom `Quantity` refers to them.
+        `errors` of results include those by all meshes.
     strain
         Strain measure of the floating frame:
 
@@ -165,9 +173,9 @@ class Beam(Part):
         With "local", the small angle at which the axes of the elements meet is neglected, which
         limits convergence to order 2 instead of 4 and more (measured, see validation/).
     nodes
-        Nodes per element: 4 (default, cubic, as in the paper), 3, 2 (linear, always straight), or 5
-        to 9 Gauss-Lobatto points. With smooth curves and sections, errors decrease exponentially
-        with the number of nodes: one element with 8 nodes is more accurate than 8 cubic elements.
+        Nodes per element: 4 (default with `elements`, cubic, as in the paper), 3, 2 (linear, always
+        straight), or 5 to 13 Gauss-Lobatto points. With smooth curves and sections, errors decrease
+        exponentially with the number of nodes.
     quadrature
         Number of Gauss points per element for the stiffness terms: nodes - 1 with "reduced"
         (default), nodes with "full". Reduced quadrature needs about half as many elements for the
@@ -226,7 +234,7 @@ class Beam(Part):
     >>> strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004)
     >>> arc = bd.Arc(radius=0.85, length=0.8, angle=-0.6)
     >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
-    >>> beam = mech.add(bd.Beam("beam", arc, strip, elements=6))
+    >>> beam = mech.add(bd.Beam("beam", arc, strip))
     >>> mech.observe("tip", beam.end)
     """
 
