@@ -1,14 +1,13 @@
 """Beams without `elements`: the program chooses meshes that resolve deformations and modes."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.beams.mesh import Mesh
-from beamdae.beams.resolution import measure_tail, next_mesh
 
 ALLOY = bd.Material(E=7e10, nu=0.33, rho=2700.0)
 THICK, THIN = (bd.Section.rectangle(ALLOY, width=0.02, height=x) for x in (0.008, 0.004))
@@ -92,7 +91,7 @@ def test_errors_decrease_exponentially_with_the_degree(curve, settings):
         solve(clamp(curve, THIN, elements=1, nodes=n, **settings)[0]) for n in (13, 4, 6, 8, 10)
     )
     errors = [np.max(np.abs(x / reference - 1.0)) for x in results]
-    assert all(b < 0.25 * a for a, b in zip(errors, errors[1:], strict=False))
+    assert all(b < 0.25 * a for a, b in pairwise(errors))
     assert errors[-1] < 1e-4 * errors[0]
 
 
@@ -186,25 +185,6 @@ def test_companions_have_higher_degrees(settings):
     assert errors.largest < 0.01
     assert "accuracy=1e-12" in errors.recommend(1e-12)
     assert shape_of(beam) == (2, 6)
-
-
-@every_formulation
-def test_tails_measure_what_higher_degrees_add(settings):
-    tails = {}
-    for degree in (3, 5, 7, 9):
-        mech, beam = clamp(ARC, THIN, elements=1, nodes=degree + 1, **settings)
-        path = bd.equilibrium(mech)
-        tails[degree] = measure_tail(beam.kinematics, path.q)
-    sizes = [max(x.fiber, x.shear) for x in tails.values()]
-    assert all(b < 0.3 * a for a, b in zip(sizes, sizes[1:], strict=False))
-    coarse = tails[5]
-    mesh = Mesh(ARC, 1, 6, "curved")
-    assert next_mesh(mesh, coarse, 10.0) is mesh
-    finer, split = (next_mesh(mesh, coarse, x) for x in (0.1 * coarse.force_error, 1e-12))
-    assert finer.elements == 1
-    assert 6 < finer.nodes <= 13
-    assert split.nodes == 9
-    assert split.elements > 1
 
 
 def test_runs_without_observed_columns_state_estimated_errors():
