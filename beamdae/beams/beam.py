@@ -136,13 +136,13 @@ class Beam(Part):
     section
         Cross-section. For a section that varies along the beam, a `taper` or a function of arc
         length s [m] that returns a `Section`. With `elements`, elements end at the kinks of a
-        `taper`; where a function jumps or has kinks, pass `elements=[...]`.
+        `taper`; where a function jumps, pass `elements=[...]`.
     elements
         By default (None), the program chooses the mesh in the first assembly (run, check or
-        analysis). Elements end at joints, masses, loads and other attachments, at kinks and jumps
-        of the section where it is thin, and at the `breaks` of a curve. Those of a beam have the
-        same degree: 7 without such ends, and 6, 5 or 3 where more elements are needed, also to
-        follow the curve or a moving load. With more than about 20 ends, there are eight cubic
+        analysis). Elements end at joints, masses, loads and other attachments, at kinks of a
+        `taper`, at jumps of a function of s, and at the `breaks` of a curve. They have the same
+        degree: 7 without such ends, and 6, 5 or 3 where more elements are needed, also to follow
+        the curve or a moving load. With more than about 20 ends, there are eight cubic
         elements. Modes and linear models use a copy with elements that resolve ten modes of each
         beam, unless they are about an instant of a run or an `Equilibrium`.
         Otherwise, the number of elements (by default 8, for settings that exclude long elements:
