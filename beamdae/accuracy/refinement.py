@@ -20,7 +20,7 @@ Array = np.ndarray
 
 # Degrees that are added to chosen meshes: with three more, stated errors bound 94 to 100 % of the
 # true ones, with two more 85 to 92 %.
-_MORE_DEGREES = 3
+_MORE_DEGREES = 3  # of chosen meshes
 # Errors by the speed of regularized friction decrease in proportion to it: a tenth of it shows nine
 # tenths of the error.
 SPEED_RATIO = 0.1

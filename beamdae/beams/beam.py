@@ -44,6 +44,7 @@ from beamdae.curves.plane_curves import (
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    format_count,
     format_distinct,
     optional_finite,
     optional_point,
@@ -292,7 +293,8 @@ class Beam(Part):
         _ = self.kinematics
 
     def __repr__(self) -> str:
-        return f"Beam(name={self.name!r}, {self.length:.6g} m in {self.mesh.elements} elements)"
+        elements = format_count(self.mesh.elements, "element")
+        return f"Beam(name={self.name!r}, {self.length:.6g} m in {elements})"
 
     # The first assembly replaces the values of the following properties. They are cached
     # properties because fingerprints of models omit these.

@@ -295,7 +295,7 @@ def modes(
     The modes Re(x exp(l t)) solve M x'' + C x' + K x + H mu = 0 under the linearized constraints.
     The matrices contain prestress, weight, the geometric stiffness of reactions, gyroscopic and
     centrifugal terms. Without damping, friction, rotation and follower loads, the problem is
-    symmetric. Frequencies converge with the mesh of the beams (order 6 with the default elements).
+    symmetric. Frequencies converge with the mesh of the beams (order 6 with cubic elements).
 
     Parameters
     ----------
