@@ -34,7 +34,7 @@ _MIN_STRAIN, _MIN_SHEAR_RATIO = 1e-11, 1e-6
 # Numbers and degrees of elements of beams without attachments that have similar errors.
 _MESHES = ((1, 7), (2, 6), (3, 5), (8, 3))
 _MAX_ELEMENTS = 24  # beyond, attachments act like a distributed load
-_MAX_CURVATURE_ERROR = 0.1  # of elements, relative to the largest curvature or to 1 / length
+_MAX_CURVATURE_ERROR = 0.05  # of elements, relative to the largest curvature or to 1 / length
 _INTERVALS_OF_MODES = 24
 _MAX_NUMBERS = 1e6  # of strains that are evaluated together
 
@@ -131,7 +131,7 @@ def _resolve_curve(mesh: Mesh, arc_lengths: Sequence[float]) -> Mesh:
     while divided.elements <= _MAX_ELEMENTS:
         if divided.curvature_error(divided.nodes - 1) <= _MAX_CURVATURE_ERROR * turn:
             break
-        mesh = replace(mesh, elements=mesh.elements + 1)
+        mesh = replace(mesh, elements=mesh.elements + 1 + mesh.elements // 4)
         divided = mesh.divide(arc_lengths)
     return divided
 
