@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from beamdae.errors import format_percent, join_names, list_first, name_with_others
+from beamdae.linear.blas_threads import single_threaded
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import AIM, LIMIT, remove_unit
 from beamdae.results.displays import HasTable
+from beamdae.results.outcome import Status
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Array = np.ndarray
-T = TypeVar("T")
 
 # A refinement shows a part of the error: halved elements of order 2 three quarters of it, and a
 # third of the tolerance two thirds.
@@ -26,6 +27,7 @@ FACTOR = 1.15
 CAUSES = ("time", "mesh", "theory")
 _NAMES_OF_CAUSES = {"time": "steps", "mesh": "elements", "theory": "strains"}
 _MAX_NAMES = 6
+UNREQUIRED = Status("ok", "")
 
 
 class Refined(NamedTuple):
@@ -111,6 +113,9 @@ class Errors(HasTable):
         What the errors, or those of each column, are relative to, for sentences.
     split
         Function that returns `causes`, if there may be several.
+    status
+        Outcome of a required accuracy: "ok" or "limited", with the largest error and the settings
+        that reach it. The sentence is empty if none was required.
     """
 
     headers: tuple[str, ...]
@@ -123,6 +128,7 @@ class Errors(HasTable):
     has_failed: bool = False
     relative_to: str | tuple[str, ...] = "half its range"
     split: Callable[[], Mapping[str, Array]] | None = None
+    status: Status = UNREQUIRED
 
     @classmethod
     def unchecked(cls, headers: tuple[str, ...], values: Array, reason: str) -> Errors:
@@ -264,7 +270,10 @@ class Errors(HasTable):
         return replace(self, headers=headers, split=split, **selected)
 
     def sentences(self) -> Iterator[str]:
-        """Yield a sentence if a column has an error of more than 4 %."""
+        """Yield a sentence if a required accuracy is not reached, or an error exceeds 4 %."""
+        if not self.status.success:
+            yield f"accuracy: {self.status.sentence}."
+            return
         if self.has_failed:
             yield f"errors: not known, because {self.reason}; check the model, and refine it."
         order = np.argsort(-np.nan_to_num(self.total))
@@ -314,16 +323,11 @@ class Errors(HasTable):
         return join_names(texts) if texts else ""
 
 
-def split_causes(
-    result: T,
-    companion: T,
-    repeat: Callable[[bool], T | None],
-    compare: Callable[[T, T], Array],
-    has_theory: bool,
-) -> dict[str, Array]:
-    """Return the errors of the columns by cause.
+@dataclass
+class Split:
+    """Repetitions of a result that separate the causes of its errors.
 
-    Parameters
+    Attributes
     ----------
     result, companion
         The result and its companion.
@@ -335,18 +339,34 @@ def split_causes(
     has_theory
         True if the companion has other strains.
     """
-    timed = repeat(False)
-    if timed is None:
-        return dict.fromkeys(CAUSES, np.full_like(compare(result, companion), np.nan))
-    causes = {"time": compare(result, timed), "mesh": compare(timed, companion)}
-    largest_of_steps, of_mesh = (np.nanmax(x, initial=0.0) for x in causes.values())
-    causes["theory"] = np.zeros_like(causes["mesh"])
-    if has_theory and of_mesh >= min(AIM, largest_of_steps):
-        meshed = repeat(True)
-        if meshed is not None:
-            causes["mesh"] = compare(timed, meshed)
-            causes["theory"] = compare(meshed, companion)
-    return causes
+
+    result: Any
+    companion: Any
+    repeat: Callable[[bool], Any]
+    compare: Callable[[Any, Any], Array]
+    has_theory: bool
+
+    @cached_property
+    def timed(self) -> Any:
+        """The result repeated with refined steps only; None if this fails."""
+        return self.repeat(False)
+
+    @single_threaded
+    def __call__(self) -> dict[str, Array]:
+        """Return the errors of the columns by cause."""
+        timed, companion = self.timed, self.companion
+        if timed is None:
+            missing = np.full_like(self.compare(self.result, companion), np.nan)
+            return dict.fromkeys(CAUSES, missing)
+        causes = {"time": self.compare(self.result, timed), "mesh": self.compare(timed, companion)}
+        largest_of_steps, of_mesh = (np.nanmax(x, initial=0.0) for x in causes.values())
+        causes["theory"] = np.zeros_like(causes["mesh"])
+        if self.has_theory and of_mesh >= min(AIM, largest_of_steps):
+            meshed = self.repeat(True)
+            if meshed is not None:
+                causes["mesh"] = self.compare(timed, meshed)
+                causes["theory"] = self.compare(meshed, companion)
+        return causes
 
 
 def _describe(error: float) -> str:

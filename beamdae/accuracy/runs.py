@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, Refined, split_causes
+from beamdae.accuracy.errors import FACTOR, Errors, Refined, Split
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.values import compare_columns
 from beamdae.beams.beam import Beam, beams_of
@@ -82,15 +82,8 @@ def measure_run(
     Interrupted
         If the companion is interrupted.
     """
-    return run_companion(run, time_limit, progress)[0]
-
-
-def run_companion(
-    run: Solution, time_limit: float | None = None, progress: Progress | None = None
-) -> tuple[Errors, Solution | None]:
-    """Return the errors of a run and its companion, or None without one; see `measure_run`."""
     if reason := _find_obstacle(run):
-        return _state_obstacle(run, reason), None
+        return _state_obstacle(run, reason)
     # The run caches its errors, which refer to a copy: a cycle would keep both in memory.
     twin = replace(run)
     vars(twin).update(vars(run))
@@ -101,7 +94,7 @@ def run_companion(
         equations = run.equations if refinement is None else refinement.equations
         other = _repeat(run, method, equations, motion, progress)
     except BeamdaeError as problem:
-        return _state_obstacle(run, f"a refined run cannot begin: {problem}"), None
+        return _state_obstacle(run, f"a refined run cannot begin: {problem}")
 
     refined = describe_refinement(run.equations, refinement, run)
 
@@ -112,41 +105,15 @@ def run_companion(
                 halved, motion = refine_equations(run, strains=False)
                 assert halved is not None
                 equations = halved.equations
-            return _repeat(run, method, equations, motion)
+            return _repeat(run, method, equations, motion, progress)
         except BeamdaeError:
             return None
 
     def compare(first: Solution, second: Solution) -> Array:
         return _compare(first, second, refined).total
 
-    def split() -> dict[str, Array]:
-        return split_causes(run, other, repeat, compare, bool(refined.inexact))
-
-    errors = replace(_compare(run, other, refined), split=single_threaded(split))
-    return errors, None if errors.has_failed else other
-
-
-def split_time(
-    run: Solution,
-    companion: Solution,
-    time_limit: float | None = None,
-    progress: Progress | None = None,
-) -> tuple[Solution, Array, Array]:
-    """Repeat a run with the steps of its companion only.
-
-    Returns
-    -------
-    tuple
-        The repetition, and the errors (columns,) by steps and by everything else [-], which are not
-        numbers if it fails.
-    """
-    method: Any = companion.made_by
-    if time_limit is not None:
-        method = replace(method, time_limit=time_limit)
-    timed = _repeat(run, method, run.equations, run.trajectory, progress)
-    pairs = (run, timed), (timed, companion)
-    time, others = (_compare(*pair, Refined()).total for pair in pairs)
-    return timed, time, others
+    split = Split(run, other, repeat, compare, bool(refined.inexact))
+    return replace(_compare(run, other, refined), split=split)
 
 
 @interruptible
@@ -343,7 +310,7 @@ def _repeat(
         other: Solution = method.integrate(equations, times, progress)
     if other.status.kind == "interrupted":
         raise Interrupted(other.status.sentence)
-    return replace(other, t=other.t[1:]) if is_later else other
+    return replace(other, t=other.t[int(is_later) :], model=run.model)
 
 
 def describe_refinement(

@@ -17,7 +17,6 @@ import scipy.sparse as sp
 
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
 from beamdae.beams.kinematics import (
-    FormulationKinematics,
     Kinematics,
     LocalAxis,
     MaterialPoint,
@@ -396,12 +395,14 @@ class Beam(Part):
     def with_exact_strains(self) -> Beam:
         """Return a copy with strain="exact" and the same coordinates.
 
-        Beams without a floating frame, or with custom kinematics, are returned unchanged.
+        Beams that have them, and those with custom kinematics, are returned unchanged.
         """
         if self.formulation != _DEFAULT_FORMULATION:
             return self
         other, kinematics = copy(self), self.kinematics
-        assert isinstance(kinematics, FormulationKinematics)
+        assert isinstance(kinematics, FloatingFrame)
+        if kinematics.strain == "exact":
+            return self
         vars(other).pop("kinematics", None)
         # The default frame depends on the strains.
         other._settings = {**self._settings, "strain": "exact", "frame": kinematics.frame}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 # See `Status.kind`.
 Kind = Literal["ok", "limited", "interrupted", "failed", "not run"]
@@ -54,6 +54,14 @@ class Status:
         return Status(
             "failed", f"{later.sentence}, but the run resumed from a failed run: {self.sentence}"
         )
+
+
+def replace_with_errors(result: Any, **changes: Any) -> Any:
+    """Return a result with changed fields, such as its status, and its known errors."""
+    changed = replace(result, **changes)
+    if "errors" in vars(result):
+        vars(changed)["errors"] = vars(result)["errors"]
+    return changed
 
 
 # Appended to the reason if the run ended during the pilot run.

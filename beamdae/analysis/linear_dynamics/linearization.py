@@ -183,6 +183,22 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     return replace(lin, full_equations=whole, warnings=warnings)
 
 
+def require_searched_state(name: str, about: Any) -> Any:
+    """Return the start in which refined models are linearized.
+
+    Raises
+    ------
+    BeamdaeError
+        If the state belongs to a run or path with another mesh.
+    """
+    if isinstance(about, (Equilibrium, Instant)):
+        raise BeamdaeError(
+            f"{name}: accuracy requires a state that refined models search for, got "
+            f"{short_repr(about)}; use 'equilibrium', positions by name or bd.rotation(...)."
+        )
+    return about if isinstance(about, Mapping) else AS_DRAWN
+
+
 def _turning_warnings(lin: Linearization) -> tuple[str, ...]:
     """Return a warning if the mechanism turns although the state is at rest, or nothing."""
     turning = find_turning(lin.equations, lin.time, lin.state.q, lambda: lin.linearized_equations)
