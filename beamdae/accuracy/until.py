@@ -58,7 +58,7 @@ _MIN_TIME_LIMIT = 1e-3  # of a run after the deadline [s]
 # A companion has about this part of the time error, and of the errors of elements and strains.
 _TIME_RATIO, _MODEL_RATIO = 1.0 / 3.0, 1.0 / 8.0
 # Orders of errors by the length of elements: of positions, and of other columns of any mesh.
-_POSITION_ORDER, _MAX_HALVINGS = 3, 3
+_POSITION_ORDER, _MAX_HALVINGS = 4, 3
 # A refinement that does not reduce the largest error by this factor is a stagnation.
 _MIN_REDUCTION, _MAX_STAGNATIONS = 1.5, 2
 _SMALL_DEFORMATION = 1e-4  # of coordinates in a mode, relative to their natural sizes
