@@ -162,14 +162,10 @@ def print_error(sentence: str) -> None:
     typer.echo(line, err=True)
 
 
-def accuracy_of(result: Any) -> Status | None:
-    """Return what was reached of a required accuracy, or None if none was required."""
-    errors = vars(result).get("errors")
-    return errors.status if errors is not None and errors.status.sentence else None
-
-
 def print_accuracy(console: Console, result: Any) -> None:
     """Print what was reached of a required accuracy, and add it to the JSON document."""
+    from beamdae.results.outcome import accuracy_of
+
     status = accuracy_of(result)
     if status is not None:
         record_results(lambda: {"accuracy": {"status": status.kind, "reason": status.sentence}})
@@ -318,10 +314,10 @@ class WrittenFiles:
                 # Also if the page was removed by hand.
                 remove_curve_files(path)
 
-    def finish(self, status: Status | None = None, accuracy: Status | None = None) -> None:
+    def finish(self, status: Status | None = None, result: Any = None) -> None:
         """End an analysis: print the paths and the reason for a failure, and set the exit code.
 
-        `accuracy` is that of `accuracy_of`.
+        `result` may have a required accuracy.
 
         See `print_paths` for files that are removed.
 
@@ -335,6 +331,9 @@ class WrittenFiles:
         self.print_paths()
         if status is not None and status.kind == "interrupted":
             raise Interrupted(f"{status.sentence}; the results so far are in {self.paths[0]}")
+        from beamdae.results.outcome import accuracy_of
+
+        accuracy = None if result is None else accuracy_of(result)
         has_failed = self.failed
         for reason, x in (("failed", status), ("the accuracy is not reached", accuracy)):
             if x is not None and not x.success:

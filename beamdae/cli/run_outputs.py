@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from beamdae.cli import signals
 from beamdae.cli.output import (
     WrittenFiles,
-    accuracy_of,
     print_facts,
     print_warnings,
 )
@@ -198,6 +197,7 @@ def integrate_run(
         If the command is interrupted before the run starts.
     """
     from beamdae.accuracy.runs import unchecked
+    from beamdae.results.outcome import accuracy_of
     from beamdae.simulation import simulate
 
     task = "" if run.accuracy is None else f"accuracy {run.accuracy:g}"
@@ -363,9 +363,7 @@ def print_results(run: Run, solution: Solution) -> None:
     from beamdae.results.event_records import describe_events
 
     rows = text_tables.run_facts(solution.summary(), solution.integrator)
-    rows |= text_tables.sampling_facts(solution)
-    if run.reached is not None:
-        rows["accuracy"] = run.reached.sentence
+    rows |= text_tables.further_facts(solution)
     if solution.equations.events:
         rows["events"] = describe_events(
             solution.equations, solution.trajectory, solution.event_records

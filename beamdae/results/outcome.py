@@ -56,6 +56,12 @@ class Status:
         )
 
 
+def accuracy_of(result: Any) -> Status | None:
+    """Return what was reached of a required accuracy, or None if none was required."""
+    errors = vars(result).get("errors")
+    return errors.status if errors is not None and errors.status.sentence else None
+
+
 def replace_with_errors(result: Any, **changes: Any) -> Any:
     """Return a result with changed fields, such as its status, and its known errors."""
     changed = replace(result, **changes)

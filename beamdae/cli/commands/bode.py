@@ -29,7 +29,6 @@ from beamdae.cli.options import (
 )
 from beamdae.cli.output import (
     WrittenFiles,
-    accuracy_of,
     current_output,
     print_accuracy,
     print_facts,
@@ -172,7 +171,7 @@ def bode_command(
             picture_path.name,
             lambda: [save_figure(create_bode_figure(diagram, title), picture_path)],
         )
-    files.finish(accuracy=accuracy_of(diagram))
+    files.finish(result=diagram)
 
 
 def _compute_margins(

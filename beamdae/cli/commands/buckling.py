@@ -26,7 +26,6 @@ from beamdae.cli.options import (
 )
 from beamdae.cli.output import (
     WrittenFiles,
-    accuracy_of,
     create_console,
     print_accuracy,
     print_warnings,
@@ -86,4 +85,4 @@ def buckling_command(
             picture_path.name,
             lambda: [save_figure(create_modes_figure(result, title), picture_path)],
         )
-    files.finish(accuracy=accuracy_of(result))
+    files.finish(result=result)

@@ -27,7 +27,6 @@ from beamdae.cli.options import (
 )
 from beamdae.cli.output import (
     WrittenFiles,
-    accuracy_of,
     create_console,
     print_accuracy,
     print_warnings,
@@ -214,4 +213,4 @@ def _write_and_print(
             files.write_picture(name, write_picture)
         for k in animated_modes:
             files.write(name, partial(write_animation, k))
-    files.finish(accuracy=accuracy_of(result))
+    files.finish(result=result)

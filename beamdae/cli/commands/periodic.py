@@ -32,7 +32,6 @@ from beamdae.cli.options import (
 )
 from beamdae.cli.output import (
     WrittenFiles,
-    accuracy_of,
     print_accuracy,
     print_facts,
     print_warnings,
@@ -138,7 +137,7 @@ def periodic_command(
             return [save_run_figure(picture_path, columns, title)]
 
         files.write_picture(picture_path.name, write_picture)
-    files.finish(motion.status, accuracy_of(motion))
+    files.finish(motion.status, motion)
 
 
 def _print_results(motion: PeriodicMotion, name: str) -> None:

@@ -33,7 +33,6 @@ from beamdae.cli.options import (
 )
 from beamdae.cli.output import (
     WrittenFiles,
-    accuracy_of,
     print_accuracy,
     print_facts,
     print_warnings,
@@ -149,7 +148,7 @@ def response_command(
             picture_path.name,
             lambda: [save_figure(create_response_figure(result, title, plotted), picture_path)],
         )
-    files.finish(result.status, accuracy_of(result))
+    files.finish(result.status, result)
 
 
 def _parse_range(over: str, model: Model) -> tuple[str, tuple[float, float]]:

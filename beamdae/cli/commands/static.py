@@ -33,7 +33,6 @@ from beamdae.cli.options import (
 )
 from beamdae.cli.output import (
     WrittenFiles,
-    accuracy_of,
     print_accuracy,
     print_facts,
     print_warnings,
@@ -163,7 +162,7 @@ def static_command(
             picture_path.name,
             lambda: [save_path_figure(picture_path, result, title, plotted, x)],
         )
-    files.finish(result.status, accuracy_of(result))
+    files.finish(result.status, result)
 
 
 def _value_parser(model: Model, over: str | None) -> Callable[[str, str], float]:
