@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
@@ -103,16 +102,14 @@ def parse_accuracy(text: str) -> float:
     Raises
     ------
     typer.BadParameter
-        If the text is not a finite number with or without a percent sign.
+        If the text is not a number with or without a percent sign.
     """
-    number, percent, rest = text.strip().partition("%")
+    number = text.strip()
     try:
-        value = float(number) * (0.01 if percent else 1.0)
+        return 0.01 * float(number[:-1]) if number.endswith("%") else float(number)
     except ValueError:
-        value = math.nan
-    if rest or not math.isfinite(value):
-        raise typer.BadParameter(f"must be a number such as 1% or 0.01, got {short_repr(text)}.")
-    return value
+        problem = f"must be a number such as 1% or 0.01, got {short_repr(text)}."
+        raise typer.BadParameter(problem) from None
 
 
 ModelPath = Annotated[

@@ -185,7 +185,7 @@ ERRORS = {
             ("run --checkpoint ''", "is not a valid file name"),
             ("run --time-limit 0", "--time-limit must be positive"),
             ("run --accuracy good", "must be a number such as 1% or 0.01, got 'good'"),
-            ("run --accuracy nan", "must be a number such as 1% or 0.01, got 'nan'"),
+            ("run --accuracy nan", "--accuracy must be finite, got nan"),
             ("run --accuracy 0", "accuracy must lie between 1e-06 and 0.1, got 0"),
             ("run --accuracy=-1", "accuracy must lie between 1e-06 and 0.1, got -1"),
             ("run --accuracy 200%", "accuracy must lie between 1e-06 and 0.1, got 2"),
