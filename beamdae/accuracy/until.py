@@ -316,7 +316,8 @@ def _improve(
         raise BeamdaeError("a run with refined steps fails")
     by_model = max(by_mesh, by_theory)
     if reuses and _TIME_RATIO * by_time <= target and _MODEL_RATIO * by_mesh <= target:
-        return _reuse(step, split.companion if by_model > target else split.timed)
+        is_timed = 0.0 < by_model <= target
+        return _reuse(step, split.timed if is_timed else split.companion)
     if by_time > min(target, by_model):
         ratio = max(min(target / by_time, 0.5), _MIN_STEP_RATIO)
         value *= ratio ** (1.0 / errors.refined.order) if name == "step" else ratio
