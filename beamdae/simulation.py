@@ -262,11 +262,8 @@ def simulate(
         return replace(solution, model=description, resume_warnings=tuple(resume_warnings))
 
     try:
-        if accuracy is None:
-            solution = integrate(model, method)
-        else:
-            runs = until.Analysis.of_runs("simulate", integrate, method, start, progress)
-            solution = until.reach_accuracy(runs, model, accuracy, accuracy_columns)
+        runs = until.Analysis.of_runs("simulate", integrate, method, start, progress)
+        solution = until.reach_accuracy(runs, model, accuracy, accuracy_columns)
     except Interrupted as problem:
         if not isinstance(problem.partial, Solution):
             raise

@@ -139,7 +139,7 @@ def list_shapes(result: Any) -> list[tuple[EquationsOfMotion, Array, Array]]:
     return states
 
 
-def require_accuracy(name: str, accuracy: Any) -> float:
+def _require_accuracy(name: str, accuracy: Any) -> float:
     """Return a required accuracy; `name` is the calling function, for messages.
 
     Raises
@@ -191,7 +191,7 @@ class _Step(NamedTuple):
 
 
 @single_threaded
-def reach_accuracy(analysis: Analysis, model: Any, accuracy: float, columns: Any = None) -> Any:
+def reach_accuracy(analysis: Analysis, model: Any, accuracy: Any, columns: Any = None) -> Any:
     """Repeat an analysis until the errors of the required columns are small enough.
 
     Parameters
@@ -201,7 +201,7 @@ def reach_accuracy(analysis: Analysis, model: Any, accuracy: float, columns: Any
     model
         A mechanism, or a model whose beams are not refined.
     accuracy
-        Largest error [-].
+        Largest error [-]; None for a single analysis.
     columns
         Names of the columns that must be accurate; None for the default, see `Analysis`.
 
@@ -219,7 +219,9 @@ def reach_accuracy(analysis: Analysis, model: Any, accuracy: float, columns: Any
         result with known errors, or the first one so far, is its partial result and that of other
         exceptions; results with a status are returned with the status "interrupted" instead.
     """
-    accuracy = require_accuracy(analysis.name, accuracy)
+    if accuracy is None:
+        return analysis.analyze(model, analysis.method)
+    accuracy = _require_accuracy(analysis.name, accuracy)
     names = require_accurate_columns(analysis.name, columns)
     time_limit = getattr(analysis.method, "time_limit", None) if analysis.is_run else None
     time_limit = time_limit or np.inf

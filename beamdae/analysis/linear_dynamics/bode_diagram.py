@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdae import deferred
 from beamdae.analysis.linear_dynamics.linear_model import LinearModel, compute_linear_model
-from beamdae.analysis.linear_dynamics.linearization import require_searched_state
+from beamdae.analysis.linear_dynamics.linearization import searched_start
 from beamdae.errors import (
     BeamdaeError,
     format_count,
@@ -335,7 +335,7 @@ def bode(
             return _compute_bode(linear, values, ends)
 
         mechanism, until = lin.full_equations.mechanism, deferred.module("accuracy.until")
-        start = require_searched_state("bode", request.about)
+        start = searched_start("bode", request.about, accuracy)
         analysis = until.Analysis("bode", repeat, start=start)
         diagram = until.reach_accuracy(analysis, mechanism, accuracy, accuracy_columns)
     if not warnings_are_ignored():

@@ -16,7 +16,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     Linearization,
     linearize_about,
     model_of_modes,
-    require_searched_state,
+    searched_start,
     solve_for_accelerations,
 )
 from beamdae.equations.assembly.building import build_equations
@@ -434,16 +434,14 @@ def linearize(
     [0.0, 0.5]
     """
     request = _Request(about, require_finite("linearize", "t", t), inputs, outputs)
-    if accuracy is None:
-        linear = compute_linear_model(model, request)
-    else:
-        until = deferred.module("accuracy.until")
-        start = require_searched_state("linearize", about)
-        analysis = until.Analysis(
-            "linearize", lambda model, _: compute_linear_model(model, request), start=start
-        )
-        resolved = model_of_modes(model, about)
-        linear = until.reach_accuracy(analysis, resolved, accuracy, accuracy_columns)
+    until = deferred.module("accuracy.until")
+    analysis = until.Analysis(
+        "linearize",
+        lambda model, _: compute_linear_model(model, request),
+        start=searched_start("linearize", about, accuracy),
+    )
+    model = model_of_modes(model, about)
+    linear = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
     assert linear._linearization is not None
     warn_of_result(linear.warnings, linear._linearization.equations.build_warnings)
     if not warnings_are_ignored():
@@ -461,8 +459,7 @@ class _Request(NamedTuple):
 
 
 def compute_linear_model(model: Any, request: _Request) -> LinearModel:
-    """Return the result of `linearize` without issuing warnings."""
-    model = model_of_modes(model, request.about)
+    """Return the result of `linearize` for a built model, without issuing warnings."""
     lin = linearize_about("linearize", model, request.about, request.t)
     linear = build_linear_model(model, lin, request)
     return replace(linear, _request=request) if isinstance(model, Mechanism) else linear

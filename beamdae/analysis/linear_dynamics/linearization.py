@@ -183,15 +183,15 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     return replace(lin, full_equations=whole, warnings=warnings)
 
 
-def require_searched_state(name: str, about: Any) -> Any:
-    """Return the start in which refined models are linearized.
+def searched_start(name: str, about: Any, accuracy: Any) -> Any:
+    """Return the start of refined models that are linearized about a state.
 
     Raises
     ------
     BeamdaeError
-        If the state belongs to a run or path with another mesh.
+        If an accuracy is required, but the state belongs to a run or path with another mesh.
     """
-    if isinstance(about, (Equilibrium, Instant)):
+    if accuracy is not None and isinstance(about, (Equilibrium, Instant)):
         raise BeamdaeError(
             f"{name}: accuracy requires a state that refined models search for, got "
             f"{short_repr(about)}; use 'equilibrium', positions by name or bd.rotation(...)."

@@ -26,7 +26,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     Linearization,
     linearize_about,
     model_of_modes,
-    require_searched_state,
+    searched_start,
 )
 from beamdae.beams.beam import Beam
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -396,7 +396,7 @@ def compute_modes(
     """
     if accuracy is not None:
         until = deferred.module("accuracy.until")
-        start = require_searched_state("modes", about)
+        start = searched_start("modes", about, accuracy)
 
         def solve(model: Any, _: Any) -> Modes:
             return compute_modes(model, about, n, damping, t, assessed)

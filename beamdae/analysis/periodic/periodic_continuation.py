@@ -234,21 +234,18 @@ def frequency_response(
         headers = tuple(points[0].solution.columns) if points else curve.list_headers()
         return FrequencyResponse(parameter, tuple(points), status, unit, headers)
 
-    if accuracy is None:
-        response = follow(model, method)
-    else:
-        until = deferred.module("accuracy.until")
-        analysis = until.Analysis(
-            _NAME,
-            follow,
-            method,
-            start,
-            lambda response: response.errors.headers,
-            states=lambda response: [
-                (x.solution.equations, x.solution.q, None) for x in response.points
-            ],
-        )
-        response = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
+    until = deferred.module("accuracy.until")
+    analysis = until.Analysis(
+        _NAME,
+        follow,
+        method,
+        start,
+        lambda response: response.errors.headers,
+        states=lambda response: [
+            (x.solution.equations, x.solution.q, None) for x in response.points
+        ],
+    )
+    response = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
     status = response.status
     if status.kind == "interrupted" and partial == "raise":
         raise Interrupted(status.sentence, response, _NAME)

@@ -206,21 +206,18 @@ def periodic(
             is_free=is_free,
         )
 
-    if accuracy is None:
-        motion = find(model, method)
-    else:
-        until = deferred.module("accuracy.until")
-        analysis = until.Analysis(
-            _NAME,
-            find,
-            method,
-            start,
-            lambda motion: motion.solution.columns,
-            states=lambda motion: [(motion.solution.equations, motion.solution.q, None)],
-        )
-        motion = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
-        if motion.status.kind == "interrupted":
-            raise Interrupted(motion.status.sentence, motion, _NAME)
+    until = deferred.module("accuracy.until")
+    analysis = until.Analysis(
+        _NAME,
+        find,
+        method,
+        start,
+        lambda motion: motion.solution.columns,
+        states=lambda motion: [(motion.solution.equations, motion.solution.q, None)],
+    )
+    motion = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
+    if motion.status.kind == "interrupted":
+        raise Interrupted(motion.status.sentence, motion, _NAME)
     if not motion.status.success:
         warn_of_incomplete_result(f"periodic: {motion.status.sentence}.")
     if not warnings_are_ignored():

@@ -250,12 +250,9 @@ def buckling(
     def solve(model: Any, _: Any = None) -> Buckling:
         return _compute_buckling(model, count, loads, t, start)
 
-    if accuracy is None:
-        result = solve(model)
-    else:
-        until = deferred.module("accuracy.until")
-        analysis = until.Analysis(_NAME, solve, start=start, states=until.list_shapes)
-        result = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
+    until = deferred.module("accuracy.until")
+    analysis = until.Analysis(_NAME, solve, start=start, states=until.list_shapes)
+    result = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
     # Without any factor, the direction of the loads may be wrong.
     notes = result.notes if len(result) else (*result.notes, *result._remarks)
     warn_of_result(notes, result.equations.build_warnings)

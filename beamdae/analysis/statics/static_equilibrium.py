@@ -192,23 +192,20 @@ def equilibrium(
     def trace(model: Any, _: Any = None) -> Equilibrium:
         return _trace(model, settings, loads, t, start, over, from_)
 
-    if accuracy is None:
-        result = trace(model)
-    else:
-        if isinstance(start, Equilibrium):
-            raise BeamdaeError(
-                f"{_NAME}: accuracy cannot be combined with a start at the end of a path, whose "
-                "mesh is another one; start at positions by name."
-            )
-        until = deferred.module("accuracy.until")
-        analysis = until.Analysis(
-            _NAME,
-            trace,
-            start=start,
-            observed=lambda path: {*path.columns, UNSTABLE},
-            states=lambda path: [(path.equations, path.q, None)],
+    if accuracy is not None and isinstance(start, Equilibrium):
+        raise BeamdaeError(
+            f"{_NAME}: accuracy cannot be combined with a start at the end of a path, whose mesh "
+            "is another one; start at positions by name."
         )
-        result = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
+    until = deferred.module("accuracy.until")
+    analysis = until.Analysis(
+        _NAME,
+        trace,
+        start=start,
+        observed=lambda path: {*path.columns, UNSTABLE},
+        states=lambda path: [(path.equations, path.q, None)],
+    )
+    result = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
     if result.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(result.status.sentence, result, _NAME)
     if not result.status.success:
