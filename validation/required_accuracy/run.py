@@ -81,7 +81,8 @@ def integrate_reference(
     beams = [x for x in equations.mechanism.parts.values() if isinstance(x, bd.Beam)]
     fewest = min((beam.mesh.elements for beam in beams), default=elements)
     for _ in range(max(int(np.ceil(np.log2(elements / fewest))), 1 if beams else 0)):
-        equations = refinement.refine(equations).equations
+        start = equations.mechanism.start or "as drawn"
+        equations = refinement.refine(equations, start).equations
     integrator = bd.Radau(rtol, time_limit=REFERENCE_TIME_LIMIT)
     solution = integrator.integrate(equations, times)
     return solution.observed if solution.status.success else None
