@@ -1,6 +1,5 @@
 from .accuracy.errors import Errors as Errors
 from .accuracy.runs import verify as verify
-from .accuracy.until import refine_until as refine_until
 from .analysis.fit.fit import fit as fit
 from .analysis.fit.profile import ProfileLikelihood as ProfileLikelihood
 from .analysis.fit.result import Fit as Fit

@@ -70,7 +70,7 @@ PAGES = {
     ),
     "checks": (
         "Checks and verification",
-        "Checks of a mechanism before a run, and runs of a required accuracy.",
+        "Checks of a mechanism before a run, and errors of results.",
     ),
     "errors": ("Errors and warnings", "Exceptions and warnings of beamdae."),
 }
@@ -391,7 +391,6 @@ GROUPS = (
             Public("Check", "beamdae.checks"),
             Public("Errors", "beamdae.accuracy.errors"),
             Public("verify", "beamdae.accuracy.runs"),
-            Public("refine_until", "beamdae.accuracy.until"),
         ),
     ),
     Group(

@@ -78,6 +78,8 @@ def simulate(
     keep_steps: bool = False,
     partial: PartialResult = "raise",
     sensitivities: Sequence[str] | str | None = None,
+    accuracy: float | None = None,
+    accuracy_columns: Sequence[str] | str | None = None,
 ) -> Solution:
     """Integrate a model from t = 0, or from the end of an earlier run.
 
@@ -118,10 +120,18 @@ def simulate(
         steps as fit. Results at the output times do not change, but `Solution.at`, `at_times` and
         `section_forces` at other times interpolate between the stored rows, and sensitivities of
         the run are not available.
+    accuracy
+        Largest error of a required column [-], from 1e-6 to 0.1, see `Errors`. The run is repeated,
+        up to four times, with smaller steps, finer meshes and exact strains, by what contributes,
+        until its measured errors are small enough; `errors.status` says what was reached.
+        `time_limit` of the integrator applies to all runs together. The run must begin at t = 0.
+    accuracy_columns
+        Observed columns, or names of observables, that must be accurate. Defaults to all positions,
+        angles and deflections [m, rad] or, if there are none, to all columns.
     partial
         "return" to return the solution so far if the run is interrupted, with the status
         "interrupted", instead of raising `Interrupted`. Before the run has begun, `Interrupted` is
-        raised in any case.
+        raised in any case. With `accuracy`, the solution so far is the last one with known errors.
     sensitivities
         Names of float parameters of the model function. The solution then contains the derivatives
         of its columns with respect to them: `Solution.sensitivity` returns them, and tables, files
@@ -171,6 +181,11 @@ def simulate(
     """
     require_choice("simulate", "partial", partial, PARTIAL_RESULTS)
     if sensitivities is not None:
+        if accuracy is not None:
+            raise BeamdaeError(
+                "simulate: sensitivities are not supported with accuracy; pass the mechanism of "
+                "the accurate run, solution.equations.mechanism, without accuracy."
+            )
         differentiate = deferred.module("analysis.sensitivities.sensitivities").simulate_with
         solution: Solution = differentiate(
             sensitivities,
@@ -195,14 +210,20 @@ def simulate(
     times = compute_output_times("simulate", t_end, output_step, begin)
     method = Auto() if integrator is None else integrator
     require_integrator("simulate", method)
+    until = deferred.module("accuracy.until")
+    if accuracy is not None and checkpoint is not None:
+        raise BeamdaeError(
+            "simulate: accuracy requires a run that does not resume another one, got start = "
+            f"{short_repr(start)}; omit one of the arguments."
+        )
     require_progress("simulate", progress)
     resume_warnings: list[str] = []
     description["t_end"] = float(times[-1])
 
-    def describe(solution: Solution) -> Solution:
-        return replace(solution, model=description, resume_warnings=tuple(resume_warnings))
+    keeps_all = require_choice("simulate", "keep_steps", keep_steps, (True, False))
 
-    try:
+    def integrate(model: Any, method: Integrator) -> Solution:
+        nonlocal resume_warnings
         if checkpoint is None:
             equations = as_equations("simulate", model, start, sampled=True)
         else:
@@ -210,7 +231,8 @@ def simulate(
             equations, resume_warnings = _resume_equations(
                 name, checkpoint, model, parameters, accept_changes
             )
-        keeps_all = require_choice("simulate", "keep_steps", keep_steps, (True, False))
+        if accuracy is not None:  # before the run, which may take hours
+            until.require_columns("simulate", accuracy_columns, equations.observed_headers)
         bytes_per_row = 8.0 * (3 * equations.n + equations.m)
         require_memory(
             "simulate",
@@ -222,26 +244,38 @@ def simulate(
             with keep_all_steps(keeps_all):
                 solution = method.integrate(equations, times, progress=progress)
         except Interrupted as problem:
-            if not isinstance(problem.partial, Solution):
-                raise
-            acknowledge()
-            solution = problem.partial
+            if isinstance(problem.partial, Solution):
+                problem.partial = describe(problem.partial)
+            raise
         except Exception as problem:
             if isinstance(so_far := getattr(problem, "partial", None), Solution):
                 attach_partial(problem, describe(so_far))
             raise
+        return describe(solution)
+
+    def describe(solution: Any) -> Solution:
+        if not isinstance(solution, Solution):
+            raise BeamdaeError(
+                f"simulate: {method.method}.integrate must return a Solution, got "
+                f"{short_repr(solution)}."
+            )
+        return replace(solution, model=description, resume_warnings=tuple(resume_warnings))
+
+    try:
+        runs = until.Analysis.of_runs("simulate", integrate, method, start, progress)
+        solution = until.reach_accuracy(runs, model, accuracy, accuracy_columns)
+    except Interrupted as problem:
+        if not isinstance(problem.partial, Solution):
+            raise
+        acknowledge()
+        solution = problem.partial
     except (MemoryError, RuntimeError) as problem:
         if not is_out_of_memory(problem):
             raise
         raise BeamdaeError(
             f"{name}: the run needs more memory than is available; use fewer elements."
         ) from None
-    if not isinstance(solution, Solution):
-        raise BeamdaeError(
-            f"simulate: {method.method}.integrate must return a Solution, got "
-            f"{short_repr(solution)}."
-        )
-    solution, sentences = _collect_warnings(name, describe(solution))
+    solution, sentences = _collect_warnings(name, solution)
     if solution.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(solution.status.sentence, solution, "simulate")
     if not solution.status.success:

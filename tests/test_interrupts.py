@@ -146,7 +146,7 @@ ANALYSES = {
     "linearize": bd.linearize,
     "periodic": lambda model: bd.periodic(model, 1.0 / 0.3, settle=0),
     "check": bd.check,
-    "refine_until": bd.refine_until,
+    "accuracy": lambda model: bd.simulate(model, accuracy=0.01),
     "compare": lambda model: bd.compare([bd.Case(model)]),
 }
 

@@ -66,7 +66,7 @@ CALLS = {
     "GeneralizedAlpha": lambda: bd.simulate(swing, bd.GeneralizedAlpha()).integrator,
     "errors": lambda: len(bd.simulate(swing).errors.table()),
     "verify": lambda: len(bd.verify(bd.simulate(swing)).table()),
-    "refine_until": lambda: bd.refine_until(swing, 0.05).status.kind,
+    "accuracy": lambda: bd.simulate(swing, accuracy=0.05).errors.status.kind,
     "modes": lambda: len(bd.modes(clamped).frequencies),
     "equilibrium": lambda: bd.equilibrium(clamped).status.kind,
     "linearize": lambda: bd.linearize(clamped) is None,

@@ -38,7 +38,7 @@ REJECTED = {
     "rotation": lambda: bd.rotation("3000 rpm"),
     "table": lambda: bd.table(["1 mm", "2 mm"], [1.0, 2.0]),
     "period": lambda: bd.periodic(mass, "20 ms"),
-    "accuracy": lambda: bd.refine_until(mass, accuracy="1 %"),
+    "accuracy": lambda: bd.simulate(mass, accuracy="1 %"),
     "start": lambda: bd.simulate(mass(), t_end=0.1, start={"bob.x": "1 mm"}),
 }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from beamdae.accuracy.errors import Errors, split_causes
+from beamdae.accuracy.errors import Errors, Split
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import describe_refinement, refine_method
 from beamdae.analysis.optimization.problem import DesignProblem
@@ -59,7 +59,5 @@ def measure_design(problem: DesignProblem, search: SearchResult) -> Errors:
     def compare(one: Array, other: Array) -> Array:
         return Errors.of_values(headers, one, other, refined, sizes).total
 
-    def split() -> dict[str, Array]:
-        return split_causes(values, companions, repeat, compare, bool(refined.inexact))
-
+    split = Split(values, companions, repeat, compare, bool(refined.inexact))
     return Errors.of_values(headers, values, companions, refined, sizes, split)

@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from beamdae.errors import format_percent, join_names, list_first, name_with_others
+from beamdae.linear.blas_threads import single_threaded
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import AIM, LIMIT, remove_unit
 from beamdae.results.displays import HasTable
+from beamdae.results.outcome import Status
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Array = np.ndarray
-T = TypeVar("T")
 
 # A refinement shows a part of the error: halved elements of order 2 three quarters of it, and a
 # third of the tolerance two thirds.
@@ -26,6 +27,7 @@ FACTOR = 1.15
 CAUSES = ("time", "mesh", "theory")
 _NAMES_OF_CAUSES = {"time": "steps", "mesh": "elements", "theory": "strains"}
 _MAX_NAMES = 6
+UNREQUIRED = Status("ok", "")
 
 
 class Refined(NamedTuple):
@@ -35,6 +37,9 @@ class Refined(NamedTuple):
     ----------
     elements
         Numbers of elements of the original beams by name; the companion has twice as many.
+    degrees
+        Degrees of the elements of beams whose mesh the program chose, by name; the companion has
+        higher ones.
     inexact
         Names of the beams with exact strains instead of moderate ones.
     friction_speeds
@@ -52,6 +57,7 @@ class Refined(NamedTuple):
     """
 
     elements: Mapping[str, int] = {}
+    degrees: Mapping[str, int] = {}
     inexact: tuple[str, ...] = ()
     friction_speeds: tuple[str, ...] = ()
     accuracy: tuple[str, float] = ("", 0.0)
@@ -67,6 +73,8 @@ class Refined(NamedTuple):
         texts = []
         if self.elements:
             texts.append(f"halved elements of {list_first(list(self.elements), _MAX_NAMES)}")
+        if self.degrees:
+            texts.append(f"higher degrees of {list_first(list(self.degrees), _MAX_NAMES)}")
         if self.inexact:
             texts.append("exact strains")
         if self.friction_speeds:
@@ -105,6 +113,9 @@ class Errors(HasTable):
         What the errors, or those of each column, are relative to, for sentences.
     split
         Function that returns `causes`, if there may be several.
+    status
+        Outcome of a required accuracy: "ok" or "limited", with the largest error and the settings
+        that reach it. The sentence is empty if none was required.
     """
 
     headers: tuple[str, ...]
@@ -117,6 +128,7 @@ class Errors(HasTable):
     has_failed: bool = False
     relative_to: str | tuple[str, ...] = "half its range"
     split: Callable[[], Mapping[str, Array]] | None = None
+    status: Status = UNREQUIRED
 
     @classmethod
     def unchecked(cls, headers: tuple[str, ...], values: Array, reason: str) -> Errors:
@@ -205,7 +217,8 @@ class Errors(HasTable):
         If there are several causes, the result is repeated once more, with refined steps only, and
         again, with original strains.
         """
-        has_mesh = bool(self.refined.elements or self.refined.friction_speeds)
+        x = self.refined
+        has_mesh = bool(x.elements or x.degrees or x.friction_speeds)
         is_possible = bool(self.refined.accuracy[0]), has_mesh, bool(self.refined.inexact)
         possible = dict(zip(CAUSES, is_possible, strict=True))
         if sum(possible.values()) < 2 or self.split is None:
@@ -257,7 +270,10 @@ class Errors(HasTable):
         return replace(self, headers=headers, split=split, **selected)
 
     def sentences(self) -> Iterator[str]:
-        """Yield a sentence if a column has an error of more than 4 %."""
+        """Yield a sentence if a required accuracy is not reached, or an error exceeds 4 %."""
+        if not self.status.success:
+            yield f"accuracy: {self.status.sentence}."
+            return
         if self.has_failed:
             yield f"errors: not known, because {self.reason}; check the model, and refine it."
         order = np.argsort(-np.nan_to_num(self.total))
@@ -285,6 +301,8 @@ class Errors(HasTable):
         of_cause = {x: float(np.nanmax(y, initial=0.0)) for x, y in self.causes.items()}
         needed = {x: y for x, y in of_cause.items() if y > 2.0 * aim}
         texts, refined = [], self.refined
+        if "mesh" in needed and refined.degrees:
+            return f"accuracy={aim:g}"
         if "mesh" in needed and refined.elements:
             halvings = np.log2(min(needed["mesh"], 1.0) / aim) / refined.mesh_order
             factor = 2 ** int(np.ceil(halvings))
@@ -305,16 +323,11 @@ class Errors(HasTable):
         return join_names(texts) if texts else ""
 
 
-def split_causes(
-    result: T,
-    companion: T,
-    repeat: Callable[[bool], T | None],
-    compare: Callable[[T, T], Array],
-    has_theory: bool,
-) -> dict[str, Array]:
-    """Return the errors of the columns by cause.
+@dataclass
+class Split:
+    """Repetitions of a result that separate the causes of its errors.
 
-    Parameters
+    Attributes
     ----------
     result, companion
         The result and its companion.
@@ -326,18 +339,34 @@ def split_causes(
     has_theory
         True if the companion has other strains.
     """
-    timed = repeat(False)
-    if timed is None:
-        return dict.fromkeys(CAUSES, np.full_like(compare(result, companion), np.nan))
-    causes = {"time": compare(result, timed), "mesh": compare(timed, companion)}
-    largest_of_steps, of_mesh = (np.nanmax(x, initial=0.0) for x in causes.values())
-    causes["theory"] = np.zeros_like(causes["mesh"])
-    if has_theory and of_mesh >= min(AIM, largest_of_steps):
-        meshed = repeat(True)
-        if meshed is not None:
-            causes["mesh"] = compare(timed, meshed)
-            causes["theory"] = compare(meshed, companion)
-    return causes
+
+    result: Any
+    companion: Any
+    repeat: Callable[[bool], Any]
+    compare: Callable[[Any, Any], Array]
+    has_theory: bool
+
+    @cached_property
+    def timed(self) -> Any:
+        """The result repeated with refined steps only; None if this fails."""
+        return self.repeat(False)
+
+    @single_threaded
+    def __call__(self) -> dict[str, Array]:
+        """Return the errors of the columns by cause."""
+        timed, companion = self.timed, self.companion
+        if timed is None:
+            missing = np.full_like(self.compare(self.result, companion), np.nan)
+            return dict.fromkeys(CAUSES, missing)
+        causes = {"time": self.compare(self.result, timed), "mesh": self.compare(timed, companion)}
+        largest_of_steps, of_mesh = (np.nanmax(x, initial=0.0) for x in causes.values())
+        causes["theory"] = np.zeros_like(causes["mesh"])
+        if self.has_theory and of_mesh >= min(AIM, largest_of_steps):
+            meshed = self.repeat(True)
+            if meshed is not None:
+                causes["mesh"] = self.compare(timed, meshed)
+                causes["theory"] = self.compare(meshed, companion)
+        return causes
 
 
 def _describe(error: float) -> str:

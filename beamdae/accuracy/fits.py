@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, split_causes
+from beamdae.accuracy.errors import FACTOR, Errors, Split
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import RTOL_BESIDE_ACCURATE_STEPS, describe_refinement, refine_method
 from beamdae.analysis.fit.problem import Evaluation, FitProblem
@@ -87,11 +87,8 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
         except BeamdaeError:
             return None
 
-    def split() -> dict[str, Array]:
-        unchanged = np.zeros_like(changes)
-        has_theory = bool(refined.inexact)
-        return split_causes(
-            unchanged, changes, repeat_or_none, lambda x, y: state(y - x).total, has_theory
-        )
+    def compare(first: Array, second: Array) -> Array:
+        return state(second - first).total
 
+    split = Split(np.zeros_like(changes), changes, repeat_or_none, compare, bool(refined.inexact))
     return replace(state(changes), split=split)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, Refined
+from beamdae.accuracy.errors import FACTOR, Errors, Refined, Split
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import describe_refinement
 from beamdae.analysis.eigenproblems.eigensolution import EigenSolution, solve_eigenproblem
@@ -125,17 +125,14 @@ def measure_about_state(
     except BeamdaeError as problem:
         return Errors.unchecked(names, values, f"no refined model: {problem}")
 
-    def split() -> dict[str, Array]:
-        meshed = _find_companion(lin, about, t, False, eigenvalues)
-        assert meshed is not None
-        samples_of_mesh = solve(*meshed)
-        mesh = _measure_changes(samples, samples_of_mesh)
-        theory = _measure_changes(samples_of_mesh, others)
-        return {"time": np.zeros(len(names)), "mesh": mesh, "theory": theory}
+    def repeat(is_halved: bool) -> Array:
+        meshed = _find_companion(lin, about, t, False, eigenvalues) if is_halved else None
+        return samples if meshed is None else solve(*meshed)
 
     refined = describe_refinement(lin.full_equations, companion[0], None)
     orders = (2 * x.mesh.nodes - 2 for x in beams if x.name in refined.elements)
     refined = refined._replace(mesh_order=min(orders, default=2))
+    split = Split(samples, others, repeat, _measure_changes, bool(refined.inexact))
     errors = Errors.of_values(names, values, summarize(others), refined, split=split)
     return replace(errors, total=_measure_changes(samples, others))
 

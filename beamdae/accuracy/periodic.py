@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, Refined, split_causes
+from beamdae.accuracy.errors import FACTOR, Errors, Refined, Split
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import (
     RTOL_BESIDE_ACCURATE_STEPS,
@@ -78,10 +78,8 @@ def measure_motion(motion: PeriodicMotion, time_limit: float | None = None) -> E
     def compare(first: PeriodicMotion, second: PeriodicMotion) -> Array:
         return _compare(first, second, refined).total
 
-    def split() -> dict[str, Array]:
-        return split_causes(motion, other, repeat, compare, bool(refined.inexact))
-
-    return replace(_compare(motion, other, refined), split=single_threaded(split))
+    split = Split(motion, other, repeat, compare, bool(refined.inexact))
+    return replace(_compare(motion, other, refined), split=split)
 
 
 def measure_response(response: FrequencyResponse, time_limit: float | None = None) -> Errors:

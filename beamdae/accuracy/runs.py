@@ -10,13 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.accuracy.errors import FACTOR, Errors, Refined, split_causes
+from beamdae.accuracy.errors import FACTOR, Errors, Refined, Split
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.values import compare_columns
-from beamdae.beams.beam import beams_of
+from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.remeshing import list_fixed_beams
+from beamdae.beams.resolution import measure_tail
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.errors import BeamdaeError, require_progress, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    format_percent,
+    list_first,
+    require_progress,
+    short_repr,
+)
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.integrators.limits import Progress
@@ -24,6 +31,8 @@ from beamdae.integrators.pilot_run import reuse_motion
 from beamdae.interrupts import Interrupted, interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN
+from beamdae.results.columns import AIM
+from beamdae.results.elastic_columns import measured_quantity
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 
@@ -40,6 +49,7 @@ _MAX_STEPS_RATIO, _MIN_MAX_STEPS = 8, 3000
 _RTOL_OF_ANOTHER_METHOD, _MIN_RTOL = 1e-6, 1e-10
 # Runs are checked by themselves up to this time [s], or this multiple of their own.
 _MIN_TIME_LIMIT, _MAX_TIME_RATIO = 2.0, 8.0
+_MAX_NAMES = 6
 
 
 @contextmanager
@@ -72,15 +82,8 @@ def measure_run(
     Interrupted
         If the companion is interrupted.
     """
-    return run_companion(run, time_limit, progress)[0]
-
-
-def run_companion(
-    run: Solution, time_limit: float | None = None, progress: Progress | None = None
-) -> tuple[Errors, Solution | None]:
-    """Return the errors of a run and its companion, or None without one; see `measure_run`."""
     if reason := _find_obstacle(run):
-        return _state_obstacle(run, reason), None
+        return _state_obstacle(run, reason)
     # The run caches its errors, which refer to a copy: a cycle would keep both in memory.
     twin = replace(run)
     vars(twin).update(vars(run))
@@ -91,7 +94,7 @@ def run_companion(
         equations = run.equations if refinement is None else refinement.equations
         other = _repeat(run, method, equations, motion, progress)
     except BeamdaeError as problem:
-        return _state_obstacle(run, f"a refined run cannot begin: {problem}"), None
+        return _state_obstacle(run, f"a refined run cannot begin: {problem}")
 
     refined = describe_refinement(run.equations, refinement, run)
 
@@ -102,41 +105,15 @@ def run_companion(
                 halved, motion = refine_equations(run, strains=False)
                 assert halved is not None
                 equations = halved.equations
-            return _repeat(run, method, equations, motion)
+            return _repeat(run, method, equations, motion, progress)
         except BeamdaeError:
             return None
 
     def compare(first: Solution, second: Solution) -> Array:
         return _compare(first, second, refined).total
 
-    def split() -> dict[str, Array]:
-        return split_causes(run, other, repeat, compare, bool(refined.inexact))
-
-    errors = replace(_compare(run, other, refined), split=single_threaded(split))
-    return errors, None if errors.has_failed else other
-
-
-def split_time(
-    run: Solution,
-    companion: Solution,
-    time_limit: float | None = None,
-    progress: Progress | None = None,
-) -> tuple[Solution, Array, Array]:
-    """Repeat a run with the steps of its companion only.
-
-    Returns
-    -------
-    tuple
-        The repetition, and the errors (columns,) by steps and by everything else [-], which are not
-        numbers if it fails.
-    """
-    method: Any = companion.made_by
-    if time_limit is not None:
-        method = replace(method, time_limit=time_limit)
-    timed = _repeat(run, method, run.equations, run.trajectory, progress)
-    pairs = (run, timed), (timed, companion)
-    time, others = (_compare(*pair, Refined()).total for pair in pairs)
-    return timed, time, others
+    split = Split(run, other, repeat, compare, bool(refined.inexact))
+    return replace(_compare(run, other, refined), split=split)
 
 
 @interruptible
@@ -201,8 +178,31 @@ def verify(
 
 
 def check_run(run: Solution, progress: Progress | None = None) -> Iterator[str]:
-    """Yield the sentences of the errors of a run, unless its companion takes too long."""
+    """Yield the sentences of the errors of a run; those of meshes are estimated if not measured."""
     yield from check_result(run, run, lambda limit: measure_run(run, limit, progress))
+    if _are_checked.get() and ("errors" not in vars(run) or run.errors.reason):
+        yield from _estimate_mesh_errors(run)
+
+
+def _estimate_mesh_errors(run: Solution) -> Iterator[str]:
+    """Yield a sentence if meshes that the program chose do not resolve the strains of beams."""
+    mechanism, estimates = run.equations.mechanism, {}
+    quantities = () if mechanism is None else mechanism.observables.values()
+    of_strains = (Beam.sections_of_strains(measured_quantity(x)[0]) for x in quantities)
+    stressed = {beam.name for beam, _ in filter(None, of_strains)}
+    rows = {part.name: part.rows for part in run.equations.parts}
+    for beam in beams_of(mechanism):
+        tail = measure_tail(beam.kinematics, run.q[:, rows[beam.name]])
+        if tail is not None and beam.has_chosen_mesh:
+            needs_forces = beam.name in stressed
+            estimates[beam.name] = max(tail.motion_error, tail.force_error * needs_forces)
+    wrong = {name: x for name, x in estimates.items() if x > 2.0 * AIM}
+    if wrong:
+        largest = min(max(wrong.values()), 1.0)
+        yield (
+            f"{list_first(list(wrong), _MAX_NAMES)}: the estimated error by the mesh is "
+            f"{format_percent(largest)}; use accuracy={AIM:g}."
+        )
 
 
 def check_result(result: Any, run: Solution, measure: Callable[[float], Errors]) -> Iterator[str]:
@@ -310,7 +310,7 @@ def _repeat(
         other: Solution = method.integrate(equations, times, progress)
     if other.status.kind == "interrupted":
         raise Interrupted(other.status.sentence)
-    return replace(other, t=other.t[1:]) if is_later else other
+    return replace(other, t=other.t[int(is_later) :], model=run.model)
 
 
 def describe_refinement(
@@ -322,7 +322,8 @@ def describe_refinement(
     if refinement is None:
         mechanism = equations.mechanism
         return Refined(kept={} if mechanism is None else list_fixed_beams(mechanism), **of_steps)
-    beams = beams_of(equations.mechanism)
-    elements = {x.name: x.mesh.elements for x in beams if x.name in refinement.halved}
-    of_beams = elements, refinement.exact, refinement.sharpened
+    meshes = {x.name: x.mesh for x in beams_of(equations.mechanism)}
+    elements = {name: meshes[name].elements for name in refinement.halved}
+    degrees = {name: meshes[name].nodes - 1 for name in refinement.raised}
+    of_beams = elements, degrees, refinement.exact, refinement.sharpened
     return Refined(*of_beams, kept=refinement.kept, **of_steps)

@@ -10,7 +10,7 @@ from itertools import takewhile
 
 import numpy as np
 
-from beamdae.accuracy.errors import Errors, Refined
+from beamdae.accuracy.errors import Errors, Refined, Split
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import describe_refinement
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
@@ -98,7 +98,7 @@ def _measure(
     def refine_and_repeat(strains: bool) -> tuple[Refinement, Array]:
         with hold_messages(), single_threaded:
             refinement = refine(equations, strains=strains)
-            if refinement is None or not refinement.halved:
+            if refinement is None or not (refinement.halved or refinement.raised):
                 raise BeamdaeError("no beam can be refined.")
             found = repeat(refinement)
         return refinement, np.array([found.get(x, np.nan) for x in headers])
@@ -106,13 +106,11 @@ def _measure(
     def compare(first: Array, second: Array) -> Array:
         return Errors.of_values(headers, first, second, refined, scales).total
 
-    def split() -> dict[str, Array]:
-        causes = {"time": np.zeros(len(headers)), "mesh": errors.total}
+    def repeat_halved(is_halved: bool) -> Array | None:
         try:
-            _, halved = refine_and_repeat(False)
+            return refine_and_repeat(False)[1] if is_halved else values
         except (BeamdaeError, CorrectorError):
-            return causes | {"theory": np.full(len(headers), np.nan)}
-        return causes | {"mesh": compare(values, halved), "theory": compare(halved, companions)}
+            return None
 
     try:
         refinement, companions = refine_and_repeat(True)
@@ -124,6 +122,7 @@ def _measure(
         [of_columns.get(x, abs(y)) for x, y in zip(headers, companions.tolist(), strict=True)]
     )
     refined = describe_refinement(equations, refinement, None)
+    split = Split(values, companions, repeat_halved, compare, bool(refined.inexact))
     errors = Errors.of_values(headers, values, companions, refined, scales, split)
     return replace(errors, relative_to="its largest value")
 

@@ -1,53 +1,55 @@
-"""Runs that are refined until their measured errors are small enough."""
+"""Analyses that are repeated with refined steps and meshes until measured errors are small."""
 
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import wraps
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.accuracy.errors import Errors
-from beamdae.accuracy.runs import refine_equations, run_companion, split_time
-from beamdae.beams.beam import beams_of
+from beamdae.accuracy.errors import Errors, Refined
+from beamdae.accuracy.refinement import refine_mechanism, refine_mesh
+from beamdae.accuracy.runs import measure_run
+from beamdae.beams.beam import Beam, beams_of
+from beamdae.beams.mesh import Mesh
 from beamdae.beams.remeshing import list_fixed_beams
+from beamdae.beams.resolution import Tail, measure_tail, next_mesh
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
+    format_count,
     format_distinct,
     format_percent,
     join_names,
     list_first,
     require_finite,
-    require_positive,
-    require_progress,
-    warn_of_incomplete_result,
-    warn_of_result,
-    warnings_are_ignored,
 )
-from beamdae.integrators import Radau
+from beamdae.integrators import Integrator
 from beamdae.integrators.limits import Progress
-from beamdae.interrupts import Interrupted, acknowledge, attach_partial, interruptible
+from beamdae.interrupts import Interrupted, acknowledge, attach_partial
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.parts.mechanism import require_start
+from beamdae.model_functions import Model
+from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.columns import (
+    UNITS_OF_POSITIONS,
+    Header,
     mark_required_columns,
     remove_unit,
     require_accurate_columns,
     require_observed,
 )
-from beamdae.results.outcome import Status
+from beamdae.results.outcome import Status, replace_with_errors
 from beamdae.results.solution import Solution
-from beamdae.simulation import as_equations, compute_output_times, unpack_model
 
 Array = np.ndarray
 
 _MIN_ACCURACY, _MAX_ACCURACY = 1e-6, 0.1
-_ACCURACY_TO_RTOL = 10.0  # of the first run
-_MIN_RTOL, _MIN_RTOL_FACTOR = 1e-10, 0.01
-_MAX_ELEMENTS = 64  # of a beam
+_MAX_RUNS = 4
+_MAX_UNKNOWNS = 4000  # of beams
+_MIN_RTOL, _MIN_STEP_RATIO = 1e-10, 0.01
 # Part of the accuracy at which the errors of steps and of elements and strains aim, each.
 _SHARE = 0.4
 # Stated errors are up to a fifth too small where errors decrease slowly.
@@ -55,257 +57,405 @@ _SAFE_PART = 2.0 * _SHARE
 _MIN_TIME_LIMIT = 1e-3  # of a run after the deadline [s]
 # A companion has about this part of the time error, and of the errors of elements and strains.
 _TIME_RATIO, _MODEL_RATIO = 1.0 / 3.0, 1.0 / 8.0
+# Orders of errors by the length of elements: of positions, and of other columns of any mesh.
+_POSITION_ORDER, _MAX_HALVINGS = 4, 3
 # A refinement that does not reduce the largest error by this factor is a stagnation.
 _MIN_REDUCTION, _MAX_STAGNATIONS = 1.5, 2
+_SMALL_DEFORMATION = 1e-4  # of coordinates in a mode, relative to their natural sizes
 _MAX_NAMES = 6
+_OK = Status("ok", "")
 
 
-@interruptible
-@single_threaded
-def refine_until(
-    model: Any,
-    accuracy: float = 0.01,
-    *,
-    columns: Sequence[str] | str | None = None,
-    t_end: float | None = None,
-    output_step: float | None = None,
-    start: Any = None,
-    time_limit: float | None = None,
-    progress: Progress | None = None,
-) -> Solution:
-    """Simulate a model with steps and elements that are refined until the errors are small enough.
+class Analysis(NamedTuple):
+    """An analysis that is repeated with refined models.
 
-    The integrator is `Radau`. The `errors` of each run are measured; steps, elements and strains
-    that contribute too much are refined: a smaller rtol, elements halved or quartered together with
-    strain="exact" and smaller friction speeds.
-
-    Parameters
+    Attributes
     ----------
-    model
-        A model function, a mechanism, a constrained system or equations of motion.
-    accuracy
-        Largest error of a required column [-], from 1e-6 to 0.1; see `Errors`.
-    columns
-        Observed columns, or names of observables, that must be accurate. Defaults to all positions,
-        angles and deflections [m, rad] or, if there are none, to all columns.
-    t_end
-        End time [s]. Defaults to the model's end time.
-    output_step
-        Time between rows of the result [s]. Defaults to a thousandth of the end time.
+    name
+        Name of the public function.
+    analyze
+        Function of a model and an integrator that returns a result with `errors`.
+    method
+        Integrator of the first result; None for analyses without steps.
     start
-        "as drawn", "equilibrium", or positions and velocities by name; see `simulate`. Defaults to
-        the start of the model.
-    time_limit
-        Maximum total wall time of all runs [s]. Defaults to no limit.
-    progress
-        Function called repeatedly during each run with the time reached [s]; see `simulate`.
+        Start of the model; beams whose coordinates it names are not refined.
+    observed
+        Function of a result that returns its columns of which, by default, only positions, angles
+        and deflections must be accurate. All other values must.
+    measure
+        Function of a result and of a limit of time [s] that returns its errors. Defaults to the
+        errors of the result.
+    states
+        Function of a result that returns equations of motion with states q (k, n) of theirs, and
+        the state (n,) that deformations refer to, or None; meshes that the program chose follow
+        from their strains.
+    is_run
+        True for runs, whose companions are runs as well. The limit of time of the integrator
+        applies to all of them together.
+    """
 
-    Returns
-    -------
-    Solution
-        The accurate run with its `errors`; `equations.mechanism` has the refined beams. If the
-        accuracy is not reached, this is the last run with known errors, and `status` gives the
-        reason: a limit of time or elements, errors that do not decrease, or beams that keep their
-        elements.
+    name: str
+    analyze: Callable[[Any, Integrator | None], Any]
+    method: Integrator | None = None
+    start: Any = None
+    observed: Callable[[Any], Collection[str]] = lambda result: ()
+    measure: Callable[[Any, float | None], Errors] = lambda result, limit: result.errors
+    states: Callable[[Any], Iterable[tuple[EquationsOfMotion, Array, Array | None]]] = (
+        lambda result: ()
+    )
+    is_run: bool = False
+
+    @classmethod
+    def of_runs(
+        cls,
+        name: str,
+        integrate: Callable[[Any, Any], Solution],
+        method: Integrator,
+        start: Any,
+        progress: Progress | None,
+    ) -> Analysis:
+        """Return the analysis of runs, whose companions call `progress`, too."""
+
+        def measure(run: Solution, limit: float | None) -> Errors:
+            return measure_run(run, limit, progress)
+
+        def list_states(run: Solution) -> list[tuple[EquationsOfMotion, Array, None]]:
+            return [(run.equations, run.q, None)]
+
+        def list_columns(run: Solution) -> Collection[str]:
+            return run.columns
+
+        return cls(name, integrate, method, start, list_columns, measure, list_states, True)
+
+
+def list_shapes(result: Any) -> list[tuple[EquationsOfMotion, Array, Array]]:
+    """Return the states of small deformations in the shapes of modes or buckling modes."""
+    e, about = result.equations, result.q
+    states = []
+    for shape in result.shapes:
+        parts = np.stack([shape.real, shape.imag])
+        size = np.max(np.abs(parts) / e.position_scales, initial=0.0) or 1.0
+        states.append((e, about + _SMALL_DEFORMATION / size * parts, about))
+    return states
+
+
+def _require_accuracy(name: str, accuracy: Any) -> float:
+    """Return a required accuracy; `name` is the calling function, for messages.
 
     Raises
     ------
     BeamdaeError
-        If the model or a setting is invalid, or nothing is observed.
-    Interrupted
-        If Ctrl-C ends the call; `Interrupted.solution` is the last run with known errors, or the
-        first run so far.
-    Exception
-        Exceptions of `progress`. Their attribute `solution` is the same.
-
-    Warns
-    -----
-    BeamdaeWarning
-        If the accuracy is not reached, with the reason, and for each of `Solution.warnings`.
-
-    Examples
-    --------
-    >>> import beamdae as bd
-    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
-    >>> bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
-    >>> rod = mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
-    >>> mech.observe("bob", bob.point)
-    >>> solution = bd.refine_until(mech, accuracy=0.001, t_end=1.0)
-    >>> solution.status.success, solution.errors.largest < 0.001
-    (True, True)
+        If it is not a number from 1e-6 to 0.1.
     """
-    accuracy = require_finite("refine_until", "accuracy", accuracy)
-    if not _MIN_ACCURACY <= accuracy <= _MAX_ACCURACY:
-        least, most, given = format_distinct(_MIN_ACCURACY, _MAX_ACCURACY, accuracy)
+    value = require_finite(name, "accuracy", accuracy)
+    if not _MIN_ACCURACY <= value <= _MAX_ACCURACY:
+        least, most, given = format_distinct(_MIN_ACCURACY, _MAX_ACCURACY, value)
         raise BeamdaeError(
-            f"refine_until: accuracy must lie between {least} and {most}, got {given}; 0.01 is 1 %."
+            f"{name}: accuracy must lie between {least} and {most}, got {given}; 0.01 is 1 %."
         )
-    names = require_accurate_columns("refine_until", columns)
-    if time_limit is not None:
-        time_limit = require_positive("refine_until", "time_limit", time_limit)
-    if start is not None:
-        require_start("refine_until", start)
-    require_progress("refine_until", progress)
-    model, t_end, description = unpack_model("refine_until", model, t_end)
-    times = compute_output_times("refine_until", t_end, output_step)
-    description["t_end"] = float(times[-1])
-    equations = as_equations("refine_until", model, start, sampled=True)
-    headers = equations.observed_headers
-    require_observed("refine_until", headers)
-    required = mark_required_columns("refine_until", names, headers)
-    time_limit = np.inf if time_limit is None else time_limit
-    deadline = clock.perf_counter() + time_limit
-    task = _Task(times, accuracy, required, time_limit, deadline, progress)
-    solution = None
-    try:
-        for run in _refine_runs(task, equations):
-            solution = _with_status(run, run.status, model=description)
-    except Interrupted as problem:
-        solution = problem.partial if solution is None else solution
-        if isinstance(solution, Solution):
-            acknowledge()
-            status = Status("interrupted", problem.reason)
-            solution = _with_status(solution, status, model=description)
-            raise Interrupted(problem.reason, solution, "refine_until") from None
-        raise
-    except Exception as problem:
-        if solution is not None:
-            attach_partial(problem, solution)
-        raise
-    assert solution is not None
-    if not solution.status.success:
-        name, reason = description.get("name", "refine_until"), solution.status.sentence
-        warn_of_incomplete_result(f"{name}: accuracy {accuracy:g} is not reached; {reason}.")
-    if not warnings_are_ignored():
-        warn_of_result(solution.warnings, solution.equations.build_warnings)
-    return solution
+    return value
 
 
-class _Task(NamedTuple):
-    """Output times [s], required accuracy and columns (mask), and limits of all runs."""
+def require_columns(name: str, columns: Any, headers: Sequence[str]) -> None:
+    """Reject names of columns that must be accurate if they are not observed."""
+    names = require_accurate_columns(name, columns)
+    require_observed(name, headers)
+    mark_required_columns(name, names, headers)
 
-    times: Array
+
+class _Request(NamedTuple):
+    """Required accuracy and columns, and limits of all runs: `time.perf_counter` and time [s]."""
+
     accuracy: float
-    required: Array
-    time_limit: float  # of all runs [s]
-    deadline: float  # of `time.perf_counter` [s]
-    progress: Progress | None
+    columns: tuple[str, ...] | None
+    deadline: float
+    time_limit: float
 
     @property
-    def limits(self) -> tuple[float | None, Progress | None]:
-        """Limit of the time of the next run [s], or None, and the function `progress`."""
+    def remaining_time(self) -> float | None:
         remaining = max(self.deadline - clock.perf_counter(), _MIN_TIME_LIMIT)
-        return (remaining if np.isfinite(remaining) else None), self.progress
+        return remaining if np.isfinite(remaining) else None
 
-    def integrate(self, equations: EquationsOfMotion, rtol: float) -> Solution:
-        time_limit, progress = self.limits
-        return Radau(rtol, time_limit=time_limit).integrate(equations, self.times, progress)
+    def limit(self, method: Integrator | None) -> Integrator | None:
+        limited: Any = method
+        remaining = self.remaining_time
+        return method if remaining is None else replace(limited, time_limit=remaining)
 
 
-def _refine_runs(task: _Task, equations: EquationsOfMotion) -> Iterator[Solution]:
-    """Yield the first run and runs with known errors; the last one has the final status."""
-    run = task.integrate(equations, task.accuracy / _ACCURACY_TO_RTOL)
-    yield run
-    if not run.status.success:
-        return
-    solution, error, least, stagnations = run, np.inf, np.inf, 0
-    description, reason = "errors are not known", ""
+class _Step(NamedTuple):
+    """Model, integrator and result of a run."""
+
+    model: Any
+    method: Integrator | None
+    result: Any
+
+
+@single_threaded
+def reach_accuracy(analysis: Analysis, model: Any, accuracy: Any, columns: Any = None) -> Any:
+    """Repeat an analysis until the errors of the required columns are small enough.
+
+    Parameters
+    ----------
+    analysis
+        The analysis.
+    model
+        A mechanism, or a model whose beams are not refined.
+    accuracy
+        Largest error [-]; None for a single analysis.
+    columns
+        Names of the columns that must be accurate; None for the default, see `Analysis`.
+
+    Returns
+    -------
+    Any
+        The last result with known errors; `errors.status` says what was reached, and why not more.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid, or the first analysis fails.
+    Interrupted
+        If Ctrl-C ends the call before there is a result, or if results have no status. The last
+        result with known errors, or the first one so far, is its partial result and that of other
+        exceptions; results with a status are returned with the status "interrupted" instead.
+    """
+    if accuracy is None:
+        return analysis.analyze(model, analysis.method)
+    accuracy = _require_accuracy(analysis.name, accuracy)
+    names = require_accurate_columns(analysis.name, columns)
+    time_limit = getattr(analysis.method, "time_limit", None) if analysis.is_run else None
+    time_limit = time_limit or np.inf
+    request = _Request(accuracy, names, clock.perf_counter() + time_limit, time_limit)
+    result = None
     try:
-        while error > _SAFE_PART * task.accuracy:
-            errors, companion = run_companion(run, *task.limits)
-            if companion is None:
-                if solution is run:
-                    solution = _with_status(run, run.status, errors)
-                raise BeamdaeError(errors.reason)
-            total = np.where(task.required, errors.total, 0.0)
-            worst = int(np.argmax(np.where(np.isnan(total), np.inf, total)))
-            column, settings = remove_unit(errors.headers[worst]), _describe_settings(run, errors)
-            if not np.isfinite(total[worst]):
-                raise BeamdaeError(f"{column} is not finite")
-            error = float(total[worst])
-            description = (
-                f"{column} has the largest error, {format_percent(error)} of half its range, with "
-                f"{settings}"
+        for improved in _refine_results(analysis, request, model):
+            result = improved
+    except KeyboardInterrupt as problem:
+        partial = getattr(problem, "partial", None) if result is None else result
+        if partial is None:
+            raise
+        acknowledge()
+        reason = getattr(problem, "reason", "interrupted")
+        if not hasattr(partial, "status"):
+            raise Interrupted(reason, partial, analysis.name) from None
+        return replace_with_errors(partial, status=Status("interrupted", reason))
+    except Exception as problem:
+        if result is not None:
+            attach_partial(problem, result)
+        raise
+    return result
+
+
+def _refine_results(analysis: Analysis, request: _Request, model: Any) -> Iterator[Any]:
+    """Yield the first result and those with known errors; the last one has the final status."""
+    step = _analyze(analysis, request, model, analysis.method)
+    known, error, least, stagnations = step.result, np.inf, np.inf, 0
+    yield known
+    description, reason, count = "errors are not known", "", 1
+    while not reason:
+        errors = analysis.measure(step.result, request.remaining_time)
+        required = _mark_required(analysis, request, step.result, errors)
+        totals = np.where(required, np.nan_to_num(errors.total, nan=np.inf), 0.0)
+        if errors.reason or not required.any() or not np.isfinite(totals.max()):
+            if count == 1:
+                vars(known)["errors"] = errors
+            names = [remove_unit(x) for x in np.array(errors.headers)[~np.isfinite(totals)]]
+            reason = errors.reason or f"{list_first(names, _MAX_NAMES) or 'nothing'} is not finite"
+            break
+        known, error = step.result, float(totals.max())
+        description = _describe(step, errors, int(np.argmax(totals)))
+        vars(known)["errors"] = replace(errors, status=Status("limited", description))
+        yield known
+        stagnations += not error < least / _MIN_REDUCTION
+        least = min(least, error)
+        if error <= _SAFE_PART * request.accuracy:
+            break
+        if stagnations >= _MAX_STAGNATIONS:
+            reason = (
+                "errors do not decrease with refinement, as at fronts, in chaotic motions, under "
+                "moving loads and in sliding joints"
             )
-            solution = _with_status(run, Status("limited", description), errors)
-            yield solution
-            stagnations += not error < least / _MIN_REDUCTION
-            least = min(least, error)
-            if stagnations >= _MAX_STAGNATIONS:
-                raise BeamdaeError("errors do not decrease with refinement")
-            if error > _SAFE_PART * task.accuracy:
-                run = _refine_run(task, run, companion, errors)
-                if not run.status.success:
-                    raise BeamdaeError(run.status.sentence)
-    except BeamdaeError as limit:
-        is_late = clock.perf_counter() >= task.deadline
-        reason = f"the time limit of {task.time_limit:g} s is reached" if is_late else str(limit)
-    if error <= task.accuracy:
-        kept = {} if equations.mechanism is None else list_fixed_beams(equations.mechanism)
-        sentences = [f"{x} keeps its elements and strains, because {y}" for x, y in kept.items()]
-        reason = "; ".join(sentences)
+        elif count == _MAX_RUNS:
+            reason = f"this is the last of {_MAX_RUNS} runs"
+        else:
+            try:
+                step, count = _improve(analysis, request, step, errors, totals), count + 1
+                status = getattr(step.result, "status", _OK)
+                reason = "" if status.success else status.sentence
+            except BeamdaeError as limit:
+                reason = str(limit)
+    if reason and clock.perf_counter() >= request.deadline:
+        reason = f"the time limit of {request.time_limit:g} s is reached"
+    if error <= request.accuracy:
+        reason = "; ".join(
+            f"{name} keeps its elements and strains, because {why}"
+            for name, why in _list_kept(analysis, step.model).items()
+        )
     status = Status("limited", f"{description}; {reason}") if reason else Status("ok", description)
-    yield _with_status(solution, status)
+    vars(known)["errors"] = replace(vars(known)["errors"], status=status)
+    yield known
 
 
-def _refine_run(task: _Task, run: Solution, companion: Solution, errors: Errors) -> Solution:
+def _improve(
+    analysis: Analysis, request: _Request, step: _Step, errors: Errors, totals: Array
+) -> _Step:
     """Return a run in which errors that exceed their share of the accuracy are reduced.
 
     This is an earlier one, with the steps of the companion or the companion itself, if it is likely
     to be accurate enough.
     """
-    rtol, target = run.integrator["rtol"], _SHARE * task.accuracy
-    equations = run.equations
-    if companion.equations is equations:
-        timed, by_time, by_model = companion, errors.total, np.zeros_like(errors.total)
-    else:
-        timed, by_time, by_model = split_time(run, companion, *task.limits)
-        if not timed.status.success:
-            raise BeamdaeError(timed.status.sentence)
-    time, model = (float(np.max(x[task.required])) for x in (by_time, by_model))
-    if _TIME_RATIO * time <= target and _MODEL_RATIO * model <= target:
-        is_model_accurate = model <= target
-        if not is_model_accurate:
-            _require_few_elements(companion.equations)
-        return timed if is_model_accurate else companion
-    if model > target:
-        equations = companion.equations
-        if _MODEL_RATIO * model > target:
-            refinement, _ = refine_equations(companion)
-            equations = equations if refinement is None else refinement.equations
-        _require_few_elements(equations)
-    if time > target:
-        rtol *= max(target / time, _MIN_RTOL_FACTOR)
-    if rtol < _MIN_RTOL:
-        raise BeamdaeError(f"the next one needs rtol < {_MIN_RTOL:g}")
-    return task.integrate(equations, rtol)
+    target = _SHARE * request.accuracy
+    model, method, _ = step
+    name, value = errors.refined.accuracy
+    split: Any = errors.split
+    reuses = analysis.is_run and name == "rtol"
+    if reuses and _TIME_RATIO * totals.max() <= 2.0 * target:
+        return _reuse(step, split.companion)
+    by_time, by_mesh, by_theory = (
+        float(np.max(errors.causes[x][totals > 0.0])) for x in ("time", "mesh", "theory")
+    )
+    if not np.isfinite(by_time + by_mesh + by_theory):
+        raise BeamdaeError("a run with refined steps fails")
+    by_model = max(by_mesh, by_theory)
+    if reuses and _TIME_RATIO * by_time <= target and _MODEL_RATIO * by_mesh <= target:
+        is_timed = 0.0 < by_model <= target
+        return _reuse(step, split.timed if is_timed else split.companion)
+    if by_time > min(target, by_model):
+        ratio = max(min(target / by_time, 0.5), _MIN_STEP_RATIO)
+        value *= ratio ** (1.0 / errors.refined.order) if name == "step" else ratio
+        if name == "rtol" and value < _MIN_RTOL:
+            raise BeamdaeError(f"the next one needs rtol < {_MIN_RTOL:g}")
+        changed: Any = method
+        method = replace(changed, **{name: value})
+    if by_model > min(target, by_time):
+        column = errors.headers[int(np.argmax(totals))]
+        model = _refine_beams(analysis, step, errors.refined, column, by_mesh / target)
+    return _analyze(analysis, request, model, method)
 
 
-def _require_few_elements(equations: EquationsOfMotion) -> None:
-    for beam in beams_of(equations.mechanism):
-        if (count := beam.mesh.elements) > _MAX_ELEMENTS:
-            raise BeamdaeError(
-                f"the next run needs {count} elements of {beam.name}, more than {_MAX_ELEMENTS}"
-            )
+def _analyze(analysis: Analysis, request: _Request, model: Any, method: Integrator | None) -> _Step:
+    result = analysis.analyze(model, request.limit(method))
+    status = getattr(result, "status", _OK)
+    if status.kind == "interrupted":
+        raise Interrupted(status.sentence, result)
+    return _Step(model, method, result)
 
 
-def _describe_settings(run: Solution, errors: Errors) -> str:
-    rtol, refined = run.integrator["rtol"], errors.refined
-    texts = [f"rtol={rtol:.2g}"]
+def _reuse(step: _Step, run: Any) -> _Step:
+    """Return a companion as the next step."""
+    method: Any = step.method
+    method = replace(method, rtol=run.made_by.accuracy.value)
+    model = step.model
+    if isinstance(model, Mechanism) and run.equations.mechanism is not None:
+        model = run.equations.mechanism
+    return _Step(model, method, run)
+
+
+def _refine_beams(
+    analysis: Analysis, step: _Step, refined: Refined, column: str, ratio: float
+) -> Any:
+    """Return a model whose beams reduce the error of a column by a ratio.
+
+    Elements are halved; meshes that the program chose have higher degrees, see `next_mesh`.
+
+    Raises
+    ------
+    BeamdaeError
+        If no beam can be refined, or the mesh is too fine.
+    """
+    model = step.model
+    mechanism = model() if isinstance(model, Model) else model
+    if not isinstance(mechanism, Mechanism):
+        raise BeamdaeError("the beams of this model are not refined; pass a mechanism")
+    is_position = Header.of(column).unit in UNITS_OF_POSITIONS
+    order = max(refined.mesh_order, _POSITION_ORDER if is_position else 1)
+    halvings = int(np.ceil(np.log2(max(ratio, 1.0)) / order))
+    # Errors of friction are among those of the elements.
+    halvings = min(halvings, 1 if refined.friction_speeds else _MAX_HALVINGS)
+    tails = {} if ratio <= 1.0 else _measure_tails(analysis, step.result)
+    errors = [x.motion_error if is_position else x.force_error for x in tails.values()]
+    largest = max(errors, default=0.0)
+    start = AS_DRAWN if analysis.start is None else analysis.start
+
+    def refine(coarse: Mechanism, halvings: int) -> Mechanism:
+        def change(beam: Beam, mesh: Mesh) -> Mesh:
+            if not beam.has_chosen_mesh:
+                return mesh.with_divided_elements(2**halvings) if halvings else mesh
+            if ratio <= 1.0 or beam.name not in tails:
+                return mesh if ratio <= 1.0 else refine_mesh(beam, mesh)
+            return next_mesh(mesh, tails[beam.name], largest / ratio, forces=not is_position)
+
+        finer = refine_mechanism(coarse, start, change, friction=analysis.method is not None)
+        if finer is None:
+            raise BeamdaeError("no beam can be refined")
+        return finer.mechanism
+
+    while (finer := refine(mechanism, halvings)) and _count_unknowns(finer) > _MAX_UNKNOWNS:
+        halvings -= 1
+        if halvings <= 0:
+            raise BeamdaeError(f"the next mesh has more than {_MAX_UNKNOWNS} unknowns")
+    if not isinstance(model, Model):
+        return finer
+    build, count = model.build, halvings
+    finer_build = wraps(build)(lambda **parameters: refine(build(**parameters), count))
+    return replace(model, build=finer_build)
+
+
+def _count_unknowns(mechanism: Mechanism) -> int:
+    return sum(len(x.coordinates) for x in beams_of(mechanism))
+
+
+def _measure_tails(analysis: Analysis, result: Any) -> dict[str, Tail]:
+    """Return the largest tails of the beams whose meshes the program chose, by name."""
+    tails: dict[str, Tail] = {}
+    for equations, q, about in analysis.states(result):
+        rows = {part.name: part.rows for part in equations.parts}
+        for beam in beams_of(equations.mechanism):
+            own = rows[beam.name]
+            at = None if about is None else about[own]
+            tail = measure_tail(beam.kinematics, q[:, own], at) if beam.has_chosen_mesh else None
+            if tail is not None:
+                others = (tail, tails.get(beam.name, tail))
+                tails[beam.name] = max(others, key=lambda x: x.force_error)
+    return tails
+
+
+def _mark_required(
+    analysis: Analysis, request: _Request, result: Any, errors: Errors
+) -> np.ndarray:
+    """Return the mask of the columns that must be accurate."""
+    headers = errors.headers
+    if request.columns is not None:
+        return mark_required_columns(analysis.name, request.columns, headers)
+    observed = analysis.observed(result)
+    is_observed = np.array([x in observed for x in headers], bool)
+    required = ~is_observed
+    names = [x for x in headers if x in observed]
+    required[is_observed] = mark_required_columns(analysis.name, None, names)
+    return required
+
+
+def _list_kept(analysis: Analysis, model: Any) -> dict[str, str]:
+    model = model() if isinstance(model, Model) else model
+    return list_fixed_beams(model, analysis.start) if isinstance(model, Mechanism) else {}
+
+
+def _describe(step: _Step, errors: Errors, worst: int) -> str:
+    """Return the largest error with the settings of a result."""
+    refined, of = errors.refined, errors.relative_to
+    name, value = refined.accuracy
+    texts = [f"{name}={value:.2g}"] if name else []
     if refined.elements:
-        counts = [f"{count} elements of {name}" for name, count in refined.elements.items()]
+        counts = [f"{format_count(n, 'element')} of {x}" for x, n in refined.elements.items()]
         texts.append(list_first(counts, _MAX_NAMES))
-        if not refined.inexact:
-            texts.append("exact strains")
-    return join_names(texts)
-
-
-def _with_status(
-    run: Solution, status: Status, errors: Errors | None = None, **changes: Any
-) -> Solution:
-    """Return a run with another status, and with known errors, by default those of the run."""
-    solution = replace(run, status=status, **changes)
-    known = vars(run).get("errors") if errors is None else errors
-    if known is not None:
-        vars(solution)["errors"] = known
-    return solution
+    if refined.degrees:
+        degrees = [f"degree {degree} of {beam}" for beam, degree in refined.degrees.items()]
+        texts.append(list_first(degrees, _MAX_NAMES))
+    if (refined.elements or refined.degrees) and not refined.inexact:
+        texts.append("exact strains")
+    settings = f", with {join_names(texts)}" if texts else ""
+    return (
+        f"{remove_unit(errors.headers[worst])} has the largest error, "
+        f"{format_percent(float(errors.total[worst]))} of "
+        f"{of if isinstance(of, str) else of[worst]}{settings}"
+    )

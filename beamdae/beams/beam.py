@@ -17,14 +17,14 @@ import scipy.sparse as sp
 
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
 from beamdae.beams.kinematics import (
-    FormulationKinematics,
     Kinematics,
     LocalAxis,
     MaterialPoint,
     create_custom_kinematics,
 )
 from beamdae.beams.mesh import Mesh, intern_mesh
-from beamdae.beams.section_samples import stress_sections
+from beamdae.beams.resolution import choose_mesh
+from beamdae.beams.section_samples import find_breaks, stress_sections
 from beamdae.beams.sections import Section, SectionLaw, Taper, VaryingSection, require_section
 from beamdae.beams.strains import (
     LargestStress,
@@ -34,10 +34,17 @@ from beamdae.beams.strains import (
     section_forces,
     strain_by_forces,
 )
-from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve, Segment, require_curve
+from beamdae.curves.plane_curves import (
+    ARC_LENGTH_TOLERANCE,
+    PlaneCurve,
+    Segment,
+    curve_breaks,
+    require_curve,
+)
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    format_count,
     format_distinct,
     optional_finite,
     optional_point,
@@ -74,7 +81,8 @@ _DEFAULT_FORMULATION = "floating frame"
 EXACT_FORMULATION = "exact"
 CUSTOM_FORMULATION = "custom"
 FORMULATIONS = (_DEFAULT_FORMULATION, EXACT_FORMULATION)
-NODES = tuple(range(2, 10))  # per element
+NODES = tuple(range(2, 14))  # per element
+_DEFAULT_ELEMENTS, _DEFAULT_NODES = 8, 4
 
 # Sections higher than the beam is long are those of blocks, or width and height are exchanged, as
 # of short flexures; sizes in millimeters give factors of 1000. Beams joined to others may be short
@@ -128,17 +136,25 @@ class Beam(Part):
         another `PlaneCurve`.
     section
         Cross-section. For a section that varies along the beam, a `taper` or a function of arc
-        length s [m] that returns a `Section`. Elements end at the kinks of a `taper`; where a
-        function jumps or has kinks, pass `elements=[...]`.
+        length s [m] that returns a `Section`. With `elements`, elements end at the kinks of a
+        `taper`; where a function jumps, pass `elements=[...]`.
     elements
-        Number of elements, or the arc lengths of the element ends [m], ascending from 0 to the
-        length of the curve. With a number n, the elements have equal arc length, unless a joint, a
-        mass, a load or another part is attached between two element ends. The first assembly (run,
-        check or analysis) then divides the beam there into at least n elements, none
-        of which is longer than with equal lengths. A beam is not divided if it would need more than
-        2 n + 8 elements, if it has custom `kinematics`, or if its coordinates must not change
-        because the start or a custom `Quantity` refers to them. `errors` of results include those
-        by attachments and sections that change within elements.
+        By default (None), the program chooses the mesh in the first assembly (run, check or
+        analysis). Elements end at joints, masses, loads and other attachments, at kinks of a
+        `taper`, at jumps of a function of s, and at the `breaks` of a curve. They have the same
+        degree: 7 without such ends, and 6, 5 or 3 where more elements are needed, also to follow
+        the curve or a moving load. With more than about 20 ends, there are eight cubic
+        elements. Modes and linear models use a copy with elements that resolve ten modes of each
+        beam, unless they are about an instant of a run or an `Equilibrium`.
+        Otherwise, the number of elements (by default 8, for settings that exclude long elements:
+        `nodes`, custom `kinematics`, elements_shape="straight" or continuity="local"), or the arc
+        lengths of the element ends [m], ascending from 0 to the length of the curve. With a number
+        n, the elements have equal arc length, unless a joint, a mass, a load or another part is
+        attached between two element ends. The first assembly then divides the beam there into at
+        least n elements, none of which is longer than with equal lengths. A beam is not divided if
+        it would need more than 2 n + 8 elements, if it has custom `kinematics`, or if its
+        coordinates must not change because the start or a custom `Quantity` refers to them.
+        `errors` of results include those by all meshes.
     strain
         Strain measure of the floating frame:
 
@@ -158,9 +174,9 @@ class Beam(Part):
         With "local", the small angle at which the axes of the elements meet is neglected, which
         limits convergence to order 2 instead of 4 and more (measured, see validation/).
     nodes
-        Nodes per element: 4 (default, cubic, as in the paper), 3, 2 (linear, always straight), or 5
-        to 9 Gauss-Lobatto points. With smooth curves and sections, errors decrease exponentially
-        with the number of nodes: one element with 8 nodes is more accurate than 8 cubic elements.
+        Nodes per element: 4 (default with `elements`, cubic, as in the paper), 3, 2 (linear, always
+        straight), or 5 to 13 Gauss-Lobatto points. With smooth curves and sections, errors decrease
+        exponentially with the number of nodes.
     quadrature
         Number of Gauss points per element for the stiffness terms: nodes - 1 with "reduced"
         (default), nodes with "full". Reduced quadrature needs about half as many elements for the
@@ -219,7 +235,7 @@ class Beam(Part):
     >>> strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004)
     >>> arc = bd.Arc(radius=0.85, length=0.8, angle=-0.6)
     >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
-    >>> beam = mech.add(bd.Beam("beam", arc, strip, elements=6))
+    >>> beam = mech.add(bd.Beam("beam", arc, strip))
     >>> mech.observe("tip", beam.end)
     """
 
@@ -230,11 +246,11 @@ class Beam(Part):
         name: str,
         curve: PlaneCurve,
         section: Section | SectionLaw | Taper,
-        elements: int | Sequence[float] = 8,
+        elements: int | Sequence[float] | None = None,
         strain: str | None = None,
         elements_shape: str = "curved",
         continuity: str | None = None,
-        nodes: int = 4,
+        nodes: int | None = None,
         quadrature: str | None = None,
         frame: str | None = None,
         velocity: tuple[float, float] | None = None,
@@ -248,16 +264,19 @@ class Beam(Part):
         self.section: Section | VaryingSection = require_section(name, section, curve.length)
         self.velocity = optional_point(name, "velocity", velocity)
         self.angular_velocity = optional_finite(name, "angular_velocity", angular_velocity)
-        count, bounds = _parse_elements(name, elements, curve.length)
-        self._requested_mesh = intern_mesh(
-            Mesh(
-                curve,
-                count,
-                require_choice(name, "nodes", require_count(name, "nodes", nodes), NODES),
-                require_choice(name, "elements_shape", elements_shape, ("curved", "straight")),
-                bounds=bounds,
-            )
-        )
+        require_choice(name, "elements_shape", elements_shape, ("curved", "straight"))
+        # Long elements are curved, and custom kinematics may assume cubic elements.
+        is_special = elements_shape == "straight" or continuity == "local" or kinematics is not None
+        self.has_moving_load = False  # set by parts that move along the beam
+        self.has_chosen_mesh = elements is None and nodes is None and not is_special
+        if self.has_chosen_mesh:
+            self._requested_mesh = self.divide_mesh(())
+        else:
+            count, bounds = _parse_elements(name, elements, curve.length)
+            nodes = require_count(name, "nodes", _DEFAULT_NODES if nodes is None else nodes)
+            require_choice(name, "nodes", nodes, NODES)
+            mesh = Mesh(curve, count, nodes, elements_shape, bounds=bounds)
+            self._requested_mesh = intern_mesh(mesh)
         _require_mesh_memory(name, self.mesh)
         _require_valid_slenderness(name, self.section, self.length)
         self.mesh.require_resolved_curve(name)
@@ -274,7 +293,8 @@ class Beam(Part):
         _ = self.kinematics
 
     def __repr__(self) -> str:
-        return f"Beam(name={self.name!r}, {self.length:.6g} m in {self.mesh.elements} elements)"
+        elements = format_count(self.mesh.elements, "element")
+        return f"Beam(name={self.name!r}, {self.length:.6g} m in {elements})"
 
     # The first assembly replaces the values of the following properties. They are cached
     # properties because fingerprints of models omit these.
@@ -298,6 +318,8 @@ class Beam(Part):
 
     @cached_property
     def _has_final_mesh(self) -> bool:
+        if self.has_chosen_mesh:
+            return False
         # The mesh of custom kinematics is not changed, because they may assume equal elements.
         return self._requested_mesh.bounds is not None or self._make_kinematics is not None
 
@@ -309,12 +331,17 @@ class Beam(Part):
     def divide_mesh(self, arc_lengths: Iterable[float]) -> Mesh:
         """Return the mesh after the first assembly with attachments at `arc_lengths` [m].
 
-        Elements also end at kinks of the section.
+        Elements also end at kinks of the section and, if the program chooses the mesh, at jumps of
+        the section and at kinks of the curve.
         """
         if self._has_final_mesh:
             return self.mesh
-        breaks = self.section.breaks if isinstance(self.section, VaryingSection) else ()
-        return intern_mesh(self.mesh.with_ends_at(sorted({*arc_lengths, *breaks})))
+        if self.has_chosen_mesh:
+            breaks = find_breaks(self.section, self.length) + curve_breaks(self.curve)
+            stops = sorted({*arc_lengths, *breaks})
+            return intern_mesh(choose_mesh(self.curve, stops, self.has_moving_load))
+        known = self.section.breaks if isinstance(self.section, VaryingSection) else ()
+        return intern_mesh(self.mesh.with_ends_at(sorted({*arc_lengths, *(known or ())})))
 
     def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool:
         """Place element ends at attachments and kinks of the section, and make the mesh final.
@@ -344,7 +371,8 @@ class Beam(Part):
     def with_mesh(self, mesh: Mesh, stress_mesh: Mesh | None = None) -> Beam:
         """Return a copy of the beam with another mesh.
 
-        Assembly does not change this mesh if it has `bounds`. `largest_stress` has the sections of
+        Assembly does not change this mesh if it has `bounds`, or the program chose that of this
+        beam. `largest_stress` has the sections of
         this beam, also on another mesh.
 
         Parameters
@@ -361,17 +389,21 @@ class Beam(Part):
         for name in ("mesh", "kinematics", "_has_final_mesh"):
             vars(other).pop(name, None)
         other._requested_mesh = mesh
+        if other.has_chosen_mesh:
+            other._has_final_mesh = True
         return other
 
     def with_exact_strains(self) -> Beam:
         """Return a copy with strain="exact" and the same coordinates.
 
-        Beams without a floating frame, or with custom kinematics, are returned unchanged.
+        Beams that have them, and those with custom kinematics, are returned unchanged.
         """
         if self.formulation != _DEFAULT_FORMULATION:
             return self
         other, kinematics = copy(self), self.kinematics
-        assert isinstance(kinematics, FormulationKinematics)
+        assert isinstance(kinematics, FloatingFrame)
+        if kinematics.strain == "exact":
+            return self
         vars(other).pop("kinematics", None)
         # The default frame depends on the strains.
         other._settings = {**self._settings, "strain": "exact", "frame": kinematics.frame}
@@ -984,6 +1016,7 @@ def _parse_elements(
     part: str, elements: Any, length: float
 ) -> tuple[int, tuple[float, ...] | None]:
     """Return the number of elements and the arc lengths of their ends [m] (None if not given)."""
+    elements = _DEFAULT_ELEMENTS if elements is None else elements
     if as_real(elements) is not None:
         return require_count(part, "elements", elements), None
     what = "a number or the arc lengths of the element ends"

@@ -271,7 +271,7 @@ class MovingForce(ObservablePower):
 
     def __post_init__(self) -> None:
         set_fields(self, name=require_name("MovingForce", self.name))
-        require_beam(self.name, self.beam)
+        require_beam(self.name, self.beam).has_moving_load = True
         set_fields(
             self,
             force=require_point(self.name, "force", self.force),

@@ -105,6 +105,16 @@ class Mesh:
         """Return a mesh whose elements end at the arc lengths `bounds` [m]; see `Mesh`."""
         return replace(self, elements=len(bounds) - 1, bounds=tuple(map(float, bounds)))
 
+    def with_degree(self, degree: int) -> Mesh:
+        """Return the mesh with elements of another degree and the same ends."""
+        return replace(self, nodes=degree + 1)
+
+    def with_divided_elements(self, count: int) -> Mesh:
+        """Return the mesh with each element divided into `count` ones of equal arc length."""
+        places = np.arange(count * self.elements + 1) / count
+        bounds = np.interp(places, np.arange(self.elements + 1), self.element_bounds)
+        return self.divided_at(bounds.tolist())
+
     def has_end_at(self, s: float) -> bool:
         """Return True if an element ends at the arc length `s` [m], up to rounding errors."""
         gaps = np.abs(self.element_bounds - s) / self.curve.length
@@ -113,14 +123,21 @@ class Mesh:
     def with_ends_at(self, arc_lengths: Sequence[float]) -> Mesh:
         """Return a mesh with element ends at the given ascending arc lengths [m].
 
-        This mesh must have n elements of equal length; the elements of the result are at most as
-        long. An arc length is skipped if its distance from an end of the beam, or from the
-        preceding arc length that is not skipped, is at most 1e-4 of the element length. Return this
-        mesh if its elements already end at all arc lengths, or if more than 2 n + 8 elements would
-        be needed.
+        This mesh must have n elements of equal length. Return it if its elements already end at all
+        arc lengths, or if more than 2 n + 8 elements would be needed; see `divide`.
         """
         if all(map(self.has_end_at, arc_lengths)):
             return self
+        mesh = self.divide(arc_lengths)
+        is_small = mesh.elements <= _MAX_GROWTH_FACTOR * self.elements + _MAX_GROWTH
+        return mesh if is_small else self
+
+    def divide(self, arc_lengths: Sequence[float]) -> Mesh:
+        """Return a mesh with ends at arc lengths [m] and elements at most as long as equal ones.
+
+        An arc length is skipped if its distance from an end of the beam, or from the preceding arc
+        length that is not skipped, is at most 1e-4 of the element length.
+        """
         length, spacing = self.curve.length, self.curve.length / self.elements
         stops, nearest = [0.0], _MIN_END_DISTANCE * spacing
         for s in arc_lengths:
@@ -128,8 +145,6 @@ class Mesh:
                 stops.append(s)
         spans = np.diff([*stops, length])
         counts = np.ceil(spans / spacing * (1.0 - ARC_LENGTH_TOLERANCE)).astype(int)
-        if counts.sum() > _MAX_GROWTH_FACTOR * self.elements + _MAX_GROWTH:
-            return self
         bounds = [
             start + span / count * np.arange(count)
             for start, span, count in zip(stops, spans, counts, strict=True)

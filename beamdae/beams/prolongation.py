@@ -1,4 +1,4 @@
-"""Transfer of the coordinates of a beam to a mesh with halved elements."""
+"""Transfer of the coordinates of a beam to a finer mesh."""
 
 from __future__ import annotations
 
@@ -10,21 +10,13 @@ from scipy.sparse.linalg import splu
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.elements import NODE_SIZE
-from beamdae.beams.mesh import Mesh
 from beamdae.beams.shape_functions import node_positions, shape_functions
 
 Array = np.ndarray
 
 
-def halve_elements(mesh: Mesh) -> Mesh:
-    """Return the mesh with each element divided into two of equal arc length."""
-    bounds = mesh.element_bounds
-    middles = 0.5 * (bounds[1:] + bounds[:-1])
-    return mesh.divided_at(np.sort(np.append(bounds, middles)).tolist())
-
-
 def prolongation_matrix(coarse: Beam, fine: Beam) -> sp.csc_array:
-    """Return the matrix that maps changes of coordinates to a beam with halved elements.
+    """Return the matrix that maps changes of coordinates to a beam with a finer mesh.
 
     Nodal displacements and rotations are interpolated by the shape functions of the coarse
     elements. The small angles between the axes of coarse and fine elements are neglected, so that
@@ -35,16 +27,21 @@ def prolongation_matrix(coarse: Beam, fine: Beam) -> sp.csc_array:
     coarse
         Beam with a built-in formulation.
     fine
-        The same beam on the mesh that `halve_elements` returns.
+        The same beam on a mesh whose elements are parts of those of the coarse mesh.
     """
-    nodes, frame_size = coarse.mesh.nodes, coarse.rigid_coordinate_count
-    frame, ends = np.eye(frame_size), node_positions(nodes)
-    halves = [
-        sp.block_diag([frame, np.kron(shape_functions(nodes, xi), np.eye(NODE_SIZE))])
-        for xi in (0.5 * (ends - 1.0), 0.5 * (ends + 1.0))
-    ]
-    interpolation = sp.kron(sp.eye_array(coarse.mesh.elements), sp.vstack(halves))
-    target = interpolation @ coarse.kinematics.operator
+    mesh, nodes = coarse.mesh, coarse.mesh.nodes
+    bounds, fine_bounds = mesh.element_bounds, fine.mesh.element_bounds
+    middles = 0.5 * (fine_bounds[1:] + fine_bounds[:-1])
+    elements = np.searchsorted(bounds, middles) - 1
+    frame, places = np.eye(coarse.rigid_coordinate_count), node_positions(fine.mesh.nodes)
+    blocks = []
+    for k, half, middle in zip(elements, 0.5 * fine.mesh.element_lengths, middles, strict=True):
+        start, end = bounds[k : k + 2]
+        xi = (2.0 * middle - start - end + 2.0 * half * places) / (end - start)
+        nodal = np.kron(shape_functions(nodes, xi), np.eye(NODE_SIZE))
+        block = sp.block_diag([frame, nodal])
+        blocks.append(sp.kron(np.eye(1, mesh.elements, k), block))
+    target = sp.csr_array(sp.vstack(blocks)) @ coarse.kinematics.operator
     # Elements share nodes, and all share the frame: the equations are consistent up to the
     # neglected angles, and are solved in the least-squares sense.
     operator = sp.csc_array(fine.kinematics.operator)
@@ -62,7 +59,7 @@ def prolong_coordinates(
     names, fine_names
         Names of the coordinates of both mechanisms.
     beams
-        The beams of both, by name: with halved elements, or with the same coordinates.
+        The beams of both, by name; those with the same mesh have the same coordinates.
 
     Returns
     -------

@@ -9,6 +9,7 @@ from inspect import getattr_static
 from typing import Any
 
 from beamdae.beams.beam import CUSTOM_FORMULATION, Beam, beams_of
+from beamdae.beams.resolution import mesh_of_modes
 from beamdae.errors import BeamdaeError, format_exception, set_fields
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import Mechanism
@@ -79,6 +80,27 @@ def replace_beams(
             if isinstance(impact.on, Quantity):
                 set_fields(impact, on=impact.on.current)
     return other
+
+
+def resolve_modes(mechanism: Mechanism, start: Any = None) -> Mechanism:
+    """Return a copy in which meshes that the program chose resolve ten modes of each beam.
+
+    The mechanism itself is returned if there are none, or a part cannot be copied. `start` replaces
+    the start of the mechanism.
+    """
+    sections, fixed = attached_sections(mechanism), list_fixed_beams(mechanism, start)
+    beams = {
+        beam.name: beam.with_mesh(mesh_of_modes(mesh), mesh)
+        for beam in beams_of(mechanism)
+        if beam.has_chosen_mesh and beam.name not in fixed
+        for mesh in [beam.divide_mesh(sections[id(beam)])]
+    }
+    if not beams:
+        return mechanism
+    try:
+        return replace_beams(mechanism, beams, "modes")
+    except BeamdaeError:
+        return mechanism
 
 
 def attached_sections(mechanism: Mechanism) -> dict[int, set[float]]:

@@ -50,6 +50,7 @@ _LOCATION_DIGITS, _LOCATION_ROUNDING = 12, 1e-9
 # Distance from a located section, relative to the length of the beam, at which stresses in a
 # neighboring model are smaller if the kink is still there. It exceeds the rounding of locations.
 _CHECKED_DISTANCE = 1e-9
+_BREAK_INTERVALS, _MIN_JUMP = 7, 1e-3  # hardly any jump is at a multiple of 1/7
 _MAX_HALVINGS = 10
 _MAX_SECTIONS_PER_INTERVAL = 32
 
@@ -167,6 +168,26 @@ def stress_sections(
             section.stress_sections[key] = _refine(section, key)
     result = section.stress_sections[key].arc_lengths
     return result if known is None or len(known[0]) == len(result) else known.arc_lengths
+
+
+def find_breaks(section: Section | VaryingSection, length: float) -> tuple[float, ...]:
+    """Return ascending arc lengths [m] of the kinks of a taper, or of the jumps of a function.
+
+    Jumps are located in each seventh of the length, in which the first one is found.
+    """
+    if isinstance(section, Section):
+        return ()
+    if section.breaks is not None:
+        return section.breaks
+    arc_lengths = tuple(np.linspace(0.0, length, _BREAK_INTERVALS + 1).tolist())
+    stress_sections(section, arc_lengths)
+    located = section.stress_sections[arc_lengths].located
+    step, jumps = _CHECKED_DISTANCE * length, []
+    for maximum in located:
+        before, after = (_evaluate_moduli(section, maximum.s + x) for x in (-step, step))
+        if np.max(np.abs(after / before - 1.0)) > _MIN_JUMP:
+            jumps.append(float(maximum.s))
+    return tuple(sorted(jumps))
 
 
 def _find_known(known: KnownSections, key: tuple[float, ...]) -> StressSections | None:

@@ -487,12 +487,12 @@ class VaryingSection:
     law
         Function of arc length s [m] that returns the `Section` at s.
     breaks
-        Ascending arc lengths [m] at which the section may have kinks.
+        Ascending arc lengths [m] at which the section may have kinks; None if unknown.
     """
 
     part: str
     law: SectionLaw
-    breaks: tuple[float, ...] = ()
+    breaks: tuple[float, ...] | None = None
 
     # A cached property because fingerprints of models omit these.
     @cached_property

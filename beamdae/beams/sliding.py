@@ -340,7 +340,7 @@ class SlidingOnBeam(Part):
         set_fields(self, name=require_name("SlidingOnBeam", self.name))
         require_choice(self.name, "ends", self.ends, ("record", "stop"))
         require_attachment(self.name, "first attachment", self.a)
-        require_beam(self.name, self.beam)
+        require_beam(self.name, self.beam).has_moving_load = True
         if self.a.body is self.beam:
             raise BeamdaeError(
                 f"{self.name}: the point must belong to a body other than the beam, got {self.a}."

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
@@ -95,6 +94,22 @@ def _reason(problem: BeamdaeError) -> str:
 def parse_seconds(text: str) -> float:
     """Return the number of an option such as "20ms" in seconds; see `parse_number`."""
     return parse_number(text, "s")
+
+
+def parse_accuracy(text: str) -> float:
+    """Return the accuracy given by --accuracy as a fraction: 0.01 for "1%" or "0.01".
+
+    Raises
+    ------
+    typer.BadParameter
+        If the text is not a number with or without a percent sign.
+    """
+    number = text.strip()
+    try:
+        return 0.01 * float(number[:-1]) if number.endswith("%") else float(number)
+    except ValueError:
+        problem = f"must be a number such as 1% or 0.01, got {short_repr(text)}."
+        raise typer.BadParameter(problem) from None
 
 
 ModelPath = Annotated[
@@ -240,6 +255,26 @@ TimeLimit = Annotated[
         parser=parse_seconds,
         metavar="TIME",
         help="Maximum wall time of a run in seconds; partial results are kept.",
+    ),
+]
+RequiredAccuracy = Annotated[
+    float | None,
+    typer.Option(
+        "--accuracy",
+        parser=parse_accuracy,
+        metavar="ERROR",
+        help="Refine steps, elements and strains until the measured errors of positions, angles, "
+        "deflections, frequencies and load factors are below this part, for example 1%.",
+    ),
+]
+AccurateColumns = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--columns",
+        metavar="NAME",
+        help="Column or observable that must reach --accuracy, such as a stress, or several "
+        "separated by commas; repeatable. Defaults to positions, angles, deflections, frequencies "
+        "and load factors.",
     ),
 ]
 Jobs = Annotated[
@@ -514,25 +549,18 @@ def parse_start(
     }
 
 
-def parse_accuracy(text: str | None) -> float | None:
-    """Return the accuracy given by --accuracy as a fraction: 0.01 for "1%" or "0.01".
-
-    If `text` is None, return None.
+def required_accuracy(
+    command: str, accuracy: float | None, columns: list[str] | None, model: Model
+) -> dict[str, Any]:
+    """Return the arguments of an analysis for --accuracy and --columns.
 
     Raises
     ------
     BeamdaeError
-        If the text is not a finite number with or without a percent sign.
+        If columns are given without an accuracy.
     """
-    if text is None:
-        return None
-    number, percent, rest = text.strip().partition("%")
-    try:
-        value = float(number) * (0.01 if percent else 1.0)
-    except ValueError:
-        value = math.nan
-    if rest or not math.isfinite(value):
+    if columns and accuracy is None:
         raise BeamdaeError(
-            f"run: --accuracy must be a number such as 1% or 0.01, got {short_repr(text)}."
+            f"{command}: --columns requires --accuracy; use both options or neither."
         )
-    return value
+    return {"accuracy": accuracy, "accuracy_columns": split_names(columns, model) or None}

@@ -162,6 +162,17 @@ def print_error(sentence: str) -> None:
     typer.echo(line, err=True)
 
 
+def print_accuracy(console: Console, result: Any) -> None:
+    """Print what was reached of a required accuracy, and add it to the JSON document."""
+    from beamdae.results.outcome import accuracy_of
+
+    status = accuracy_of(result)
+    if status is not None:
+        record_results(lambda: {"accuracy": {"status": status.kind, "reason": status.sentence}})
+        if status.success:
+            console.print(f"accuracy: {name_options(status.sentence)}", style="dim")
+
+
 def print_warnings(console: Console, sentences: Iterable[str]) -> None:
     """Print warnings about a result, and add them to the JSON document, unless both was done."""
     for sentence in sentences:
@@ -303,8 +314,10 @@ class WrittenFiles:
                 # Also if the page was removed by hand.
                 remove_curve_files(path)
 
-    def finish(self, status: Status | None = None) -> None:
+    def finish(self, status: Status | None = None, result: Any = None) -> None:
         """End an analysis: print the paths and the reason for a failure, and set the exit code.
+
+        `result` may have a required accuracy.
 
         See `print_paths` for files that are removed.
 
@@ -316,12 +329,17 @@ class WrittenFiles:
             With code 1 if the analysis failed or a file could not be written.
         """
         self.print_paths()
-        success = status is None or status.success
         if status is not None and status.kind == "interrupted":
             raise Interrupted(f"{status.sentence}; the results so far are in {self.paths[0]}")
-        if status is not None and not success:
-            print_error(f"failed: {name_options(status.sentence)}")
-        if self.failed or not success:
+        from beamdae.results.outcome import accuracy_of
+
+        accuracy = None if result is None else accuracy_of(result)
+        has_failed = self.failed
+        for reason, x in (("failed", status), ("the accuracy is not reached", accuracy)):
+            if x is not None and not x.success:
+                has_failed = True
+                print_error(f"{reason}: {name_options(x.sentence)}")
+        if has_failed:
             raise typer.Exit(1)
 
 

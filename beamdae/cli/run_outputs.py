@@ -64,8 +64,8 @@ class Run:
         Error estimates of the observed columns, by name of the estimate; None without estimates.
     error_warnings
         Sentences about columns with large errors.
-    accuracy
-        Required accuracy [-]; None if the run is not refined.
+    accuracy, reached
+        Required accuracy [-], and what was reached of it; None if the run is not refined.
     interrupted
         True if an interrupt ended the integration or a later step.
     plot
@@ -85,9 +85,15 @@ class Run:
     errors: Any = None
     error_warnings: list[str] = field(default_factory=list)
     accuracy: float | None = None
+    reached: Status | None = None
     interrupted: bool = False
     plot: RunPlot = field(default_factory=RunPlot)
     charts: PlotSelection | None = None
+
+    @property
+    def is_inaccurate(self) -> bool:
+        """True if the required accuracy was not reached."""
+        return self.reached is not None and not self.reached.success
 
     @property
     def latest_table(self) -> Path:
@@ -179,9 +185,11 @@ def integrate_run(
     t_end: float | None,
     output_step: float | None,
     *start: Any,
-    sensitivities: Sequence[str] | None = None,
+    **settings: Any,
 ) -> Solution:
     """Simulate the model and return the solution, even if interrupted; see `simulate`.
+
+    `settings` are `sensitivities`, `accuracy` and `accuracy_columns`.
 
     Raises
     ------
@@ -189,9 +197,11 @@ def integrate_run(
         If the command is interrupted before the run starts.
     """
     from beamdae.accuracy.runs import unchecked
+    from beamdae.results.outcome import accuracy_of
     from beamdae.simulation import simulate
 
-    with show_run_progress(t_end or run.model.t_end) as show_progress:
+    task = "" if run.accuracy is None else f"accuracy {run.accuracy:g}"
+    with show_run_progress(t_end or run.model.t_end, task) as show_progress:
 
         def update(label: str, t: float) -> None:
             show_progress(label, t)
@@ -202,7 +212,7 @@ def integrate_run(
         try:
             # `estimate_errors` follows, with a progress bar of its own.
             with unchecked():
-                return simulate(
+                solution = simulate(
                     run.model,
                     run.integrator,
                     t_end,
@@ -210,61 +220,13 @@ def integrate_run(
                     partial(update, run.integrator.label),
                     *start,
                     partial="return",
-                    sensitivities=sensitivities,
+                    **settings,
                 )
         except KeyboardInterrupt:
             reason = "interrupted before the run started; nothing was written"
             raise Interrupted(reason) from None
-
-
-def refine_run(
-    run: Run,
-    columns: Sequence[str] | None,
-    t_end: float | None,
-    output_step: float | None,
-    *limits: Any,
-) -> Solution:
-    """Refine the model until `run.accuracy` is reached, and return the solution.
-
-    `limits` are the arguments `start` and `time_limit` of `refine_until`.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If the command is interrupted before the first run starts.
-    """
-    from beamdae.accuracy.runs import unchecked
-    from beamdae.accuracy.until import refine_until
-
-    assert run.accuracy is not None
-    start, time_limit = limits
-    task = f"accuracy {run.accuracy:g}"
-    with show_run_progress(t_end or run.model.t_end, task) as show_progress:
-
-        def update(t: float) -> None:
-            show_progress("", t)
-            if signals.is_interrupted():
-                raise KeyboardInterrupt
-
-        try:
-            with unchecked():
-                solution = refine_until(
-                    run.model,
-                    run.accuracy,
-                    columns=columns,
-                    t_end=t_end,
-                    output_step=output_step,
-                    start=start,
-                    time_limit=time_limit,
-                    progress=update,
-                )
-        except Interrupted as problem:
-            if problem.solution is None:
-                reason = "interrupted before the run started; nothing was written"
-                raise Interrupted(reason) from None
-            acknowledge()
-            solution = problem.solution
-    run.integrator = solution.made_by
+    if run.accuracy is not None:
+        run.integrator, run.reached = solution.made_by, accuracy_of(solution)
     return solution
 
 
@@ -321,7 +283,10 @@ def estimate_errors(run: Run, solution: Solution, verify: bool) -> None:
 
 
 def _required_accuracy(run: Run) -> dict[str, Any]:
-    return {} if run.accuracy is None else {"accuracy": run.accuracy}
+    if run.reached is None:
+        return {}
+    reached = {"status": run.reached.kind, "reason": run.reached.sentence}
+    return {"accuracy": {"required": run.accuracy} | reached}
 
 
 def _errors_by_column(run: Run, solution: Solution) -> dict[str, Any]:
@@ -367,8 +332,9 @@ def draw_run(run: Run, solution: Solution) -> None:
     from beamdae.results.columns import merge_columns
 
     status = solution.status
-    end = "ended early" if run.accuracy is None else f"accuracy {run.accuracy:g} not reached"
-    title = run.title if status.success else f"{run.title}, {end} ({status.kind})"
+    title = run.title if status.success else f"{run.title}, ended early ({status.kind})"
+    if run.is_inaccurate:
+        title += f", accuracy {run.accuracy:g} not reached"
     if run.plot.is_default:
         run.files.write_picture(
             run.picture.name, lambda: [save_run_figure(run.picture, run.columns, title)]
@@ -397,7 +363,7 @@ def print_results(run: Run, solution: Solution) -> None:
     from beamdae.results.event_records import describe_events
 
     rows = text_tables.run_facts(solution.summary(), solution.integrator)
-    rows |= text_tables.sampling_facts(solution)
+    rows |= text_tables.further_facts(solution)
     if solution.equations.events:
         rows["events"] = describe_events(
             solution.equations, solution.trajectory, solution.event_records

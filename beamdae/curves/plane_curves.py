@@ -43,7 +43,10 @@ def rotate_points(points: Array, angle: Any) -> Array:
 
 @runtime_checkable
 class PlaneCurve(Protocol):
-    """Interface of a beam's reference curve; all methods accept arc lengths of any shape."""
+    """Interface of a beam's reference curve; all methods accept arc lengths of any shape.
+
+    A curve with kinks may have a property `breaks`: their ascending arc lengths [m].
+    """
 
     @property
     def length(self) -> float:
@@ -84,6 +87,11 @@ def require_curve(part: str, curve: Any) -> PlaneCurve:
         )
     require_positive(part, "the length of the curve", curve.length)
     return curve
+
+
+def curve_breaks(curve: PlaneCurve) -> tuple[float, ...]:
+    """Return the ascending arc lengths [m] at which the tangent or the curvature jumps."""
+    return tuple(getattr(curve, "breaks", ()))
 
 
 @dataclass(frozen=True)
@@ -271,6 +279,11 @@ class Segment:
     def facts(self) -> Mapping[str, float]:
         """Values of `curve` that `beamdae check` reports, by name; empty if there are none."""
         return getattr(self.curve, "facts", {})
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Arc lengths [m] at which the tangent or the curvature of `curve` jumps."""
+        return tuple(x - self.start for x in curve_breaks(self.curve) if self.start < x < self.end)
 
     def point(self, s: Any) -> Array:
         """Return points (..., 2) [m] at arc lengths s [m]."""

@@ -39,7 +39,7 @@ _PAIR = re.compile(r"\{'([^']*)': '([^']*)'\}")  # of a name and a text
 # An argument of a function that a command calls, at the start of a message: "simulate: t_end must".
 # Arguments of parts, such as the formulation of a beam, are no options.
 _CHECKED_ARGUMENT = re.compile(
-    r"(?P<call>(?:error: )?(?:simulate|refine_until|equilibrium|buckling|modes|campbell|periodic"
+    r"(?P<call>(?:error: )?(?:simulate|equilibrium|buckling|modes|linearize|bode|campbell|periodic"
     r"|frequency_response|fit|optimize|export_fmu|sweep|compare|Auto|Ida|Radau|GeneralizedAlpha): )"
     r"(?P<name>[a-z]\w*)(?= must )"
 )

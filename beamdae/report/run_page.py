@@ -109,7 +109,7 @@ def _build_tables(
     errors: Mapping[str, Any] | None,
 ) -> list[PageTable]:
     facts = terminal.run_facts(solution.summary(), solution.integrator)
-    facts |= terminal.sampling_facts(solution)
+    facts |= terminal.further_facts(solution)
     if solution.equations.events:
         facts["events"] = describe_events(
             solution.equations, solution.trajectory, solution.event_records

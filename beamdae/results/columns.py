@@ -243,8 +243,8 @@ class ColumnDict(ReadOnlyDict):
         return select_column("results", self, name)
 
 
-def require_column_names(part: str, value: Any) -> tuple[str, ...]:
-    """Return column names as a tuple.
+def require_column_names(part: str, value: Any, argument: str = "columns") -> tuple[str, ...]:
+    """Return column names as a tuple; `argument` is their name in messages.
 
     Raises
     ------
@@ -252,10 +252,10 @@ def require_column_names(part: str, value: Any) -> tuple[str, ...]:
         If `value` is a string or is not an iterable of strings.
     """
     allowed = "a list of names of observed columns"
-    names = require_iterable(part, "columns", value, allowed)
+    names = require_iterable(part, argument, value, allowed)
     texts = tuple(text for text in map(as_text, names) if text is not None)
     if isinstance(value, (str, bytes)) or len(texts) < len(names):
-        raise BeamdaeError(f"{part}: columns must be {allowed}, got {short_repr(value)}.")
+        raise BeamdaeError(f"{part}: {argument} must be {allowed}, got {short_repr(value)}.")
     return texts
 
 
@@ -300,7 +300,7 @@ def require_one_column(part: str, name: Any, selected: Sequence[str]) -> str:
 
 
 def require_accurate_columns(part: str, columns: Any) -> tuple[str, ...] | None:
-    """Return the names of `columns` that must be accurate, or None for the default.
+    """Return the names of `accuracy_columns`, or None for the default.
 
     Raises
     ------
@@ -309,11 +309,12 @@ def require_accurate_columns(part: str, columns: Any) -> tuple[str, ...] | None:
     """
     if columns is None:
         return None
-    names = (columns,) if isinstance(columns, str) else require_column_names(part, columns)
+    name = "accuracy_columns"
+    names = (columns,) if isinstance(columns, str) else require_column_names(part, columns, name)
     if not names:
         raise BeamdaeError(
-            f"{part}: columns must contain at least one name, got {short_repr(columns)}; omit "
-            "columns= to require all positions, angles and deflections."
+            f"{part}: {name} must contain at least one name, got {short_repr(columns)}; omit "
+            f"{name}= to require all positions, angles and deflections."
         )
     return names
 

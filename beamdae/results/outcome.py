@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 # See `Status.kind`.
 Kind = Literal["ok", "limited", "interrupted", "failed", "not run"]
@@ -54,6 +54,20 @@ class Status:
         return Status(
             "failed", f"{later.sentence}, but the run resumed from a failed run: {self.sentence}"
         )
+
+
+def accuracy_of(result: Any) -> Status | None:
+    """Return what was reached of a required accuracy, or None if none was required."""
+    errors = vars(result).get("errors")
+    return errors.status if errors is not None and errors.status.sentence else None
+
+
+def replace_with_errors(result: Any, **changes: Any) -> Any:
+    """Return a result with changed fields, such as its status, and its known errors."""
+    changed = replace(result, **changes)
+    if "errors" in vars(result):
+        vars(changed)["errors"] = vars(result)["errors"]
+    return changed
 
 
 # Appended to the reason if the run ended during the pilot run.

@@ -34,9 +34,9 @@ def test_errors_are_in_json_and_in_the_document(accuracy):
     result = invoke("--accuracy", accuracy, "--json", "--no-page")
     assert result.exit_code == 0, result.output
     document = json.loads(result.stdout)
-    assert document["accuracy"] == pytest.approx(0.01)
-    assert document["status"] == "ok"
-    assert "the largest error" in document["reason"]
+    assert document["accuracy"]["required"] == pytest.approx(0.01)
+    assert document["accuracy"]["status"] == "ok"
+    assert "the largest error" in document["accuracy"]["reason"]
     row = document["observed"]["tip.y [m]"]
     assert 0.0 < row["total"] <= 0.01
     metadata = json.loads(Path("results/arm.json").read_text(encoding="utf-8"))

@@ -96,7 +96,7 @@ def test_sharp_curves_warn(make, message):
 def test_gentle_curves_do_not_warn():
     with warnings.catch_warnings():
         warnings.simplefilter("error", bd.BeamdaeWarning)
-        beam = bd.Beam("b", bd.Arc(1.0, 6.0), bd.Section.circle(STEEL, 0.25))
+        beam = bd.Beam("b", bd.Arc(1.0, 6.0), bd.Section.circle(STEEL, 0.25), elements=8)
     assert_allclose(beam.facts["largest curvature times element length"], 0.75)
     assert_allclose(beam.facts["largest curvature times section height"], 0.25)
 

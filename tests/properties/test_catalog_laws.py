@@ -33,7 +33,7 @@ NOT_SUBJECT = {
     *("EquilibriumSensitivities", "ModeSensitivities", "PeriodicSensitivities", "Fit"),
     *("ProfileLikelihood", "Objective", "export_fmu", "ExportedFmu", "Optimization", "Quantity"),
     *("Sweep", "SweepResults", "study", "Study", "Case", "grid", "compare", "Check", "verify"),
-    *("Errors", "refine_until"),
+    "Errors",
     *("BeamdaeError", "BeamdaeWarning", "Interrupted", "knock_down", "at_most", "LargestOf"),
     *("EquilibriumValue", "EquilibriumErrors", "CriticalLoad", "ParameterFunction"),
 }

@@ -35,7 +35,7 @@ CALLS = {
     "periodic": "bd.periodic(model, 0.5, settle=1)",
     "frequency_response": "bd.frequency_response(model, 'frequency', (2.0, 2.1), settle=1)",
     "check": "bd.check(model)",
-    "refine_until": "bd.refine_until(model, 0.1)",
+    "accuracy": "bd.simulate(model, accuracy=0.1)",
     "compare": "bd.compare([bd.Case(model, {}, bd.Radau())])",
     "sweep": "bd.sweep(model, {'frequency': [2.0, 3.0]})",
     "verify": "bd.verify(bd.simulate(model, bd.Radau()))",

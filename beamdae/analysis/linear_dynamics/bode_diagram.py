@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.linear_dynamics.linear_model import LinearModel
+from beamdae import deferred
+from beamdae.analysis.linear_dynamics.linear_model import LinearModel, compute_linear_model
+from beamdae.analysis.linear_dynamics.linearization import searched_start
 from beamdae.errors import (
     BeamdaeError,
     format_count,
@@ -237,6 +239,9 @@ def bode(
     model: LinearModel,
     frequencies: Sequence[float] | None = None,
     between: tuple[float, float] | None = None,
+    *,
+    accuracy: float | None = None,
+    accuracy_columns: Sequence[str] | str | None = None,
 ) -> Bode:
     """Compute magnitude and phase of the transfer functions of a linear model (Bode diagram).
 
@@ -256,6 +261,13 @@ def bode(
         ten times the highest one of the first 24 natural frequencies. It ends before, but not below
         three times the lowest one, where the first natural frequency has an error of more than
         1 %.
+    accuracy
+        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
+        repeated, up to four times, with finer meshes and exact strains until its measured errors
+        are small enough; `errors.status` says what was reached.
+    accuracy_columns
+        Columns of `errors` that must be accurate. Defaults to all natural frequencies
+        and transfer functions.
 
     Returns
     -------
@@ -298,21 +310,44 @@ def bode(
         )
     if frequencies is not None and between is not None:
         raise BeamdaeError("bode: frequencies and between are mutually exclusive; omit one.")
+    values, ends = None, None
     if frequencies is not None:
         given = require_sequence("bode", "frequencies", frequencies, "a list [Hz]")
         values = np.unique([require_positive("bode", "frequencies", f) for f in given])
         if not len(values):
             raise BeamdaeError("bode: frequencies must contain at least one value [Hz], got none.")
+    elif between is not None:
+        first, last = (
+            require_positive("bode", "between", x) for x in require_pair("bode", "between", between)
+        )
+        if not first < last:
+            raise BeamdaeError(f"bode: between must ascend, got {short_repr(between)}.")
+        ends = first, last
+    if accuracy is None:
+        diagram = _compute_bode(model, values, ends)
     else:
-        ends = None
-        if between is not None:
-            first, last = (
-                require_positive("bode", "between", x)
-                for x in require_pair("bode", "between", between)
-            )
-            if not first < last:
-                raise BeamdaeError(f"bode: between must ascend, got {short_repr(between)}.")
-            ends = first, last
+        lin, request = model._linearization, model._request
+        if lin is None or request is None:
+            raise BeamdaeError("bode: accuracy requires a linearized mechanism.")
+
+        def repeat(refined: Any, _: Any) -> Bode:
+            linear = model if refined is mechanism else compute_linear_model(refined, request)
+            return _compute_bode(linear, values, ends)
+
+        mechanism, until = lin.full_equations.mechanism, deferred.module("accuracy.until")
+        start = searched_start("bode", request.about, accuracy)
+        analysis = until.Analysis("bode", repeat, start=start)
+        diagram = until.reach_accuracy(analysis, mechanism, accuracy, accuracy_columns)
+    if not warnings_are_ignored():
+        warn_of_result((*diagram._remarks, *diagram.errors.sentences()))
+    return diagram
+
+
+def _compute_bode(
+    model: LinearModel, values: Array | None, ends: tuple[float, float] | None
+) -> Bode:
+    """Return the result of `bode` without issuing warnings."""
+    if values is None:
         values = choose_frequencies(
             model.poles, len(model.states), ends, model.find_resolved_frequency
         )
@@ -326,10 +361,7 @@ def bode(
             "settle to this response; linearize about a stable state, or close the control loop."
         )
         remarks = [unstable, *remarks]
-    diagram = Bode(model, values, response, tuple(remarks))
-    if not warnings_are_ignored():
-        warn_of_result((*remarks, *diagram.errors.sentences()))
-    return diagram
+    return Bode(model, values, response, tuple(remarks))
 
 
 def describe_poles(poles: Array) -> list[PoleDescription]:

@@ -15,6 +15,8 @@ from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
     linearize_about,
+    model_of_modes,
+    searched_start,
     solve_for_accelerations,
 )
 from beamdae.equations.assembly.building import build_equations
@@ -40,7 +42,6 @@ from beamdae.errors import (
 )
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.model_functions import Model
 from beamdae.model_parameters import split_unit
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
@@ -365,6 +366,9 @@ def linearize(
     inputs: Sequence[str] | None = None,
     outputs: Sequence[str] | None = None,
     t: float = 0.0,
+    *,
+    accuracy: float | None = None,
+    accuracy_columns: Sequence[str] | str | None = None,
 ) -> LinearModel:
     """Linearize a mechanism into a state-space model with named inputs and outputs.
 
@@ -386,6 +390,13 @@ def linearize(
         Names of observables, which select all their columns, or of columns such as "tip.y", with
         or without the unit. Defaults to all of them except largest magnitudes, such as
         `Beam.largest_stress`, whose derivatives jump, and those whose derivatives are not finite.
+    accuracy
+        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
+        repeated, up to four times, with finer meshes and exact strains until its measured errors
+        are small enough; `errors.status` says what was reached.
+    accuracy_columns
+        Columns of `errors` that must be accurate. Defaults to the three slowest natural
+        frequencies; see `bode` for frequency responses.
 
     Returns
     -------
@@ -422,15 +433,17 @@ def linearize(
     >>> linear.B[:, 0].tolist()
     [0.0, 0.5]
     """
-    if isinstance(model, Model):
-        model = model()
-    time = require_finite("linearize", "t", t)
-    lin = linearize_about("linearize", model, about, time)
-    request = _Request(about, time, inputs, outputs)
-    linear = build_linear_model(model, lin, request)
-    if isinstance(model, Mechanism):
-        linear = replace(linear, _request=request)
-    warn_of_result(linear.warnings, lin.equations.build_warnings)
+    request = _Request(about, require_finite("linearize", "t", t), inputs, outputs)
+    until = deferred.module("accuracy.until")
+    analysis = until.Analysis(
+        "linearize",
+        lambda model, _: compute_linear_model(model, request),
+        start=searched_start("linearize", about, accuracy),
+    )
+    model = model_of_modes(model, about)
+    linear = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
+    assert linear._linearization is not None
+    warn_of_result(linear.warnings, linear._linearization.equations.build_warnings)
     if not warnings_are_ignored():
         warn_of_result(linear.errors.sentences())
     return linear
@@ -443,6 +456,13 @@ class _Request(NamedTuple):
     t: float
     inputs: Sequence[str] | None
     outputs: Sequence[str] | None
+
+
+def compute_linear_model(model: Any, request: _Request) -> LinearModel:
+    """Return the result of `linearize` for a built model, without issuing warnings."""
+    lin = linearize_about("linearize", model, request.about, request.t)
+    linear = build_linear_model(model, lin, request)
+    return replace(linear, _request=request) if isinstance(model, Mechanism) else linear
 
 
 def build_linear_model(model: Any, lin: Linearization, request: _Request) -> LinearModel:

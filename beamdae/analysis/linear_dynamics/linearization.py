@@ -20,6 +20,7 @@ from beamdae.analysis.eigenproblems.eigensolution import massless_error
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading, build_loading
+from beamdae.beams.remeshing import resolve_modes
 from beamdae.equations.commands import limit_warnings
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
@@ -41,7 +42,8 @@ from beamdae.errors import (
 )
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.model_checks.strain_limits import strain_warnings
-from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
+from beamdae.model_functions import Model
+from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.start_changes import compare_start, drawing_warnings
 from beamdae.results.trajectory import Instant
@@ -114,6 +116,18 @@ class Linearization:
         return LinearizedEquations(self.equations, self.tangent, self.zero_square, has_differences)
 
 
+def model_of_modes(model: Any, about: Any) -> Any:
+    """Return a model whose beams resolve modes about a state that is not a result.
+
+    Models that are not mechanisms, or model functions that return them, are not changed.
+    """
+    if isinstance(model, Model):
+        model = model()
+    if isinstance(model, Mechanism) and not isinstance(about, (Instant, Equilibrium)):
+        model = resolve_modes(model, about)
+    return model
+
+
 def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.0) -> Linearization:
     """Linearize a model about a state.
 
@@ -167,6 +181,22 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
         whole = whole.without_loads_of(inactive)
     warnings = (*lin.equations.build_warnings, *lin.warnings, *outside, *limits)
     return replace(lin, full_equations=whole, warnings=warnings)
+
+
+def searched_start(name: str, about: Any, accuracy: Any) -> Any:
+    """Return the start of refined models that are linearized about a state.
+
+    Raises
+    ------
+    BeamdaeError
+        If an accuracy is required, but the state belongs to a run or path with another mesh.
+    """
+    if accuracy is not None and isinstance(about, (Equilibrium, Instant)):
+        raise BeamdaeError(
+            f"{name}: accuracy requires a state that refined models search for, got "
+            f"{short_repr(about)}; use 'equilibrium', positions by name or bd.rotation(...)."
+        )
+    return about if isinstance(about, Mapping) else AS_DRAWN
 
 
 def _turning_warnings(lin: Linearization) -> tuple[str, ...]:

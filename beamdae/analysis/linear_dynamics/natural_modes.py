@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
@@ -25,8 +25,11 @@ from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
     linearize_about,
+    model_of_modes,
+    searched_start,
 )
 from beamdae.beams.beam import Beam
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.mobility import find_free_groups
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
@@ -42,7 +45,6 @@ from beamdae.errors import (
 )
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import HasModeShapes
@@ -138,6 +140,11 @@ class Modes(HasModeShapes):
         count = len(vars(self).get("warnings", self._state_warnings))
         note = f"; {format_count(count, 'warning')}, see .warnings" if count else ""
         return f"<Modes about {self.about}: {len(self)}, {frequencies}{more}{note}>"
+
+    @property
+    def equations(self) -> EquationsOfMotion:
+        """Equations of motion of the whole model."""
+        return self._linearization.full_equations
 
     @cached_property
     def errors(self) -> Any:
@@ -288,14 +295,21 @@ class Modes(HasModeShapes):
 
 @interruptible
 def modes(
-    model: Any, about: Any = REFERENCE, n: int | None = 10, damping: bool = True, t: float = 0.0
+    model: Any,
+    about: Any = REFERENCE,
+    n: int | None = 10,
+    damping: bool = True,
+    t: float = 0.0,
+    *,
+    accuracy: float | None = None,
+    accuracy_columns: Sequence[str] | str | None = None,
 ) -> Modes:
     """Compute the natural modes of the equations linearized about a state.
 
     The modes Re(x exp(l t)) solve M x'' + C x' + K x + H mu = 0 under the linearized constraints.
     The matrices contain prestress, weight, the geometric stiffness of reactions, gyroscopic and
     centrifugal terms. Without damping, friction, rotation and follower loads, the problem is
-    symmetric. Frequencies converge with the mesh of the beams (order 6 with the default elements).
+    symmetric. Frequencies converge with the mesh of the beams (order 6 with cubic elements).
 
     Parameters
     ----------
@@ -322,6 +336,12 @@ def modes(
     t
         Time [s] at which laws are evaluated. Ignored if `about` is an instant of a run or an
         `Equilibrium`.
+    accuracy
+        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
+        repeated, up to four times, with finer meshes and exact strains until its measured errors
+        are small enough; `errors.status` says what was reached.
+    accuracy_columns
+        Columns of `errors` that must be accurate. Defaults to all modes.
 
     Returns
     -------
@@ -352,7 +372,9 @@ def modes(
     >>> round(float(bd.modes(mech).eigenvalues[0].imag), 12)
     2.0
     """
-    result = compute_modes(model, about, n, damping, t)
+    result = compute_modes(
+        model, about, n, damping, t, accuracy=accuracy, accuracy_columns=accuracy_columns
+    )
     result._issue_warnings()
     return result
 
@@ -365,15 +387,27 @@ def compute_modes(
     damping: bool = True,
     t: float = 0.0,
     assessed: int | None = None,
+    accuracy: float | None = None,
+    accuracy_columns: Sequence[str] | str | None = None,
 ) -> Modes:
     """Compute natural modes as `modes` does, without issuing the warnings of the result.
 
     Errors are measured for the first `assessed` modes; None means all.
     """
+    if accuracy is not None:
+        until = deferred.module("accuracy.until")
+        start = searched_start("modes", about, accuracy)
+
+        def solve(model: Any, _: Any) -> Modes:
+            return compute_modes(model, about, n, damping, t, assessed)
+
+        analysis = until.Analysis("modes", solve, start=start, states=until.list_shapes)
+        resolved = model_of_modes(model, about)
+        accurate: Modes = until.reach_accuracy(analysis, resolved, accuracy, accuracy_columns)
+        return accurate
     count = None if n is None else require_count("modes", "n", n)
     is_damped = require_choice("modes", "damping", damping, (True, False))
-    if isinstance(model, Model):
-        model = model()
+    model = model_of_modes(model, about)
     time = require_finite("modes", "t", t)
     begin = perf_counter()
     lin = linearize_about("modes", model, about, time)

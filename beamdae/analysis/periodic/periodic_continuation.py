@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import scipy.linalg as la
 
+from beamdae import deferred
 from beamdae.analysis.periodic.law_periods import require_repeating_laws
 from beamdae.analysis.periodic.monodromy import LinearizationError
 from beamdae.analysis.periodic.shooting import (
@@ -118,6 +119,8 @@ def frequency_response(
     parameters: Mapping[str, Any] | None = None,
     progress: Callable[[ResponsePoint], None] | None = None,
     partial: PartialResult = "raise",
+    accuracy: float | None = None,
+    accuracy_columns: Sequence[str] | str | None = None,
 ) -> FrequencyResponse:
     """Follow a periodic motion of a model over the frequency of its loads or another parameter.
 
@@ -162,6 +165,13 @@ def frequency_response(
     partial
         "return" to return the curve so far if the call is interrupted, with the status
         "interrupted", instead of raising `Interrupted`.
+    accuracy
+        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
+        repeated, up to four times, with smaller steps, finer meshes and exact strains until its
+        measured errors are small enough; `errors.status` says what was reached.
+    accuracy_columns
+        Columns of `errors` that must be accurate. Defaults to positions, angles and
+        deflections [m, rad] of the measured motions or, if there are none, all columns.
 
     Returns
     -------
@@ -199,35 +209,44 @@ def frequency_response(
     method = Radau(_MAX_RTOL) if integrator is None else integrator
     require_integrator(_NAME, method)
     method = _choose_method(method)
-    curve = ResponseCurve(
-        model,
-        parameter,
-        ends,
-        (lambda frequency: 1.0 / frequency) if period is None else period,
-        method,
-        require_finite(_NAME, "t_start", t_start),
-        Tolerance.for_integrator(_NAME, tolerance, method),
-        start,
-    )
+    period_at = (lambda frequency: 1.0 / frequency) if period is None else period
+    begin = require_finite(_NAME, "t_start", t_start)
     first_step = require_positive(_NAME, "step", step)
     max_step = require_positive(_NAME, "max_step", max_step)
     settle = require_count(_NAME, "settle", settle, 0, MAX_SETTLING_PERIODS)
     max_points = require_count(_NAME, "max_points", max_points, least=2)
     require_choice(_NAME, "partial", partial, PARTIAL_RESULTS)
     require_progress(_NAME, progress)
-    points: list[ResponsePoint] = []
-    try:
-        status = _follow_curve(curve, points, settle, first_step, max_step, max_points, progress)
-    except KeyboardInterrupt:
-        acknowledge()
-        place = f"at {curve.describe(points[-1].parameter)}" if points else "before the first point"
-        status = Status("interrupted", f"interrupted {place}")
     # By default, the parameter is a frequency in Hz.
-    unit = model.parameter_info[parameter].unit or ("Hz" if period is None else "")
-    headers = tuple(points[0].solution.columns) if points else curve.list_headers()
-    response = FrequencyResponse(
-        parameter, tuple(points), status, "" if unit == "-" else unit, headers
+    unit = (model.parameter_info[parameter].unit or ("Hz" if period is None else "")).strip("-")
+
+    def follow(model: Model, method: Integrator) -> FrequencyResponse:
+        tolerances = Tolerance.for_integrator(_NAME, tolerance, method)
+        curve = ResponseCurve(model, parameter, ends, period_at, method, begin, tolerances, start)
+        points: list[ResponsePoint] = []
+        sizes = settle, first_step, max_step, max_points
+        try:
+            status = _follow_curve(curve, points, *sizes, progress)
+        except KeyboardInterrupt:
+            acknowledge()
+            last = f"at {curve.describe(points[-1].parameter)}" if points else ""
+            status = Status("interrupted", f"interrupted {last or 'before the first point'}")
+        headers = tuple(points[0].solution.columns) if points else curve.list_headers()
+        return FrequencyResponse(parameter, tuple(points), status, unit, headers)
+
+    until = deferred.module("accuracy.until")
+    analysis = until.Analysis(
+        _NAME,
+        follow,
+        method,
+        start,
+        lambda response: response.errors.headers,
+        states=lambda response: [
+            (x.solution.equations, x.solution.q, None) for x in response.points
+        ],
     )
+    response = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
+    status = response.status
     if status.kind == "interrupted" and partial == "raise":
         raise Interrupted(status.sentence, response, _NAME)
     if not status.success:

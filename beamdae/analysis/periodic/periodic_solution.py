@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.analysis.periodic.law_periods import require_repeating_laws
 from beamdae.analysis.periodic.monodromy import LinearizationError, dominant_range
 from beamdae.analysis.periodic.shooting import (
@@ -33,7 +35,7 @@ from beamdae.errors import (
 )
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
-from beamdae.interrupts import interruptible
+from beamdae.interrupts import Interrupted, interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.results.outcome import Status
@@ -78,6 +80,9 @@ def periodic(
     settle: int = 5,
     tolerance: float | None = None,
     period_guess: float | None = None,
+    *,
+    accuracy: float | None = None,
+    accuracy_columns: Sequence[str] | str | None = None,
 ) -> PeriodicMotion:
     """Find a periodic motion, forced or self-excited, and its stability.
 
@@ -119,6 +124,14 @@ def periodic(
     period_guess
         Approximate period [s] if `period` is None. Defaults to the time after which the motion at
         the end time of the model recurs.
+    accuracy
+        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
+        repeated, up to four times, with smaller steps, finer meshes and exact strains until its
+        measured errors are small enough; `errors.status` says what was reached.
+    accuracy_columns
+        Columns of `errors` that must be accurate. Defaults to a free period, the largest
+        multiplier and, of the observed columns, positions, angles and deflections [m, rad] or, if
+        there are none, all.
 
     Returns
     -------
@@ -158,30 +171,31 @@ def periodic(
     settle = require_count(_NAME, "settle", settle, 0, MAX_SETTLING_PERIODS)
     method = Radau(DEFAULT_RTOL) if integrator is None else integrator
     require_integrator(_NAME, method)
-    limits = Tolerance.for_integrator(_NAME, tolerance, method)
     is_free = period is None
     guess, settle = _first_period(model, period, period_guess, settle)
-    equations = build_periodic_equations(_NAME, model, start)
-    if not is_free:
-        require_repeating_laws(equations.mechanism, t_start, guess)
-    period_map = PeriodMap.from_equations(equations, method, t_start, guess)
-    try:
-        if is_free:
-            period_map, q, v = _settle_freely(period_map, settle, period_guess is None)
-            run, iterations = solve_shooting(period_map, q, v, limits, is_free)
-        else:
-            run, iterations = settle_and_solve(period_map, settle, limits)
-    except IncompleteRunError as error:
-        sentence = str(error).removeprefix("periodic: ").rstrip(".")
-        motion = PeriodicMotion(
-            error.solution,
-            guess,
-            status=Status("failed", sentence),
-        )
-    else:
+
+    def find(model: Any, method: Integrator) -> PeriodicMotion:
+        limits = Tolerance.for_integrator(_NAME, tolerance, method)
+        equations = build_periodic_equations(_NAME, model, start)
+        if not is_free:
+            require_repeating_laws(equations.mechanism, t_start, guess)
+        period_map = PeriodMap.from_equations(equations, method, t_start, guess)
+        try:
+            if is_free:
+                period_map, q, v = _settle_freely(period_map, settle, period_guess is None)
+                run, iterations = solve_shooting(period_map, q, v, limits, is_free)
+            else:
+                run, iterations = settle_and_solve(period_map, settle, limits)
+        except IncompleteRunError as error:
+            sentence = str(error).removeprefix("periodic: ").rstrip(".")
+            return PeriodicMotion(
+                error.solution,
+                guess,
+                status=Status("failed", sentence),
+            )
         multipliers, error_estimate = _refine_multipliers(run)
         status = _describe_outcome(run, iterations, limits, is_free, multipliers)
-        motion = PeriodicMotion(
+        return PeriodicMotion(
             run.solution,
             run.period_map.period,
             multipliers,
@@ -191,11 +205,24 @@ def periodic(
             status,
             is_free=is_free,
         )
+
+    until = deferred.module("accuracy.until")
+    analysis = until.Analysis(
+        _NAME,
+        find,
+        method,
+        start,
+        lambda motion: motion.solution.columns,
+        states=lambda motion: [(motion.solution.equations, motion.solution.q, None)],
+    )
+    motion = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
+    if motion.status.kind == "interrupted":
+        raise Interrupted(motion.status.sentence, motion, _NAME)
     if not motion.status.success:
         warn_of_incomplete_result(f"periodic: {motion.status.sentence}.")
     if not warnings_are_ignored():
         about_outcome = () if motion.status.success else motion.warnings[-1:]
-        warn_of_result(motion.warnings, (*equations.build_warnings, *about_outcome))
+        warn_of_result(motion.warnings, (*motion.solution.equations.build_warnings, *about_outcome))
     return motion
 
 

@@ -16,6 +16,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     Linearization,
     active_equations,
     load_path_end,
+    model_of_modes,
     solve_for_accelerations,
 )
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
@@ -266,7 +267,7 @@ def mode_sensitivities(
     is_drawn = is_static or about in (REFERENCE, AS_DRAWN)
 
     def assemble(mechanism: Any) -> EquationsOfMotion:
-        equations = as_equations(_NAME, mechanism, AS_DRAWN)
+        equations = as_equations(_NAME, model_of_modes(mechanism, about), AS_DRAWN)
         return equations if is_drawn else apply_initial_conditions(equations, about, t)
 
     drawn = assemble(model(**values))

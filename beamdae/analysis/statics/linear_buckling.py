@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -95,7 +95,7 @@ class Buckling(HasModeShapes):
         Time at which the loads are evaluated [s].
     notes
         Warnings of the model, and warnings that displacements before buckling are not negligible,
-        that there are fewer factors than requested, or that the loads have no potential.
+        or that the loads have no potential.
     """
 
     factors: Array
@@ -106,6 +106,7 @@ class Buckling(HasModeShapes):
     equations: EquationsOfMotion = field(repr=False)
     t: float
     notes: tuple[str, ...]
+    _remarks: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.factors)
@@ -127,8 +128,8 @@ class Buckling(HasModeShapes):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The `notes`, and a warning if `errors` are above 4 %; `buckling` issues them."""
-        return (*self.notes, *self.errors.sentences())
+        """The `notes`, that there are fewer factors than requested, and large `errors`."""
+        return (*self.notes, *self._remarks, *self.errors.sentences())
 
     @property
     def about(self) -> str:
@@ -173,7 +174,14 @@ class _LinearizedPath(NamedTuple):
 @single_threaded
 @interruptible
 def buckling(
-    model: Any, n: int = 5, loads: Any = None, t: float = 0.0, start: Any = None
+    model: Any,
+    n: int = 5,
+    loads: Any = None,
+    t: float = 0.0,
+    start: Any = None,
+    *,
+    accuracy: float | None = None,
+    accuracy_columns: Sequence[str] | str | None = None,
 ) -> Buckling:
     """Compute linear buckling loads: factors mu with det(K_0 + mu K_1) = 0.
 
@@ -200,6 +208,12 @@ def buckling(
         Time [s] at which laws are evaluated.
     start
         Positions near which the unloaded equilibrium is sought, as in `equilibrium`.
+    accuracy
+        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
+        repeated, up to four times, with finer meshes and exact strains until its measured errors
+        are small enough; `errors.status` says what was reached.
+    accuracy_columns
+        Columns of `errors` that must be accurate. Defaults to all factors.
 
     Returns
     -------
@@ -231,11 +245,27 @@ def buckling(
     >>> [round(float(x), 2) for x in bd.buckling(mech, n=2).factors]
     [2.47, 22.21]
     """
-    count = require_count(_NAME, "n", n)
+    count, t = require_count(_NAME, "n", n), require_finite(_NAME, "t", t)
+
+    def solve(model: Any, _: Any = None) -> Buckling:
+        return _compute_buckling(model, count, loads, t, start)
+
+    until = deferred.module("accuracy.until")
+    analysis = until.Analysis(_NAME, solve, start=start, states=until.list_shapes)
+    result = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
+    # Without any factor, the direction of the loads may be wrong.
+    notes = result.notes if len(result) else (*result.notes, *result._remarks)
+    warn_of_result(notes, result.equations.build_warnings)
+    if not (skips_result_checks() or warnings_are_ignored()):
+        warn_of_result(list(result.errors.sentences()))
+    return result
+
+
+def _compute_buckling(model: Any, count: int, loads: Any, t: float, start: Any) -> Buckling:
+    """Return the result of `buckling` without issuing warnings."""
     if isinstance(model, Model):
         model = model()
     equations, q = initial_positions(_NAME, model, start)
-    t = require_finite(_NAME, "t", t)
     loading = build_loading(model, equations, loads, t, _NAME)
     if len(loading.stages) != 1:
         raise BeamdaeError(
@@ -278,9 +308,7 @@ def buckling(
         if np.isfinite(reversed_factor):
             text += f"; under reversed loads, it buckles at the factor {-reversed_factor:g}"
         fewer.append(text + ".")
-    # Without any factor, the direction of the loads may be wrong.
-    warn_of_result(warnings if len(factors) else [*warnings, *fewer], e.build_warnings)
-    result = Buckling(
+    return Buckling(
         factors,
         shapes.T,
         tuple(dominant_coordinate(e, shape) for shape in shapes.T),
@@ -288,11 +316,9 @@ def buckling(
         begin.x[: e.n],
         equations,
         t,
-        (*e.build_warnings, *warnings, *fewer),
+        (*e.build_warnings, *warnings),
+        tuple(fewer),
     )
-    if not (skips_result_checks() or warnings_are_ignored()):
-        warn_of_result(list(result.errors.sentences()))
-    return result
 
 
 def repeat_buckling(result: Buckling, equations: EquationsOfMotion, q: Array) -> Array:

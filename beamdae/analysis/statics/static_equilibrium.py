@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import (
@@ -47,7 +48,7 @@ from beamdae.model_checks.strain_limits import describe_meaningless_strain
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.parts.rotation import Rotation
-from beamdae.results.equilibrium import Equilibrium
+from beamdae.results.equilibrium import UNSTABLE, Equilibrium
 from beamdae.results.outcome import Status
 from beamdae.results.start_changes import drawing_warnings
 from beamdae.simulation import as_equations, skips_result_checks
@@ -76,6 +77,8 @@ def equilibrium(
     over: str | None = None,
     from_: float | None = None,
     partial: PartialResult = "raise",
+    accuracy: float | None = None,
+    accuracy_columns: Sequence[str] | str | None = None,
 ) -> Equilibrium:
     """Compute static equilibria of a mechanism along a path of increasing loads.
 
@@ -141,6 +144,13 @@ def equilibrium(
     partial
         "return" to return the path so far if the call is interrupted, with the status
         "interrupted", instead of raising `Interrupted`.
+    accuracy
+        Largest error of a required value [-], from 1e-6 to 0.1, see `Errors`. The analysis is
+        repeated, up to four times, with finer meshes and exact strains until its measured errors
+        are small enough; `errors.status` says what was reached.
+    accuracy_columns
+        Columns of `errors` that must be accurate. Defaults to all load factors and, of the
+        observed columns, positions, angles and deflections [m, rad] or, if there are none, all.
 
     Returns
     -------
@@ -176,13 +186,58 @@ def equilibrium(
     [('limit point', 3.019147)]
     """
     require_choice(_NAME, "partial", partial, PARTIAL_RESULTS)
-    information: dict[str, Any] = {}
+    t = require_finite(_NAME, "t", t)
+    settings = PathSettings.from_arguments(to, control, step, switch, max_points, over)
+
+    def trace(model: Any, _: Any = None) -> Equilibrium:
+        return _trace(model, settings, loads, t, start, over, from_)
+
+    if accuracy is not None and isinstance(start, Equilibrium):
+        raise BeamdaeError(
+            f"{_NAME}: accuracy cannot be combined with a start at the end of a path, whose mesh "
+            "is another one; start at positions by name."
+        )
+    until = deferred.module("accuracy.until")
+    analysis = until.Analysis(
+        _NAME,
+        trace,
+        start=start,
+        observed=lambda path: {*path.columns, UNSTABLE},
+        states=lambda path: [(path.equations, path.q, None)],
+    )
+    result = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
+    if result.status.kind == "interrupted" and partial == "raise":
+        raise Interrupted(result.status.sentence, result, _NAME)
+    if not result.status.success:
+        warn_of_incomplete_result(_describe_early_end(result))
+    if not (skips_result_checks() or warnings_are_ignored()):
+        try:
+            sentences = result.warnings
+        except KeyboardInterrupt:
+            acknowledge()
+            if partial == "raise":
+                reason = "interrupted while its errors were measured"
+                raise Interrupted(reason, result, _NAME) from None
+            sentences = ()
+        warn_of_result(sentences, result.equations.build_warnings)
+    return result
+
+
+def _trace(
+    model: Any,
+    settings: PathSettings,
+    loads: Any,
+    t: float,
+    start: Any,
+    over: str | None,
+    from_: float | None,
+) -> Equilibrium:
+    """Return the path of `equilibrium` without issuing warnings."""
     source = model
+    information: dict[str, Any] = {}
     if isinstance(model, Model):
         information = {"name": model.name, "parameters": model.parameters}
         model = model()
-    t = require_finite(_NAME, "t", t)
-    settings = PathSettings.from_arguments(to, control, step, switch, max_points, over)
     equations, q = initial_positions(_NAME, model, start)
     if over is None:
         if from_ is not None:
@@ -223,7 +278,7 @@ def equilibrium(
             last = parameter.equations_at(path.points[-1].mu)
             equations = replace(last, start=equations.start)
         has_friction = any(term.rows is not None for term in equations.forces)
-        result = Equilibrium(
+        return Equilibrium(
             equations,
             float(times[-1, 0]),
             _add_meaningless_strain(equations, positions[-1:], path.status),
@@ -247,21 +302,6 @@ def equilibrium(
             times,
             numbers,
         )
-    if result.status.kind == "interrupted" and partial == "raise":
-        raise Interrupted(result.status.sentence, result, _NAME)
-    if not result.status.success:
-        warn_of_incomplete_result(_describe_early_end(result))
-    if not (skips_result_checks() or warnings_are_ignored()):
-        try:
-            sentences = result.warnings
-        except KeyboardInterrupt:
-            acknowledge()
-            if partial == "raise":
-                reason = "interrupted while its errors were measured"
-                raise Interrupted(reason, result, _NAME) from None
-            sentences = ()
-        warn_of_result(sentences, equations.build_warnings)
-    return result
 
 
 def _describe_deep_contacts(loading: Loading, path: EquilibriumPath) -> Iterator[str]:

@@ -12,19 +12,28 @@ import typer
 from beamdae.cli.options import (
     STATES,
     About,
+    AccurateColumns,
     LoadTime,
     ModelName,
     ModelPath,
     Out,
     Page,
     Picture,
+    RequiredAccuracy,
     Settings,
     as_bad_parameter,
     load_configured_model,
     parse_number,
+    required_accuracy,
     split_names,
 )
-from beamdae.cli.output import WrittenFiles, current_output, print_facts, print_warnings
+from beamdae.cli.output import (
+    WrittenFiles,
+    current_output,
+    print_accuracy,
+    print_facts,
+    print_warnings,
+)
 from beamdae.cli.output_paths import plan_outputs
 from beamdae.cli.ranges import SPACED_FORMS, parse_ends, parse_spaced_values
 from beamdae.errors import BeamdaeError, format_count, require_choice, short_repr
@@ -108,6 +117,8 @@ def bode_command(
         ),
     ] = None,
     t: LoadTime = 0.0,
+    accuracy: RequiredAccuracy = None,
+    accuracy_columns: AccurateColumns = None,
     page: Page = True,
     picture: Picture = True,
     out: Out = Path("results"),
@@ -117,7 +128,8 @@ def bode_command(
     Amplitudes are small; `response` computes nonlinear periodic motions. The input of a driver is
     its acceleration. The margins of the loop of each `pid` are printed, too.
 
-    Exits with 0 on success, 1 if the page or the picture failed, and 2 for a usage or model error.
+    Exits with 0 on success, 1 if --accuracy was not reached or the page or the picture failed, and
+    2 for a usage or model error.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
@@ -143,7 +155,8 @@ def bode_command(
     if not linear.inputs or not linear.outputs:
         kind = "inputs, such as a force" if not linear.inputs else "outputs, such as an observable"
         raise BeamdaeError(f"bode: the model has no {kind}; add one.")
-    diagram = bode(linear, grid, ends)
+    accurate = required_accuracy("bode", accuracy, accuracy_columns, model)
+    diagram = bode(linear, grid, ends, **accurate)
     output = current_output()
     has_readers = output.as_json or not output.quiet
     loops, notes = _compute_margins(linear, mechanism.outputs if has_readers else ())
@@ -158,7 +171,7 @@ def bode_command(
             picture_path.name,
             lambda: [save_figure(create_bode_figure(diagram, title), picture_path)],
         )
-    files.finish()
+    files.finish(result=diagram)
 
 
 def _compute_margins(
@@ -212,4 +225,5 @@ def _print_results(
             "--json shows them",
             style="dim",
         )
+    print_accuracy(console, diagram)
     print_warnings(console, [*diagram.warnings, *notes])

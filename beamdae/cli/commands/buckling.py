@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from beamdae.cli.options import (
+    AccurateColumns,
     Loads,
     LoadTime,
     ModelName,
@@ -15,15 +16,18 @@ from beamdae.cli.options import (
     Out,
     Page,
     Picture,
+    RequiredAccuracy,
     Settings,
     Starts,
     load_configured_model,
     parse_start,
+    required_accuracy,
     split_names,
 )
 from beamdae.cli.output import (
     WrittenFiles,
     create_console,
+    print_accuracy,
     print_warnings,
     record_results,
 )
@@ -38,13 +42,16 @@ def buckling_command(
     load: Loads = None,
     t: LoadTime = 0.0,
     start: Starts = None,
+    accuracy: RequiredAccuracy = None,
+    accuracy_columns: AccurateColumns = None,
     page: Page = True,
     picture: Picture = True,
     out: Out = Path("results"),
 ) -> None:
     """Compute linear buckling loads of a model; write a table (CSV), a picture (PNG) and a page.
 
-    Exits with 0 on success, 1 if the page or picture failed, and 2 for a usage or model error.
+    Exits with 0 on success, 1 if --accuracy was not reached or the page or picture failed, and 2
+    for a usage or model error.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
@@ -58,7 +65,9 @@ def buckling_command(
     from beamdae.report.terminal import text_tables
     from beamdae.results.storage.files import escape_table, write_text
 
-    result = buckling(model, number, split_names(load, model) or None, t, parse_start(start, model))
+    accurate = required_accuracy("buckling", accuracy, accuracy_columns, model)
+    loads, initial_state = split_names(load, model) or None, parse_start(start, model)
+    result = buckling(model, number, loads, t, initial_state, **accurate)
     table = result.table()
     text = escape_table(table).to_csv(index=False)
     files = WrittenFiles([write_text(table_path, text)], (page_path, picture_path))
@@ -66,6 +75,7 @@ def buckling_command(
     record_results(lambda: {"loads": list(result.loads), "modes": table.to_dict("records")})
     console.print(model.name, style="bold")
     console.print(text_tables.buckling_table(table))
+    print_accuracy(console, result)
     print_warnings(console, result.warnings)
     title = f"{model.name}, linear buckling"
     if page:
@@ -75,4 +85,4 @@ def buckling_command(
             picture_path.name,
             lambda: [save_figure(create_modes_figure(result, title), picture_path)],
         )
-    files.finish()
+    files.finish(result=result)

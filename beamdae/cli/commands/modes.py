@@ -12,19 +12,23 @@ import typer
 from beamdae.cli.options import (
     STATES,
     About,
+    AccurateColumns,
     ModelName,
     ModelPath,
     Out,
     Page,
     Picture,
+    RequiredAccuracy,
     Settings,
     as_bad_parameter,
     load_configured_model,
     parse_number,
+    required_accuracy,
 )
 from beamdae.cli.output import (
     WrittenFiles,
     create_console,
+    print_accuracy,
     print_warnings,
     record_results,
 )
@@ -92,6 +96,8 @@ def modes_command(
             "--animate", metavar="MODE", help="Write an animation (GIF) of this mode; repeatable."
         ),
     ] = None,
+    accuracy: RequiredAccuracy = None,
+    accuracy_columns: AccurateColumns = None,
     page: Page = True,
     picture: Picture = True,
     out: Out = Path("results"),
@@ -101,7 +107,8 @@ def modes_command(
     With several speeds, picture and page show a Campbell diagram, and a second table (CSV) contains
     the resonances with multiples of the speed.
 
-    Exits with 0 on success, 1 if the page or a picture failed, and 2 for a usage or model error.
+    Exits with 0 on success, 1 if --accuracy was not reached or the page or a picture failed, and 2
+    for a usage or model error.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
@@ -116,6 +123,9 @@ def modes_command(
         )
     if len(speeds) > 1 and animated_modes:
         raise BeamdaeError("modes: --animate does not support several speeds; give one --speed.")
+    if len(speeds) > 1 and accuracy is not None:
+        raise BeamdaeError("modes: --accuracy does not support several speeds; give one --speed.")
+    accurate = required_accuracy("modes", accuracy, accuracy_columns, model)
     kinds = ("csv", *["html"] * page, *["png"] * picture)
     files = {kind: out / f"{model.name}_modes.{kind}" for kind in kinds}
     if len(speeds) >= _MIN_SPEEDS:
@@ -135,7 +145,7 @@ def modes_command(
     else:
         state = rotation(speeds[0]) if speeds else about
         # Its warnings are printed with the result.
-        result = compute_modes(mechanism, state, number, damping)
+        result = compute_modes(mechanism, state, number, damping, **accurate)
         for k in animated_modes:
             require_count("modes", "--animate", k, most=len(result))
     _write_and_print(result, model.name, files, animated_modes)
@@ -180,6 +190,7 @@ def _write_and_print(
         console.print(text_tables.campbell_table(table))
         if not resonances.empty:
             console.print(text_tables.resonances_table(resonances))
+    print_accuracy(console, result)
     print_warnings(console, result.warnings)
 
     def write_animation(mode: int) -> list[Path]:
@@ -202,6 +213,4 @@ def _write_and_print(
             files.write_picture(name, write_picture)
         for k in animated_modes:
             files.write(name, partial(write_animation, k))
-    files.print_paths()
-    if files.failed:
-        raise typer.Exit(1)
+    files.finish(result=result)

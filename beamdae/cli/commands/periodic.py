@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli.options import (
+    AccurateColumns,
     IntegratorName,
     ModelName,
     ModelPath,
@@ -18,6 +19,7 @@ from beamdae.cli.options import (
     Picture,
     PlottedColumns,
     RelativeTolerance,
+    RequiredAccuracy,
     Settings,
     Starts,
     create_periodic_integrator,
@@ -25,10 +27,12 @@ from beamdae.cli.options import (
     parse_number,
     parse_seconds,
     parse_start,
+    required_accuracy,
     select_plotted_columns,
 )
 from beamdae.cli.output import (
     WrittenFiles,
+    print_accuracy,
     print_facts,
     print_warnings,
 )
@@ -76,6 +80,8 @@ def periodic_command(
     settle: Annotated[
         int, typer.Option(help="Periods to run before the periodic motion is sought.")
     ] = 5,
+    accuracy: RequiredAccuracy = None,
+    accuracy_columns: AccurateColumns = None,
     page: Page = True,
     picture: Picture = True,
     plot: PlottedColumns = None,
@@ -83,8 +89,8 @@ def periodic_command(
 ) -> None:
     """Find a periodic motion and its stability; write one period as CSV, PNG and a page.
 
-    Exits with 0 if a motion was found, stable or not, 1 if not (the last iterate is written) or if
-    the page or picture failed, and 2 for a usage or model error.
+    Exits with 0 if a motion was found, stable or not, 1 if not (the last iterate is written), if
+    --accuracy was not reached or if the page or picture failed, and 2 for a usage or model error.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
@@ -110,6 +116,7 @@ def periodic_command(
         settle=settle,
         t_start=t_start,
         period_guess=period_guess,
+        **required_accuracy("periodic", accuracy, accuracy_columns, model),
     )
     table = escape_table(motion.solution.table())
     files = WrittenFiles(
@@ -130,7 +137,7 @@ def periodic_command(
             return [save_run_figure(picture_path, columns, title)]
 
         files.write_picture(picture_path.name, write_picture)
-    files.finish(motion.status)
+    files.finish(motion.status, motion)
 
 
 def _print_results(motion: PeriodicMotion, name: str) -> None:
@@ -140,6 +147,7 @@ def _print_results(motion: PeriodicMotion, name: str) -> None:
     console = print_facts(name, periodic_facts(motion), lambda: _json_results(motion))
     if motion.solution.columns:
         console.print(text_tables.amplitudes_table(motion.amplitudes()))
+    print_accuracy(console, motion)
     print_warnings(console, motion.warnings)
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from beamdae.cli.options import (
+    AccurateColumns,
     IntegratorName,
     ModelName,
     ModelPath,
@@ -20,6 +20,7 @@ from beamdae.cli.options import (
     Picture,
     PlottedColumns,
     RelativeTolerance,
+    RequiredAccuracy,
     Settings,
     Starts,
     create_periodic_integrator,
@@ -27,10 +28,12 @@ from beamdae.cli.options import (
     parse_assignments,
     parse_seconds,
     parse_start,
+    required_accuracy,
     select_plotted_columns,
 )
 from beamdae.cli.output import (
     WrittenFiles,
+    print_accuracy,
     print_facts,
     print_warnings,
 )
@@ -80,6 +83,8 @@ def response_command(
     start: Starts = None,
     t_start: PeriodStart = 0.0,
     max_points: Annotated[int, typer.Option(help="Maximum number of points of the curve.")] = 400,
+    accuracy: RequiredAccuracy = None,
+    accuracy_columns: AccurateColumns = None,
     page: Page = True,
     picture: Picture = True,
     plot: PlottedColumns = None,
@@ -87,8 +92,9 @@ def response_command(
 ) -> None:
     """Follow a periodic motion over a parameter, past folds; write CSV, PNG and page.
 
-    Exits with 0 if the curve reached the end of the range, 1 if it did not (partial results are
-    written) or the page or picture failed, 2 for a usage or model error, and 130 after Ctrl-C.
+    Exits with 0 if the curve reached the end of the range (and --accuracy), 1 if it did not
+    (partial results are written) or the page or picture failed, 2 for a usage or model error, and
+    130 after Ctrl-C.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
@@ -103,6 +109,7 @@ def response_command(
     from beamdae.report.analysis_pages import write_analysis_page
     from beamdae.report.pictures.figures import save_figure
     from beamdae.report.pictures.path_plots import create_response_figure
+    from beamdae.results.outcome import replace_with_errors
     from beamdae.results.storage.files import escape_table, write_text
 
     unit = "rad/s" if angular else "Hz" if period is None else ""
@@ -123,9 +130,10 @@ def response_command(
             start=parse_start(start, model),
             progress=progress,
             partial="return",
+            **required_accuracy("response", accuracy, accuracy_columns, model),
         )
     if angular and not result.unit:
-        result = replace(result, unit="rad/s")
+        result = replace_with_errors(result, unit="rad/s")
     table = escape_table(result.table())
     files = WrittenFiles(
         [write_text(table_path, table.to_csv(index=False))], (page_path, picture_path)
@@ -140,7 +148,7 @@ def response_command(
             picture_path.name,
             lambda: [save_figure(create_response_figure(result, title, plotted), picture_path)],
         )
-    files.finish(result.status)
+    files.finish(result.status, result)
 
 
 def _parse_range(over: str, model: Model) -> tuple[str, tuple[float, float]]:
@@ -175,6 +183,7 @@ def _print_results(result: FrequencyResponse, name: str) -> None:
     console = print_facts(name, response_facts(result), lambda: _json_results(result))
     if not peaks.empty:
         console.print(text_tables.peaks_table(result.parameter, result.label, peaks))
+    print_accuracy(console, result)
     print_warnings(console, result.warnings)
 
 

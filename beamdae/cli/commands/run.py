@@ -10,6 +10,7 @@ import typer
 
 from beamdae.cli import run_outputs, signals
 from beamdae.cli.options import (
+    AccurateColumns,
     DataColumns,
     EndTime,
     FixedStep,
@@ -22,14 +23,15 @@ from beamdae.cli.options import (
     Picture,
     PlottedColumns,
     RelativeTolerance,
+    RequiredAccuracy,
     Settings,
     Starts,
     TimeLimit,
     create_integrator,
     load_configured_model,
-    parse_accuracy,
     parse_assignments,
     parse_start,
+    required_accuracy,
     split_names,
 )
 from beamdae.cli.output import create_console, print_error, record_results
@@ -84,23 +86,8 @@ def run_command(
             "--verify", help="Compare with another integrator at a tighter tolerance instead."
         ),
     ] = False,
-    accuracy: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ERROR",
-            help="Refine steps, elements and strains until the measured errors of positions, "
-            "angles and deflections are below this part of half their range, for example 1%.",
-        ),
-    ] = None,
-    columns: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--columns",
-            metavar="NAME",
-            help="Column or observable that must reach --accuracy, such as a stress, or several "
-            "separated by commas; repeatable. Defaults to positions, angles and deflections.",
-        ),
-    ] = None,
+    accuracy: RequiredAccuracy = None,
+    accuracy_columns: AccurateColumns = None,
     page: Annotated[
         bool,
         typer.Option(
@@ -168,11 +155,13 @@ def run_command(
         "max_order": int(max_order) if max_order and max_order.isdecimal() else max_order,
         "time_limit": time_limit,
     }
-    required_accuracy = parse_accuracy(accuracy)
-    if required_accuracy is not None:
-        _require_free_choice(integrator, options, verify, checkpoint, resume_from)
-    elif columns:
-        raise BeamdaeError("run: --columns requires --accuracy; use both options or neither.")
+    accurate = required_accuracy("run", accuracy, accuracy_columns, model)
+    conflicts: dict[str, Any] = {
+        "--verify": verify or None,
+        "--checkpoint": checkpoint,
+        "--continue": resume_from,
+    }
+    _reject_combinations("--accuracy", accuracy, conflicts)
     method = create_integrator("run", integrator, options, file)
     if start and resume_from is not None:
         raise BeamdaeError(
@@ -180,14 +169,15 @@ def run_command(
             "exclusive; omit one."
         )
     names = None if sensitivities is None else split_names(sensitivities)
-    _require_differentiable(names, required_accuracy, resume_from)
+    conflicts = {"--accuracy": accuracy, "--continue": resume_from}
+    _reject_combinations("--sensitivities", names, conflicts)
     if data_columns and data is None:
         raise BeamdaeError("run: --data-column requires --data; use both options or neither.")
     chart = RunPlot(
         split_names(plot, model), x, data, parse_assignments(data_columns, "--data-column")
     )
     table = out / f"{model.name}.csv"
-    run = Run(model, method, table, accuracy=required_accuracy, plot=chart)
+    run = Run(model, method, table, accuracy=accuracy, plot=chart)
     run_outputs.select_charts(run, picture, page, resume_from is not None)
     run.files.views = (run.page, run.picture)
     files = [run.table, run.table.with_suffix(".json")]
@@ -200,21 +190,17 @@ def run_command(
     # The tables are written before anything is printed; the page and the picture are last, because
     # they take longer than most runs.
     with run.continue_after_interrupt(), signals.defer_interrupts(immediate=1):
-        if required_accuracy is None:
-            solution = run_outputs.integrate_run(
-                run, t_end, output_step, initial_state, accept_changes, sensitivities=names
-            )
-        else:
-            solution = run_outputs.refine_run(
-                run,
-                split_names(columns, model) or None,
-                t_end,
-                output_step,
-                initial_state,
-                time_limit,
-            )
+        solution = run_outputs.integrate_run(
+            run,
+            t_end,
+            output_step,
+            initial_state,
+            accept_changes,
+            sensitivities=names,
+            **accurate,
+        )
         run_outputs.write_tables(run, solution, checkpoint)
-    has_estimate = estimate or verify or required_accuracy is not None
+    has_estimate = estimate or verify or accuracy is not None
     if not run.interrupted and solution.status.kind != "interrupted" and has_estimate:
         with run.continue_after_interrupt():
             run_outputs.estimate_errors(run, solution, verify)
@@ -235,31 +221,11 @@ def _find_parts(table: Path, checkpoint: Path) -> RunParts:
     return RunParts.ending_at(table, Checkpoint.read(checkpoint))
 
 
-def _require_differentiable(
-    names: list[str] | None, accuracy: float | None, resume_from: Path | None
-) -> None:
-    """Reject options that cannot be combined with --sensitivities."""
-    conflicts = {"--accuracy": accuracy, "--continue": resume_from}
-    for option in (x for x, value in conflicts.items() if names is not None and value is not None):
+def _reject_combinations(option: str, value: Any, others: Mapping[str, Any]) -> None:
+    """Reject other options that cannot be combined with one, if it has a value."""
+    for other in (x for x, given in others.items() if value is not None and given is not None):
         raise BeamdaeError(
-            f"run: --sensitivities is not supported with {option}; omit one of these options."
-        )
-
-
-def _require_free_choice(
-    integrator: str, options: Mapping[str, Any], verify: bool, *resuming: Path | None
-) -> None:
-    """Reject options that --accuracy chooses, or that its runs do not support."""
-    rejected = {key: x for key, x in options.items() if key != "time_limit" and x is not None}
-    if integrator != "auto":
-        rejected["integrator"] = integrator
-    if verify:
-        rejected["verify"] = verify
-    paths = dict(zip(("checkpoint", "continue"), resuming, strict=True))
-    for name in [*rejected, *(name for name, path in paths.items() if path is not None)]:
-        raise BeamdaeError(
-            f"run: --{name.replace('_', '-')} is not supported with --accuracy, which chooses "
-            "integrator, tolerance and elements; omit one of the options."
+            f"run: {option} is not supported with {other}; omit one of these options."
         )
 
 
@@ -276,8 +242,8 @@ def _report_end(run: Run, status: Status) -> None:
         print_error(f"{reason}; the results so far are in {run.table}")
         raise typer.Exit(signals.exit_code())
     if not status.success:
-        is_plain = run.accuracy is None
-        problem = "failed:" if is_plain else f"accuracy {run.accuracy:g} is not reached;"
-        print_error(f"{problem} {status.sentence}")
-    if run.files.failed or not status.success:
+        print_error(f"failed: {status.sentence}")
+    if run.reached is not None and not run.reached.success:
+        print_error(f"accuracy {run.accuracy:g} is not reached; {run.reached.sentence}")
+    if run.files.failed or run.is_inaccurate or not status.success:
         raise typer.Exit(1)

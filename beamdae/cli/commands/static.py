@@ -12,6 +12,7 @@ import typer
 
 from beamdae.cli import signals
 from beamdae.cli.options import (
+    AccurateColumns,
     HorizontalColumn,
     Loads,
     LoadTime,
@@ -21,15 +22,18 @@ from beamdae.cli.options import (
     Page,
     Picture,
     PlottedColumns,
+    RequiredAccuracy,
     Settings,
     Starts,
     load_configured_model,
     parse_named_number,
     parse_start,
+    required_accuracy,
     split_names,
 )
 from beamdae.cli.output import (
     WrittenFiles,
+    print_accuracy,
     print_facts,
     print_warnings,
 )
@@ -92,6 +96,8 @@ def static_command(
     max_points: Annotated[int, typer.Option(help="Maximum number of points of the path.")] = 500,
     t: LoadTime = 0.0,
     start: Starts = None,
+    accuracy: RequiredAccuracy = None,
+    accuracy_columns: AccurateColumns = None,
     page: Page = True,
     picture: Picture = True,
     plot: PlottedColumns = None,
@@ -100,9 +106,10 @@ def static_command(
 ) -> None:
     """Compute equilibria of a model under increasing loads; write CSV, JSON, PNG and a page.
 
-    Exits with 0 if the path reached its target, 1 if it did not (partial results are written) or
-    the page or picture failed, 2 for a usage or model error, 130 after Ctrl-C, and 143 after
-    SIGTERM; an interrupt ends the path, writes the points so far and skips page and picture.
+    Exits with 0 if the path reached its target (and --accuracy), 1 if it did not (partial results
+    are written) or the page or picture failed, 2 for a usage or model error, 130 after Ctrl-C, and
+    143 after SIGTERM; an interrupt ends the path, writes the points so far and skips page and
+    picture.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
@@ -140,6 +147,7 @@ def static_command(
             over=over,
             from_=None if begin is None else parse_value("--from", begin),
             partial="return",
+            **required_accuracy("static", accuracy, accuracy_columns, model),
         )
         tables = [result.to_csv(table), table.with_suffix(".json")]
         files = WrittenFiles(tables, (page_path, picture_path))
@@ -154,7 +162,7 @@ def static_command(
             picture_path.name,
             lambda: [save_path_figure(picture_path, result, title, plotted, x)],
         )
-    files.finish(result.status)
+    files.finish(result.status, result)
 
 
 def _value_parser(model: Model, over: str | None) -> Callable[[str, str], float]:
@@ -237,6 +245,7 @@ def _print_results(result: Equilibrium, name: str) -> None:
     warnings = result.warnings
     if "errors" in vars(result):
         console.print(text_tables.errors_table(result.errors))
+    print_accuracy(console, result)
     print_warnings(console, warnings)
 
 

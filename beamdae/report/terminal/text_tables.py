@@ -14,6 +14,7 @@ from beamdae.errors import format_count
 from beamdae.model_parameters import format_with_unit, split_unit
 from beamdae.report.terminal.responsive_table import Column, FactList, ResponsiveTable
 from beamdae.report.text import make_printable
+from beamdae.results.outcome import accuracy_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -128,18 +129,20 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
     }
 
 
-def sampling_facts(solution: Solution) -> dict[str, str]:
-    """Return a text about many adaptive steps between samples of controllers, by topic."""
+def further_facts(solution: Solution) -> dict[str, str]:
+    """Return texts about a required accuracy and many steps between samples, by topic."""
+    reached = accuracy_of(solution)
+    facts = {} if reached is None else {"accuracy": reached.sentence}
     controllers = [x.controller for x in solution.equations.controllers]
     if not controllers or solution.integrator.get("rtol") is None:
-        return {}
+        return facts
     fastest = min(controllers, key=lambda x: x.every)
     count = (solution.trajectory.end - solution.trajectory.start) / fastest.every
     ratio = solution.statistics.steps / max(count, 1.0)
     if ratio < _MANY_STEPS_PER_SAMPLE:
-        return {}
+        return facts
     step = format_number(fastest.every / _FIXED_STEPS_PER_SAMPLE)
-    return {
+    return facts | {
         "steps per sample": f"{ratio:.0f} of {fastest.name}; GeneralizedAlpha(step={step}) takes "
         f"{_FIXED_STEPS_PER_SAMPLE}, without an error test"
     }

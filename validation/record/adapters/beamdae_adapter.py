@@ -261,7 +261,8 @@ def solve(
     settings = {"t_end": end, "output_step": step}
     if setting.startswith("refine"):
         accuracy = float(setting.split()[1])
-        solution = bd.refine_until(mech, accuracy, time_limit=300.0, **settings)
+        method = bd.Auto(time_limit=300.0)
+        solution = bd.simulate(mech, method, accuracy=accuracy, **settings)
     else:
         solution = bd.simulate(mech, make_integrator(setting), **settings)
     information = {

@@ -420,11 +420,11 @@ def _refine_arguments(sandbox: Sandbox) -> dict[str, Any]:
     return {
         "model": sandbox.mech,
         "accuracy": _ACCURACY,
-        "columns": ["knee"],
+        "accuracy_columns": ["knee"],
+        "integrator": bd.Radau(time_limit=RUN_TIME_LIMIT),
         "t_end": T_END,
         "output_step": OUTPUT_STEP,
         "start": "as drawn",
-        "time_limit": RUN_TIME_LIMIT,
         "progress": lambda t: None,
     }
 
@@ -737,17 +737,19 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
 
 
 REFINEMENT_CALLS: dict[str, WorkingCall] = {
-    "refine_until": WorkingCall(_refine_arguments, return_result),
-    "refine_until beam": WorkingCall(
+    "simulate accuracy": WorkingCall(
+        _refine_arguments, return_result, lambda box, **arguments: bd.simulate(**arguments)
+    ),
+    "simulate accuracy beam": WorkingCall(
         lambda box: {
             "accuracy": _ACCURACY,
-            "columns": "end",
+            "accuracy_columns": "end",
+            "integrator": bd.Radau(time_limit=RUN_TIME_LIMIT),
             "t_end": T_END,
             "output_step": OUTPUT_STEP,
             "start": {"bar.angle": -1.0},
-            "time_limit": RUN_TIME_LIMIT,
         },
         return_result,
-        lambda box, **arguments: bd.refine_until(_cantilever(box), **arguments),
+        lambda box, **arguments: bd.simulate(_cantilever(box), **arguments),
     ),
 }
