@@ -58,6 +58,7 @@ _SAMPLING_INTERVAL = 2e-4  # s, of a controller
 _RTOL = 1e-5
 _FORMULATIONS = tuple(dict.fromkeys((*FIRST_ORDER, *generalized_alpha.FORMULATIONS)))
 _DAMPING = 1e-5  # s
+_NODES = (4, 6, 7, 8)  # of elements of given numbers, and of meshes that the program chooses
 _PERIOD = 1.0  # s
 # Two correct runs differ by less than the tolerance relative to the motion, or by rounding errors
 # relative to the largest coordinate. Measured: 1e-8 and 2e-15.
@@ -161,8 +162,8 @@ def sample_runs() -> Iterator[Callable[[], Any]]:
     """Yield runs and equilibria of the sample beams and parts, and the motion of a driven disk."""
     sections = [replace(SampleMechanism().section, damping=damping) for damping in (0.0, _DAMPING)]
     kinds = [*({"strain": strain} for strain in STRAINS), {"formulation": EXACT_FORMULATION}]
-    for kind, section in product(kinds, sections):
-        mechanism, _ = sample_mechanism({**kind, "section": section})
+    for kind, section, nodes in product(kinds, sections, _NODES):
+        mechanism, _ = sample_mechanism({**kind, "section": section, "nodes": nodes})
         yield from sample_runs_of(mechanism, default_integrators())
     for formulation in FORMULATIONS:
         mechanism, _ = sample_mechanism({"formulation": formulation})
