@@ -323,7 +323,8 @@ class Errors(HasTable):
         return join_names(texts) if texts else ""
 
 
-@dataclass
+@read_only_data
+@dataclass(frozen=True, eq=False)
 class Split:
     """Repetitions of a result that separate the causes of its errors.
 
