@@ -66,16 +66,6 @@ def test_system_of_equations_in_the_guide():
     assert solution.quality.energy_imbalance < 100e-6
 
 
-@pytest.mark.slow(reason="an interrupted run")
-def test_model_in_the_guide_and_its_interrupt():
-    swing = run_page("models")["swing"]
-    assert [swing.parameter_info[x].unit for x in ("length", "mass")] == ["m", "kg"]
-    names = {"bd": bd, "model": swing, "mech": swing()}
-    (interrupt,) = code_blocks((GUIDE / "accuracy.md").read_text())
-    exec(interrupt.replace("1000.0", "0.1"), names)
-    assert names["solution"].status.success
-
-
 @pytest.mark.slow(reason="draws and animates modes")
 def test_modes_in_the_guide():
     names = run_page("modes")

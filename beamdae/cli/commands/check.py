@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -60,6 +60,6 @@ def check_command(
 
 
 def _json_results(check: Check) -> dict[str, Any]:
-    results = asdict(check)
-    del results["name"], results["warnings"]
+    results = asdict(replace(check, errors=None))
+    del results["name"], results["warnings"], results["errors"]
     return {"ok": check.ok, "mobility": check.mobility, **results}

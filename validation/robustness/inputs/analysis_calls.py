@@ -752,4 +752,39 @@ REFINEMENT_CALLS: dict[str, WorkingCall] = {
         return_result,
         lambda box, **arguments: bd.simulate(_cantilever(box), **arguments),
     ),
+    **{
+        f"{name} accuracy": WorkingCall(
+            lambda box, columns=columns: {"accuracy": 0.05, "accuracy_columns": columns},
+            return_result,
+            call,
+        )
+        for name, columns, call in (
+            ("equilibrium", "knee", lambda box, **x: bd.equilibrium(box.mech, **x)),
+            (
+                "buckling",
+                ["load factor of mode 1"],
+                lambda box, **x: bd.buckling(_column(), n=1, **x),
+            ),
+            ("modes", ["frequency 1"], lambda box, **x: bd.modes(_column(), n=1, **x)),
+            ("linearize", None, lambda box, **x: bd.linearize(_pushed_bar(box), **x)),
+            (
+                "bode",
+                None,
+                lambda box, **x: bd.bode(bd.linearize(_pushed_bar(box)), [1.0, 2.0], **x),
+            ),
+            ("periodic", "knee", lambda box, **x: bd.periodic(_shaken_bar(box), _PERIOD, **x)),
+            (
+                "frequency_response",
+                None,
+                lambda box, **x: bd.frequency_response(
+                    _shaken_model(box),
+                    "frequency",
+                    (100.0, 101.0),
+                    period=lambda frequency: 1.0 / frequency,
+                    max_points=4,
+                    **x,
+                ),
+            ),
+        )
+    },
 }
