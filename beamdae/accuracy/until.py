@@ -220,6 +220,10 @@ def reach_accuracy(analysis: Analysis, model: Any, accuracy: Any, columns: Any =
         exceptions; results with a status are returned with the status "interrupted" instead.
     """
     if accuracy is None:
+        if columns is not None:
+            raise BeamdaeError(
+                f"{analysis.name}: accuracy_columns requires accuracy; pass both or neither."
+            )
         return analysis.analyze(model, analysis.method)
     accuracy = _require_accuracy(analysis.name, accuracy)
     names = require_accurate_columns(analysis.name, columns)

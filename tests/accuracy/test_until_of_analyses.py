@@ -202,3 +202,20 @@ def test_interrupts_keep_the_last_modes(monkeypatch):
         bd.modes(mech, n=6, accuracy=1e-5)
     assert len(caught.value.partial) == 6
     assert caught.value.partial.errors.largest > 1e-5
+
+
+@pytest.mark.parametrize(
+    "analyze",
+    [
+        lambda **x: bd.simulate(pressed(), t_end=1e-3, **x),
+        lambda **x: bd.equilibrium(pressed(), **x),
+        lambda **x: bd.buckling(pressed(), n=1, **x),
+        lambda **x: bd.modes(cantilever(), n=1, **x),
+        lambda **x: bd.linearize(cantilever(), outputs=["tip"], **x),
+        lambda **x: bd.bode(bd.linearize(cantilever(), outputs=["tip"]), [1.0], **x),
+    ],
+    ids=["simulate", "equilibrium", "buckling", "modes", "linearize", "bode"],
+)
+def test_columns_without_an_accuracy_are_rejected(analyze):
+    with pytest.raises(bd.BeamdaeError, match="accuracy_columns requires accuracy"):
+        analyze(accuracy_columns="tip")

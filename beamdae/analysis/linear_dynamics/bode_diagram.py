@@ -323,9 +323,9 @@ def bode(
         if not first < last:
             raise BeamdaeError(f"bode: between must ascend, got {short_repr(between)}.")
         ends = first, last
-    if accuracy is None:
-        diagram = _compute_bode(model, values, ends)
-    else:
+    until, mechanism = deferred.module("accuracy.until"), None
+    analysis = until.Analysis("bode", lambda *_: _compute_bode(model, values, ends))
+    if accuracy is not None:
         lin, request = model._linearization, model._request
         if lin is None or request is None:
             raise BeamdaeError("bode: accuracy requires a linearized mechanism.")
@@ -334,10 +334,10 @@ def bode(
             linear = model if refined is mechanism else compute_linear_model(refined, request)
             return _compute_bode(linear, values, ends)
 
-        mechanism, until = lin.full_equations.mechanism, deferred.module("accuracy.until")
+        mechanism = lin.full_equations.mechanism
         start = searched_start("bode", request.about, accuracy)
         analysis = until.Analysis("bode", repeat, start=start)
-        diagram = until.reach_accuracy(analysis, mechanism, accuracy, accuracy_columns)
+    diagram = until.reach_accuracy(analysis, mechanism, accuracy, accuracy_columns)
     if not warnings_are_ignored():
         warn_of_result((*diagram._remarks, *diagram.errors.sentences()))
     return diagram
