@@ -372,8 +372,7 @@ class Beam(Part):
         """Return a copy of the beam with another mesh.
 
         Assembly does not change this mesh if it has `bounds`, or the program chose that of this
-        beam. `largest_stress` has the sections of
-        this beam, also on another mesh.
+        beam. `largest_stress` has the sections of this beam, also on another mesh.
 
         Parameters
         ----------

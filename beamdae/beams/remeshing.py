@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from copy import deepcopy
 from functools import cached_property
 from inspect import getattr_static
 from typing import Any
 
 from beamdae.beams.beam import CUSTOM_FORMULATION, Beam, beams_of
+from beamdae.beams.mesh import Mesh
 from beamdae.beams.resolution import mesh_of_modes
 from beamdae.errors import BeamdaeError, format_exception, set_fields
 from beamdae.parts.events import select_impacts
@@ -88,12 +89,10 @@ def resolve_modes(mechanism: Mechanism, start: Any = None) -> Mechanism:
     The mechanism itself is returned if there are none, or a part cannot be copied. `start` replaces
     the start of the mechanism.
     """
-    sections, fixed = attached_sections(mechanism), list_fixed_beams(mechanism, start)
     beams = {
         beam.name: beam.with_mesh(mesh_of_modes(mesh), mesh)
-        for beam in beams_of(mechanism)
-        if beam.has_chosen_mesh and beam.name not in fixed
-        for mesh in [beam.divide_mesh(sections[id(beam)])]
+        for beam, mesh in divide_meshes(mechanism, list_fixed_beams(mechanism, start))
+        if beam.has_chosen_mesh
     }
     if not beams:
         return mechanism
@@ -103,7 +102,15 @@ def resolve_modes(mechanism: Mechanism, start: Any = None) -> Mechanism:
         return mechanism
 
 
-def attached_sections(mechanism: Mechanism) -> dict[int, set[float]]:
+def divide_meshes(mechanism: Mechanism, fixed: Container[str]) -> Iterator[tuple[Beam, Mesh]]:
+    """Yield the beams that are not `fixed`, with their meshes after the first assembly."""
+    sections = _attached_sections(mechanism)
+    for beam in beams_of(mechanism):
+        if beam.name not in fixed:
+            yield beam, beam.divide_mesh(sections[id(beam)])
+
+
+def _attached_sections(mechanism: Mechanism) -> dict[int, set[float]]:
     """Return the arc lengths [m] of the attachments of each beam, by its `id`."""
     sections: dict[int, set[float]] = {id(beam): set() for beam in beams_of(mechanism)}
     for part in mechanism.parts.values():

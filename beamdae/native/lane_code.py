@@ -9,6 +9,7 @@ says which operand they come from.)
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
@@ -395,24 +396,37 @@ class _LaneWriter:
             [
                 *(write_lane_wrapper(name) for name in sorted(self.library)),
                 *([write_lane_functions(LANES.number, LANE_WIDTH)] if self.has_tables else []),
-                f"define void @{self.name}(ptr noalias readonly %shared, "
-                "ptr noalias readonly %local, ptr noalias %out, i64 %padded) nounwind {",
-                "before:",
-                *self.before,
-                "%some = icmp sgt i64 %padded, 0",
-                "br i1 %some, label %group, label %end",
-                "group:",
-                "%first = phi i64 [0, %before], [%next, %group]",
-                *self.group,
-                f"%next = add i64 %first, {LANE_WIDTH}",
-                "%more = icmp slt i64 %next, %padded",
-                "br i1 %more, label %group, label %end",
-                "end:",
-                "ret void",
-                "}",
+                *write_lane_function(self.name, self.before, self.group),
                 "",
             ]
         )
+
+
+def write_lane_function(name: str, before: Sequence[str], group: Sequence[str]) -> list[str]:
+    """Return a function of (shared, local, out, padded), see `LaneKernel`.
+
+    The instructions `before` are executed once, those of `group` for each group of `LANE_WIDTH`
+    copies, which begins with copy %first.
+    """
+    return [
+        f"define void @{name}(ptr noalias readonly %shared, ptr noalias readonly %local, "
+        "ptr noalias %out, i64 %padded) nounwind {",
+        "before:",
+        *before,
+        "%some = icmp sgt i64 %padded, 0",
+        "br i1 %some, label %group, label %end",
+        "group:",
+        "%first = phi i64 [0, %before], [%next, %last]",
+        *group,
+        "br label %last",
+        "last:",
+        f"%next = add i64 %first, {LANE_WIDTH}",
+        "%more = icmp slt i64 %next, %padded",
+        "br i1 %more, label %group, label %end",
+        "end:",
+        "ret void",
+        "}",
+    ]
 
 
 def _write_instructions(function: ca.Function, writer: _LaneWriter) -> bool:

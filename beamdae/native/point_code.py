@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from beamdae.native.lane_code import LANE_WIDTH, LANES, format_constant
+from beamdae.native.lane_code import LANE_WIDTH, LANES, format_constant, write_lane_function
 from beamdae.native.point_programs import Call, Load, Loop, Mix, Place, Program, Set, Spread, Step
 
 Array = np.ndarray
@@ -23,9 +23,9 @@ def write_point_module(name: str, program: Program) -> str:
     writer = _Writer()
     for step in program.steps:
         writer.write(step)
-    buffers = (
+    buffers = [
         f"%{x} = alloca {_VECTOR}, i64 {count}, align 64" for x, count in program.buffers.items()
-    )
+    ]
     numbers = ", ".join(f"i64 {x}" for x in program.integers.tolist())
     weights = ", ".join(f"double {format_constant(x)}" for x in program.weights.tolist())
     return "\n".join(
@@ -33,25 +33,10 @@ def write_point_module(name: str, program: Program) -> str:
             f"@integers = private constant [{len(program.integers)} x i64] [{numbers}]",
             f"@weights = private constant [{len(program.weights)} x double] [{weights}]",
             *(f"declare void @{x}(ptr, ptr, ptr, i64) nounwind" for x in program.symbols),
-            _write_move("load", "i64 %i", "%entry", "%place"),
-            _write_move("store", "i64 %source", "%place", "%entry"),
+            _write_move("load"),
+            _write_move("store"),
             *(writer.functions[x] for x in sorted(writer.functions)),
-            f"define void @{name}(ptr noalias readonly %shared, ptr noalias readonly %local, "
-            "ptr noalias %out, i64 %padded) nounwind {",
-            "before:",
-            *buffers,
-            "br label %group",
-            "group:",
-            "%first = phi i64 [0, %before], [%next, %last]",
-            *writer.lines,
-            "br label %last",
-            "last:",
-            f"%next = add i64 %first, {LANE_WIDTH}",
-            "%more = icmp slt i64 %next, %padded",
-            "br i1 %more, label %group, label %end",
-            "end:",
-            "ret void",
-            "}",
+            *write_lane_function(name, buffers, writer.lines),
             _ATTRIBUTES,
             "",
         ]
@@ -189,7 +174,7 @@ def _write_mixture(name: str, entries: int, tile: int, has_numbers: bool) -> str
             f"%new{r} = select i1 %adds, {_VECTOR} %more{r}, {_VECTOR} %sum{r}",
             f"store {_VECTOR} %new{r}, ptr %old{r}.p, align 8",
         ]
-    text += [*_end_loop("item", "k", "%length"), *_end_loop("row", "i", "%tiles", "item")]
+    text += [*_end_loop("item", "k", "%length"), *_end_loop("row", "i", "%tiles")]
     return "\n".join([*text, "ret void", "}"])
 
 
@@ -221,13 +206,16 @@ def _write_spread(name: str, entries: int) -> str:
         f"%to = getelementptr {_VECTOR}, ptr %target, i64 %k",
         f"store {_VECTOR} %sum, ptr %to, align 8",
         *_end_loop("item", "k", "%count"),
-        *_end_loop("run", "i", "%runs", "item"),
+        *_end_loop("run", "i", "%runs"),
     ]
     return "\n".join([*text, "ret void", "}"])
 
 
-def _write_move(name: str, buffered: str, source: str, target: str) -> str:
+def _write_move(name: str) -> str:
     """Return the function of a `Load` or `Store`."""
+    number, source, target = "%i", "%entry", "%place"
+    if name == "store":
+        number, source, target = "%number", "%place", "%entry"
     text = [
         f"define internal void @{name}(ptr noalias %buffer, ptr readonly %rows, i64 %count, "
         "ptr noalias %array, i64 %padded, i64 %first) noinline nounwind #0 {",
@@ -236,11 +224,10 @@ def _write_move(name: str, buffered: str, source: str, target: str) -> str:
         "%base = mul i64 %row, %padded",
         "%index = add i64 %base, %first",
         "%entry = getelementptr double, ptr %array, i64 %index",
-    ]
-    if name == "store":
-        text += ["%second = add i64 %count, %i", *_load("i64", "%source", "%rows", "%second")]
-    text += [
-        f"%place = getelementptr {_VECTOR}, ptr %buffer, {buffered}",
+        # The indices of stored numbers follow the rows.
+        "%second = add i64 %count, %i",
+        *(_load("i64", "%number", "%rows", "%second") if name == "store" else ()),
+        f"%place = getelementptr {_VECTOR}, ptr %buffer, i64 {number}",
         f"%x = load {_VECTOR}, ptr {source}, align 8",
         f"store {_VECTOR} %x, ptr {target}, align 8",
         *_end_loop("item", "i", "%count"),
@@ -259,8 +246,8 @@ def _begin_loop(label: str, index: str, before: str = "start") -> list[str]:
     ]
 
 
-def _end_loop(label: str, index: str, count: str, inner: str = "") -> list[str]:
-    """End a loop, after an `inner` one if there is one."""
+def _end_loop(label: str, index: str, count: str) -> list[str]:
+    """End a loop; the next instructions are those of the block around it."""
     return [
         f"br label %{label}.last",
         f"{label}.last:",

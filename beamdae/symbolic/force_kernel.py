@@ -271,7 +271,10 @@ class ForceKernel:
     @cached_property
     def force_kernel(self) -> Kernel:
         """Kernel of F in (t, branch) and (q, v, a, lam, data)."""
-        outputs, points = [ca.densify(self.force)], self._sum_points(lambda x: x.force_kernel)
+        outputs, points = (
+            [ca.densify(self.force)],
+            self._sum_points(lambda kernel: kernel.force_kernel),
+        )
         return Kernel.of("force", self.local.time, self._stacked, outputs, points)
 
     def tangent_kernel(self, sums: Tangents) -> Kernel:
@@ -293,7 +296,7 @@ class ForceKernel:
             by_lam = ca.jacobian(self.force, x.lam)
             outputs += [by_lam, c.c_l * by_lam]
             outputs = ca.substitute(outputs, [x.lam], [c.c_r * x.lam])
-        points = self._sum_points(lambda x: x.tangent_kernel(sums))
+        points = self._sum_points(lambda kernel: kernel.tangent_kernel(sums))
         return Kernel.of("tangent", shared, self._stacked, outputs, points)
 
     def _sum_derivatives(self, factors: dict[int, SX]) -> SX:
@@ -325,7 +328,8 @@ class ForceKernel:
         x = self.local
         at_zero_acceleration = ca.substitute(self.force, x.a, SX.zeros(x.a.shape))
         outputs = [self.force, at_zero_acceleration, ca.vertcat(self.energies, self.powers)]
-        dense, points = [ca.densify(o) for o in outputs], self._sum_points(_get_balance_kernel)
+        dense = [ca.densify(o) for o in outputs]
+        points = self._sum_points(lambda kernel: kernel.balance_kernel)
         return Kernel.of("balance", x.time, self._stacked, dense, points)
 
     def _sum_points(self, get_kernel: Callable[[ForceKernel], Kernel]) -> PointSum | None:
@@ -347,10 +351,6 @@ class ForceKernel:
                 )
             )
         return PointSum(tuple(terms), 3, self.local.n_data)
-
-
-def _get_balance_kernel(kernel: ForceKernel) -> Kernel:
-    return kernel.balance_kernel
 
 
 class PointForce(NamedTuple):
