@@ -394,7 +394,7 @@ def compute_modes(
 
     Errors are measured for the first `assessed` modes; None means all.
     """
-    if accuracy is not None:
+    if accuracy is not None or accuracy_columns is not None:
         until = deferred.module("accuracy.until")
         start = searched_start("modes", about, accuracy)
 
