@@ -326,7 +326,8 @@ def _take_step(
             if size < least:
                 raise
             continue
-        growth = np.sqrt(_AIMED_CORRECTION * moved / max(error, 1e-12))
+        is_linear = error <= _AIMED_CORRECTION * moved / _MAX_GROWTH**2
+        growth = _MAX_GROWTH if is_linear else np.sqrt(_AIMED_CORRECTION * moved / error)
         grown = min(size * float(np.clip(growth, 0.3, _MAX_GROWTH)), steps.largest)
         return segment, found, grown, after, is_last
 
