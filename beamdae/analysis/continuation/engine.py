@@ -36,12 +36,46 @@ class CurveError(Exception):
     """Raised if a point or a step cannot be found; the message says why, without a period."""
 
 
-class Linearization(NamedTuple):
-    """Residual F, its derivative by the parameter, and its Jacobian by x (CSC)."""
+class Factors(Protocol):
+    """Factors of a bordered matrix."""
+
+    def solve(self, right: Array) -> Array:
+        """Return the solution for a right-hand side (n + 1,)."""
+
+
+class Linearization(Protocol):
+    """Equations, linearized about a point.
+
+    Attributes
+    ----------
+    residual, by_parameter
+        Residual F and its derivative by the parameter, (n,) each.
+    """
+
+    residual: Array
+    by_parameter: Array
+
+    def bordered(self, column: Array, row: Array, corner: float) -> Factors:
+        """Return the factors of [[J, column], [row, corner]], J the Jacobian by x.
+
+        Raises
+        ------
+        CurveError
+            If the matrix is singular or not finite.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class SparseLinearization:
+    """Linearization with a Jacobian (CSC), see `Linearization`."""
 
     residual: Array
     by_parameter: Array
     jacobian: sp.csc_array
+
+    def bordered(self, column: Array, row: Array, corner: float) -> Factors:
+        """Return the factors of the bordered Jacobian."""
+        return factorize_bordered(self.jacobian, column, row, corner)
 
 
 class Problem(Protocol):
@@ -100,9 +134,9 @@ class Point:
     linearization: Linearization
     iterations: int = 0
 
-    def bordered(self, column: Array, row: Array, corner: float) -> Any:
+    def bordered(self, column: Array, row: Array, corner: float) -> Factors:
         """Return the factors of the Jacobian, bordered by a column and a row."""
-        return factorize_bordered(self.linearization.jacobian, column, row, corner)
+        return self.linearization.bordered(column, row, corner)
 
     def tangent(self, row: Row) -> Tangent:
         """Return the tangent along which the control with this row increases by 1."""
@@ -113,7 +147,9 @@ class Point:
         return Tangent(solution[:-1], float(solution[-1]))
 
 
-def factorize_bordered(jacobian: sp.csc_array, column: Array, row: Array, corner: float) -> Any:
+def factorize_bordered(
+    jacobian: sp.csc_array, column: Array, row: Array, corner: float
+) -> Factors:
     """Return the factors of [[J, column], [row, corner]].
 
     Raises
@@ -172,7 +208,7 @@ def correct(
             raise CurveError("the forces are not finite at the next point")
         row = control(x, p)
         right = -np.append(linear.residual, row.value - target)
-        factors = factorize_bordered(linear.jacobian, linear.by_parameter, row.x, row.p)
+        factors = linear.bordered(linear.by_parameter, row.x, row.p)
         step = factors.solve(right)
         size = float(np.max(np.abs(step[:-1] * problem.weights), initial=0.0))
         if not np.isfinite(size):
