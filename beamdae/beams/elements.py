@@ -15,12 +15,16 @@ from beamdae.beams.element_data import STIFFNESS_VALUES, ElementDataLayout
 from beamdae.beams.shape_functions import gauss_points, shape_functions, weigh_nodes
 from beamdae.beams.strains import SHEAR, STRAIN_SIZE, slice_column
 from beamdae.symbolic.formula import cache_kernels
+from beamdae.symbolic.force_kernel import CompliantForm
 from beamdae.symbolic.functions.compiled import RowFunction
-from beamdae.symbolic.statements import SX, ForceKernel, Local, PointForce
+from beamdae.symbolic.statements import SX, ConstraintKernel, ForceKernel, Local, PointForce
 
 Array = np.ndarray
 
 NODE_SIZE = 3  # coordinates of a node
+RESULTANTS = 2  # axial and shear force
+# Axial and shear stiffness that remain beside the resultants, in bending stiffnesses of an element.
+_BENDING_MULTIPLE = 12.0
 
 
 class PointMotion(NamedTuple):
@@ -194,7 +198,42 @@ def element_kernel(element: PointElement) -> ForceKernel:
     inertia, elasticity = element.inertia_kernel(), stiffness_kernel(element.of_point)
     points = element.mass_points(inertia, layout.split_mass(local.data))
     points += element.stiffness_points(elasticity, layout.split_stiffness(local.data))
-    return ForceKernel.of_points(local, points)
+    weights = np.array([x.full() for x in element.stiffness_weights])
+    operators = weights @ element.differences.full()
+    split = SplitStiffness(layout)
+    form = CompliantForm(_resultant_kernel(element.of_point), operators, split)
+    return ForceKernel.of_points(local, points, form)
+
+
+@dataclass(frozen=True)
+class SplitStiffness:
+    """Split of EA and GA into a share of the size of the bending stiffness, and the rest.
+
+    The share keeps the stiffness without resultants regular; it is at most half.
+    """
+
+    layout: ElementDataLayout
+
+    def __call__(self, data: Array) -> tuple[Array, Array, Array]:
+        """Return the arrays of `CompliantForm.split`: the compliances are those of the rest."""
+        rest = data.copy()
+        values, first = self.layout.stiffness_values(data), len(self.layout.stiffness_point)
+        whole, bending = values[..., first : first + RESULTANTS], values[..., first + RESULTANTS]
+        weight = values[..., 0]
+        size = bending / np.sum(weight, axis=1, keepdims=True) ** 2
+        share = np.minimum(0.5 * whole, _BENDING_MULTIPLE * size[..., None])
+        soft = values.copy()
+        soft[..., first : first + RESULTANTS] = share
+        rest[self.layout.stiffness_rows] = soft.reshape(data.shape[1], -1).T
+        return rest, values[..., :first], weight[..., None] / (whole - share)
+
+
+@cache
+def _resultant_kernel(element: PointElement) -> ConstraintKernel:
+    """Return the axial and shear strains of a point, times its weight, as constraints."""
+    local = Local(2 * NODE_SIZE, len(element.layout.stiffness_point), RESULTANTS)
+    strain = element.strain_at(local.q, local.data)
+    return ConstraintKernel(local, local.data[0] * strain[:RESULTANTS], True)
 
 
 class StiffnessPoint(NamedTuple):

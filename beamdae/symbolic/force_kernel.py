@@ -10,6 +10,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 from beamdae.symbolic.signals import SignalBinding, bind_signals, find_signals
@@ -91,6 +92,8 @@ class ForceKernel:
         Tables in the expressions.
     points
         Points whose forces are the whole force; empty if the force has another form.
+    compliant
+        Form of the force whose stiff parts are constraints with compliance, or None.
     """
 
     local: Local
@@ -100,6 +103,7 @@ class ForceKernel:
     reused: bool = False
     table_calls: tuple[TableCall, ...] = ()
     points: tuple[PointForce, ...] = field(default=(), repr=False)
+    compliant: CompliantForm | None = field(default=None, repr=False)
     _tangents: dict[Tangents, Kernel] = field(default_factory=dict, init=False, repr=False)
     _tangent_functions: dict[tuple[int, ...], ca.Function] = field(
         default_factory=dict, init=False, repr=False
@@ -123,7 +127,9 @@ class ForceKernel:
         return cls(local, force, energies, powers)
 
     @classmethod
-    def of_points(cls, local: Local, points: Sequence[PointForce]) -> ForceKernel:
+    def of_points(
+        cls, local: Local, points: Sequence[PointForce], compliant: CompliantForm | None = None
+    ) -> ForceKernel:
         """Return the reused kernel of the sum of the forces, energies and powers of points."""
         force, energies, powers = SX.zeros(local.size), SX.zeros(_N_ENERGIES), SX.zeros(_N_POWERS)
         calls: list[TableCall] = []
@@ -134,7 +140,7 @@ class ForceKernel:
             energies += of_point[1]
             powers += of_point[2]
             calls += point.kernel.table_calls_at(*inputs)
-        return cls(local, force, energies, powers, True, tuple(calls), tuple(points))
+        return cls(local, force, energies, powers, True, tuple(calls), tuple(points), compliant)
 
     def table_calls_at(self, *inputs: SX) -> list[TableCall]:
         """Return the calls of tables at other (time, q, v, a, data), for kernels of points."""
@@ -351,6 +357,29 @@ class ForceKernel:
                 )
             )
         return PointSum(tuple(terms), 3, self.local.n_data)
+
+
+class CompliantForm(NamedTuple):
+    """Force whose stiff parts are the reactions lam of constraints g(z) - C lam = 0 of points.
+
+    Stiffnesses 1 / C that exceed others by many digits then do not enter the rounding errors of the
+    forces.
+
+    Attributes
+    ----------
+    kernel
+        Constraints g of a point.
+    operators
+        Matrices (points, coordinates of a point, local coordinates): z = B x.
+    split
+        Function of the numbers of copies (n_data, count) that returns those of the rest of the
+        force (n_data, count), those of the points (count, points, data), and the compliances C
+        (count, points, constraints of a point).
+    """
+
+    kernel: ConstraintKernel
+    operators: Array
+    split: Callable[[Array], tuple[Array, Array, Array]]
 
 
 class PointForce(NamedTuple):

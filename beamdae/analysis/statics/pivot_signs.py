@@ -1,0 +1,410 @@
+"""Signs of the pivots of static equations, by symmetric elimination.
+
+The saddle-point matrix of the tangent, with the stiffness K in units of the natural sizes of the
+coordinates and the constraint matrix G, whose rows are scaled to the size of K, is
+
+    [[K + r G^T G, G^T], [G, -C]],
+
+with the compliances C of constraints; the sum r G^T G is over constraints with C = 0. It keeps
+leading pivots nonzero if bodies would be free without their joints, so that the matrix can be
+eliminated in an order that depends on the pattern only: along the mechanism, each multiplier after
+the coordinates that it couples.
+
+By Sylvester's law of inertia, the number of negative pivots is m plus the number of negative
+eigenvalues of K + G^T C^-1 G in the motions that the joints allow, for any r. Rounding errors may
+change the signs of pivots only if an eigenvalue is close to zero. Therefore, pivots are counted for
+K - s I with shifts s on both sides of zero.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.bounded_cache import array_bytes, bounded_cache
+from beamdae.linear.fixed_order import (
+    FixedOrder,
+    FixedOrderFactors,
+    count_negative_pivots_by_scipy,
+    eliminate,
+    substitute,
+)
+from beamdae.linear.orderings import compute_bordered_ordering
+from beamdae.native.loop_functions import (
+    add,
+    add_weighted,
+    combine,
+    fill,
+    gather,
+    max_norm,
+    multiply,
+    pick,
+)
+
+Array = np.ndarray
+
+# Rounding errors of zero eigenvalues that ARPACK computes for fine meshes, relative to the largest
+# entry of the stiffness.
+SPARSE_ZERO_TOLERANCE = 4e-15
+# Shifts relative to this entry. With shifts above 2e-16, signs of pivots are right for all zero
+# eigenvalues that were tried: free beams with h/L = 1e-5 to 3e-2 and 2 to 128 elements in any
+# position, prestressed beams, and linkages of up to 60 bodies. Larger shifts would exceed the
+# smallest eigenvalue of thin beams with fine meshes, about 0.1 (h / (L elements))^2.
+_SHIFT_RATIO = 1e-15
+# Asymmetry up to which the stiffness is treated as symmetric, relative to its largest entry. It is
+# small because a follower load is small compared with the axial stiffness of a thin beam.
+ASYMMETRY_TOLERANCE = 1e-13
+# If no entry of the stiffness exceeds this value [J], all are zeros or rounding errors, as without
+# loads and springs. The thermal energy of a coordinate is larger (2e-21 J at room temperature).
+NEGLIGIBLE_STIFFNESS = 1e-22
+# Solutions are not attempted if a pivot is below this fraction of the largest entry of the
+# stiffness: motions without stiffness would be determined by rounding errors.
+_MIN_PIVOT_RATIO = 1e-13
+# Memory of the cached index arrays [bytes]: about 3 kB per element of a beam.
+_MAX_CACHED_BYTES = 16 * 2**20
+
+
+class SaddlePattern(NamedTuple):
+    """Sources of the terms of the saddle-point matrix in the non-zeros of a tangent.
+
+    Attributes
+    ----------
+    entries, rows, columns
+        Stiffness: indices of its non-zeros in the tangent, and their rows and columns.
+    skew_rows, skew_sources, skew_signs
+        Differences of opposite entries: skew[skew_rows] += skew_signs * entries[skew_sources].
+    targets
+        nonzeros[targets] += entries.
+    joint_entries, joint_rows, joint_columns
+        Joints: indices of the non-zeros of G in the tangent, and their rows (from n) and columns.
+    joint_targets, joint_sources
+        nonzeros[joint_targets] += joints[joint_sources], for G and its transpose.
+    product_targets, product_left, product_right
+        nonzeros[product_targets] += r joints[product_left] * joints[product_right], for r G^T G.
+    diagonal
+        Diagonal entries of the coordinates.
+    plan
+        Elimination in order, each multiplier after the coordinates that it couples.
+    """
+
+    entries: Array
+    rows: Array
+    columns: Array
+    skew_rows: Array
+    skew_sources: Array
+    skew_signs: Array
+    targets: Array
+    joint_entries: Array
+    joint_rows: Array
+    joint_columns: Array
+    joint_targets: Array
+    joint_sources: Array
+    product_targets: Array
+    product_left: Array
+    product_right: Array
+    diagonal: Array
+    plan: FixedOrder
+
+
+@dataclass(slots=True)
+class SaddlePoint:
+    """Work arrays of `count_signs`; see `SaddlePattern` for indices.
+
+    Attributes
+    ----------
+    factors
+        Factors of the last matrix.
+    rows, columns, part_rows, part_entries
+        Stiffness: rows and columns of its non-zeros, and the first row of each part and the first
+        non-zero of its columns, with the ends of the last part.
+    part_scales
+        Sizes of the parts of the coordinates, (n,), see `scale_by_reference`.
+    weights, joint_weights, scales
+        Products of the natural sizes of rows and columns, and sizes of the unknowns, (n + m,).
+    values, joints, skew, left, nonzeros
+        Entries of the stiffness and of G, differences of opposite entries, factors of products, and
+        the saddle-point matrix.
+    work, shift, counting, ones
+        Work array of `solve_saddle_point`, shift of each coordinate, (n,), 0, 1, 2, ..., and ones
+        for the norms of entries.
+    reference
+        Largest entry of the stiffness at the start, see `scale_by_reference`. The stiffness may
+        vanish at a critical point, where rounding is that of its terms.
+    last_shift
+        Last shift of `count_signs`, whose factors are those of K + `last_shift` I.
+    joint_size
+        Size of the entries of G, which is 1 / r.
+    size, asymmetry
+        Largest entry of the stiffness or `reference`, and largest difference of opposite entries.
+    below, above
+        Numbers of negative pivots with a shift slightly below and above zero; -1 if a pivot
+        vanishes.
+    """
+
+    factors: FixedOrderFactors
+    entries: Array
+    rows: Array
+    columns: Array
+    part_rows: Array
+    part_entries: Array
+    part_scales: Array
+    weights: Array
+    values: Array
+    skew_rows: Array
+    skew_sources: Array
+    skew_signs: Array
+    skew: Array
+    targets: Array
+    joint_entries: Array
+    joint_rows: Array
+    joint_columns: Array
+    joint_weights: Array
+    joints: Array
+    joint_targets: Array
+    joint_sources: Array
+    product_targets: Array
+    product_left: Array
+    product_right: Array
+    left: Array
+    nonzeros: Array
+    diagonal: Array
+    scales: Array
+    work: Array
+    shift: Array
+    counting: Array
+    ones: Array
+    reference: float = 0.0
+    joint_size: float = 1.0
+    last_shift: float = 0.0
+    size: float = 0.0
+    asymmetry: float = 0.0
+    below: int = 0
+    above: int = 0
+
+    @classmethod
+    def of(
+        cls, pattern: sp.csc_array, positions: Array, part_rows: Array, rigid: int
+    ) -> SaddlePoint:
+        """Return the work arrays for tangents with this pattern, without natural sizes.
+
+        The non-zeros of the tangent are at `positions` in the argument of `count_signs`.
+        `part_rows` contains the first coordinate of each part, and the number of coordinates.
+        The first `rigid` constraints have no compliance.
+        """
+        n, positions = int(part_rows[-1]), positions.astype(np.uint32)
+        indices = pattern.indices.astype(np.intp).tobytes()
+        starts = pattern.indptr.astype(np.intp).tobytes()
+        saddle = _plan_saddle_point(n, n + rigid, starts, indices)
+        count, joint_count = len(saddle.entries), len(saddle.joint_entries)
+        size, length = pattern.shape[0], len(saddle.plan.sources)
+        longest = max(length, len(saddle.product_left))
+        return cls(
+            factors=FixedOrderFactors.of(saddle.plan),
+            entries=positions[saddle.entries],
+            rows=saddle.rows,
+            columns=saddle.columns,
+            part_rows=part_rows,
+            part_entries=np.searchsorted(saddle.columns, part_rows),
+            part_scales=np.ones(n),
+            weights=np.ones(count),
+            values=np.zeros(count),
+            skew_rows=saddle.skew_rows,
+            skew_sources=saddle.skew_sources,
+            skew_signs=saddle.skew_signs,
+            skew=np.zeros(count),
+            targets=saddle.targets,
+            joint_entries=positions[saddle.joint_entries],
+            joint_rows=saddle.joint_rows,
+            joint_columns=saddle.joint_columns,
+            joint_weights=np.zeros(joint_count),
+            joints=np.zeros(joint_count),
+            joint_targets=saddle.joint_targets,
+            joint_sources=saddle.joint_sources,
+            product_targets=saddle.product_targets,
+            product_left=saddle.product_left,
+            product_right=saddle.product_right,
+            left=np.zeros(len(saddle.product_left)),
+            nonzeros=np.zeros(length),
+            diagonal=saddle.diagonal,
+            scales=np.ones(size),
+            work=np.zeros(size),
+            shift=np.zeros(n),
+            counting=np.arange(longest, dtype=np.uint32),
+            ones=np.ones(count),
+        )
+
+
+def scale_by_reference(run: SaddlePoint, tangent: Array) -> None:
+    """Set scales and `reference` by the tangent in the reference configuration, unloaded.
+
+    The natural sizes S of the coordinates make all parts equally stiff: they are `part_scales`
+    times sqrt(E / e). e is the largest entry, in `part_scales`, of the stiffness in the columns of
+    the part, and E that of all parts. Otherwise, rounding errors of large and stiff parts would
+    exceed the stiffness of small and soft ones. By Sylvester's law of inertia, S does not change
+    the number of negative eigenvalues.
+    """
+    n, largest, scales = run.shift.size, run.work, run.scales
+    combine(scales[:n], (1.0,), (run.part_scales,))
+    _scale_stiffness(run, tangent)
+    energy = max_norm(run.values, run.ones)
+    for k in range(run.part_rows.size - 1):
+        entries = run.values[run.part_entries[k] : run.part_entries[k + 1]]
+        part_energy = max_norm(entries, run.ones[: entries.size])
+        if part_energy > NEGLIGIBLE_STIFFNESS:
+            sizes = scales[run.part_rows[k] : run.part_rows[k + 1]]
+            combine(sizes, (math.sqrt(energy / part_energy),), (sizes,))
+    _scale_stiffness(run, tangent)
+    run.size = run.reference = max_norm(run.values, run.ones)
+    run.joint_size = run.size if run.size > 0.0 else 1.0
+    fill(largest, 0.0)
+    for k in range(run.joint_rows.size):
+        entry = abs(scales[run.joint_columns[k]] * tangent[run.joint_entries[k]])
+        largest[run.joint_rows[k]] = max(largest[run.joint_rows[k]], entry)
+    for k in range(n, scales.size):
+        scales[k] = run.joint_size / (largest[k] if largest[k] > 0.0 else 1.0)
+    for k in range(run.joint_rows.size):
+        run.joint_weights[k] = scales[run.joint_columns[k]] * scales[run.joint_rows[k]]
+
+
+def _scale_stiffness(run: SaddlePoint, tangent: Array) -> None:
+    """Set `weights` to the products of `scales`, and `values` to the stiffness in these sizes."""
+    counting, count = run.counting, run.entries.size
+    pick(run.values, counting, run.scales, run.rows, 0, count)
+    pick(run.skew, counting, run.scales, run.columns, 0, count)
+    multiply(run.weights, run.values, run.skew)
+    gather(run.values, counting, run.weights, tangent, run.entries, 0, count)
+
+
+def assemble_saddle_point(run: SaddlePoint, tangent: Array) -> None:
+    """Set `nonzeros` for a tangent with these non-zeros."""
+    counting, nonzeros, joints, left = run.counting, run.nonzeros, run.joints, run.left
+    fill(nonzeros, 0.0)
+    add_weighted(nonzeros, run.targets, run.weights, tangent, run.entries, 0, run.entries.size)
+    gather(joints, counting, run.joint_weights, tangent, run.joint_entries, 0, joints.size)
+    add(nonzeros, run.joint_targets, joints, run.joint_sources, 0, run.joint_targets.size)
+    pick(left, counting, joints, run.product_left, 0, left.size)
+    combine(left, (1.0 / run.joint_size,), (left,))
+    add_weighted(nonzeros, run.product_targets, left, joints, run.product_right, 0, left.size)
+
+
+def measure_stiffness(run: SaddlePoint, tangent: Array) -> None:
+    """Set `size` and `asymmetry` for a tangent with these non-zeros."""
+    values, rows, count = run.values, run.skew_rows, run.entries.size
+    gather(values, run.counting, run.weights, tangent, run.entries, 0, count)
+    run.size = max(max_norm(values, run.ones), run.reference)
+    fill(run.skew, 0.0)
+    add_weighted(run.skew, rows, run.skew_signs, values, run.skew_sources, 0, rows.size)
+    run.asymmetry = max_norm(run.skew, run.ones)
+
+
+def count_signs(run: SaddlePoint, tangent: Array) -> None:
+    """Set `size`, `asymmetry`, `below` and `above` for a tangent with these non-zeros."""
+    measure_stiffness(run, tangent)
+    assemble_saddle_point(run, tangent)
+    run.last_shift = -_SHIFT_RATIO * run.size
+    shift_diagonal(run, run.last_shift)
+    run.below = run.above = eliminate(run.factors, run.nonzeros)
+    # If there is no negative eigenvalue, the other shift yields none either.
+    if run.above != run.scales.size - run.shift.size:
+        shift_diagonal(run, -2.0 * run.last_shift)
+        run.last_shift = -run.last_shift
+        run.below = eliminate(run.factors, run.nonzeros)
+
+
+def count_signs_by_scipy(run: SaddlePoint, tangent: Array) -> None:
+    """Perform `count_signs` without machine code; there are no factors for solutions."""
+    plan = run.factors.plan
+    measure_stiffness(run, tangent)
+    assemble_saddle_point(run, tangent)
+    shift = _SHIFT_RATIO * run.size
+    shift_diagonal(run, -shift)
+    run.above = count_negative_pivots_by_scipy(plan, run.nonzeros)
+    shift_diagonal(run, 2.0 * shift)
+    run.below = count_negative_pivots_by_scipy(plan, run.nonzeros)
+
+
+def shift_diagonal(run: SaddlePoint, shift: float) -> None:
+    """Add `shift` to the diagonal entries of the coordinates."""
+    fill(run.shift, shift)
+    add(run.nonzeros, run.diagonal, run.shift, run.counting, 0, run.diagonal.size)
+
+
+@bounded_cache(_MAX_CACHED_BYTES, array_bytes)
+def _plan_saddle_point(n: int, rigid: int, starts: bytes, indices: bytes) -> SaddlePattern:
+    """Return the saddle-point matrix of tangents (n + m, n + m) with this CSC pattern.
+
+    Rows from `rigid` on are those of compliant constraints.
+    """
+    indptr, rows = np.frombuffer(starts, np.intp), np.frombuffer(indices, np.intp)
+    size = len(indptr) - 1
+    columns = np.repeat(np.arange(size), np.diff(indptr))
+    in_stiffness, in_joints = (rows < n) == (columns < n), (rows >= n) & (columns < n)
+    entries, joint_entries = np.flatnonzero(in_stiffness), np.flatnonzero(in_joints)
+    k_rows, k_columns = rows[entries], columns[entries]
+    g_rows, g_columns = rows[joint_entries], columns[joint_entries]
+    # Pairs of entries of G in the same row, without compliance.
+    order = np.argsort(g_rows, kind="stable")
+    row_counts = np.bincount(g_rows, minlength=size)[n:rigid]
+    row_starts = np.cumsum(row_counts) - row_counts
+    pairs = [
+        order[first + np.indices((count, count)).reshape(2, -1)]
+        for first, count in zip(row_starts, row_counts, strict=True)
+    ]
+    left, right = np.concatenate(pairs, axis=1) if pairs else np.zeros((2, 0), int)
+    i = np.concatenate([k_rows, k_columns, g_rows, g_columns, g_columns[left]])
+    j = np.concatenate([k_columns, k_rows, g_columns, g_rows, g_columns[right]])
+    everywhere = np.arange(n)
+    keys = np.unique(np.concatenate([j * size + i, everywhere * (size + 1)]))
+    pattern = sp.csc_array(
+        (
+            np.ones(len(keys)),
+            (keys % size).astype(np.int32),
+            np.searchsorted(keys, np.arange(size + 1) * size).astype(np.int32),
+        ),
+        shape=(size, size),
+    )
+    ends = np.cumsum([len(k_rows), len(k_rows), 2 * len(g_rows)])
+    targets = np.searchsorted(keys, j * size + i)
+    # Opposite entries; those without a partner differ from zero.
+    upper = k_rows < k_columns
+    off_diagonal = np.flatnonzero(k_rows != k_columns)
+    smaller, larger = np.minimum(k_rows, k_columns), np.maximum(k_rows, k_columns)
+    pair_keys, pair_of = np.unique((smaller * size + larger)[off_diagonal], return_inverse=True)
+    assert len(pair_keys) <= len(entries)
+    unsigned = np.uint32
+    return SaddlePattern(
+        entries=entries.astype(unsigned),
+        rows=k_rows.astype(unsigned),
+        columns=k_columns.astype(unsigned),
+        skew_rows=pair_of.ravel().astype(unsigned),
+        skew_sources=off_diagonal.astype(unsigned),
+        skew_signs=np.where(upper[off_diagonal], -1.0, 1.0),
+        targets=targets[: ends[0]].astype(unsigned),
+        joint_entries=joint_entries.astype(unsigned),
+        joint_rows=g_rows.astype(unsigned),
+        joint_columns=g_columns.astype(unsigned),
+        joint_targets=targets[ends[1] : ends[2]].astype(unsigned),
+        joint_sources=np.tile(np.arange(len(g_rows)), 2).astype(unsigned),
+        product_targets=targets[ends[2] :].astype(unsigned),
+        product_left=left.astype(unsigned),
+        product_right=right.astype(unsigned),
+        diagonal=np.searchsorted(keys, everywhere * (size + 1)).astype(unsigned),
+        plan=FixedOrder.of(pattern, _elimination_order(pattern, n, g_rows, g_columns)),
+    )
+
+
+def _elimination_order(
+    pattern: sp.csc_array, n: int, joint_rows: Array, joint_columns: Array
+) -> Array:
+    """Return an order with little fill, each multiplier after the coordinates that it couples."""
+    coordinates = compute_bordered_ordering(sp.csc_array(pattern[:n, :n])).order
+    position = np.zeros(pattern.shape[0])
+    position[coordinates] = np.arange(n)
+    last = np.zeros(pattern.shape[0])
+    np.maximum.at(last, joint_rows, position[joint_columns])
+    position[n:] = last[n:] + 0.5
+    return np.argsort(position, kind="stable")

@@ -1,0 +1,529 @@
+"""Evaluation of the static equations of a load stage: plans, loop and solutions."""
+
+from __future__ import annotations
+
+import weakref
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import compress
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.analysis.statics.pivot_signs import SaddlePoint, count_signs_by_scipy, scale_by_reference
+from beamdae.analysis.statics.static_loop import (
+    COUNT_SIGNS,
+    EVALUATE_FORCES,
+    EVALUATE_TANGENT,
+    SOLVE,
+    SOLVE_AGAIN,
+    LoadPart,
+    StaticWorkspace,
+    perform_task,
+)
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations.compliant_equations import introduce_resultants
+from beamdae.equations.formulations.static_equations import (
+    StaticEquations,
+    StaticSums,
+    plan_static_sums,
+)
+from beamdae.equations.structure import (
+    ConstraintTerm,
+    ForceTerm,
+    Structure,
+    cache_on_owner,
+    comparison_key,
+    intern_structure,
+)
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.linear.factorizations import SingularMatrixError
+from beamdae.native.object_code import is_native_enabled
+from beamdae.native.return_codes import DONE
+from beamdae.symbolic.sparse_operators import column_indices
+from beamdae.symbolic.sums.kernel_sums import Kernel, SumPlan, set_matrix_factors, set_time
+
+Array = np.ndarray
+
+# Machine code that is not in the cache is compiled when interpreted evaluations have taken longer
+# than compiling would. Times [s]: of an interpreted evaluation, as 100 + n coordinates; of
+# compiling a kernel, and more for each of its instructions; and of compiling the loop.
+_COORDINATE_SECONDS = 4e-6
+_OTHER_COORDINATES = 100
+_KERNEL_SECONDS = 0.01
+_INSTRUCTION_SECONDS = 6e-5
+_LOOP_SECONDS = 3.0
+
+# Distance of a parameter from the value about which equations are linearized, in steps.
+_CENTER_TOLERANCE = 1e-6
+
+
+class VariedEquations(NamedTuple):
+    """Static equations that depend on a parameter, with values from `begin` to `end`.
+
+    Attributes
+    ----------
+    at
+        Function that returns the equations at a value. They differ in numbers and time only.
+    begin, end, step
+        First and last value, and step of derivatives by the parameter.
+    """
+
+    at: Callable[[float], StaticEquations]
+    begin: float
+    end: float
+    step: float
+
+
+class PartPlan(NamedTuple):
+    """Plans of one of the parts C, U and L; `tangent` adds to the bordered matrix."""
+
+    residual: SumPlan
+    tangent: SumPlan
+
+
+class SystemPlan(NamedTuple):
+    """Patterns and plans of the static equations of a load stage, without numbers of the model.
+
+    Attributes
+    ----------
+    sums
+        Plans of the parts C, U and L.
+    pattern, bordered
+        Patterns of the tangent, (n + m, n + m), and of the bordered matrix.
+    tangent_targets, added_targets, row_targets
+        Indices of the non-zeros of `pattern`, of added constants and of the last row in the
+        non-zeros of `bordered`.
+    part_rows
+        First coordinate of each part, and the number of coordinates.
+    idle_loops
+        Compiled loop of a system that no longer exists, which the next system uses: building its
+        workspace takes as long as several load steps.
+    """
+
+    sums: tuple[PartPlan, ...]
+    pattern: sp.csc_array
+    bordered: sp.csc_array
+    tangent_targets: Array
+    added_targets: Array
+    row_targets: Array
+    part_rows: Array
+    idle_loops: deque[StepLoop[StaticWorkspace]]
+
+
+@cache_on_owner
+def _plan_system(
+    common: Structure,
+    unloaded: Structure,
+    loaded: Structure,
+    added: tuple[int, ...],
+    part_rows: tuple[int, ...],
+) -> SystemPlan:
+    parts = [plan_static_sums(structure) for structure in (common, unloaded, loaded)]
+    patterns = [x.pattern for x in parts]
+    ones, shape = np.ones(len(added)), patterns[0].shape
+    patterns.append(sp.csc_array((ones, (added, added)), shape=shape))
+    union = sp.csc_array(reduce(lambda one, other: one + other, patterns))
+    union.sort_indices()
+    size = union.shape[0]
+    tangent_targets = np.arange(union.nnz) + column_indices(union)
+    keys = column_indices(union).astype(np.intp) * size + union.indices
+    diagonal = np.searchsorted(keys, [k * (size + 1) for k in added])
+    indptr = np.append(union.indptr + np.arange(size + 1), union.nnz + 2 * size + 1)
+    row_targets = (indptr[1:] - 1).astype(np.uint32)
+    indices = np.zeros(indptr[-1], np.int32)
+    indices[tangent_targets], indices[row_targets] = union.indices, size
+    indices[indptr[size] :] = np.arange(size + 1)
+    entries = (np.ones(len(indices)), indices, indptr)
+
+    def plan(sums: StaticSums) -> PartPlan:
+        own = column_indices(sums.pattern).astype(np.intp) * size + sums.pattern.indices
+        targets = tangent_targets[np.searchsorted(keys, own)].astype(np.uint32)
+        tangent = replace(
+            sums.tangent,
+            add_targets=targets[sums.tangent.add_targets],
+            weighted_targets=targets[sums.tangent.weighted_targets],
+        )
+        return PartPlan(sums.residual, tangent)
+
+    return SystemPlan(
+        sums=tuple(map(plan, parts)),
+        pattern=union,
+        bordered=sp.csc_array(entries, shape=(size + 1, size + 1)),
+        tangent_targets=tangent_targets,
+        added_targets=tangent_targets[diagonal].astype(np.uint32),
+        row_targets=row_targets,
+        part_rows=np.array(part_rows, np.intp),
+        idle_loops=deque(maxlen=1),
+    )
+
+
+@dataclass
+class Usage:
+    """Estimated time of the interpreted evaluations with a structure in this process [s].
+
+    The time of what has been compiled is subtracted.
+    """
+
+    seconds: float = 0.0
+
+
+@cache_on_owner
+def _usage_of(structure: Structure) -> Usage:
+    # Paths share this count; that threads may lose a few evaluations does not matter.
+    return Usage()
+
+
+@cache_on_owner
+def _term_keys(structure: Structure) -> tuple[tuple[tuple[Any, ...], slice], ...]:
+    """Return keys of kernels and operators, and the data, of all terms: forces, then joints."""
+
+    def key(term: ForceTerm | ConstraintTerm) -> tuple[Any, ...]:
+        # Forces and joints have different kernels, so that their keys differ.
+        return tuple(comparison_key(x) for name, x in vars(term).items() if name != "data")
+
+    terms: tuple[ForceTerm | ConstraintTerm, ...] = (*structure.forces, *structure.joints)
+    return tuple((key(term), term.data) for term in terms)
+
+
+def _split_structures(
+    unloaded: EquationsOfMotion, loaded: EquationsOfMotion
+) -> tuple[Structure, Structure, Structure]:
+    """Return the common terms of both equations, and those of only one of them.
+
+    Common terms have equal kernels, operators and numbers.
+    """
+    keys = [
+        [(key, e.p[data].tobytes()) for key, data in _term_keys(e.structure)]
+        for e in (unloaded, loaded)
+    ]
+    counts = [Counter(x) for x in keys]
+    is_common: list[tuple[bool, ...]] = []
+    for own, other in zip(keys, reversed(counts), strict=True):
+        flags = []
+        for key in own:
+            flags.append(other[key] > 0)
+            other[key] -= 1
+        is_common.append(tuple(flags))
+    only_unloaded, only_loaded = (tuple(not x for x in flags) for flags in is_common)
+    return (
+        _select_terms(unloaded.structure, is_common[0]),
+        _select_terms(unloaded.structure, only_unloaded),
+        _select_terms(loaded.structure, only_loaded),
+    )
+
+
+@cache_on_owner
+def _select_terms(structure: Structure, is_selected: tuple[bool, ...]) -> Structure:
+    if all(is_selected):
+        # Structures too large to be shared keep the plans of `StaticEquations`.
+        return structure
+    count = len(structure.forces)
+    forces = tuple(compress(structure.forces, is_selected[:count]))
+    joints = tuple(compress(structure.joints, is_selected[count:]))
+    return intern_structure(replace(structure, forces=forces, joints=joints, states=()))
+
+
+@dataclass(frozen=True, eq=False)
+class BorderedFactors:
+    """Factors of the bordered tangent at a point."""
+
+    system: StaticSystem
+    point: tuple[Array, float]
+    border: tuple[Array, Array, float]
+
+    def solve(self, right: Array) -> Array:
+        """Return the solution for a right-hand side (n + m + 1,)."""
+        return self.system.solve(self, right)
+
+
+class StaticSystem:
+    """Static equations of one load stage, evaluated and solved by machine code if available.
+
+    Do not share an instance between threads.
+
+    Parameters
+    ----------
+    unloaded, loaded
+        Equations without and with the loads of the stage; the same object if no load is scaled.
+    held
+        Indices of coordinates with springs that act on the tangent F_x alone.
+    varied
+        Equations that depend on a parameter in place of the load factor, or None. The parts U and L
+        are then those at its value and a step beside it, and there is no common part C.
+
+    Attributes
+    ----------
+    pattern
+        CSC pattern of the tangent F_x, (n + m, n + m).
+    """
+
+    def __init__(
+        self,
+        unloaded: StaticEquations,
+        loaded: StaticEquations,
+        held: tuple[int, ...] = (),
+        varied: VariedEquations | None = None,
+    ) -> None:
+        forms = [introduce_resultants(x.equations) for x in (unloaded, loaded)]
+        first, last = (x.equations for x in forms)
+        self._time, self._n, self._varied = loaded.time, last.n, varied
+        self._initial_q, self._part_scales = last.q0, last.part_scales
+        self._compliance = forms[1].compliance
+        if varied is None:
+            common, only_unloaded, only_loaded = _split_structures(first, last)
+        else:
+            only_unloaded = only_loaded = last.structure
+            common = _select_terms(last.structure, (False,) * len(_term_keys(last.structure)))
+        self._numbers = (first.p, first.p, last.p)
+        self._usage = _usage_of(common if varied is None else last.structure)
+        compliant = last.n + np.flatnonzero(self._compliance)
+        self._held = len(held)
+        added = (*held, *compliant.tolist())
+        part_rows = (*(part.rows.start for part in last.parts), last.n)
+        plan = _plan_system(common, only_unloaded, only_loaded, added, part_rows)
+        self._plan, self.pattern = plan, plan.pattern
+        size = plan.pattern.shape[0]
+        self._rigid = last.m - len(compliant)
+        self._evaluated_x = np.full(size, np.nan)
+        self._factors: BorderedFactors | None = None
+        self._compilation_seconds = np.inf
+        self._set_loop(self._take_idle_loop() or self._make_loop(compiles=False))
+        self._compilation_seconds = np.inf if self.is_native else self._estimate_compilation()
+
+    def _take_idle_loop(self) -> StepLoop[StaticWorkspace] | None:
+        """Return a loop with a workspace of the same layout, if there is one."""
+        try:
+            loop = self._plan.idle_loops.pop()
+        except IndexError:
+            return None
+        if not is_native_enabled():
+            return None
+        loop.forget_pivots()
+        return loop
+
+    def _set_loop(self, loop: StepLoop[StaticWorkspace]) -> None:
+        """Use a loop, with the numbers of this system."""
+        self._loop, run = loop, loop.work
+        for part, plans, p in zip(
+            (run.common, run.unloaded, run.loaded), self._plan.sums, self._numbers, strict=True
+        ):
+            for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
+                plan.set_data(total, p)
+                set_time(total, *self._time)
+        run.saddle.part_scales[:] = self._part_scales
+        run.center, run.scale = 0.0, 1.0
+        run.compliance[:], run.compliance_rate[:] = self._compliance, 0.0
+        run.added[:] = np.append(np.zeros(self._held), -self._compliance[self._compliance != 0.0])
+        if self._varied is not None:
+            run.scale = 0.0
+            self._center(self._varied.begin)
+        self._scale()
+        if loop.is_native:
+            weakref.finalize(self, self._plan.idle_loops.append, loop).atexit = False
+
+    def _scale(self) -> None:
+        """Set the natural sizes by the tangent in the reference configuration, without loads."""
+        run, m = self._loop.work, len(self._compliance)
+        self._evaluated_x[:] = np.nan
+        at_start = np.append(self._initial_q, np.zeros(m))
+        mu = 0.0 if self._varied is None else self._varied.begin
+        run = self._run(at_start, mu, EVALUATE_TANGENT)
+        scale_by_reference(run.saddle, run.nonzeros)
+        for k, coordinate in enumerate(self._held_coordinates):
+            run.added[k] = run.saddle.joint_size / run.saddle.scales[coordinate] ** 2
+        run.has_tangent = 0
+        run.sizes[:-1] = run.saddle.scales
+        bordered = self._plan.bordered
+        run.products[:] = run.sizes[bordered.indices] * run.sizes[column_indices(bordered)]
+
+    @property
+    def _held_coordinates(self) -> Array:
+        return self._plan.bordered.indices[self._plan.added_targets[: self._held]]
+
+    def _make_loop(self, compiles: bool) -> StepLoop[StaticWorkspace]:
+        plan, size = self._plan, self.pattern.shape[0]
+        matrix = FactorizedMatrix.from_pattern(plan.bordered)
+        nnz = plan.bordered.nnz
+
+        def make_part(plans: PartPlan, p: Array, native: bool) -> LoadPart:
+            residual, tangent = (plan.sum(native, p) for plan in plans)
+            # The factors of damping and mass are not used.
+            set_matrix_factors(tangent, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+            return LoadPart(residual, tangent, np.zeros(size), np.zeros(nnz))
+
+        def make(native: bool) -> StaticWorkspace:
+            common, unloaded, loaded = (
+                make_part(plans, p, native)
+                for plans, p in zip(plan.sums, self._numbers, strict=True)
+            )
+            return StaticWorkspace(
+                common=common,
+                unloaded=unloaded,
+                loaded=loaded,
+                linear=matrix.make_solver(native, "auto"),
+                saddle=SaddlePoint.of(
+                    self.pattern, plan.tangent_targets, plan.part_rows, self._rigid
+                ),
+                nonzeros=np.zeros(nnz),
+                scaled=matrix.nonzeros,
+                products=np.ones(nnz),
+                sizes=np.ones(size + 1),
+                inputs=np.zeros(self._n + size),
+                forces=np.zeros(size),
+                by_factor=np.zeros(size),
+                row=np.zeros(size + 1),
+                row_targets=plan.row_targets,
+                counting=np.arange(size + 1, dtype=np.uint32),
+                column=np.zeros(size),
+                right=np.zeros(size + 1),
+                compliance=np.zeros(size - self._n),
+                compliance_rate=np.zeros(size - self._n),
+                added_targets=plan.added_targets,
+                added=np.zeros(len(plan.added_targets)),
+                column_start=int(plan.bordered.indptr[size]),
+            )
+
+        native = all(x.load_native(compiles) for plans in plan.sums for x in plans)
+        return StepLoop(perform_task, make, lambda run: [(run.linear, matrix)], native, compiles)
+
+    @property
+    def is_native(self) -> bool:
+        """True if machine code evaluates the equations."""
+        return self._loop.is_native
+
+    @property
+    def scales(self) -> Array:
+        """Natural sizes of the unknowns for the stiffness, (n + m,), see `scale_by_reference`."""
+        return self._loop.work.saddle.scales.copy()
+
+    def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
+        """Return F and F_mu at x = (q, lam), (n + m,) each."""
+        run = self._run(x, mu, EVALUATE_FORCES)
+        return run.forces.copy(), run.by_factor.copy()
+
+    def tangent(self, x: Array, mu: float) -> Array:
+        """Return the non-zeros of F_x on `pattern`."""
+        return self._run(x, mu, EVALUATE_TANGENT).nonzeros[self._plan.tangent_targets]
+
+    def count_signs(self, x: Array, mu: float) -> SaddlePoint:
+        """Return the signs of pivots at a point, see `SaddlePoint`; valid until the next call."""
+        if self.is_native:
+            return self._run(x, mu, COUNT_SIGNS).saddle
+        run = self._run(x, mu, EVALUATE_TANGENT)
+        count_signs_by_scipy(run.saddle, run.nonzeros)
+        return run.saddle
+
+    def bordered(
+        self, point: tuple[Array, float], column: Array, row: Array, corner: float
+    ) -> BorderedFactors:
+        """Return the factors of the bordered tangent at a point (x, mu)."""
+        return BorderedFactors(self, point, (column, row, corner))
+
+    def solve(self, factors: BorderedFactors, right: Array) -> Array:
+        """Return the solution with factors for a right-hand side (n + m + 1,).
+
+        Raises
+        ------
+        SingularMatrixError
+            If the bordered matrix is singular or not finite.
+        """
+        run = self._loop.work
+        run.right[:] = right
+        if self._factors is factors:
+            run.task = SOLVE_AGAIN
+            self._call()
+            return run.right.copy()
+        column, row, corner = factors.border
+        run.column[:], run.row[:-1], run.row[-1] = column, row, corner
+        self._run(*factors.point, SOLVE)
+        self._factors = factors
+        return run.right.copy()
+
+    def _run(self, x: Array, mu: float, task: int) -> StaticWorkspace:
+        self._compile_if_used()
+        run = self._loop.work
+        self._set_point(x, mu)
+        run.task = task
+        self._factors = self._factors if task < SOLVE else None
+        if self._call() != DONE:
+            run.linear.singular = 0
+            raise SingularMatrixError("the matrix is singular")
+        return run
+
+    def _call(self) -> int:
+        """Run the loop; return its code."""
+        if self.is_native:
+            return self._loop()
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._loop()
+
+    def _set_point(self, x: Array, mu: float) -> None:
+        run, n = self._loop.work, self._n
+        if not (mu == run.mu and np.array_equal(x, self._evaluated_x)):
+            self._evaluated_x[:] = x
+            run.inputs[:n], run.inputs[2 * n :] = x[:n], x[n:]
+            run.has_forces = run.has_tangent = 0
+        run.mu = mu
+        is_off = self._varied is not None and abs(mu - run.center) * run.scale > _CENTER_TOLERANCE
+        if is_off:
+            self._center(mu)
+
+    def _center(self, value: float) -> None:
+        """Evaluate the equations, and their derivative by the parameter, about a value of it."""
+        assert self._varied is not None
+        run, step = self._loop.work, self._varied.step
+        pair = self._varied.at(value), self._varied.at(value + step)
+        forms = [introduce_resultants(x.equations) for x in pair]
+        # The step must not lead into the next piece of a law.
+        branch = float(pair[0].time[1])
+        parts = (run.unloaded, run.loaded)
+        for part, plans, static, form in zip(parts, self._plan.sums[1:], pair, forms, strict=True):
+            for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
+                plan.set_data(total, form.equations.p)
+                set_time(total, float(static.time[0]), branch)
+        compliance = forms[0].compliance
+        run.compliance[:], run.compliance_rate[:] = compliance, (forms[1].compliance - compliance) / step
+        run.added[self._held :] = -compliance[self._compliance != 0.0]
+        run.center, run.scale = value, 1.0 / step
+        run.has_forces = run.has_tangent = 0
+
+    def _compile_if_used(self) -> None:
+        """Count evaluations; compile kernels, then the loop, when this takes less time."""
+        if self.is_native:
+            return
+        usage = self._usage
+        usage.seconds += _COORDINATE_SECONDS * (_OTHER_COORDINATES + self._n)
+        if usage.seconds <= self._compilation_seconds:
+            return
+        usage.seconds -= self._compilation_seconds
+        missing = self._missing_kernels()
+        for kernel in missing:
+            kernel.load_native()
+        self._set_loop(self._make_loop(compiles=not missing))
+        was_compiled = not self._missing_kernels() if missing else self.is_native
+        self._compilation_seconds = self._estimate_compilation() if was_compiled else np.inf
+
+    def _missing_kernels(self) -> list[Kernel]:
+        """Return the kernels whose machine code is not in the cache."""
+        kernels = {
+            id(batch.kernel): batch.kernel
+            for plans in self._plan.sums
+            for plan in plans
+            for batch in plan.batches
+        }
+        return [x for x in kernels.values() if x.load_native(compiles=False) is None]
+
+    def _estimate_compilation(self) -> float:
+        """Return the time of compiling the missing kernels or, if there are none, the loop [s]."""
+        if not is_native_enabled():
+            return np.inf
+        missing = self._missing_kernels()
+        seconds = [
+            _KERNEL_SECONDS + _INSTRUCTION_SECONDS * kernel.function.n_instructions()
+            for kernel in missing
+        ]
+        return sum(seconds) if missing else _LOOP_SECONDS

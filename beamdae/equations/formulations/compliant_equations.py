@@ -1,0 +1,112 @@
+"""Equations whose stiff forces are reactions of compliant constraints: g(q) - C lam = 0.
+
+Axial and shear forces of thin beams are determined by strains that are lost in the rounding of the
+positions. As unknowns, they are accurate whatever the slenderness (mixed form).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.structure import (
+    ConstraintTerm,
+    ForceTerm,
+    Structure,
+    cache_on_owner,
+    intern_structure,
+)
+from beamdae.symbolic.statements import Variable
+
+Array = np.ndarray
+
+
+class CompliantEquations(NamedTuple):
+    """Equations F + G^T lam = 0, g - C lam = 0.
+
+    Attributes
+    ----------
+    equations
+        Equations whose last constraints are compliant.
+    compliance
+        Diagonal of C, (m,); 0 for joints.
+    """
+
+    equations: EquationsOfMotion
+    compliance: Array
+
+
+def introduce_resultants(e: EquationsOfMotion) -> CompliantEquations:
+    """Return the equations with the stiff forces of all terms as unknowns."""
+    p, numbers, compliance, rotations = e.p.copy(), [], [np.zeros(e.m)], []
+    for term in e.forces:
+        form = term.kernel.compliant
+        if form is None:
+            continue
+        size = term.kernel.local.n_data
+        columns = p[term.data].reshape((-1, term.count), order="F")
+        columns[:size], points, compliances = form.split(columns[:size])
+        p[term.data] = columns.ravel(order="F")
+        rotations.append(columns[size:].tobytes())
+        numbers.append(points.ravel())
+        compliance.append(compliances.ravel())
+    structure = _add_constraints(e.structure, len(p), tuple(rotations))
+    multipliers = tuple(Variable(f"resultant {k}", "N") for k in range(structure.m - e.m))
+    equations = replace(
+        e,
+        structure=structure,
+        p=np.concatenate([p, *numbers]),
+        multipliers=(*e.multipliers, *multipliers),
+    )
+    return CompliantEquations(equations, np.concatenate(compliance))
+
+
+@cache_on_owner
+def _add_constraints(structure: Structure, begin: int, rotations: tuple[bytes, ...]) -> Structure:
+    """Return the structure with the constraints of all compliant forms.
+
+    Their numbers follow the first `begin` ones. `rotations` are the numbers of the rotation of each
+    term.
+    """
+    terms = [x for x in structure.forces if x.kernel.compliant is not None]
+    new, m = [], structure.m
+    for term, rotation in zip(terms, rotations, strict=True):
+        form = term.kernel.compliant
+        assert form is not None
+        count = term.count * len(form.operators)
+        data = slice(begin, begin + count * form.kernel.local.n_data)
+        size = count * form.kernel.size
+        rows = _select_rows(m, size)
+        new.append(ConstraintTerm(form.kernel, _locate_points(term, rotation), data, rows, count))
+        begin, m = data.stop, m + size
+    joints = tuple(_widen(x, m) for x in (*structure.joints, *new))
+    return intern_structure(replace(structure, m=m, joints=joints))
+
+
+def _select_rows(begin: int, size: int) -> sp.csr_array:
+    entries = (np.ones(size), np.arange(begin, begin + size), np.arange(size + 1))
+    return sp.csr_array(entries, shape=(size, begin + size))
+
+
+def _widen(term: ConstraintTerm, m: int) -> ConstraintTerm:
+    """Return a term of constraints among `m` ones."""
+    rows = term.rows
+    wide = sp.csr_array((rows.data, rows.indices, rows.indptr), shape=(rows.shape[0], m))
+    return replace(term, rows=wide)
+
+
+def _locate_points(term: ForceTerm, rotation: bytes) -> sp.csr_array:
+    """Return the operator from all coordinates to those of the points of a term."""
+    assert term.kernel.compliant is not None
+    operators = np.concatenate(term.kernel.compliant.operators)
+    blocks = [sp.csr_array(operators)] * term.count
+    if term.rotation is not None:
+        numbers = np.frombuffer(rotation).reshape(-1, term.count)
+        ones, others = term.rotation.arrays
+        values = np.vstack([np.zeros(term.count), numbers])
+        blocks = [sp.csr_array(operators @ (ones + values[others, k])) for k in range(term.count)]
+    return sp.csr_array(sp.block_diag(blocks, format="csr") @ term.operator)
