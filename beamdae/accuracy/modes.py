@@ -11,6 +11,7 @@ import numpy as np
 from beamdae.accuracy.errors import FACTOR, Errors, Refined, Split
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import describe_refinement
+from beamdae.analysis.continuation.engine import CurveError, correct, prescribe_parameter
 from beamdae.analysis.eigenproblems.eigensolution import EigenSolution, solve_eigenproblem
 from beamdae.analysis.linear_dynamics.linearization import (
     Linearization,
@@ -19,9 +20,8 @@ from beamdae.analysis.linear_dynamics.linearization import (
     load_path_end,
 )
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
-from beamdae.analysis.statics.corrector import Corrector, CorrectorError
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
-from beamdae.analysis.statics.path_controls import LoadControl
+from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
@@ -188,7 +188,7 @@ def _find_companion(
                 return None
             try:
                 finer = _linearize_refined(lin, refinement, about, t, eigenvalues)
-            except (BeamdaeError, CorrectorError, SingularMatrixError) as problem:
+            except (BeamdaeError, CurveError, SingularMatrixError) as problem:
                 raise _StateError(f"{problem}") from problem
         lin.companions[strains] = refinement, finer
     companion: tuple[Refinement, Linearization] | None = lin.companions[strains]
@@ -222,7 +222,10 @@ def _linearize_path_end(
     multipliers = dict(zip(lin.equations.lam_names, lin.state.lam, strict=True))
     x = np.append(q, [multipliers.get(name, 0.0) for name in e.lam_names])
     held = hold_neutral_motions(system, x)
-    x = Corrector(held).correct(LoadControl(), factor, x, factor).x
+    problem = StaticProblem(held)
+    begin = problem.start(q)
+    begin[: len(x)] = x
+    x = correct(problem, prescribe_parameter, factor, begin, factor).x[: len(x)]
     e = replace(e, q0=x[: e.n], v0=np.zeros(e.n))
     rest = linearize_at_rest(e, system.loaded.time, lambda x: system.motion_tangent(x, factor))
     return Linearization(e, fine, lin.about, system.loaded.time, *rest)

@@ -13,13 +13,21 @@ import numpy as np
 from beamdae.accuracy.errors import Errors, Refined, Split
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import describe_refinement
-from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
+from beamdae.analysis.continuation.engine import (
+    Control,
+    CurveError,
+    Point,
+    correct,
+    prescribe_parameter,
+)
 from beamdae.analysis.statics.linear_buckling import Buckling, repeat_buckling
 from beamdae.analysis.statics.load_scaling import Loading, build_loading, vary_parameter
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
-from beamdae.analysis.statics.path_controls import Control, DisplacementControl, LoadControl
 from beamdae.analysis.statics.path_parameters import quantity_units, resolve_parameter
-from beamdae.analysis.statics.path_tracing import EquilibriumPath, PathSettings, trace_path
+from beamdae.analysis.statics.path_settings import PathSettings
+from beamdae.analysis.statics.paths import EquilibriumPath, problem_of, stability_of, trace_path
+from beamdae.analysis.statics.prescribed_column import PrescribedColumn
+from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, format_headers
 from beamdae.errors import BeamdaeError, hold_messages
@@ -109,12 +117,12 @@ def _measure(
     def repeat_halved(is_halved: bool) -> Array | None:
         try:
             return refine_and_repeat(False)[1] if is_halved else values
-        except (BeamdaeError, CorrectorError):
+        except (BeamdaeError, CurveError):
             return None
 
     try:
         refinement, companions = refine_and_repeat(True)
-    except (BeamdaeError, CorrectorError) as problem:
+    except (BeamdaeError, CurveError) as problem:
         reason = f"the refined result is not found: {problem}".removesuffix(".")
         return Errors.unchecked(headers, values, reason)
     of_columns = find_scales()
@@ -216,7 +224,7 @@ def _repeat(path: Equilibrium, refinement: Refinement) -> Values:
     loading, settings = _load(path, refinement.equations), _read_settings(path)
     end = _correct_end(path, refinement, loading, settings) if path.status.success else None
     is_critical = any(x.row == len(path.q) - 1 for x in path.critical)
-    is_near = end is not None and (is_critical or end.unstable_count == path.unstable[-1])
+    is_near = end is not None and (is_critical or stability_of(end).unstable == path.unstable[-1])
     ends = {} if end is None else _list_values(_as_equilibrium(path, loading, [end]))
     if is_near and not path.critical:
         return ends
@@ -268,7 +276,7 @@ def _is_whole(path: Equilibrium, loading: Loading, settings: PathSettings) -> bo
 
 def _correct_end(
     path: Equilibrium, refinement: Refinement, loading: Loading, settings: PathSettings
-) -> EquilibriumPoint | None:
+) -> Point | None:
     """Return the refined equilibrium near the end of a path, or None if it is not found."""
     stage, mu = _find_stage(path), path.factor
     if path.factors.shape[1]:
@@ -281,17 +289,20 @@ def _correct_end(
     )
     if path.free and system.has_scaled_loads:
         system = hold_neutral_motions(system, x)
-    control: Control = LoadControl()
+    control: Control = prescribe_parameter
     target = mu
     if settings.column:
         control, coarse = (
-            DisplacementControl.from_name(e, settings.column, system.loaded.time)
+            PrescribedColumn.from_name(e, settings.column, system.loaded.time)
             for e in (refinement.equations, path.equations)
         )
-        target = coarse.value(np.append(path.q[-1], path.lam[-1]), mu)
+        target = coarse.value(path.q[-1])
+    problem = StaticProblem(system)
+    begin = problem.start(x[: system.equations.n])
+    begin[: len(x)] = x
     try:
-        return Corrector(system).correct(control, target, x, mu)
-    except CorrectorError:
+        return correct(problem, control, target, begin, mu)
+    except CurveError:
         return None
 
 
@@ -303,7 +314,7 @@ def _find_stage(path: Equilibrium) -> int:
 def _as_equilibrium(
     path: Equilibrium,
     loading: Loading,
-    points: list[EquilibriumPoint],
+    points: list[Point],
     traced: EquilibriumPath | None = None,
 ) -> Equilibrium:
     """Return refined points as a result with the loads of a path.
@@ -311,12 +322,13 @@ def _as_equilibrium(
     Critical points are those up to the first one of another kind.
     """
     e, parameter, factors = loading.full_equations, loading.parameter, path.factors[-1:].copy()
-    q, lam = (np.array([p.x[part] for p in points]) for part in (slice(e.n), slice(e.n, None)))
-    times = np.array([p.system.time_at(p.mu) for p in points])
+    joints = e.n + loading.systems[0].equations.m
+    q, lam = (np.array([p.x[part] for p in points]) for part in (slice(e.n), slice(e.n, joints)))
+    times = np.array([problem_of(p).system.time_at(p.p) for p in points])
     numbers = None
     if parameter is not None and parameter.time is not None:
-        numbers = np.array([parameter.equations_at(p.mu).p for p in points])
-    factors[:, _find_stage(path) :][:, :1] = points[-1].mu
+        numbers = np.array([parameter.equations_at(p.p).p for p in points])
+    factors[:, _find_stage(path) :][:, :1] = points[-1].p
     refined = () if traced is None else traced.critical
     pairs = zip(path.critical, refined, strict=False)
     return replace(
@@ -325,16 +337,14 @@ def _as_equilibrium(
         factors=factors if traced is None else traced.factors,
         q=q,
         lam=loading.full_multipliers(q, lam, times),
-        unstable=np.full(len(points), points[-1].unstable_count),
+        unstable=np.full(len(points), stability_of(points[-1]).unstable),
         critical=tuple(y for _, y in takewhile(lambda x: x[0].kind == x[1].kind, pairs)),
         times=times,
         numbers=numbers,
     )
 
 
-def _is_same_end(
-    refinement: Refinement, path: Equilibrium, end: EquilibriumPoint, traced: EquilibriumPoint
-) -> bool:
+def _is_same_end(refinement: Refinement, path: Equilibrium, end: Point, traced: Point) -> bool:
     """Return False if a traced path leads to another end, such as that of a mirrored branch."""
     n = refinement.equations.n
     scale = refinement.equations.position_scales

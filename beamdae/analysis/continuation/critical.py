@@ -6,7 +6,6 @@ another curve crosses, and at a flutter point an oscillation begins to grow.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -47,10 +46,8 @@ class _Sample(NamedTuple):
     rate: float
 
 
-def explain_counts(
-    segment: Segment, count: Callable[[Point], Count]
-) -> list[CriticalPoint]:
-    """Return the critical points of a segment, in order.
+def explain_counts(segment: Segment) -> list[CriticalPoint]:
+    """Return the critical points of a segment, in order; monitors of points are `Count`.
 
     Raises
     ------
@@ -58,26 +55,24 @@ def explain_counts(
         If counts change abruptly, as on another curve.
     """
     first, last = (
-        _Sample(position, point, count(point), segment.rate(point))
+        _Sample(position, point, point.monitor, segment.rate(point))
         for position, point in ((0.0, segment.begin), (1.0, segment.end))
     )
-    return _explain(segment, count, first, last)
+    return _explain(segment, first, last)
 
 
-def _sample(segment: Segment, count: Callable[[Point], Count], position: float) -> _Sample:
+def _sample(segment: Segment, position: float) -> _Sample:
     for shift in (0.0, 0.2, -0.2, 0.35, -0.35):
         try:
             moved = position + shift * 2.0 * _RESOLUTION
             point = segment.at(moved)
-            return _Sample(moved, point, count(point), segment.rate(point))
+            return _Sample(moved, point, point.monitor, segment.rate(point))
         except CurveError as problem:
             error = problem
     raise error
 
 
-def _explain(
-    segment: Segment, count: Callable[[Point], Count], low: _Sample, high: _Sample
-) -> list[CriticalPoint]:
+def _explain(segment: Segment, low: _Sample, high: _Sample) -> list[CriticalPoint]:
     turns = low.rate * high.rate < 0.0
     change = high.count.divergent - low.count.divergent
     flutter = high.count.oscillating - low.count.oscillating
@@ -90,13 +85,13 @@ def _explain(
             position, point, mode = found
             return [CriticalPoint(position, LIMIT if turns else BRANCH, point, mode)]
     if width > _RESOLUTION:
-        middle = _sample(segment, count, 0.5 * (low.position + high.position))
+        middle = _sample(segment, 0.5 * (low.position + high.position))
         return [
-            *_explain(segment, count, low, middle),
-            *_explain(segment, count, middle, high),
+            *_explain(segment, low, middle),
+            *_explain(segment, middle, high),
         ]
     point = segment.at(0.5 * (low.position + high.position))
-    mode = _critical_mode(point)
+    mode = critical_mode(point)
     position = 0.5 * (low.position + high.position)
     if flutter:
         kinds = [FLUTTER] * abs(flutter)
@@ -114,7 +109,7 @@ def _find_root(segment: Segment, low: _Sample, high: _Sample) -> tuple[float, Po
 
     The root is that of the bordered test function g: [[J, b], [c^T, 0]] (v, g) = (0, 1).
     """
-    border = _critical_mode(low.point), _critical_mode(high.point)
+    border = critical_mode(low.point), critical_mode(high.point)
 
     def test(point: Point, c: Array) -> tuple[float, Array]:
         factors = point.bordered(c, c, 0.0)
@@ -156,7 +151,7 @@ def _between(segment: Segment, left: float, right: float, position: float) -> Po
     raise CurveError("points next to a critical point cannot be found")
 
 
-def _critical_mode(point: Point) -> Array:
+def critical_mode(point: Point) -> Array:
     """Return the direction in which the Jacobian is smallest, by inverse iteration."""
     size = len(point.x)
     start = np.cos(np.arange(size) ** 2.0) * (point.problem.weights > 0.0)

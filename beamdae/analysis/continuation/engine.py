@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -28,6 +29,12 @@ _MAX_CORRECTION = 0.5
 _CUT, _MIN_STEP, _MAX_GROWTH = 0.25, 1e-6, 2.0
 # The correction of a step, relative to the step, at which steps neither grow nor shrink.
 _AIMED_CORRECTION = 0.05
+# Largest correction of a step, relative to the step: a larger one leads to another curve.
+_MAX_ERROR = 0.3
+# A remaining distance up to this multiple of the step is split in two.
+_SPLIT_RATIO = 1.2
+# Steps below this fraction of the largest one may turn by any angle: the curve has a corner.
+_CORNER_STEP = 1e-3
 # Smallest cosine of the angle between successive tangents: a crossing curve leaves at a larger one.
 _MIN_COSINE = 0.8
 
@@ -52,8 +59,13 @@ class Linearization(Protocol):
         Residual F and its derivative by the parameter, (n,) each.
     """
 
-    residual: Array
-    by_parameter: Array
+    @property
+    def residual(self) -> Array:
+        """See above."""
+
+    @property
+    def by_parameter(self) -> Array:
+        """See above."""
 
     def bordered(self, column: Array, row: Array, corner: float) -> Factors:
         """Return the factors of [[J, column], [row, corner]], J the Jacobian by x.
@@ -134,6 +146,11 @@ class Point:
     linearization: Linearization
     iterations: int = 0
 
+    @cached_property
+    def monitor(self) -> Any:
+        """What must change continuously along curves, see `Problem.monitor`."""
+        return self.problem.monitor(self)
+
     def bordered(self, column: Array, row: Array, corner: float) -> Factors:
         """Return the factors of the Jacobian, bordered by a column and a row."""
         return self.linearization.bordered(column, row, corner)
@@ -147,9 +164,7 @@ class Point:
         return Tangent(solution[:-1], float(solution[-1]))
 
 
-def factorize_bordered(
-    jacobian: sp.csc_array, column: Array, row: Array, corner: float
-) -> Factors:
+def factorize_bordered(jacobian: sp.csc_array, column: Array, row: Array, corner: float) -> Factors:
     """Return the factors of [[J, column], [row, corner]].
 
     Raises
@@ -191,9 +206,7 @@ class ArcLength:
         return Row(value / size, row / size, by_parameter / size)
 
 
-def correct(
-    problem: Problem, control: Control, target: float, x: Array, p: float
-) -> Point:
+def correct(problem: Problem, control: Control, target: float, x: Array, p: float) -> Point:
     """Return the solution at which the control has the value `target`, by Newton's method.
 
     Raises
@@ -248,6 +261,14 @@ class Segment:
     def rate(self, point: Point) -> float:
         """Return the derivative of the parameter along the segment at a point of it."""
         return point.tangent(self.control(point.x, point.p)).p
+
+    @property
+    def tangent(self) -> Tangent | None:
+        """Tangent at the end; None if it is not unique."""
+        try:
+            return self.end.tangent(self.control(self.end.x, self.end.p))
+        except CurveError:
+            return None
 
     def up_to(self, end: Point) -> Segment:
         """Return the segment to another end."""
@@ -304,11 +325,12 @@ def follow(
     """
     size = steps.largest
     while True:
-        towards = target - control(begin.x, begin.p).value
+        row = control(begin.x, begin.p)
+        towards = target - row.value
         if towards == 0.0:
             return
         if tangent is None:
-            tangent = begin.tangent(control(begin.x, begin.p)).scale(np.sign(towards))
+            tangent = begin.tangent(row).scale(np.sign(towards))
         segment, found, size, tangent, is_last = _take_step(
             begin, control, target, steps, explain, tangent, size
         )
@@ -329,31 +351,15 @@ def _take_step(
 ) -> tuple[Segment, Any, float, Tangent, bool]:
     problem, least = begin.problem, _MIN_STEP * steps.largest
     while True:
+        is_corner = size <= _CORNER_STEP * steps.largest
         try:
-            along, value, is_last = control, 0.0, False
-            first = control(begin.x, begin.p).value
+            segment, error, moved, is_last = _correct_step(
+                begin, control, target, steps, tangent, size, is_corner
+            )
+            after = segment.end.tangent(segment.control(segment.end.x, segment.end.p))
             if steps.by_arc_length:
-                unit = _normalize(problem, tangent, steps.parameter_weight)
-                along, first = ArcLength(begin, unit, steps.parameter_weight), 0.0
-                value = size
-            else:
-                row = control(begin.x, begin.p)
-                unit = begin.tangent(row).scale(np.sign(target - first))
-                is_last = size >= abs(target - first) * (1.0 - 1e-9)
-                value = target if is_last else first + np.sign(target - first) * size
-            reach = abs(value - first)
-            x, p = problem.move(begin.x, reach * unit.x), begin.p + reach * unit.p
-            end = correct(problem, along, value, x, p)
-            segment = Segment(begin, end, along, (first, value))
-            moved = _size(problem, reach * unit.x)
-            error = _size(problem, problem.difference(end.x, x))
-            if error > 0.3 * moved and error > 1e-6:
-                raise CurveError("the curve turns within the step")
-            row = along(end.x, end.p)
-            after = end.tangent(row)
-            if steps.by_arc_length:
-                cosine = _cosine(problem, unit, after, steps.parameter_weight)
-                if cosine < _MIN_COSINE:
+                cosine = _cosine(problem, tangent, after, steps.parameter_weight)
+                if cosine < _MIN_COSINE and not is_corner:
                     raise CurveError("the curve turns too sharply for the step")
                 segment, is_last = _truncate(segment, control, target)
             found = explain(segment)
@@ -366,6 +372,101 @@ def _take_step(
         growth = _MAX_GROWTH if is_linear else np.sqrt(_AIMED_CORRECTION * moved / error)
         grown = min(size * float(np.clip(growth, 0.3, _MAX_GROWTH)), steps.largest)
         return segment, found, grown, after, is_last
+
+
+def _correct_step(
+    begin: Point,
+    control: Control,
+    target: float,
+    steps: Steps,
+    tangent: Tangent,
+    size: float,
+    is_corner: bool,
+) -> tuple[Segment, float, float, bool]:
+    """Return the segment of a step, the sizes of its correction and of it, and if it is the last.
+
+    Across a corner, such as the onset of a contact, the parameter may reverse: arc lengths are then
+    those of the unknowns alone.
+    """
+    problem = begin.problem
+    if steps.by_arc_length:
+        unit = _normalize(problem, tangent, steps.parameter_weight)
+        weight = steps.parameter_weight
+        if is_corner and _size(problem, unit.x) > 0.0:
+            weight = 0.0
+        along: Control = ArcLength(begin, unit, weight)
+        first, value, is_last = 0.0, size, False
+    else:
+        along, row = control, control(begin.x, begin.p)
+        side, reach = np.sign(target - row.value), abs(target - row.value)
+        rate = float(row.x @ tangent.x) + row.p * tangent.p
+        unit = tangent.scale(side / rate)
+        is_last = size >= reach * (1.0 - 1e-9)
+        # The last step is not tiny.
+        size = 0.5 * reach if size < reach < _SPLIT_RATIO * size else size
+        first, value = row.value, target if is_last else row.value + float(side) * size
+    step = unit.scale(abs(value - first))
+    x, p = problem.move(begin.x, step.x), begin.p + step.p
+    end = correct(problem, along, value, x, p)
+    moved, error = _size(problem, step.x), _size(problem, problem.difference(end.x, x))
+    if error > _MAX_ERROR * moved + _ROUNDING and not is_corner:
+        raise CurveError("the curve turns too sharply for the step")
+    return Segment(begin, end, along, (first, value)), error, moved, is_last
+
+
+def switch(
+    branch: Point, mode: Array, along: Tangent, side: float, steps: Steps
+) -> tuple[Point, Tangent]:
+    """Return the first point of the curve that crosses at a branch point, and its tangent.
+
+    Parameters
+    ----------
+    branch
+        Branch point.
+    mode
+        Direction in which the Jacobian is singular there.
+    along
+        Tangent of the curve on which it was found.
+    side
+        1 or -1, the direction along the crossing curve.
+    steps
+        Size of steps.
+
+    Raises
+    ------
+    CurveError
+        If no point is found.
+    """
+    problem, weight = branch.problem, steps.parameter_weight
+    # Both curves are tangent to the plane of the mode and the response to the parameter.
+    row = problem.weights**2 * mode
+    factors = branch.bordered(row, row, 0.0)
+    response = factors.solve(np.append(-branch.linearization.by_parameter, 0.0))[:-1]
+    plane = (Tangent(mode, 0.0), Tangent(response, 1.0))
+    parts = [_remove(problem, x, along, weight) for x in plane]
+    shares = [
+        _inner(problem, part, part, weight) / _inner(problem, x, x, weight)
+        for part, x in zip(parts, plane, strict=True)
+    ]
+    tangent = _normalize(problem, parts[int(np.argmax(shares))].scale(side), weight)
+    size = 0.5 * steps.largest
+    while True:
+        try:
+            x, p = problem.move(branch.x, size * tangent.x), branch.p + size * tangent.p
+            control = ArcLength(branch, tangent, weight)
+            first = correct(problem, control, size, x, p)
+            step = Tangent(problem.difference(first.x, branch.x), first.p - branch.p)
+            row = control(first.x, first.p)
+            after = first.tangent(row)
+            if _cosine(problem, step, after, weight) < _MIN_COSINE:
+                raise CurveError("the curve turns too sharply for the step")
+            return first, after
+        except CurveError as error:
+            size *= _CUT
+            if size < _MIN_STEP * steps.largest:
+                raise CurveError(
+                    f"no crossing path was found at the branch point: {error}"
+                ) from None
 
 
 def _truncate(segment: Segment, control: Control, target: float) -> tuple[Segment, bool]:
@@ -402,8 +503,17 @@ def _normalize(problem: Problem, tangent: Tangent, weight: float) -> Tangent:
     return tangent.scale(1.0 / size)
 
 
-def _cosine(problem: Problem, one: Tangent, other: Tangent, weight: float) -> float:
-    def inner(a: Tangent, b: Tangent) -> float:
-        return float((a.x * problem.weights) @ (b.x * problem.weights)) + weight**2 * a.p * b.p
+def _inner(problem: Problem, one: Tangent, other: Tangent, weight: float) -> float:
+    product = (one.x * problem.weights) @ (other.x * problem.weights)
+    return float(product) + weight**2 * one.p * other.p
 
-    return inner(one, other) / np.sqrt(inner(one, one) * inner(other, other))
+
+def _cosine(problem: Problem, one: Tangent, other: Tangent, weight: float) -> float:
+    sizes = _inner(problem, one, one, weight) * _inner(problem, other, other, weight)
+    return _inner(problem, one, other, weight) / np.sqrt(sizes)
+
+
+def _remove(problem: Problem, one: Tangent, other: Tangent, weight: float) -> Tangent:
+    """Return the part of a direction that is orthogonal to another one."""
+    share = _inner(problem, one, other, weight) / _inner(problem, other, other, weight)
+    return Tangent(one.x - share * other.x, one.p - share * other.p)

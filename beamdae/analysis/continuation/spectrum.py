@@ -1,8 +1,13 @@
-"""Growing motions about an equilibrium: M q'' + D q' + K q + G^T lam = 0, G q = 0."""
+"""Growing motions about an equilibrium: M q'' + D q' + K q + G^T lam = 0, G q - C lam = 0.
+
+Eigenvalues are computed from the flexibility, the inverse of the saddle-point matrix of K, G and C:
+slow motions are then its largest ones, whatever the stiffest ones are.
+"""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg as la
@@ -17,53 +22,49 @@ _SOFT_COUNT = 6
 _MIN_ASYMMETRY = 1e-3
 # Real parts below this fraction of the eigenvalue are rounding errors.
 _ROUNDING, _ROUNDING_OF_GROWTH = 1e-6, 1e-10
+# Motions that are faster by the reciprocal of this ratio are rounding errors of the slowest ones.
+_NEGLIGIBLE = 1e-9
 
 
-class Matrices(NamedTuple):
-    """Dense stiffness, damping and mass in the motions that the joints allow."""
+class Flexibility(NamedTuple):
+    """Response of a structure to forces, with the motions that its joints allow.
 
-    stiffness: Array
-    damping: Array
-    mass: Array
+    Attributes
+    ----------
+    size
+        Number of coordinates n.
+    respond
+        Function from forces (n, k) to displacements (n, k).
+    """
 
-
-def reduce_matrices(gradients: Array, *matrices: Array) -> list[Array]:
-    """Return matrices (n, n) in an orthonormal basis of the null space of `gradients` (m, n)."""
-    basis = la.null_space(gradients) if len(gradients) else np.eye(matrices[0].shape[0])
-    return [basis.T @ x @ basis for x in matrices]
-
-
-def has_potential(stiffness: Array) -> bool:
-    """Return True if soft motions feel no asymmetry of a stiffness."""
-    if not len(stiffness):
-        return True
-    values, vectors = la.eigh(0.5 * (stiffness + stiffness.T))
-    soft = vectors[:, np.argsort(np.abs(values))[:_SOFT_COUNT]]
-    reduced = soft.T @ stiffness @ soft
-    return bool(
-        np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max()
-    )
+    size: int
+    respond: Callable[[Array], Array]
 
 
-def count_negative(stiffness: Array) -> Count:
-    """Return the number of directions in which a symmetric stiffness is negative."""
-    values = la.eigvalsh(0.5 * (stiffness + stiffness.T))
-    return Count(int(np.sum(values < 0.0)), 0)
+def has_potential(flexibility: Flexibility) -> bool:
+    """Return True if soft motions feel no asymmetry of the stiffness."""
+    size = flexibility.size
+    vectors = np.cos(np.outer(np.arange(size) ** 2.0, np.arange(1.0, min(_SOFT_COUNT, size) + 1.0)))
+    for _ in range(2):
+        vectors = np.linalg.qr(flexibility.respond(vectors))[0]
+    reduced = vectors.T @ flexibility.respond(vectors)
+    return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
 
 
-def count_growing(matrices: Matrices) -> Count:
-    """Return the number of growing motions."""
-    stiffness, damping, mass = matrices
+def count_growing(flexibility: Flexibility, mass: Array, damping: Array) -> Count:
+    """Return the number of growing motions for a mass and a damping matrix, (n, n)."""
+    by_mass = flexibility.respond(mass)
     if not damping.any():
-        # Squares of eigenvalues: real ones do not oscillate if they are positive.
-        squares = la.eigvals(-stiffness, mass)
+        # Reciprocals of squared eigenvalues: real ones do not oscillate if they are positive.
+        squares = la.eigvals(-by_mass)
+        squares = squares[np.abs(squares) > _NEGLIGIBLE * np.abs(squares).max(initial=0.0)]
         is_real = np.abs(squares.imag) <= _ROUNDING * np.abs(squares)
         growing = is_real & (squares.real > 0.0)
         return Count(int(growing.sum()), int(np.sum(~is_real)) // 2)
-    size = len(stiffness)
-    zero, one = np.zeros((size, size)), np.eye(size)
-    first = np.block([[zero, one], [-stiffness, -damping]])
-    values = la.eigvals(first, la.block_diag(one, mass))
+    size = len(mass)
+    matrix = np.block([[-flexibility.respond(damping), -by_mass], [np.eye(size), 0.0 * mass]])
+    values = la.eigvals(matrix)
+    values = values[np.abs(values) > _NEGLIGIBLE * np.abs(values).max(initial=0.0)]
     growing = values[values.real > _ROUNDING_OF_GROWTH * np.abs(values)]
     is_real = np.abs(growing.imag) <= _ROUNDING * np.abs(growing)
     return Count(int(is_real.sum()), int(np.sum(~is_real)) // 2)

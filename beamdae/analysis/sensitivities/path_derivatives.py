@@ -29,14 +29,14 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU, splu
 
+from beamdae.analysis.continuation.critical import BRANCH, LIMIT
+from beamdae.analysis.eigenproblems.eigensolution import EigenSolution, solve_eigenproblem
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.sensitivities.eigen_derivatives import EigenpairDerivatives, Pencil
+from beamdae.analysis.sensitivities.singularity import SingularityTest, natural_scales
 from beamdae.analysis.sensitivities.static_derivatives import LoadDerivatives
-from beamdae.analysis.statics.critical_points import BRANCH, LIMIT
 from beamdae.analysis.statics.load_scaling import LoadedEquations
-from beamdae.analysis.statics.null_vectors import SingularityTest, natural_scales
-from beamdae.analysis.statics.stability import merge_modes, solve_slowest_modes
-from beamdae.equations.equations_of_motion import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Tangent
 from beamdae.errors import BeamdaeError
 
@@ -44,6 +44,10 @@ Array = np.ndarray
 
 # Newton corrections of critical points, which converge quadratically.
 _REFINEMENTS = 2
+# Number of modes among which critical ones are sought. Modes with a larger damping ratio are not
+# about to grow and do not count: strong damping slows many modes down to nearly the same rate.
+_MODE_COUNT = 12
+_MAX_GROWTH_DAMPING = 0.5
 # Eigenvalues with a smaller imaginary part, relative to their magnitude, do not oscillate.
 _MIN_OSCILLATION = 1e-3
 # A parameter preserves a branch point if the part of its forces along the critical mode is below
@@ -104,7 +108,7 @@ class PrescribedPoint:
     def _matrix(self) -> sp.csc_matrix:
         unknowns, energy, load, control = self._scales
         system, (by_x, by_mu) = self.system, self.gradient
-        tangent = system.matrix(system.tangent(self.x, self.mu)) * unknowns * unknowns[:, None]
+        tangent = system.matrix(self.x, self.mu) * unknowns * unknowns[:, None]
         by_factor = unknowns * system.residual(self.x, self.mu)[1] * load
         last = np.array([[by_mu * load / control]])
         blocks = [
@@ -197,7 +201,7 @@ class FlutterPoint:
     def _pairs(self) -> list[EigenpairDerivatives]:
         """Critical eigenpair with damping, and the two that coalesce without."""
         e = self.system.equations
-        solution = merge_modes(solve_slowest_modes(self._linearized, e))
+        solution = _merge_modes(_solve_slowest_modes(self._linearized, e))
         values = solution.values
         oscillating = np.flatnonzero(np.abs(values.imag) > _MIN_OSCILLATION * np.abs(values))
         if self._is_damped:
@@ -214,6 +218,40 @@ class FlutterPoint:
             )
             for k in selected
         ]
+
+
+def _solve_slowest_modes(
+    linearized: LinearizedEquations, e: EquationsOfMotion
+) -> list[EigenSolution]:
+    """Return the slowest modes of each group of coupled parts of `e`.
+
+    They contain `_MODE_COUNT` of those that do not decay strongly. All modes of a small structure
+    may be faster than as many modes of a large one.
+
+    Raises
+    ------
+    BeamdaeError
+        If the equations are singular, or if they are too many to compute these modes.
+    """
+    solutions = []
+    for group, rows in linearized.split(e.parts):
+        modes = solve_eigenproblem(group, _MODE_COUNT, max_damping_ratio=_MAX_GROWTH_DAMPING)
+        shapes = np.zeros((e.n, modes.shapes.shape[1]), complex)
+        shapes[rows] = modes.shapes
+        others = None
+        if modes.others is not None:
+            others = np.zeros((e.n, modes.others.shape[1]))
+            others[rows] = modes.others
+        solutions.append(EigenSolution(modes.values, shapes, others))
+    return solutions
+
+
+def _merge_modes(solutions: list[EigenSolution]) -> EigenSolution:
+    """Return all modes in ascending order of |eigenvalue|."""
+    values = np.concatenate([modes.values for modes in solutions])
+    shapes = np.hstack([modes.shapes for modes in solutions])
+    order = np.argsort(np.abs(values), kind="stable")
+    return EigenSolution(values[order], shapes[:, order])
 
 
 def singular_error(mu: float) -> BeamdaeError:

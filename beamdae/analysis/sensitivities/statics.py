@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beamdae.analysis.continuation.critical import FLUTTER
 from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_observable
 from beamdae.analysis.sensitivities.path_derivatives import (
@@ -22,9 +23,8 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
     require_parameters,
 )
 from beamdae.analysis.sensitivities.static_derivatives import LoadDerivatives
-from beamdae.analysis.statics.critical_points import FLUTTER
 from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading, build_loading
-from beamdae.analysis.statics.path_controls import Control, DisplacementControl, LoadControl
+from beamdae.analysis.statics.prescribed_column import PrescribedColumn
 from beamdae.analysis.statics.static_equilibrium import equilibrium
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import (
@@ -281,7 +281,7 @@ class _PathPoints:
             system, n = loading.systems[self._stage(row)], len(q)
             x, mu = np.append(q, np.zeros(len(loading.multiplier_rows))), self._factor(row)
             forces = system.residual(x, mu)[0][:n]
-            reactions = system.matrix(system.tangent(x, mu)).toarray()[:n, n:]
+            reactions = system.matrix(x, mu).toarray()[:n, n:]
             rows.append(-np.linalg.lstsq(reactions, forces)[0])
         return np.array(rows)
 
@@ -343,10 +343,10 @@ class _PathPoints:
             if kinds[row] == FLUTTER:
                 return FlutterPoint(system, x, mu)
             return SingularPoint(system, x, mu, kinds[row]).refine()
-        control: Control = LoadControl()
+        gradient = np.zeros_like(x), 1.0
         if self._control is not None and self._is_column_prescribed(row):
-            control = self._control
-        return PrescribedPoint(system, x, mu, control.gradient(x, mu))
+            gradient = self._control.gradient(x), 0.0
+        return PrescribedPoint(system, x, mu, gradient)
 
     def _is_column_prescribed(self, row: int) -> bool:
         # The path begins at the load factor zero.
@@ -354,13 +354,13 @@ class _PathPoints:
         return is_last and bool(self.path.factors[row, -1] != 0.0)
 
     @cached_property
-    def _control(self) -> DisplacementControl | None:
+    def _control(self) -> PrescribedColumn | None:
         """Prescribed observed position; None if load factors are prescribed."""
         to = self.path.settings["to"]
         if not isinstance(to, Mapping):
             return None
         time = self.loading.systems[0].loaded.time
-        return DisplacementControl.from_name(self.path.equations, next(iter(to)), time)
+        return PrescribedColumn.from_name(self.path.equations, next(iter(to)), time)
 
     def _column_rates(self, difference: Difference) -> Array:
         """Return the derivative of the prescribed quantity at constant (x, mu) in each row."""

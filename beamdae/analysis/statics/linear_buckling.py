@@ -14,17 +14,19 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
 from beamdae import deferred
+from beamdae.analysis.continuation.engine import CurveError, Point, Tangent, prescribe_parameter
 from beamdae.analysis.eigenproblems.eigensolution import locate_largest
-from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
 from beamdae.analysis.statics.load_scaling import build_loading
-from beamdae.analysis.statics.path_controls import LoadControl, PathDirection, StepNorm
-from beamdae.analysis.statics.path_tracing import (
+from beamdae.analysis.statics.paths import (
     dominant_coordinate,
     find_unloaded_equilibrium,
     follow_to_critical_point,
     free_coordinate,
+    problem_of,
+    stability_of,
 )
 from beamdae.analysis.statics.static_equilibrium import initial_positions
+from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
@@ -155,8 +157,8 @@ class _LinearizedPath(NamedTuple):
 
     Attributes
     ----------
-    tangent
-        Tangent of the static equations, (n + m, n + m).
+    problem, tangent
+        Static equations, and their tangent in natural sizes, (n + m, n + m).
     rate
         Derivative of `tangent` with respect to the load factor along `response`.
     response
@@ -165,9 +167,10 @@ class _LinearizedPath(NamedTuple):
         Largest absolute entry of `response` for a coordinate, in natural sizes.
     """
 
+    problem: StaticProblem
     tangent: sp.csc_array
     rate: sp.csc_array
-    response: PathDirection
+    response: Tangent
     motion: float
 
 
@@ -272,16 +275,15 @@ def _compute_buckling(model: Any, count: int, loads: Any, t: float, start: Any) 
             f"{_NAME}: loads must be one list of names, got {len(loading.stages)} stages; name the "
             "loads to scale, and add a load if there is none."
         )
-    system = loading.systems[0]
-    corrector = Corrector(system)
-    begin = find_unloaded_equilibrium(corrector, q)
-    if begin.stability.free_count:
+    problem = StaticProblem(loading.systems[0])
+    begin = find_unloaded_equilibrium(problem, q)
+    if stability_of(begin).free:
         raise BeamdaeError(
-            f"{_NAME}: {free_coordinate(system.equations, begin)} can move without stiffness; add "
+            f"{_NAME}: {free_coordinate(begin)} can move without stiffness; add "
             "a joint or a spring."
         )
     with _name_singular_response():
-        path = _linearize_along_path(corrector, begin)
+        path = _linearize_along_path(problem, begin)
         factors, vectors, reversed_factor = _solve(path, count)
         asymmetry = abs(path.rate - path.rate.T).max()
         has_potential = asymmetry <= _IMAGINARY_TOLERANCE * abs(path.rate).max()
@@ -290,11 +292,9 @@ def _compute_buckling(model: Any, count: int, loads: Any, t: float, start: Any) 
             has_potential or path.motion * float(factors[0]) <= _MAX_CHECKED_MOTION
         )
         if is_checked:
-            warnings = _check_prebuckling(
-                corrector, begin, path.response, float(factors[0]), has_potential
-            )
-    e = system.equations
-    shapes = vectors[: e.n] / e.position_scales[:, None]
+            warnings = _check_prebuckling(begin, path.response, float(factors[0]), has_potential)
+    e = problem.system.equations
+    shapes = (problem.scales[:, None] * vectors)[: e.n] / e.position_scales[:, None]
     largest = shapes[locate_largest(shapes), np.arange(shapes.shape[1])]
     shapes = shapes * e.position_scales[:, None] / largest
     if not has_potential and not is_checked:
@@ -325,49 +325,46 @@ def repeat_buckling(result: Buckling, equations: EquationsOfMotion, q: Array) ->
     """Return the load factors (k,) of a refined mechanism, whose equilibrium is near `q` (n,)."""
     loads = list(result.loads)
     loading = build_loading(equations.mechanism, equations, loads, result.t, _NAME)
-    corrector = Corrector(loading.systems[0])
+    problem = StaticProblem(loading.systems[0])
     with _name_singular_response():
-        begin = find_unloaded_equilibrium(corrector, q)
-        return _solve(_linearize_along_path(corrector, begin), len(result))[0]
+        begin = find_unloaded_equilibrium(problem, q)
+        return _solve(_linearize_along_path(problem, begin), len(result))[0]
 
 
 @contextmanager
 def _name_singular_response() -> Iterator[None]:
     try:
         yield
-    except (CorrectorError, SingularMatrixError, ArpackError, la.LinAlgError) as error:
+    except (CurveError, SingularMatrixError, ArpackError, la.LinAlgError) as error:
         raise BeamdaeError(
             f"{_NAME}: the unloaded equilibrium has no unique linear response ({error}); check "
             "joints and supports."
         ) from None
 
 
-def _linearize_along_path(corrector: Corrector, begin: EquilibriumPoint) -> _LinearizedPath:
-    """Return the linearization at the equilibrium `begin`, along the response to the loads.
+def _linearize_along_path(problem: StaticProblem, begin: Point) -> _LinearizedPath:
+    """Return the linearization of the static equations along the path at its beginning.
 
     Raises
     ------
-    CorrectorError
+    CurveError
         If the tangent is singular.
     """
-    system = corrector.system
-    response = corrector.path_tangent(begin, LoadControl())
-    norm = StepNorm(system.equations.position_scales, np.inf)
-    motion = norm.max_norm(response.x)
+    response = begin.tangent(prescribe_parameter(begin.x, begin.p))
+    e = problem.system.equations
+    motion = float(np.max(np.abs(response.x[: e.n]) / e.position_scales))
     step = _DIFFERENCE_MOTION / motion if motion > 0.0 else 1.0
     before, after = (
-        system.tangent(begin.x + side * step * response.x, begin.mu + side * step)
+        problem.matrix(begin.x + side * step * response.x, begin.p + side * step)
         for side in (-1.0, 1.0)
     )
-    rate = (after - before) / (2.0 * step)
-    tangent = system.tangent(begin.x, begin.mu)
-    return _LinearizedPath(system.matrix(tangent), system.matrix(rate), response, motion)
+    tangent, rate = problem.matrix(begin.x, begin.p), (after - before) / (2.0 * step)
+    return _LinearizedPath(problem, tangent, sp.csc_array(rate), response, motion)
 
 
 def _check_prebuckling(
-    corrector: Corrector,
-    begin: EquilibriumPoint,
-    response: PathDirection,
+    begin: Point,
+    response: Tangent,
     first: float,
     has_potential: bool,
 ) -> list[str]:
@@ -381,26 +378,26 @@ def _check_prebuckling(
     way, because its difference from the first factor changes sign with the rise of an arch.
     """
     if has_potential:
-        ends = [
-            EquilibriumPoint(begin.system, begin.x + mu * response.x, mu)
-            for mu in ((1.0 - _MAX_ERROR) * first, (1.0 + _MAX_ERROR) * first)
-        ]
-        before, after = (x.negative_count for x in ends)
-        if before == begin.negative_count < after and max(map(_imbalance, ends)) < _MAX_IMBALANCE:
+        problem, ends = begin.problem, []
+        for mu in ((1.0 - _MAX_ERROR) * first, (1.0 + _MAX_ERROR) * first):
+            x = begin.x + mu * response.x
+            ends.append(Point(problem, x, mu, problem.linearize(x, mu)))
+        count, before, after = (stability_of(x).divergent for x in (begin, *ends))
+        if before == count < after and max(map(_imbalance, ends)) < _MAX_IMBALANCE:
             return []
     # Without a potential, a direction may be stable again soon after the first factor.
     targets = ((1.0 + _MAX_ERROR) * first, _SEARCH_RATIO * first)
-    path = follow_to_critical_point(corrector, begin, targets)
+    path = follow_to_critical_point(begin, targets)
     if path.critical:
         critical = path.critical[0]
         point = path.points[critical.row]
-        if abs(point.mu - first) <= _MAX_ERROR * point.mu:
+        if abs(point.p - first) <= _MAX_ERROR * point.p:
             return []
-        reason = f"the first critical point of the path is a {critical.kind} at {point.mu:.5g}"
-    elif path.status.success or path.end.mu > (1.0 + _MAX_ERROR) * first:
-        reason = f"the path has no critical point up to the load factor {path.end.mu:.5g}"
+        reason = f"the first critical point of the path is a {critical.kind} at {point.p:.5g}"
+    elif path.status.success or path.end.p > (1.0 + _MAX_ERROR) * first:
+        reason = f"the path has no critical point up to the load factor {path.end.p:.5g}"
     else:
-        reason = f"the path could not be followed beyond the load factor {path.end.mu:.5g}"
+        reason = f"the path could not be followed beyond the load factor {path.end.p:.5g}"
     cause = "displacements before buckling are not negligible"
     if not has_potential:
         cause = "the loads have no potential"
@@ -410,14 +407,13 @@ def _check_prebuckling(
     ]
 
 
-def _imbalance(point: EquilibriumPoint) -> float:
-    """Return the largest residual of a point relative to the largest scaled load."""
-    e = point.system.equations
+def _imbalance(point: Point) -> float:
+    e, linear = problem_of(point).system.equations, point.linearization
     residual, load = (
         float(np.max(np.abs(forces[: e.n]) * e.position_scales))
-        for forces in point.system.residual(point.x, point.mu)
+        for forces in (linear.residual, linear.by_parameter)
     )
-    return residual / abs(point.mu * load)
+    return residual / abs(point.p * load)
 
 
 def _solve(path: _LinearizedPath, count: int) -> tuple[Array, Array, float]:

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.statics.bordered_system import BorderedSystem, VariedEquations
-from beamdae.analysis.statics.path_parameters import PathParameter
+from beamdae.analysis.statics.path_parameters import PathParameter, VariedEquations
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.building import remove_forces
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
 from beamdae.equations.smooth_intervals import time_on_branch
@@ -32,10 +28,6 @@ from beamdae.results.section_forces.applied_loads import GRAVITY
 Array = np.ndarray
 Stages = tuple[tuple[str, ...], ...]
 
-# Displacement of differences of the forces, in natural sizes. For L/h = 1e6, extrapolation leaves
-# an error of 1e-11 of the bending stiffness.
-_DIFFERENCE = 1e-6
-_AMPLITUDE = 1e-4
 _LOADS_DESCRIPTION = "names of loads (or 'gravity'), or lists of such names, one per stage"
 
 
@@ -137,12 +129,6 @@ class LoadedEquations:
         """True if the load factor scales at least one load."""
         return self.unloaded is not self.loaded
 
-    @cached_property
-    def bordered(self) -> BorderedSystem:
-        """Evaluation of the equations, and solution with a control equation."""
-        equations = self.unloaded.equations, self.loaded.equations
-        return BorderedSystem(*equations, self.loaded.time, self.held_coordinates, self.varied)
-
     @property
     def ends(self) -> tuple[float, float]:
         """Load factors, or values of the parameter, without and with the loads."""
@@ -158,94 +144,27 @@ class LoadedEquations:
             return self.unloaded, self.loaded, mu
         return self.varied.at(mu), self.varied.at(mu), 1.0
 
-    @cached_property
-    def scales(self) -> Array:
-        """Natural sizes S of the coordinates, (n,), that make all parts equally stiff as drawn."""
-        return self.bordered.scales
-
-    @property
-    def pattern(self) -> sp.csc_array:
-        """CSC pattern of the tangent."""
-        return self.bordered.pattern
-
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
-        """Return the residual (n + m,) and its derivative with respect to mu."""
-        return self.bordered.residual(x, mu)
-
-    def tangent(self, x: Array, mu: float) -> Array:
-        """Return the non-zeros, on `pattern`, of the Jacobian of the residual with respect to x."""
-        return self.bordered.tangent(x, mu)
-
-    def multiply_tangent(
-        self, x: Array, mu: float, directions: Array, step_ratio: float = 1.0
-    ) -> Array:
-        """Return F_x D for directions D, both (n + m, k), from differences of the forces.
-
-        See `difference_forces`; `step_ratio` multiplies its step.
-        """
-        return self.difference_forces(x, mu, directions, (step_ratio, 2.0 * step_ratio))[0]
-
-    def difference_forces(
-        self, x: Array, mu: float, directions: Array, step_ratios: Sequence[float]
-    ) -> list[Array]:
-        """Return F_x D for directions D, (n + m, k), from each step but the last one, (n + m, k).
-
-        The tangent of a thin beam consists of axial stiffnesses EA, whose rounding errors reach its
-        bending stiffness EI at L/h = 1e5. For displacements that hardly stretch the beam, central
-        differences are accurate to EA d^2 and to the rounding of the axial force over d. The former
-        is eliminated by extrapolation with twice the step (Richardson), which leaves EA d^4. Each
-        of `step_ratios`, in units of `_DIFFERENCE`, is twice the previous one; d is the largest
-        displacement in natural sizes.
-        """
-        n, scale = self.equations.n, self.equations.position_scales
-        products = np.zeros((len(step_ratios), *directions.shape))
-        for k, direction in enumerate(directions.T):
-            size = float(np.max(np.abs(direction[:n] / scale), initial=0.0))
-            for row, ratio in enumerate(step_ratios):
-                step = ratio * _DIFFERENCE / (size or 1.0)
-                after, _ = self.residual(x + step * direction, mu)
-                before, _ = self.residual(x - step * direction, mu)
-                products[row, :, k] = (after - before) / (2.0 * step)
-        return [one + (one - two) / 3.0 for one, two in pairwise(products)]
-
-    def multiply_damping(self, x: Array, mu: float, motions: Array, rate: float) -> Array:
-        """Return C D for motions D, both (n, k), from differences of the forces at rest.
-
-        This is as accurate for thin beams as `multiply_tangent`. The velocities of the differences
-        are those of vibrations with the angular frequency `rate` [rad/s] and an amplitude of 1e-4
-        natural sizes, so that nonlinear dampers are linearized.
-        """
-        n = self.equations.n
+        """Return the residual (n + m,) and, for load factors, its derivative by mu."""
         *pair, share = self._interval_at(mu)
-        time = self.time_at(mu)
-        unloaded, loaded = (formulate_first_order(each.equations, "index3") for each in pair)
+        first, last = (each.residual(*np.split(x, [each.equations.n])) for each in pair)
+        return first + share * (last - first), last - first
 
-        def forces(velocity: Array) -> Array:
-            y = np.concatenate([x[:n], velocity, x[n:]])
-            after = loaded.residual(time, y, np.zeros_like(y))
-            before = unloaded.residual(time, y, np.zeros_like(y))
-            return (before + share * (after - before))[n : 2 * n]
-
-        products = np.zeros_like(motions)
-        for k, motion in enumerate(motions.T):
-            size = float(np.max(np.abs(motion / self.equations.position_scales), initial=0.0))
-            step = _AMPLITUDE * rate / (size or 1.0)
-            products[:, k] = (forces(step * motion) - forces(-step * motion)) / (2.0 * step)
-        return products
+    def matrix(self, x: Array, mu: float) -> sp.csc_array:
+        """Return the Jacobian of the residual with respect to x."""
+        *pair, share = self._interval_at(mu)
+        first, last = (each.matrix(*np.split(x, [each.equations.n])) for each in pair)
+        return sp.csc_array((1.0 - share) * first + share * last)
 
     def motion_tangent(self, state: State, mu: float) -> Tangent:
         """Return the equations of motion linearized about `state` at the load factor `mu`."""
         first, last, share = self._interval_at(mu)
+        state = state._replace(lam=state.lam[: self.equations.m])
         loaded = compute_tangent(last.equations, last.time, state)
         if first is last:
             return loaded
         unloaded = compute_tangent(first.equations, first.time, state)
         return interpolate_tangents(unloaded, loaded, share)
-
-    def matrix(self, nonzeros: Array) -> sp.csc_array:
-        """Return the tangent with these non-zeros as a sparse matrix."""
-        data = (nonzeros, self.pattern.indices, self.pattern.indptr)
-        return sp.csc_array(data, shape=self.pattern.shape)
 
     def at_factor(self, mu: float) -> FixedFactorEquations | StaticEquations:
         """Return the static equations under a fixed load factor."""
@@ -284,7 +203,7 @@ class FixedFactorEquations:
 
     def matrix(self, q: Array, lam: Array) -> sp.csc_array:
         """Return the Jacobian of the residual with respect to (q, lam), (n + m, n + m)."""
-        return self.system.matrix(self.system.tangent(np.append(q, lam), self.mu))
+        return self.system.matrix(np.append(q, lam), self.mu)
 
 
 @dataclass(frozen=True)

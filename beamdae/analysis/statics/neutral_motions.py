@@ -44,7 +44,7 @@ def hold_neutral_motions(system: LoadedEquations, x: Array) -> LoadedEquations:
         displaced = x.copy()
         displaced[:n] += scale * (motions @ weights)
         for mu in system.ends:
-            tangent = system.matrix(system.tangent(displaced, mu))
+            tangent = system.matrix(displaced, mu)
             stiffness = sp.csc_array(tangent[:n, :n]) * scale * scale[:, None]
             gradients = sp.csr_array(tangent[n:, :n]) * scale
             size = max(size, float(np.max(np.abs(stiffness.data), initial=0.0)))

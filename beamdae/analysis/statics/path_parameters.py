@@ -6,11 +6,10 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.statics.bordered_system import VariedEquations
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.static_equations import StaticEquations
@@ -35,6 +34,23 @@ _DIFFERENCE = 1e-6
 # range, and such values are moved by this share of it.
 _ORDINARY_SHARE = 0.3819
 _NEGLIGIBLE_OFFSET = 1e-12
+
+
+class VariedEquations(NamedTuple):
+    """Static equations that depend on a parameter, with values from `begin` to `end`.
+
+    Attributes
+    ----------
+    at
+        Function that returns the equations at a value. They differ in numbers and time only.
+    begin, end, step
+        First and last value, and step of derivatives by the parameter.
+    """
+
+    at: Callable[[float], StaticEquations]
+    begin: float
+    end: float
+    step: float
 
 
 @dataclass(frozen=True)

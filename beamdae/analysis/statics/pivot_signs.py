@@ -31,7 +31,6 @@ from beamdae.linear.fixed_order import (
     FixedOrderFactors,
     count_negative_pivots_by_scipy,
     eliminate,
-    substitute,
 )
 from beamdae.linear.orderings import compute_bordered_ordering
 from beamdae.native.loop_functions import (

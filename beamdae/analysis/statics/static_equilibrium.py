@@ -18,10 +18,12 @@ from beamdae.analysis.statics.load_scaling import (
     vary_parameter,
 )
 from beamdae.analysis.statics.path_parameters import resolve_parameter
-from beamdae.analysis.statics.path_tracing import (
+from beamdae.analysis.statics.path_settings import PathSettings
+from beamdae.analysis.statics.paths import (
     EquilibriumPath,
-    PathSettings,
     free_coordinate,
+    problem_of,
+    stability_of,
     trace_path,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -259,7 +261,8 @@ def _trace(
     with single_threaded:
         path = trace_path(loading, q, settings)
         states = np.array([point.x for point in path.points])
-        positions, multipliers = states[:, : equations.n], states[:, equations.n :]
+        joints = loading.systems[0].equations.m
+        positions, multipliers, _ = np.split(states, [equations.n, equations.n + joints], axis=1)
         start_warnings: tuple[str, ...] = ()
         if equations.start is None and from_ is None and not isinstance(start, Equilibrium):
             first = loading.systems[0]
@@ -271,11 +274,11 @@ def _trace(
             )
             begin = first.loaded if first.varied is None else first.unloaded
             start_warnings = drawing_warnings(begin.equations, begin.time, reached)
-        times = np.array([point.system.time_at(point.mu) for point in path.points])
+        times = np.array([problem_of(x).system.time_at(x.p) for x in path.points])
         parameter, numbers = loading.parameter, None
         if parameter is not None and parameter.time is not None:
-            numbers = np.array([parameter.equations_at(point.mu).p for point in path.points])
-            last = parameter.equations_at(path.points[-1].mu)
+            numbers = np.array([parameter.equations_at(point.p).p for point in path.points])
+            last = parameter.equations_at(path.points[-1].p)
             equations = replace(last, start=equations.start)
         has_friction = any(term.rows is not None for term in equations.forces)
         return Equilibrium(
@@ -286,18 +289,18 @@ def _trace(
             path.factors,
             positions,
             loading.full_multipliers(positions, multipliers, times),
-            np.array([point.unstable_count for point in path.points]),
+            np.array([stability_of(point).unstable for point in path.points]),
             path.critical,
             {**settings.description, "iterations": path.iterations},
             information,
             (
                 *start_warnings,
                 *((_FRICTION_WARNING,) if has_friction else ()),
-                *_turning_notes(loading.systems[-1], states[-1], path.points[-1].mu),
+                *_turning_notes(loading.systems[-1], states[-1], path.points[-1].p),
                 *_describe_deep_contacts(loading, path),
                 *path.notes,
             ),
-            _free_coordinates(equations, path),
+            _free_coordinates(path),
             "" if parameter is None else parameter.header,
             times,
             numbers,
@@ -310,9 +313,9 @@ def _describe_deep_contacts(loading: Loading, path: EquilibriumPath) -> Iterator
     if loading.parameter is not None and loading.parameter.time is not None:
         points = points[-1:]  # whose numbers are those of the equations
     q = [*path.approach, *(point.x[: system.equations.n] for point in points)]
-    times = [points[0].system.time_at(points[0].mu)] * len(path.approach)
-    times += [point.system.time_at(point.mu) for point in points]
-    equations = system.at_factor(points[-1].mu).equations
+    times = [system.time_at(points[0].p)] * len(path.approach)
+    times += [system.time_at(point.p) for point in points]
+    equations = system.at_factor(points[-1].p).equations
     yield from deep_rest_warnings(equations, np.array(times), np.array(q))
 
 
@@ -342,7 +345,7 @@ def trace_critical_points(model: Any, settings: Mapping[str, Any]) -> tuple[Equi
 def _turning_notes(system: LoadedEquations, x: Array, factor: float) -> tuple[str, ...]:
     """Return a note if the mechanism turns although the equilibrium `x` is at rest, or nothing."""
     e, at_rest = system.equations, np.zeros(system.equations.n)
-    state = State(x[: e.n], at_rest, at_rest, x[e.n :])
+    state = State(x[: e.n], at_rest, at_rest, x[e.n : e.n + e.m])
 
     def linearize() -> LinearizedEquations:
         return LinearizedEquations(e, system.motion_tangent(state, factor))
@@ -363,13 +366,13 @@ def _rotation_remedy(speed: float) -> str:
     )
 
 
-def _free_coordinates(equations: EquationsOfMotion, path: EquilibriumPath) -> tuple[str, ...]:
+def _free_coordinates(path: EquilibriumPath) -> tuple[str, ...]:
     """Return the value of `Equilibrium.free_coordinates`."""
     critical = {one.row for one in path.critical}
     names = [""]
     for row, point in enumerate(path.points):
         # At a critical point, the critical mode has no stiffness either.
-        names.append(names[-1] if row in critical else free_coordinate(equations, point))
+        names.append(names[-1] if row in critical else free_coordinate(point))
     return tuple(names[1:])
 
 

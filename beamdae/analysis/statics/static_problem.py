@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import weakref
 from collections import Counter, deque
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.statics.pivot_signs import SaddlePoint, count_signs_by_scipy, scale_by_reference
+from beamdae.analysis.continuation.engine import CurveError, Point
+from beamdae.analysis.continuation.spectrum import Flexibility, count_growing, has_potential
+from beamdae.analysis.statics.load_scaling import LoadedEquations
+from beamdae.analysis.statics.pivot_signs import (
+    ASYMMETRY_TOLERANCE,
+    NEGLIGIBLE_STIFFNESS,
+    SaddlePoint,
+    count_signs_by_scipy,
+    scale_by_reference,
+)
 from beamdae.analysis.statics.static_loop import (
     COUNT_SIGNS,
     EVALUATE_FORCES,
@@ -24,10 +32,9 @@ from beamdae.analysis.statics.static_loop import (
     StaticWorkspace,
     perform_task,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.compliant_equations import introduce_resultants
 from beamdae.equations.formulations.static_equations import (
-    StaticEquations,
     StaticSums,
     plan_static_sums,
 )
@@ -40,7 +47,6 @@ from beamdae.equations.structure import (
     intern_structure,
 )
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
-from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.native.object_code import is_native_enabled
 from beamdae.native.return_codes import DONE
 from beamdae.symbolic.sparse_operators import column_indices
@@ -59,23 +65,6 @@ _LOOP_SECONDS = 3.0
 
 # Distance of a parameter from the value about which equations are linearized, in steps.
 _CENTER_TOLERANCE = 1e-6
-
-
-class VariedEquations(NamedTuple):
-    """Static equations that depend on a parameter, with values from `begin` to `end`.
-
-    Attributes
-    ----------
-    at
-        Function that returns the equations at a value. They differ in numbers and time only.
-    begin, end, step
-        First and last value, and step of derivatives by the parameter.
-    """
-
-    at: Callable[[float], StaticEquations]
-    begin: float
-    end: float
-    step: float
 
 
 class PartPlan(NamedTuple):
@@ -227,47 +216,85 @@ def _select_terms(structure: Structure, is_selected: tuple[bool, ...]) -> Struct
     return intern_structure(replace(structure, forces=forces, joints=joints, states=()))
 
 
+class Stability(NamedTuple):
+    """Numbers of growing motions, without and with oscillation, and of motions without stiffness.
+
+    If forces have a potential, growing motions are the negative eigenvalues of the stiffness in the
+    motions that the joints allow, whatever the inertia and the damping (theorem of Kelvin, Tait and
+    Chetaev). Otherwise, they are the growing modes of the linearized equations of motion.
+    """
+
+    divergent: int
+    oscillating: int
+    free: int
+
+    @property
+    def unstable(self) -> int:
+        """Number of unstable directions, in which an oscillation counts twice."""
+        return self.divergent + 2 * self.oscillating
+
+
+@dataclass(frozen=True, eq=False)
+class StaticLinearization:
+    """Static equations, linearized about a point (x, p)."""
+
+    problem: StaticProblem
+    x: Array
+    p: float
+    residual: Array
+    by_parameter: Array
+
+    def bordered(self, column: Array, row: Array, corner: float) -> BorderedFactors:
+        """Return the factors of the bordered tangent."""
+        return self.problem.bordered((self.x, self.p), column, row, corner)
+
+
 @dataclass(frozen=True, eq=False)
 class BorderedFactors:
     """Factors of the bordered tangent at a point."""
 
-    system: StaticSystem
+    system: StaticProblem
     point: tuple[Array, float]
     border: tuple[Array, Array, float]
 
     def solve(self, right: Array) -> Array:
-        """Return the solution for a right-hand side (n + m + 1,)."""
+        """Return the solution for a right-hand side (n + m + 1,).
+
+        Raises
+        ------
+        CurveError
+            If the matrix is singular or not finite.
+        """
         return self.system.solve(self, right)
 
 
-class StaticSystem:
-    """Static equations of one load stage, evaluated and solved by machine code if available.
+class StaticProblem:
+    """Static equations of one load stage for the curve engine, in machine code if available.
 
-    Do not share an instance between threads.
+    The unknowns are (q, lam) with the axial and shear forces of beams among the multipliers. If the
+    equations depend on another parameter than a load factor, the parts U and L are those at its
+    value and a step beside it, and there is no common part C. Do not share an instance between
+    threads.
 
     Parameters
     ----------
-    unloaded, loaded
-        Equations without and with the loads of the stage; the same object if no load is scaled.
-    held
-        Indices of coordinates with springs that act on the tangent F_x alone.
-    varied
-        Equations that depend on a parameter in place of the load factor, or None. The parts U and L
-        are then those at its value and a step beside it, and there is no common part C.
+    system
+        The load stage.
 
     Attributes
     ----------
+    system
+        See above.
     pattern
         CSC pattern of the tangent F_x, (n + m, n + m).
+    weights
+        Inverse natural sizes of the coordinates, and 0 for multipliers.
     """
 
-    def __init__(
-        self,
-        unloaded: StaticEquations,
-        loaded: StaticEquations,
-        held: tuple[int, ...] = (),
-        varied: VariedEquations | None = None,
-    ) -> None:
+    def __init__(self, system: LoadedEquations) -> None:
+        self.system = system
+        unloaded, loaded, varied = system.unloaded, system.loaded, system.varied
+        held = system.held_coordinates
         forms = [introduce_resultants(x.equations) for x in (unloaded, loaded)]
         first, last = (x.equations for x in forms)
         self._time, self._n, self._varied = loaded.time, last.n, varied
@@ -287,6 +314,7 @@ class StaticSystem:
         plan = _plan_system(common, only_unloaded, only_loaded, added, part_rows)
         self._plan, self.pattern = plan, plan.pattern
         size = plan.pattern.shape[0]
+        self.weights = np.append(1.0 / last.group_scales, np.zeros(size - last.n))
         self._rigid = last.m - len(compliant)
         self._evaluated_x = np.full(size, np.nan)
         self._factors: BorderedFactors | None = None
@@ -400,6 +428,60 @@ class StaticSystem:
         """Natural sizes of the unknowns for the stiffness, (n + m,), see `scale_by_reference`."""
         return self._loop.work.saddle.scales.copy()
 
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return self._n
+
+    def start(self, q: Array) -> Array:
+        """Return the unknowns (q, 0)."""
+        return np.append(q, np.zeros(len(self.weights) - self._n))
+
+    def move(self, x: Array, step: Array) -> Array:
+        """Return the unknowns after a step."""
+        return np.asarray(x + step)
+
+    def difference(self, end: Array, begin: Array) -> Array:
+        """Return the step that leads from `begin` to `end`."""
+        return np.asarray(end - begin)
+
+    def linearize(self, x: Array, p: float) -> StaticLinearization:
+        """Return the equations, linearized about (x, p)."""
+        return StaticLinearization(self, x, p, *self.residual(x, p))
+
+    def monitor(self, point: Point) -> Stability:
+        """Return the stability under constant loads."""
+        x, p = point.x, point.p
+        signs = self.count_signs(x, p)
+        if signs.size <= NEGLIGIBLE_STIFFNESS:
+            return Stability(0, 0, self._n - self._rigid)
+        m = len(x) - self._n
+        by_signs = Stability(signs.below - m, 0, signs.above - signs.below)
+        if signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size or self._rigid >= self._n:
+            return by_signs
+        flexibility = Flexibility(self._n, partial(self._respond, point))
+        try:
+            if has_potential(flexibility):
+                return by_signs
+            state = State(x[: self._n], *np.zeros((2, self._n)), x[self._n :])
+            tangent = self.system.motion_tangent(state, p)
+            matrices = (
+                y.toarray() * self.scales[: self._n] * self.scales[: self._n, None]
+                for y in (tangent.mass, tangent.damping)
+            )
+            return Stability(*count_growing(flexibility, *matrices), by_signs.free)
+        except CurveError:
+            return by_signs
+
+    def _respond(self, point: Point, forces: Array) -> Array:
+        """Return displacements (n, k) due to forces (n, k), both in natural sizes."""
+        n, size = self._n, len(point.x)
+        scales, zeros = self.scales[:n], np.zeros(size)
+        factors = self.bordered((point.x, point.p), zeros, zeros, 1.0)
+        rows = np.zeros((forces.shape[1], size + 1))
+        rows[:, :n] = forces.T / scales
+        return np.array([factors.solve(row)[:n] / scales for row in rows]).T
+
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return F and F_mu at x = (q, lam), (n + m,) each."""
         run = self._run(x, mu, EVALUATE_FORCES)
@@ -408,6 +490,12 @@ class StaticSystem:
     def tangent(self, x: Array, mu: float) -> Array:
         """Return the non-zeros of F_x on `pattern`."""
         return self._run(x, mu, EVALUATE_TANGENT).nonzeros[self._plan.tangent_targets]
+
+    def matrix(self, x: Array, mu: float) -> sp.csc_array:
+        """Return F_x in natural sizes of the unknowns, see `scales`."""
+        pattern, scales = self.pattern, self.scales
+        entries = (self.tangent(x, mu), pattern.indices, pattern.indptr)
+        return sp.csc_array(sp.csc_array(entries, pattern.shape) * scales * scales[:, None])
 
     def count_signs(self, x: Array, mu: float) -> SaddlePoint:
         """Return the signs of pivots at a point, see `SaddlePoint`; valid until the next call."""
@@ -428,7 +516,7 @@ class StaticSystem:
 
         Raises
         ------
-        SingularMatrixError
+        CurveError
             If the bordered matrix is singular or not finite.
         """
         run = self._loop.work
@@ -451,7 +539,7 @@ class StaticSystem:
         self._factors = self._factors if task < SOLVE else None
         if self._call() != DONE:
             run.linear.singular = 0
-            raise SingularMatrixError("the matrix is singular")
+            raise CurveError("the tangent stiffness is singular at the next point")
         return run
 
     def _call(self) -> int:
@@ -486,7 +574,10 @@ class StaticSystem:
                 plan.set_data(total, form.equations.p)
                 set_time(total, float(static.time[0]), branch)
         compliance = forms[0].compliance
-        run.compliance[:], run.compliance_rate[:] = compliance, (forms[1].compliance - compliance) / step
+        run.compliance[:], run.compliance_rate[:] = (
+            compliance,
+            (forms[1].compliance - compliance) / step,
+        )
         run.added[self._held :] = -compliance[self._compliance != 0.0]
         run.center, run.scale = value, 1.0 / step
         run.has_forces = run.has_tangent = 0

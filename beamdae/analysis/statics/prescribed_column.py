@@ -1,0 +1,92 @@
+"""Control of equilibrium paths by an observed position."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from beamdae.analysis.continuation.engine import Row
+from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
+from beamdae.errors import BeamdaeError, short_repr, suggest
+from beamdae.results.columns import Header, remove_unit
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class PrescribedColumn:
+    """Control by an observed column that is a function of positions.
+
+    Attributes
+    ----------
+    equations
+        Equations with the observable.
+    observable, column
+        Observable, and index of its column.
+    time
+        (t, branch).
+    """
+
+    equations: EquationsOfMotion
+    observable: Observable
+    column: int
+    time: Array
+
+    @classmethod
+    def from_name(cls, equations: EquationsOfMotion, name: str, time: Array) -> PrescribedColumn:
+        """Return the control for the column `name`, which may include the unit.
+
+        Raises
+        ------
+        BeamdaeError
+            If there is no such column, or it depends on velocities or reactions.
+        """
+        positions: dict[str, tuple[Observable, int]] = {}
+        for observable in equations.observables:
+            for k, header in enumerate(observable.headers):
+                has_reactions = observable.rows.stop > observable.rows.start
+                if (
+                    has_reactions
+                    or observable.has_accelerations
+                    or Header.of(header).suffix.endswith("_dot")
+                ):
+                    continue
+                positions[header] = positions[remove_unit(header)] = (observable, k)
+        if name not in positions:
+            names = ", ".join(x for x in positions if not x.endswith("]")) or "none"
+            raise BeamdaeError(
+                "equilibrium: to must name an observed position, got "
+                f"{short_repr(name)}{suggest(name, positions)}; observe this position, or name an "
+                f"observed one (observed: {names})."
+            )
+        switching = equations.configurations
+        inactive = frozenset() if switching is None else switching.initially_inactive
+        return cls(equations.without_loads_of(inactive), *positions[name], time)
+
+    @cached_property
+    def _position_derivative(self):  # type: ignore[no-untyped-def]
+        return self.observable.function.derivative(1)
+
+    def _arguments(self, x: Array) -> tuple[Array, ...]:
+        o = self.observable
+        local = np.asarray(o.operator @ x[: self.equations.n])[None]
+        reactions = np.zeros((1, o.rows.stop - o.rows.start))
+        return self.time[None], local, np.zeros_like(local), self.equations.p[o.data], reactions
+
+    def value(self, x: Array) -> float:
+        """Return the value of the column at x = (q, lam), in the unit of the column."""
+        return float(self.observable.function(*self._arguments(x))[0, self.column])
+
+    def gradient(self, x: Array) -> Array:
+        """Return the derivatives of the column with respect to x = (q, lam)."""
+        by_x = np.zeros_like(x)
+        rows = self._position_derivative(*self._arguments(x))
+        by_local = rows.reshape(-1, len(self.observable.columns))[:, self.column]
+        by_x[: self.equations.n] = self.observable.operator.T @ by_local
+        return by_x
+
+    def __call__(self, x: Array, p: float) -> Row:
+        """Return the column as a control of the curve engine."""
+        return Row(self.value(x), self.gradient(x), 0.0)
