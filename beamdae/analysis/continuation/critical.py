@@ -19,11 +19,13 @@ LIMIT, BRANCH, FLUTTER = "limit point", "branch point", "flutter point"
 
 # Positions in a segment run from 0 to 1; closer points are one cluster.
 _RESOLUTION = 1e-7
-_ROOT_TOLERANCE = 1e-8
+_ROOT_TOLERANCE = 1e-9
+# Smallest share of a bracket in which a root is sought.
+_MIN_SHARE = 1e-3
 
 
 class Count(NamedTuple):
-    """Number of growing motions: without, and with oscillation."""
+    """Numbers of growing motions: without, and with oscillation."""
 
     divergent: int
     oscillating: int
@@ -42,7 +44,7 @@ class CriticalPoint:
 class _Sample(NamedTuple):
     position: float
     point: Point
-    count: Count
+    counts: Any
     rate: float
 
 
@@ -61,12 +63,16 @@ def explain_counts(segment: Segment) -> list[CriticalPoint]:
     return _explain(segment, first, last)
 
 
-def _sample(segment: Segment, position: float) -> _Sample:
+def _sample(segment: Segment, low: _Sample, high: _Sample, share: float) -> _Sample:
+    """Return a sample between two others, or nearby if Newton's method fails there."""
+    part = segment.part(low.point, high.point, low.position, high.position)
     for shift in (0.0, 0.2, -0.2, 0.35, -0.35):
         try:
-            moved = position + shift * 2.0 * _RESOLUTION
-            point = segment.at(moved)
-            return _Sample(moved, point, point.monitor, segment.rate(point))
+            point = part.at(share + shift * min(share, 1.0 - share))
+            position = low.position + (share + shift * min(share, 1.0 - share)) * (
+                high.position - low.position
+            )
+            return _Sample(position, point, point.monitor, segment.rate(point))
         except CurveError as problem:
             error = problem
     raise error
@@ -74,34 +80,26 @@ def _sample(segment: Segment, position: float) -> _Sample:
 
 def _explain(segment: Segment, low: _Sample, high: _Sample) -> list[CriticalPoint]:
     turns = low.rate * high.rate < 0.0
-    change = high.count.divergent - low.count.divergent
-    flutter = high.count.oscillating - low.count.oscillating
+    change = high.counts.divergent - low.counts.divergent
+    flutter = high.counts.oscillating - low.counts.oscillating
     if not (turns or change or flutter):
         return []
-    width = high.position - low.position
     if abs(change) == 1 and not flutter:
         found = _find_root(segment, low, high)
         if found is not None:
             position, point, mode = found
             return [CriticalPoint(position, LIMIT if turns else BRANCH, point, mode)]
-    if width > _RESOLUTION:
-        middle = _sample(segment, 0.5 * (low.position + high.position))
-        return [
-            *_explain(segment, low, middle),
-            *_explain(segment, middle, high),
-        ]
-    point = segment.at(0.5 * (low.position + high.position))
-    mode = critical_mode(point)
-    position = 0.5 * (low.position + high.position)
+    if high.position - low.position > _RESOLUTION:
+        middle = _sample(segment, low, high, 0.5)
+        return [*_explain(segment, low, middle), *_explain(segment, middle, high)]
+    mode = critical_mode(low.point)
     if flutter:
         kinds = [FLUTTER] * abs(flutter)
         if not change or change + 2 * flutter == 0:
             kinds = kinds if change + 2 * flutter else []
-    elif change:
-        kinds = [BRANCH] * abs(change)
     else:
-        kinds = [BRANCH]
-    return [CriticalPoint(position, kind, point, mode) for kind in kinds]
+        kinds = [BRANCH] * max(abs(change), 1)
+    return [CriticalPoint(low.position, kind, low.point, mode) for kind in kinds]
 
 
 def _find_root(segment: Segment, low: _Sample, high: _Sample) -> tuple[float, Point, Array] | None:
@@ -109,53 +107,43 @@ def _find_root(segment: Segment, low: _Sample, high: _Sample) -> tuple[float, Po
 
     The root is that of the bordered test function g: [[J, b], [c^T, 0]] (v, g) = (0, 1).
     """
-    border = critical_mode(low.point), critical_mode(high.point)
 
     def test(point: Point, c: Array) -> tuple[float, Array]:
         factors = point.bordered(c, c, 0.0)
         solution = factors.solve(np.append(np.zeros(len(point.x)), 1.0))
         return float(solution[-1]), solution[:-1]
 
-    for c in border:
+    for c in (critical_mode(low.point), critical_mode(high.point)):
         (a, _), (b, mode) = test(low.point, c), test(high.point, c)
         if a * b < 0.0:
             break
     else:
         return None
-    left, right, point = low.position, high.position, high.point
-    position = right
-    for _ in range(60):
-        position = left - a * (right - left) / (b - a)
-        position = min(max(position, left + 1e-3 * (right - left)), right - 1e-3 * (right - left))
+    (left, first), (right, last) = low[:2], high[:2]
+    while True:
+        share = min(max(a / (a - b), _MIN_SHARE), 1.0 - _MIN_SHARE)
         try:
-            point = segment.at(position)
+            point = segment.part(first, last, left, right).at(share)
         except CurveError:
             # Next to a crossing, Newton's method is not reliable.
-            return position, _between(segment, left, right, position), mode
+            point = first if share < 0.5 else last
+            return left + share * (right - left), point, mode
+        position = left + share * (right - left)
         value, mode = test(point, c)
-        if abs(right - left) < _ROOT_TOLERANCE or value == 0.0:
-            break
+        if right - left < _ROOT_TOLERANCE or value == 0.0:
+            return position, point, mode
+        # Of the end that stays, the value is halved: the Illinois method.
         if value * a > 0.0:
-            left, a, b = position, value, 0.5 * b
+            left, first, a, b = position, point, value, 0.5 * b
         else:
-            right, b, a = position, value, 0.5 * a
-    return position, point, mode
-
-
-def _between(segment: Segment, left: float, right: float, position: float) -> Point:
-    for side in (left, right):
-        try:
-            return segment.at(side)
-        except CurveError:
-            continue
-    raise CurveError("points next to a critical point cannot be found")
+            right, last, b, a = position, point, value, 0.5 * a
 
 
 def critical_mode(point: Point) -> Array:
     """Return the direction in which the Jacobian is smallest, by inverse iteration."""
     size = len(point.x)
     start = np.cos(np.arange(size) ** 2.0) * (point.problem.weights > 0.0)
-    factors: Any = point.bordered(start, start, 0.0)
+    factors = point.bordered(start, start, 0.0)
     vector = start
     for _ in range(3):
         vector = factors.solve(np.append(np.zeros(size), 1.0))[:-1]

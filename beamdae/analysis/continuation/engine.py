@@ -122,6 +122,7 @@ class Tangent(NamedTuple):
     p: float
 
     def scale(self, factor: float) -> Tangent:
+        """Return the tangent times `factor`."""
         return Tangent(factor * self.x, factor * self.p)
 
 
@@ -197,6 +198,7 @@ class ArcLength:
     parameter_weight: float
 
     def __call__(self, x: Array, p: float) -> Row:
+        """Return the distance and its derivatives."""
         weights = self.begin.problem.weights**2
         row = weights * self.tangent.x
         by_parameter = self.parameter_weight**2 * self.tangent.p
@@ -214,11 +216,13 @@ def correct(problem: Problem, control: Control, target: float, x: Array, p: floa
     CurveError
         If the method fails.
     """
-    last = np.inf
+    last, is_found = np.inf, False
     for iteration in range(_MAX_ITERATIONS + 1):
         linear = problem.linearize(x, p)
         if not np.isfinite(linear.residual).all():
             raise CurveError("the forces are not finite at the next point")
+        if is_found:
+            return Point(problem, x, p, linear, iteration)
         row = control(x, p)
         right = -np.append(linear.residual, row.value - target)
         factors = linear.bordered(linear.by_parameter, row.x, row.p)
@@ -226,11 +230,11 @@ def correct(problem: Problem, control: Control, target: float, x: Array, p: floa
         size = float(np.max(np.abs(step[:-1] * problem.weights), initial=0.0))
         if not np.isfinite(size):
             raise CurveError("the tangent is singular at the next point")
-        if size <= _TOLERANCE or (size <= _ROUNDING and size > 0.5 * last):
-            return Point(problem, x, p, linear, iteration)
-        if iteration > 2 and size > 2.0 * last:
+        # Multipliers do not count in the size, but change with the last correction.
+        is_found = size <= _TOLERANCE or (size <= _ROUNDING and size > 0.5 * last)
+        if not is_found and iteration > 2 and size > 2.0 * last:
             raise CurveError("Newton's method diverges")
-        step *= min(1.0, _MAX_CORRECTION / size)
+        step *= min(1.0, _MAX_CORRECTION / max(size, _TOLERANCE))
         x, p, last = problem.move(x, step[:-1]), p + float(step[-1]), size
     raise CurveError(f"Newton's method did not converge in {_MAX_ITERATIONS} iterations")
 
@@ -269,6 +273,12 @@ class Segment:
             return self.end.tangent(self.control(self.end.x, self.end.p))
         except CurveError:
             return None
+
+    def part(self, begin: Point, end: Point, first: float, last: float) -> Segment:
+        """Return the part between two points at the positions `first` and `last`."""
+        begin_value, end_value = self.values
+        values = tuple(begin_value + x * (end_value - begin_value) for x in (first, last))
+        return replace(self, begin=begin, end=end, values=values)
 
     def up_to(self, end: Point) -> Segment:
         """Return the segment to another end."""

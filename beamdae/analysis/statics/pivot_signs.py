@@ -267,6 +267,8 @@ def scale_by_reference(run: SaddlePoint, tangent: Array) -> None:
         scales[k] = run.joint_size / (largest[k] if largest[k] > 0.0 else 1.0)
     for k in range(run.joint_rows.size):
         run.joint_weights[k] = scales[run.joint_columns[k]] * scales[run.joint_rows[k]]
+    # The sizes of compliances are known now.
+    _scale_stiffness(run, tangent)
 
 
 def _scale_stiffness(run: SaddlePoint, tangent: Array) -> None:

@@ -463,7 +463,8 @@ class StaticProblem:
         try:
             if has_potential(flexibility):
                 return by_signs
-            state = State(x[: self._n], *np.zeros((2, self._n)), x[self._n :])
+            at_rest = np.zeros(self._n)
+            state = State(x[: self._n], at_rest, at_rest, x[self._n :])
             tangent = self.system.motion_tangent(state, p)
             matrices = (
                 y.toarray() * self.scales[: self._n] * self.scales[: self._n, None]
