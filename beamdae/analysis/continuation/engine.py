@@ -33,8 +33,9 @@ _AIMED_CORRECTION = 0.05
 _MAX_ERROR = 0.3
 # A remaining distance up to this multiple of the step is split in two.
 _SPLIT_RATIO = 1.2
-# Steps below this fraction of the largest one may turn by any angle: the curve has a corner.
-_CORNER_STEP = 1e-3
+# Steps below this fraction of the largest one may turn by any angle: the curve has a corner. A
+# correction of more than the second number, in natural sizes, is a jump.
+_CORNER_STEP, _MAX_CORNER = 1e-3, 1e-2
 # Smallest cosine of the angle between successive tangents: a crossing curve leaves at a larger one.
 _MIN_COSINE = 0.8
 
@@ -378,7 +379,7 @@ def _take_step(
             if size < least:
                 raise
             continue
-        is_linear = error <= _AIMED_CORRECTION * moved / _MAX_GROWTH**2
+        is_linear = error <= _AIMED_CORRECTION * moved / _MAX_GROWTH**2 + _ROUNDING
         growth = _MAX_GROWTH if is_linear else np.sqrt(_AIMED_CORRECTION * moved / error)
         grown = min(size * float(np.clip(growth, 0.3, _MAX_GROWTH)), steps.largest)
         return segment, found, grown, after, is_last
@@ -419,7 +420,7 @@ def _correct_step(
     x, p = problem.move(begin.x, step.x), begin.p + step.p
     end = correct(problem, along, value, x, p)
     moved, error = _size(problem, step.x), _size(problem, problem.difference(end.x, x))
-    if error > _MAX_ERROR * moved + _ROUNDING and not is_corner:
+    if error > (_MAX_CORNER if is_corner else _MAX_ERROR * moved + _ROUNDING):
         raise CurveError("the curve turns too sharply for the step")
     return Segment(begin, end, along, (first, value)), error, moved, is_last
 
