@@ -124,8 +124,8 @@ def substitute(factors: FixedOrderFactors, right: Array) -> None:
         right[order[k]] = x[k]
 
 
-def count_negative_pivots_by_scipy(plan: FixedOrder, nonzeros: Array) -> int:
-    """Return the result of `eliminate` for a symmetric matrix, by SuperLU."""
+def count_negative_pivots_by_scipy(plan: FixedOrder, nonzeros: Array) -> tuple[int, float]:
+    """Return the result of `eliminate` for a symmetric matrix, by SuperLU, and `smallest_pivot`."""
     size = len(plan.order)
     data = (nonzeros[plan.sources], plan.positions.astype(np.int32), plan.starts.astype(np.int32))
     matrix = sp.csc_matrix(sp.csc_array(data, shape=(size, size)))
@@ -134,7 +134,8 @@ def count_negative_pivots_by_scipy(plan: FixedOrder, nonzeros: Array) -> int:
     try:
         factors = splu(matrix, "NATURAL", 0.0, relax=1, panel_size=1, options=options)
     except RuntimeError:
-        return -1
+        return -1, 0.0
     if not np.array_equal(factors.perm_r, np.arange(size)):
-        return -1
-    return int(np.sum(factors.U.diagonal() < 0.0))
+        return -1, 0.0
+    pivots = factors.U.diagonal()
+    return int(np.sum(pivots < 0.0)), float(np.min(np.abs(pivots), initial=np.inf))

@@ -32,7 +32,7 @@ from static_systems import POISSON, RHO, STRUCTURES, WIDTH, E, Structure
 from workers import Worker, start_exudyn
 
 import beamdae as bd
-from beamdae.analysis.statics import bordered_system, corrector, static_equilibrium
+from beamdae.analysis.statics import static_equilibrium
 from beamdae.linear.blas_threads import single_threaded
 
 ELEMENTS = (8, 64, 256)

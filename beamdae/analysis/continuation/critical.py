@@ -105,31 +105,33 @@ def _explain(segment: Segment, low: _Sample, high: _Sample) -> list[CriticalPoin
 def _find_root(segment: Segment, low: _Sample, high: _Sample) -> tuple[float, Point, Array] | None:
     """Return position, point and mode where the Jacobian is singular; None without a sign change.
 
-    The root is that of the bordered test function g: [[J, b], [c^T, 0]] (v, g) = (0, 1).
+    The root is that of the bordered test function g: [[J, b], [b^T, 0]] (v, g) = (0, 1).
     """
 
-    def test(point: Point, c: Array) -> tuple[float, Array]:
-        factors = point.bordered(c, c, 0.0)
+    def test(point: Point) -> tuple[float, Array]:
+        factors = point.bordered(border, border, 0.0)
         solution = factors.solve(np.append(np.zeros(len(point.x)), 1.0))
         return float(solution[-1]), solution[:-1]
 
-    for c in (critical_mode(low.point), critical_mode(high.point)):
-        (a, _), (b, mode) = test(low.point, c), test(high.point, c)
+    weights = segment.begin.problem.weights
+    for end in (low.point, high.point):
+        border = weights**2 * critical_mode(end)
+        (a, _), (b, _) = test(low.point), test(high.point)
         if a * b < 0.0:
             break
     else:
         return None
     (left, first), (right, last) = low[:2], high[:2]
+    turns = low.rate * high.rate < 0.0
     while True:
         share = min(max(a / (a - b), _MIN_SHARE), 1.0 - _MIN_SHARE)
+        part = segment.part(first, last, left, right)
         try:
-            point = segment.part(first, last, left, right).at(share)
+            point = part.at(share) if turns else part.unfold(share, border)
         except CurveError:
-            # Next to a crossing, Newton's method is not reliable.
-            point = first if share < 0.5 else last
-            return left + share * (right - left), point, mode
+            return None
         position = left + share * (right - left)
-        value, mode = test(point, c)
+        value, mode = test(point)
         if right - left < _ROOT_TOLERANCE or value == 0.0:
             return position, point, mode
         # Of the end that stays, the value is halved: the Illinois method.
@@ -140,13 +142,15 @@ def _find_root(segment: Segment, low: _Sample, high: _Sample) -> tuple[float, Po
 
 
 def critical_mode(point: Point) -> Array:
-    """Return the direction in which the Jacobian is smallest, by inverse iteration."""
-    size = len(point.x)
-    start = np.cos(np.arange(size) ** 2.0) * (point.problem.weights > 0.0)
-    factors = point.bordered(start, start, 0.0)
-    vector = start
+    """Return the direction in which the Jacobian is smallest, by inverse iteration.
+
+    Its largest entry is 1 in natural sizes.
+    """
+    size, weights = len(point.x), point.problem.weights
+    mode = np.cos(np.arange(size) ** 2.0) / np.where(weights > 0.0, weights, 1.0)
     for _ in range(3):
-        vector = factors.solve(np.append(np.zeros(size), 1.0))[:-1]
-        vector = vector / np.linalg.norm(vector)
-        factors = point.bordered(vector, vector, 0.0)
-    return vector
+        border = weights**2 * mode
+        factors = point.bordered(border, border, 0.0)
+        mode = factors.solve(np.append(np.zeros(size), 1.0))[:-1]
+        mode = mode / np.max(np.abs(weights * mode))
+    return mode

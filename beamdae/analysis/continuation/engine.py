@@ -241,6 +241,70 @@ def correct(problem: Problem, control: Control, target: float, x: Array, p: floa
 
 
 @dataclass(frozen=True, eq=False)
+class _Unfolded:
+    """Equations F(x, p) + h b = 0, b^T x = c in (x, h), regular where curves cross."""
+
+    problem: Problem
+    border: Array
+    value: float
+
+    @property
+    def weights(self) -> Array:
+        """Inverse natural sizes; the unfolding parameter h does not measure a step."""
+        return np.append(self.problem.weights, 0.0)
+
+    def linearize(self, x: Array, p: float) -> Linearization:
+        """Return the equations, linearized about ((x, h), p)."""
+        x, h = x[:-1], x[-1]
+        linear = self.problem.linearize(x, p)
+        residual = np.append(linear.residual + h * self.border, self.border @ x - self.value)
+        return _UnfoldedLinearization(linear, self.border, residual)
+
+    def move(self, x: Array, step: Array) -> Array:
+        """Return the unknowns after a finite step."""
+        return np.append(self.problem.move(x[:-1], step[:-1]), x[-1] + step[-1])
+
+    def difference(self, end: Array, begin: Array) -> Array:
+        """Return the step that leads from `begin` to `end`."""
+        return np.append(self.problem.difference(end[:-1], begin[:-1]), end[-1] - begin[-1])
+
+    def monitor(self, point: Point) -> None:
+        """Return None: nothing is monitored."""
+
+
+@dataclass(frozen=True, eq=False)
+class _UnfoldedLinearization:
+    linear: Linearization
+    border: Array
+    residual: Array
+
+    @property
+    def by_parameter(self) -> Array:
+        """Derivative by the parameter."""
+        return np.append(self.linear.by_parameter, 0.0)
+
+    def bordered(self, column: Array, row: Array, corner: float) -> Factors:
+        """Return the factors of the Jacobian with two borders, by block elimination."""
+        inner = self.linear.bordered(self.border, self.border, 0.0)
+        response = inner.solve(column)
+        return _BlockFactors(inner, response, row, corner - float(row @ response))
+
+
+@dataclass(frozen=True, eq=False)
+class _BlockFactors:
+    inner: Factors
+    response: Array
+    row: Array
+    pivot: float
+
+    def solve(self, right: Array) -> Array:
+        """Return the solution for a right-hand side."""
+        x = self.inner.solve(right[:-1])
+        last = (right[-1] - self.row @ x) / self.pivot
+        return np.append(x - last * self.response, last)
+
+
+@dataclass(frozen=True, eq=False)
 class Segment:
     """Part of a curve between two points, with a control that increases along it from 0 to 1."""
 
@@ -257,11 +321,36 @@ class Segment:
         CurveError
             If Newton's method fails.
         """
+        value, x, p = self._predict(position)
+        return correct(self.begin.problem, self.control, value, x, p)
+
+    def unfold(self, position: float, border: Array) -> Point:
+        """Return the point at a position next to a crossing, where the Jacobian is singular.
+
+        It solves F(x, p) + h b = 0 with a given b^T x; h vanishes on both curves (Lyapunov-Schmidt
+        reduction).
+
+        Raises
+        ------
+        CurveError
+            If Newton's method fails.
+        """
+        problem, control = self.begin.problem, self.control
+        value, x, p = self._predict(position)
+
+        def extended(x: Array, p: float) -> Row:
+            row = control(x[:-1], p)
+            return row._replace(x=np.append(row.x, 0.0))
+
+        unfolded = _Unfolded(problem, border, float(border @ x))
+        end = correct(unfolded, extended, value, np.append(x, 0.0), p)
+        return Point(problem, end.x[:-1], end.p, problem.linearize(end.x[:-1], end.p))
+
+    def _predict(self, position: float) -> tuple[float, Array, float]:
         a, b = self.begin, self.end
         step = a.problem.difference(b.x, a.x)
         x, p = a.problem.move(a.x, position * step), a.p + position * (b.p - a.p)
-        value = self.values[0] + position * (self.values[1] - self.values[0])
-        return correct(a.problem, self.control, value, x, p)
+        return self.values[0] + position * (self.values[1] - self.values[0]), x, p
 
     def rate(self, point: Point) -> float:
         """Return the derivative of the parameter along the segment at a point of it."""

@@ -12,8 +12,8 @@ the coordinates that it couples.
 
 By Sylvester's law of inertia, the number of negative pivots is m plus the number of negative
 eigenvalues of K + G^T C^-1 G in the motions that the joints allow, for any r. Rounding errors may
-change the signs of pivots only if an eigenvalue is close to zero. Therefore, pivots are counted for
-K - s I with shifts s on both sides of zero.
+change the signs of pivots only if a pivot is close to zero. Then, pivots are counted for K - s I
+with shifts s on both sides of zero; the difference is the number of motions without stiffness.
 """
 
 from __future__ import annotations
@@ -46,10 +46,7 @@ from beamdae.native.loop_functions import (
 
 Array = np.ndarray
 
-# Rounding errors of zero eigenvalues that ARPACK computes for fine meshes, relative to the largest
-# entry of the stiffness.
-SPARSE_ZERO_TOLERANCE = 4e-15
-# Shifts relative to this entry. With shifts above 2e-16, signs of pivots are right for all zero
+# Shifts relative to the largest entry of the stiffness. With shifts above 2e-16, signs of pivots are right for all zero
 # eigenvalues that were tried: free beams with h/L = 1e-5 to 3e-2 and 2 to 128 elements in any
 # position, prestressed beams, and linkages of up to 60 bodies. Larger shifts would exceed the
 # smallest eigenvalue of thin beams with fine meshes, about 0.1 (h / (L elements))^2.
@@ -60,8 +57,8 @@ ASYMMETRY_TOLERANCE = 1e-13
 # If no entry of the stiffness exceeds this value [J], all are zeros or rounding errors, as without
 # loads and springs. The thermal energy of a coordinate is larger (2e-21 J at room temperature).
 NEGLIGIBLE_STIFFNESS = 1e-22
-# Solutions are not attempted if a pivot is below this fraction of the largest entry of the
-# stiffness: motions without stiffness would be determined by rounding errors.
+# Motions with a pivot below this fraction may have no stiffness: pivots of coordinates are their
+# stiffness if all later ones are free to move.
 _MIN_PIVOT_RATIO = 1e-13
 # Memory of the cached index arrays [bytes]: about 3 kB per element of a beam.
 _MAX_CACHED_BYTES = 16 * 2**20
@@ -133,8 +130,6 @@ class SaddlePoint:
     reference
         Largest entry of the stiffness at the start, see `scale_by_reference`. The stiffness may
         vanish at a critical point, where rounding is that of its terms.
-    last_shift
-        Last shift of `count_signs`, whose factors are those of K + `last_shift` I.
     joint_size
         Size of the entries of G, which is 1 / r.
     size, asymmetry
@@ -178,7 +173,6 @@ class SaddlePoint:
     ones: Array
     reference: float = 0.0
     joint_size: float = 1.0
-    last_shift: float = 0.0
     size: float = 0.0
     asymmetry: float = 0.0
     below: int = 0
@@ -306,26 +300,26 @@ def count_signs(run: SaddlePoint, tangent: Array) -> None:
     """Set `size`, `asymmetry`, `below` and `above` for a tangent with these non-zeros."""
     measure_stiffness(run, tangent)
     assemble_saddle_point(run, tangent)
-    run.last_shift = -_SHIFT_RATIO * run.size
-    shift_diagonal(run, run.last_shift)
     run.below = run.above = eliminate(run.factors, run.nonzeros)
-    # If there is no negative eigenvalue, the other shift yields none either.
-    if run.above != run.scales.size - run.shift.size:
-        shift_diagonal(run, -2.0 * run.last_shift)
-        run.last_shift = -run.last_shift
+    if run.above < 0 or run.factors.smallest_pivot <= _MIN_PIVOT_RATIO * run.size:
+        shift_diagonal(run, -_SHIFT_RATIO * run.size)
+        run.above = eliminate(run.factors, run.nonzeros)
+        shift_diagonal(run, 2.0 * _SHIFT_RATIO * run.size)
         run.below = eliminate(run.factors, run.nonzeros)
 
 
 def count_signs_by_scipy(run: SaddlePoint, tangent: Array) -> None:
-    """Perform `count_signs` without machine code; there are no factors for solutions."""
+    """Perform `count_signs` without machine code."""
     plan = run.factors.plan
     measure_stiffness(run, tangent)
     assemble_saddle_point(run, tangent)
-    shift = _SHIFT_RATIO * run.size
-    shift_diagonal(run, -shift)
-    run.above = count_negative_pivots_by_scipy(plan, run.nonzeros)
-    shift_diagonal(run, 2.0 * shift)
-    run.below = count_negative_pivots_by_scipy(plan, run.nonzeros)
+    run.above, smallest = count_negative_pivots_by_scipy(plan, run.nonzeros)
+    run.below = run.above
+    if run.above < 0 or smallest <= _MIN_PIVOT_RATIO * run.size:
+        shift_diagonal(run, -_SHIFT_RATIO * run.size)
+        run.above, _ = count_negative_pivots_by_scipy(plan, run.nonzeros)
+        shift_diagonal(run, 2.0 * _SHIFT_RATIO * run.size)
+        run.below, _ = count_negative_pivots_by_scipy(plan, run.nonzeros)
 
 
 def shift_diagonal(run: SaddlePoint, shift: float) -> None:
