@@ -23,6 +23,9 @@ _MAX_ITERATIONS = 12
 _TOLERANCE = 1e-10
 # If corrections stop decreasing, they are rounding errors up to this size.
 _ROUNDING = 1e-7
+# The next correction is predicted if the last but one is below the first number, and need not be
+# made if it is below the second one.
+_QUADRATIC, _NEGLIGIBLE = 1e-3, 1e-15
 # Largest correction of one iteration, in natural sizes: farther, the linearization says nothing.
 _MAX_CORRECTION = 0.5
 # Steps: factor after a failure, smallest part of the largest step, and largest growth.
@@ -233,6 +236,8 @@ def correct(problem: Problem, control: Control, target: float, x: Array, p: floa
             raise CurveError("the tangent is singular at the next point")
         # Multipliers do not count in the size, but change with the last correction.
         is_found = size <= _TOLERANCE or (size <= _ROUNDING and size > 0.5 * last)
+        # Convergence is quadratic: the next correction would be the square of this one.
+        is_found |= last <= _QUADRATIC and size**3 <= _NEGLIGIBLE * last**2
         if not is_found and iteration > 2 and size > 2.0 * last:
             raise CurveError("Newton's method diverges")
         step *= min(1.0, _MAX_CORRECTION / max(size, _TOLERANCE))
@@ -306,12 +311,23 @@ class _BlockFactors:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """Part of a curve between two points, with a control that increases along it from 0 to 1."""
+    """Part of a curve between two points.
+
+    Attributes
+    ----------
+    begin, end
+        First and last point.
+    control, values
+        Control that changes monotonically along the curve, and its values at both points.
+    begin_tangent
+        Tangent at the first point, with respect to the control.
+    """
 
     begin: Point
     end: Point
     control: Control
     values: tuple[float, float]
+    begin_tangent: Tangent
 
     def at(self, position: float) -> Point:
         """Return the point at a position from 0 to 1.
@@ -353,16 +369,24 @@ class Segment:
         return self.values[0] + position * (self.values[1] - self.values[0]), x, p
 
     def rate(self, point: Point) -> float:
-        """Return the derivative of the parameter along the segment at a point of it."""
-        return point.tangent(self.control(point.x, point.p)).p
+        """Return the derivative of the parameter by the control at a point of the segment."""
+        if point is self.begin:
+            return self.begin_tangent.p
+        return self.tangent.p if point is self.end else self._tangent_at(point).p
 
-    @property
-    def tangent(self) -> Tangent | None:
-        """Tangent at the end; None if it is not unique."""
-        try:
-            return self.end.tangent(self.control(self.end.x, self.end.p))
-        except CurveError:
-            return None
+    @cached_property
+    def tangent(self) -> Tangent:
+        """Tangent at the end, with respect to the control.
+
+        Raises
+        ------
+        CurveError
+            If it is not unique.
+        """
+        return self._tangent_at(self.end)
+
+    def _tangent_at(self, point: Point) -> Tangent:
+        return point.tangent(self.control(point.x, point.p))
 
     def part(self, begin: Point, end: Point, first: float, last: float) -> Segment:
         """Return the part between two points at the positions `first` and `last`."""
@@ -456,7 +480,7 @@ def _take_step(
             segment, error, moved, is_last = _correct_step(
                 begin, control, target, steps, tangent, size, is_corner
             )
-            after = segment.end.tangent(segment.control(segment.end.x, segment.end.p))
+            after = segment.tangent
             if steps.by_arc_length:
                 cosine = _cosine(problem, tangent, after, steps.parameter_weight)
                 if cosine < _MIN_COSINE and not is_corner:
@@ -511,7 +535,9 @@ def _correct_step(
     moved, error = _size(problem, step.x), _size(problem, problem.difference(end.x, x))
     if error > (_MAX_CORNER if is_corner else _MAX_ERROR * moved + _ROUNDING):
         raise CurveError("the curve turns too sharply for the step")
-    return Segment(begin, end, along, (first, value)), error, moved, is_last
+    by_control = unit.scale(np.sign(value - first))
+    segment = Segment(begin, end, along, (first, value), by_control)
+    return segment, error, moved, is_last
 
 
 def switch(

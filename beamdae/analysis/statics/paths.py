@@ -19,6 +19,7 @@ from beamdae.analysis.continuation.engine import (
     Control,
     CurveError,
     Point,
+    Segment,
     Steps,
     Tangent,
     correct,
@@ -393,7 +394,7 @@ def _follow(
                         path.fail(_CLOSED_PATH)
                         return count
                 path.points.append(segment.end)
-                path.tangent = segment.tangent
+                path.tangent = _try_tangent(segment)
                 is_reached = control(path.end.x, path.end.p).value == target
                 if len(path.points) >= settings.max_points and not is_reached:
                     path.status = Status(
@@ -407,6 +408,14 @@ def _follow(
             path.is_stuck = True
             break
     return count
+
+
+def _try_tangent(segment: Segment) -> Tangent | None:
+    """Return the tangent at the end of a segment; None if it is not unique."""
+    try:
+        return segment.tangent
+    except CurveError:
+        return None
 
 
 def _revisits(path: StagePath, steps: Steps) -> bool:

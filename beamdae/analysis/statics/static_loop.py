@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.statics.pivot_signs import SaddlePoint, count_signs
+from beamdae.analysis.statics.pivot_signs import SaddlePoint, count_signs, scale_by_reference
 from beamdae.native.loop_functions import add, combine, factorize, multiply, pick, solve
 from beamdae.native.return_codes import DONE
 from beamdae.symbolic.sums.kernel_sums import Sum, evaluate_sum
@@ -27,6 +27,7 @@ EVALUATE_TANGENT = 1
 COUNT_SIGNS = 2
 SOLVE = 3
 SOLVE_AGAIN = 4
+SET_SIZES = 5
 
 
 @dataclass(slots=True)
@@ -84,7 +85,7 @@ class StaticWorkspace:
     task
         `EVALUATE_FORCES`; `EVALUATE_TANGENT` to evaluate also the tangent; `COUNT_SIGNS` to count
         also its negative pivots; `SOLVE` to solve with the given border and right-hand side;
-        `SOLVE_AGAIN` to do so with the last factors.
+        `SOLVE_AGAIN` to do so with the last factors; `SET_SIZES` to set natural sizes.
     has_forces, has_tangent
         1 if forces and tangent have been evaluated at `inputs` and `mu`, else 0.
     """
@@ -130,6 +131,8 @@ def perform_task(run: StaticWorkspace) -> int:
     _evaluate_tangent(run)
     if run.task == COUNT_SIGNS:
         count_signs(run.saddle, run.nonzeros)
+    if run.task == SET_SIZES:
+        scale_by_reference(run.saddle, run.nonzeros)
     if run.task != SOLVE:
         return DONE
     size, first = run.forces.size, run.column_start

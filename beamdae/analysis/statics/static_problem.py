@@ -20,12 +20,12 @@ from beamdae.analysis.statics.pivot_signs import (
     NEGLIGIBLE_STIFFNESS,
     SaddlePoint,
     count_signs_by_scipy,
-    scale_by_reference,
 )
 from beamdae.analysis.statics.static_loop import (
     COUNT_SIGNS,
     EVALUATE_FORCES,
     EVALUATE_TANGENT,
+    SET_SIZES,
     SOLVE,
     SOLVE_AGAIN,
     LoadPart,
@@ -317,7 +317,6 @@ class StaticProblem:
         self.weights = np.append(1.0 / last.group_scales, np.zeros(size - last.n))
         self._rigid = last.m - len(compliant)
         self._evaluated_x = np.full(size, np.nan)
-        self._factors: BorderedFactors | None = None
         self._compilation_seconds = np.inf
         self._set_loop(self._take_idle_loop() or self._make_loop(compiles=False))
         self._compilation_seconds = np.inf if self.is_native else self._estimate_compilation()
@@ -336,6 +335,7 @@ class StaticProblem:
     def _set_loop(self, loop: StepLoop[StaticWorkspace]) -> None:
         """Use a loop, with the numbers of this system."""
         self._loop, run = loop, loop.work
+        self._factors: BorderedFactors | None = None
         for part, plans, p in zip(
             (run.common, run.unloaded, run.loaded), self._plan.sums, self._numbers, strict=True
         ):
@@ -359,8 +359,7 @@ class StaticProblem:
         self._evaluated_x[:] = np.nan
         at_start = np.append(self._initial_q, np.zeros(m))
         mu = 0.0 if self._varied is None else self._varied.begin
-        run = self._run(at_start, mu, EVALUATE_TANGENT)
-        scale_by_reference(run.saddle, run.nonzeros)
+        run = self._run(at_start, mu, SET_SIZES)
         for k, coordinate in enumerate(self._held_coordinates):
             run.added[k] = run.saddle.joint_size / run.saddle.scales[coordinate] ** 2
         run.has_tangent = 0
@@ -537,7 +536,7 @@ class StaticProblem:
         run = self._loop.work
         self._set_point(x, mu)
         run.task = task
-        self._factors = self._factors if task < SOLVE else None
+        self._factors = None if task == SOLVE else self._factors
         if self._call() != DONE:
             run.linear.singular = 0
             raise CurveError("the tangent stiffness is singular at the next point")
