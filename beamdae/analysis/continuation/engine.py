@@ -32,7 +32,8 @@ _MAX_CORRECTION = 0.5
 _CUT, _MIN_STEP, _MAX_GROWTH = 0.25, 1e-6, 2.0
 # The correction of a step, relative to the step, at which steps neither grow nor shrink.
 _AIMED_CORRECTION = 0.05
-# Largest correction of a step, relative to the step: a larger one leads to another curve.
+# Largest correction of a step along the tangent at one of its ends, relative to the step: a larger
+# one leads to another curve.
 _MAX_ERROR = 0.3
 # A remaining distance up to this multiple of the step is split in two.
 _SPLIT_RATIO = 1.2
@@ -481,6 +482,13 @@ def _take_step(
                 begin, control, target, steps, tangent, size, is_corner
             )
             after = segment.tangent
+            # A step between two curves is not seen from one of its ends alone.
+            back = after.scale(segment.values[0] - segment.values[1])
+            missed = _size(
+                problem, problem.difference(problem.move(segment.end.x, back.x), begin.x)
+            )
+            if missed > _MAX_ERROR * moved + _ROUNDING and not is_corner:
+                raise CurveError("the curve turns too sharply for the step")
             if steps.by_arc_length:
                 cosine = _cosine(problem, tangent, after, steps.parameter_weight)
                 if cosine < _MIN_COSINE and not is_corner:
