@@ -122,6 +122,7 @@ def _find_root(segment: Segment, low: _Sample, high: _Sample) -> tuple[float, Po
     else:
         return None
     (left, first), (right, last) = low[:2], high[:2]
+    largest = max(abs(a), abs(b))
     turns = low.rate * high.rate < 0.0
     while True:
         share = min(max(a / (a - b), _MIN_SHARE), 1.0 - _MIN_SHARE)
@@ -132,6 +133,9 @@ def _find_root(segment: Segment, low: _Sample, high: _Sample) -> tuple[float, Po
             return None
         position = left + share * (right - left)
         value, mode = test(point)
+        if abs(value) > largest:
+            # The sign changes at a pole of g, where the bordered matrix is singular.
+            return None
         if right - left < _ROOT_TOLERANCE or value == 0.0:
             return position, point, mode
         # Of the end that stays, the value is halved: the Illinois method.

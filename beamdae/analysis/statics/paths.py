@@ -213,7 +213,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             factors[-1][k : k + 1] = point.p
         for one in path.critical:
             coordinate = dominant_coordinate(system.equations, one.mode)
-            factor = path.points[one.row].p
+            factor = float(path.points[one.row].p)
             critical.append(CriticalPoint(one.kind, first + one.row, factor, coordinate))
         if system.has_scaled_loads:
             notes += _zero_load_notes(path, loading)
