@@ -19,7 +19,11 @@ LIMIT, BRANCH, FLUTTER = "limit point", "branch point", "flutter point"
 
 # Positions in a segment run from 0 to 1; closer points are one cluster.
 _RESOLUTION = 1e-7
-_ROOT_TOLERANCE = 1e-9
+# Where a curve branches off another one, its parameter turns and an eigenvalue touches zero: closer
+# to this point, rounding decides the sign of the eigenvalue.
+_TURN_RESOLUTION = 1e-2
+# Between ends of a bracket this close, curves are straight.
+_ROOT_TOLERANCE = 1e-6
 # Smallest share of a bracket in which a root is sought.
 _MIN_SHARE = 1e-3
 
@@ -64,15 +68,21 @@ def explain_counts(segment: Segment) -> list[CriticalPoint]:
 
 
 def _sample(segment: Segment, low: _Sample, high: _Sample, share: float) -> _Sample:
-    """Return a sample between two others, or nearby if Newton's method fails there."""
-    part = segment.part(low.point, high.point, low.position, high.position)
+    """Return a sample between two others, see `_point_between`."""
+    position, point = _point_between(segment, low[:2], high[:2], share)
+    return _Sample(position, point, point.monitor, segment.rate(point))
+
+
+def _point_between(
+    segment: Segment, low: tuple[float, Point], high: tuple[float, Point], share: float
+) -> tuple[float, Point]:
+    """Return a position and point between two others, or nearby if Newton's method fails there."""
+    (left, first), (right, last) = low, high
+    part = segment.part(first, last, left, right)
     for shift in (0.0, 0.2, -0.2, 0.35, -0.35):
+        shifted = share + shift * min(share, 1.0 - share)
         try:
-            point = part.at(share + shift * min(share, 1.0 - share))
-            position = low.position + (share + shift * min(share, 1.0 - share)) * (
-                high.position - low.position
-            )
-            return _Sample(position, point, point.monitor, segment.rate(point))
+            return left + shifted * (right - left), part.at(shifted)
         except CurveError as problem:
             error = problem
     raise error
@@ -89,17 +99,28 @@ def _explain(segment: Segment, low: _Sample, high: _Sample) -> list[CriticalPoin
         if found is not None:
             position, point, mode = found
             return [CriticalPoint(position, LIMIT if turns else BRANCH, point, mode)]
-    if high.position - low.position > _RESOLUTION:
+    if high.position - low.position > (_RESOLUTION if change or flutter else _TURN_RESOLUTION):
         middle = _sample(segment, low, high, 0.5)
         return [*_explain(segment, low, middle), *_explain(segment, middle, high)]
+    if not (change or flutter):
+        return [_find_turn(segment, low, high)]
     mode = critical_mode(low.point)
-    if flutter:
-        kinds = [FLUTTER] * abs(flutter)
-        if not change or change + 2 * flutter == 0:
-            kinds = kinds if change + 2 * flutter else []
-    else:
-        kinds = [BRANCH] * max(abs(change), 1)
+    kinds = [FLUTTER] * abs(flutter) if change + 2 * flutter else []
+    kinds = kinds if flutter else [BRANCH] * abs(change)
     return [CriticalPoint(low.position, kind, low.point, mode) for kind in kinds]
+
+
+def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
+    """Return the point where the parameter has an extremum, which is a parabola between samples."""
+    share = low.rate / (low.rate - high.rate)
+    begin, end = segment.values
+    width = (high.position - low.position) * (end - begin)
+    x, _ = low.point.between(high.point, share)
+    p = low.point.p + 0.5 * low.rate * share * width
+    problem = low.point.problem
+    point = Point(problem, x, p, problem.linearize(x, p))
+    position = low.position + share * (high.position - low.position)
+    return CriticalPoint(position, BRANCH, point, critical_mode(low.point))
 
 
 def _find_root(segment: Segment, low: _Sample, high: _Sample) -> tuple[float, Point, Array] | None:
@@ -116,33 +137,31 @@ def _find_root(segment: Segment, low: _Sample, high: _Sample) -> tuple[float, Po
     weights = segment.begin.problem.weights
     for end in (low.point, high.point):
         border = weights**2 * critical_mode(end)
-        (a, _), (b, _) = test(low.point), test(high.point)
+        (a, _), (b, mode) = test(low.point), test(high.point)
         if a * b < 0.0:
             break
     else:
         return None
-    (left, first), (right, last) = low[:2], high[:2]
-    largest = max(abs(a), abs(b))
-    turns = low.rate * high.rate < 0.0
-    while True:
+    ends, values, largest = [low[:2], high[:2]], [a, b], max(abs(a), abs(b))
+    while ends[1][0] - ends[0][0] > _ROOT_TOLERANCE:
         share = min(max(a / (a - b), _MIN_SHARE), 1.0 - _MIN_SHARE)
-        part = segment.part(first, last, left, right)
         try:
-            point = part.at(share) if turns else part.unfold(share, border)
+            position, point = _point_between(segment, ends[0], ends[1], share)
         except CurveError:
-            return None
-        position = left + share * (right - left)
+            break
         value, mode = test(point)
         if abs(value) > largest:
             # The sign changes at a pole of g, where the bordered matrix is singular.
             return None
-        if right - left < _ROOT_TOLERANCE or value == 0.0:
-            return position, point, mode
         # Of the end that stays, the value is halved: the Illinois method.
-        if value * a > 0.0:
-            left, first, a, b = position, point, value, 0.5 * b
-        else:
-            right, last, b, a = position, point, value, 0.5 * a
+        side = 0 if value * a > 0.0 else 1
+        ends[side], values[side] = (position, point), value
+        a, b = (value, 0.5 * b) if side == 0 else (0.5 * a, value)
+    (left, first), (right, last) = ends
+    share = values[0] / (values[0] - values[1])
+    x, p = first.between(last, share)
+    point = Point(first.problem, x, p, first.problem.linearize(x, p))
+    return left + share * (right - left), point, mode
 
 
 def critical_mode(point: Point) -> Array:

@@ -161,6 +161,11 @@ class Point:
         """Return the factors of the Jacobian, bordered by a column and a row."""
         return self.linearization.bordered(column, row, corner)
 
+    def between(self, other: Point, share: float) -> tuple[Array, float]:
+        """Return x and p between this point (0) and another one (1)."""
+        step = self.problem.difference(other.x, self.x)
+        return self.problem.move(self.x, share * step), self.p + share * (other.p - self.p)
+
     def tangent(self, row: Row) -> Tangent:
         """Return the tangent along which the control with this row increases by 1."""
         factors = self.bordered(self.linearization.by_parameter, row.x, row.p)
@@ -247,70 +252,6 @@ def correct(problem: Problem, control: Control, target: float, x: Array, p: floa
 
 
 @dataclass(frozen=True, eq=False)
-class _Unfolded:
-    """Equations F(x, p) + h b = 0, b^T x = c in (x, h), regular where curves cross."""
-
-    problem: Problem
-    border: Array
-    value: float
-
-    @property
-    def weights(self) -> Array:
-        """Inverse natural sizes; the unfolding parameter h does not measure a step."""
-        return np.append(self.problem.weights, 0.0)
-
-    def linearize(self, x: Array, p: float) -> Linearization:
-        """Return the equations, linearized about ((x, h), p)."""
-        x, h = x[:-1], x[-1]
-        linear = self.problem.linearize(x, p)
-        residual = np.append(linear.residual + h * self.border, self.border @ x - self.value)
-        return _UnfoldedLinearization(linear, self.border, residual)
-
-    def move(self, x: Array, step: Array) -> Array:
-        """Return the unknowns after a finite step."""
-        return np.append(self.problem.move(x[:-1], step[:-1]), x[-1] + step[-1])
-
-    def difference(self, end: Array, begin: Array) -> Array:
-        """Return the step that leads from `begin` to `end`."""
-        return np.append(self.problem.difference(end[:-1], begin[:-1]), end[-1] - begin[-1])
-
-    def monitor(self, point: Point) -> None:
-        """Return None: nothing is monitored."""
-
-
-@dataclass(frozen=True, eq=False)
-class _UnfoldedLinearization:
-    linear: Linearization
-    border: Array
-    residual: Array
-
-    @property
-    def by_parameter(self) -> Array:
-        """Derivative by the parameter."""
-        return np.append(self.linear.by_parameter, 0.0)
-
-    def bordered(self, column: Array, row: Array, corner: float) -> Factors:
-        """Return the factors of the Jacobian with two borders, by block elimination."""
-        inner = self.linear.bordered(self.border, self.border, 0.0)
-        response = inner.solve(column)
-        return _BlockFactors(inner, response, row, corner - float(row @ response))
-
-
-@dataclass(frozen=True, eq=False)
-class _BlockFactors:
-    inner: Factors
-    response: Array
-    row: Array
-    pivot: float
-
-    def solve(self, right: Array) -> Array:
-        """Return the solution for a right-hand side."""
-        x = self.inner.solve(right[:-1])
-        last = (right[-1] - self.row @ x) / self.pivot
-        return np.append(x - last * self.response, last)
-
-
-@dataclass(frozen=True, eq=False)
 class Segment:
     """Part of a curve between two points.
 
@@ -338,36 +279,9 @@ class Segment:
         CurveError
             If Newton's method fails.
         """
-        value, x, p = self._predict(position)
+        x, p = self.begin.between(self.end, position)
+        value = self.values[0] + position * (self.values[1] - self.values[0])
         return correct(self.begin.problem, self.control, value, x, p)
-
-    def unfold(self, position: float, border: Array) -> Point:
-        """Return the point at a position next to a crossing, where the Jacobian is singular.
-
-        It solves F(x, p) + h b = 0 with a given b^T x; h vanishes on both curves (Lyapunov-Schmidt
-        reduction).
-
-        Raises
-        ------
-        CurveError
-            If Newton's method fails.
-        """
-        problem, control = self.begin.problem, self.control
-        value, x, p = self._predict(position)
-
-        def extended(x: Array, p: float) -> Row:
-            row = control(x[:-1], p)
-            return row._replace(x=np.append(row.x, 0.0))
-
-        unfolded = _Unfolded(problem, border, float(border @ x))
-        end = correct(unfolded, extended, value, np.append(x, 0.0), p)
-        return Point(problem, end.x[:-1], end.p, problem.linearize(end.x[:-1], end.p))
-
-    def _predict(self, position: float) -> tuple[float, Array, float]:
-        a, b = self.begin, self.end
-        step = a.problem.difference(b.x, a.x)
-        x, p = a.problem.move(a.x, position * step), a.p + position * (b.p - a.p)
-        return self.values[0] + position * (self.values[1] - self.values[0]), x, p
 
     def rate(self, point: Point) -> float:
         """Return the derivative of the parameter by the control at a point of the segment."""
@@ -407,16 +321,20 @@ class Steps:
     Attributes
     ----------
     largest
-        Largest step, in units of the control.
+        Largest step, in units of the control or, by arc length, of the unknowns in natural sizes.
     by_arc_length
         True to step by arc length, False to step by `control`.
     parameter_weight
         Weight of the parameter in arc lengths.
+    parameter_step, first_parameter_step
+        Largest change of the parameter in a step by arc length, and in the first one.
     """
 
     largest: float
-    by_arc_length: bool
-    parameter_weight: float
+    by_arc_length: bool = False
+    parameter_weight: float = 0.0
+    parameter_step: float = np.inf
+    first_parameter_step: float = np.inf
 
 
 def follow(
@@ -448,7 +366,7 @@ def follow(
     CurveError
         If no step converges.
     """
-    size = steps.largest
+    size, first = steps.largest, replace(steps, parameter_step=steps.first_parameter_step)
     while True:
         row = control(begin.x, begin.p)
         towards = target - row.value
@@ -457,8 +375,9 @@ def follow(
         if tangent is None:
             tangent = begin.tangent(row).scale(np.sign(towards))
         segment, found, size, tangent, is_last = _take_step(
-            begin, control, target, steps, explain, tangent, size
+            begin, control, target, first, explain, tangent, size
         )
+        first = steps
         yield segment, found
         if is_last:
             return
@@ -474,9 +393,17 @@ def _take_step(
     tangent: Tangent,
     size: float,
 ) -> tuple[Segment, Any, float, Tangent, bool]:
-    problem, least = begin.problem, _MIN_STEP * steps.largest
+    problem, largest = begin.problem, steps.largest
+    if steps.by_arc_length:
+        unit = _normalize(problem, tangent, steps.parameter_weight)
+        with np.errstate(divide="ignore"):
+            largest = float(
+                min(largest / _size(problem, unit.x), np.divide(steps.parameter_step, abs(unit.p)))
+            )
+        size = min(size, largest)
+    least = _MIN_STEP * size
     while True:
-        is_corner = size <= _CORNER_STEP * steps.largest
+        is_corner = size <= _CORNER_STEP * min(largest, steps.largest)
         try:
             segment, error, moved, is_last = _correct_step(
                 begin, control, target, steps, tangent, size, is_corner
@@ -502,7 +429,8 @@ def _take_step(
             continue
         is_linear = error <= _AIMED_CORRECTION * moved / _MAX_GROWTH**2 + _ROUNDING
         growth = _MAX_GROWTH if is_linear else np.sqrt(_AIMED_CORRECTION * moved / error)
-        grown = min(size * float(np.clip(growth, 0.3, _MAX_GROWTH)), steps.largest)
+        grown = size * float(np.clip(growth, 0.3, _MAX_GROWTH))
+        grown = grown if steps.by_arc_length else min(grown, steps.largest)
         return segment, found, grown, after, is_last
 
 

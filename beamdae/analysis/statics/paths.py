@@ -451,7 +451,7 @@ def _choose_steps(begin: Point, settings: PathSettings, control: Control) -> Ste
     load_step = ratio * (reach if by_load else 1.0)
     if settings.control != ARC_LENGTH:
         default = load_step if by_load else _DISPLACEMENT_STEP_RATIO * reach
-        return Steps(settings.step or default, False, 0.0)
+        return Steps(settings.step or default)
     step = _ARC_STEP
     if not by_load:
         # Largest change of the column if all coordinates move by their natural sizes.
@@ -465,7 +465,10 @@ def _choose_steps(begin: Point, settings: PathSettings, control: Control) -> Ste
         motion = 0.0
     # A load is weighted no less than the motion that it causes, so that crossing paths differ in
     # direction.
-    return Steps(settings.step or step, True, max(motion, _MIN_LOAD_STEP_MOTION / load_step))
+    weight = max(motion, _MIN_LOAD_STEP_MOTION / load_step)
+    # The load that a displacement requires is not known in advance.
+    largest = load_step if by_load else np.inf
+    return Steps(settings.step or step, True, weight, largest, load_step)
 
 
 def _leave_free_position(
@@ -529,7 +532,11 @@ def free_coordinate(point: Point) -> str:
         return e.q_names[problem.system.held_coordinates[0]]
     if not stability_of(point).free:
         return ""
-    return dominant_coordinate(e, critical_mode(point)[: problem.n])
+    try:
+        mode = critical_mode(point)[: problem.n]
+    except CurveError:
+        mode = np.where(problem.matrix(point.x, point.p).diagonal()[: problem.n] == 0.0, e.position_scales, 0.0)
+    return dominant_coordinate(e, mode)
 
 
 def dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
