@@ -24,6 +24,9 @@ _RESOLUTION = 1e-7
 _TURN_RESOLUTION = 1e-2
 # Between ends of a bracket this close, curves are straight.
 _ROOT_TOLERANCE = 1e-6
+# Largest distance of both ends of a bracket, relative to that of ends of the segment times the
+# width, and rounding in natural sizes: farther apart, they lie on different curves.
+_MAX_GAP_RATIO, _ROUNDING = 10.0, 1e-7
 # Smallest share of a bracket in which a root is sought.
 _MIN_SHARE = 1e-3
 
@@ -158,6 +161,9 @@ def _find_root(segment: Segment, low: _Sample, high: _Sample) -> tuple[float, Po
         ends[side], values[side] = (position, point), value
         a, b = (value, 0.5 * b) if side == 0 else (0.5 * a, value)
     (left, first), (right, last) = ends
+    gap, whole = first.distance(last), segment.begin.distance(segment.end)
+    if gap > _MAX_GAP_RATIO * (right - left) * whole + _ROUNDING:
+        raise CurveError("the stability changes abruptly")
     share = values[0] / (values[0] - values[1])
     x, p = first.between(last, share)
     point = Point(first.problem, x, p, first.problem.linearize(x, p))

@@ -161,6 +161,10 @@ class Point:
         """Return the factors of the Jacobian, bordered by a column and a row."""
         return self.linearization.bordered(column, row, corner)
 
+    def distance(self, other: Point) -> float:
+        """Return the distance of another point, in natural sizes."""
+        return _size(self.problem, self.problem.difference(other.x, self.x))
+
     def between(self, other: Point, share: float) -> tuple[Array, float]:
         """Return x and p between this point (0) and another one (1)."""
         step = self.problem.difference(other.x, self.x)
@@ -306,8 +310,8 @@ class Segment:
     def part(self, begin: Point, end: Point, first: float, last: float) -> Segment:
         """Return the part between two points at the positions `first` and `last`."""
         begin_value, end_value = self.values
-        values = tuple(begin_value + x * (end_value - begin_value) for x in (first, last))
-        return replace(self, begin=begin, end=end, values=values)
+        low, high = (begin_value + x * (end_value - begin_value) for x in (first, last))
+        return replace(self, begin=begin, end=end, values=(low, high))
 
     def up_to(self, end: Point) -> Segment:
         """Return the segment to another end."""

@@ -535,7 +535,8 @@ def free_coordinate(point: Point) -> str:
     try:
         mode = critical_mode(point)[: problem.n]
     except CurveError:
-        mode = np.where(problem.matrix(point.x, point.p).diagonal()[: problem.n] == 0.0, e.position_scales, 0.0)
+        diagonal = problem.matrix(point.x, point.p).diagonal()[: problem.n]
+        mode = np.where(diagonal == 0.0, e.position_scales, 0.0)
     return dominant_coordinate(e, mode)
 
 
