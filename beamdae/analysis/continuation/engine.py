@@ -35,6 +35,8 @@ _AIMED_CORRECTION = 0.05
 # Largest correction of a step along the tangent at one of its ends, relative to the step: a larger
 # one leads to another curve.
 _MAX_ERROR = 0.3
+# Largest curvature of a prediction, relative to the step.
+_MAX_CURVED = 0.25
 # A remaining distance up to this multiple of the step is split in two.
 _SPLIT_RATIO = 1.2
 # Steps below this fraction of the largest one may turn by any angle: the curve has a corner. A
@@ -81,6 +83,15 @@ class Linearization(Protocol):
             If the matrix is singular or not finite.
         """
 
+    def correction(self, row: Row, target: float) -> Array:
+        """Return the changes of x and p by Newton's method, where the control equals `target`.
+
+        Raises
+        ------
+        CurveError
+            If the bordered Jacobian is singular or not finite.
+        """
+
 
 @dataclass(frozen=True, eq=False)
 class SparseLinearization:
@@ -93,6 +104,11 @@ class SparseLinearization:
     def bordered(self, column: Array, row: Array, corner: float) -> Factors:
         """Return the factors of the bordered Jacobian."""
         return factorize_bordered(self.jacobian, column, row, corner)
+
+    def correction(self, row: Row, target: float) -> Array:
+        """Return the correction of Newton's method."""
+        factors = self.bordered(self.by_parameter, row.x, row.p)
+        return factors.solve(-np.append(self.residual, row.value - target))
 
 
 class Problem(Protocol):
@@ -233,17 +249,12 @@ def correct(problem: Problem, control: Control, target: float, x: Array, p: floa
     last, is_found = np.inf, False
     for iteration in range(_MAX_ITERATIONS + 1):
         linear = problem.linearize(x, p)
-        if not np.isfinite(linear.residual).all():
-            raise CurveError("the forces are not finite at the next point")
         if is_found:
             return Point(problem, x, p, linear, iteration)
-        row = control(x, p)
-        right = -np.append(linear.residual, row.value - target)
-        factors = linear.bordered(linear.by_parameter, row.x, row.p)
-        step = factors.solve(right)
-        size = float(np.max(np.abs(step[:-1] * problem.weights), initial=0.0))
+        step = linear.correction(control(x, p), target)
+        size = _size(problem, step[:-1])
         if not np.isfinite(size):
-            raise CurveError("the tangent is singular at the next point")
+            raise CurveError("the equations are not finite at the next point")
         # Multipliers do not count in the size, but change with the last correction.
         is_found = size <= _TOLERANCE or (size <= _ROUNDING and size > 0.5 * last)
         # Convergence is quadratic: the next correction would be the square of this one.
@@ -370,114 +381,172 @@ def follow(
     CurveError
         If no step converges.
     """
-    size, first = steps.largest, replace(steps, parameter_step=steps.first_parameter_step)
-    while True:
-        row = control(begin.x, begin.p)
-        towards = target - row.value
-        if towards == 0.0:
-            return
-        if tangent is None:
-            tangent = begin.tangent(row).scale(np.sign(towards))
-        segment, found, size, tangent, is_last = _take_step(
-            begin, control, target, first, explain, tangent, size
-        )
+    progress = _Progress(begin, tangent, steps.largest)
+    first = replace(steps, parameter_step=steps.first_parameter_step)
+    while control(progress.begin.x, progress.begin.p).value != target:
+        segment, found, progress = _take_step(progress, control, target, first, explain)
         first = steps
         yield segment, found
-        if is_last:
+        if progress.has_arrived:
             return
-        begin = segment.end
+
+
+@dataclass(frozen=True, eq=False)
+class _Progress:
+    """Begin of the next step.
+
+    Attributes
+    ----------
+    begin
+        Point at which it begins.
+    tangent
+        Direction there; None for that in which the control approaches the target.
+    size
+        Proposed size of the step.
+    last
+        Unit tangent at the begin of the last step, and the size of this step.
+    has_arrived
+        True if the curve has reached its target.
+    """
+
+    begin: Point
+    tangent: Tangent | None
+    size: float
+    last: tuple[Tangent, float] | None = None
+    has_arrived: bool = False
+
+
+class _Trial(NamedTuple):
+    """Trial step: its control and target, unit tangent, and the steps that change the point."""
+
+    control: Control
+    values: tuple[float, float]
+    unit: Tangent
+    step: Tangent
+    curved: Tangent
+
+    @property
+    def size(self) -> float:
+        return abs(self.values[1] - self.values[0])
 
 
 def _take_step(
-    begin: Point,
+    progress: _Progress,
     control: Control,
     target: float,
     steps: Steps,
     explain: Callable[[Segment], Any],
-    tangent: Tangent,
-    size: float,
-) -> tuple[Segment, Any, float, Tangent, bool]:
-    problem, largest = begin.problem, steps.largest
+) -> tuple[Segment, Any, _Progress]:
+    """Return the segment of the next step, its critical points, and the progress after it."""
+    begin, size = progress.begin, progress.size
+    problem, row, tangent = begin.problem, control(begin.x, begin.p), progress.tangent
+    if tangent is None:
+        tangent = begin.tangent(row).scale(np.sign(target - row.value))
     if steps.by_arc_length:
         unit = _normalize(problem, tangent, steps.parameter_weight)
-        with np.errstate(divide="ignore"):
-            largest = float(
-                min(largest / _size(problem, unit.x), np.divide(steps.parameter_step, abs(unit.p)))
-            )
-        size = min(size, largest)
-    least = _MIN_STEP * size
+        size = min(size, _limit_arc(problem, unit, steps))
+    else:
+        rate = float(row.x @ tangent.x) + row.p * tangent.p
+        unit = tangent.scale(np.sign(target - row.value) / rate)
+    least, usual = _MIN_STEP * size, min(size, steps.largest)
     while True:
-        is_corner = size <= _CORNER_STEP * min(largest, steps.largest)
+        is_corner = size <= _CORNER_STEP * usual
         try:
-            segment, error, moved, is_last = _correct_step(
-                begin, control, target, steps, tangent, size, is_corner
-            )
-            after = segment.tangent
-            # A step between two curves is not seen from one of its ends alone.
-            back = after.scale(segment.values[0] - segment.values[1])
-            missed = _size(
-                problem, problem.difference(problem.move(segment.end.x, back.x), begin.x)
-            )
-            if missed > _MAX_ERROR * moved + _ROUNDING and not is_corner:
-                raise CurveError("the curve turns too sharply for the step")
+            trial = _try(begin, row, control, target, steps, unit, size, progress, is_corner)
+            segment, error = _correct_trial(begin, trial, is_corner)
+            has_arrived = trial.values[1] == target and not steps.by_arc_length
             if steps.by_arc_length:
-                cosine = _cosine(problem, tangent, after, steps.parameter_weight)
+                cosine = _cosine(problem, unit, segment.tangent, steps.parameter_weight)
                 if cosine < _MIN_COSINE and not is_corner:
                     raise CurveError("the curve turns too sharply for the step")
-                segment, is_last = _truncate(segment, control, target)
+                segment, has_arrived = _truncate(segment, control, target)
             found = explain(segment)
+            break
         except CurveError:
             size *= _CUT
             if size < least:
                 raise
-            continue
-        is_linear = error <= _AIMED_CORRECTION * moved / _MAX_GROWTH**2 + _ROUNDING
-        growth = _MAX_GROWTH if is_linear else np.sqrt(_AIMED_CORRECTION * moved / error)
-        grown = size * float(np.clip(growth, 0.3, _MAX_GROWTH))
-        grown = grown if steps.by_arc_length else min(grown, steps.largest)
-        return segment, found, grown, after, is_last
+    moved = _size(problem, trial.step.x)
+    aimed = _AIMED_CORRECTION * moved + _ROUNDING
+    growth = float(np.clip(np.sqrt(aimed / max(error, 1e-3 * _ROUNDING)), 0.3, _MAX_GROWTH))
+    grown = trial.size * growth
+    # A step that is shortened to meet a target does not shorten the next step.
+    grown = max(grown, progress.size) if has_arrived else grown
+    if not steps.by_arc_length:
+        grown = min(grown, steps.largest)
+    last = (trial.unit, trial.size)
+    return segment, found, _Progress(segment.end, segment.tangent, grown, last, has_arrived)
 
 
-def _correct_step(
+def _limit_arc(problem: Problem, unit: Tangent, steps: Steps) -> float:
+    """Return the largest permitted size of a step by arc length."""
+    motion, change = _size(problem, unit.x), abs(unit.p)
+    by_motion = steps.largest / motion if motion > 0.0 else np.inf
+    return min(by_motion, steps.parameter_step / change if change > 0.0 else np.inf)
+
+
+def _try(
     begin: Point,
+    row: Row,
     control: Control,
     target: float,
     steps: Steps,
-    tangent: Tangent,
+    unit: Tangent,
     size: float,
+    progress: _Progress,
     is_corner: bool,
-) -> tuple[Segment, float, float, bool]:
-    """Return the segment of a step, the sizes of its correction and of it, and if it is the last.
+) -> _Trial:
+    """Return a trial step, whose curvature is that of the last one.
 
     Across a corner, such as the onset of a contact, the parameter may reverse: arc lengths are then
     those of the unknowns alone.
     """
     problem = begin.problem
     if steps.by_arc_length:
-        unit = _normalize(problem, tangent, steps.parameter_weight)
         weight = steps.parameter_weight
         if is_corner and _size(problem, unit.x) > 0.0:
             weight = 0.0
-        along: Control = ArcLength(begin, unit, weight)
-        first, value, is_last = 0.0, size, False
+        control, values = ArcLength(begin, unit, weight), (0.0, size)
     else:
-        along, row = control, control(begin.x, begin.p)
-        side, reach = np.sign(target - row.value), abs(target - row.value)
-        rate = float(row.x @ tangent.x) + row.p * tangent.p
-        unit = tangent.scale(side / rate)
-        is_last = size >= reach * (1.0 - 1e-9)
+        side, reach = float(np.sign(target - row.value)), abs(target - row.value)
         # The last step is not tiny.
-        size = 0.5 * reach if size < reach < _SPLIT_RATIO * size else size
-        first, value = row.value, target if is_last else row.value + float(side) * size
-    step = unit.scale(abs(value - first))
-    x, p = problem.move(begin.x, step.x), begin.p + step.p
-    end = correct(problem, along, value, x, p)
-    moved, error = _size(problem, step.x), _size(problem, problem.difference(end.x, x))
-    if error > (_MAX_CORNER if is_corner else _MAX_ERROR * moved + _ROUNDING):
+        size = 0.5 * reach if 1.001 * size < reach < _SPLIT_RATIO * size else size
+        is_last = 1.001 * size >= reach
+        values = row.value, target if is_last else row.value + side * size
+    length = abs(values[1] - values[0])
+    step = curved = unit.scale(length)
+    if progress.last is not None and not is_corner:
+        before, last = progress.last
+        factor = 0.5 * length**2 / last
+        bent = Tangent(factor * (unit.x - before.x), factor * (unit.p - before.p))
+        if _size(problem, bent.x) <= _MAX_CURVED * _size(problem, step.x):
+            curved = Tangent(step.x + bent.x, step.p + bent.p)
+    return _Trial(control, values, unit, step, curved)
+
+
+def _correct_trial(begin: Point, trial: _Trial, is_corner: bool) -> tuple[Segment, float]:
+    """Return the segment of a trial step and the size of its correction.
+
+    Raises
+    ------
+    CurveError
+        If Newton's method fails, or the tangent at one of the ends does not lead to the other one.
+    """
+    problem = begin.problem
+    x, p = problem.move(begin.x, trial.curved.x), begin.p + trial.curved.p
+    end = correct(problem, trial.control, trial.values[1], x, p)
+    first, last = trial.values
+    segment = Segment(
+        begin, end, trial.control, trial.values, trial.unit.scale(np.sign(last - first))
+    )
+    # A step between two curves is not seen from one of its ends alone.
+    back = problem.move(end.x, segment.tangent.scale(first - last).x)
+    error = _size(problem, problem.difference(end.x, x))
+    missed = max(error, _size(problem, problem.difference(back, begin.x)))
+    limit = _MAX_ERROR * _size(problem, trial.step.x) + _ROUNDING
+    if error > _MAX_CORNER if is_corner else missed > limit:
         raise CurveError("the curve turns too sharply for the step")
-    by_control = unit.scale(np.sign(value - first))
-    segment = Segment(begin, end, along, (first, value), by_control)
-    return segment, error, moved, is_last
+    return segment, error
 
 
 def switch(

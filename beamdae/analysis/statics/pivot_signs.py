@@ -46,9 +46,9 @@ from beamdae.native.loop_functions import (
 
 Array = np.ndarray
 
-# Shifts relative to the largest entry of the stiffness. With shifts above 2e-16, signs of pivots are
-# right for all zero eigenvalues that were tried: free beams with h/L = 1e-5 to 3e-2 and 2 to 128
-# elements in any position, prestressed beams, and linkages of up to 60 bodies.
+# Shifts relative to the largest entry of the stiffness. Above 2e-16, signs of pivots are right for
+# all zero eigenvalues that were tried: free beams with h/L = 1e-5 to 3e-2 and 2 to 128 elements in
+# any position, prestressed beams, and linkages of up to 60 bodies.
 _SHIFT_RATIO = 1e-15
 # Asymmetry up to which the stiffness is treated as symmetric, relative to its largest entry. It is
 # small because a follower load is small compared with the axial stiffness of a thin beam.

@@ -28,6 +28,7 @@ COUNT_SIGNS = 2
 SOLVE = 3
 SOLVE_AGAIN = 4
 SET_SIZES = 5
+CORRECT = 6
 
 
 @dataclass(slots=True)
@@ -80,12 +81,15 @@ class StaticWorkspace:
     added_targets, added
         Constants of the tangent: nonzeros[added_targets] += added. They are springs that hold
         coordinates in the tangent alone, and the compliances.
+    deviation
+        Value of the control minus its target.
     mu, center, scale
         Load factor; that of the parts U and L is (mu - center) * scale.
     task
         `EVALUATE_FORCES`; `EVALUATE_TANGENT` to evaluate also the tangent; `COUNT_SIGNS` to count
         also its negative pivots; `SOLVE` to solve with the given border and right-hand side;
-        `SOLVE_AGAIN` to do so with the last factors; `SET_SIZES` to set natural sizes.
+        `SOLVE_AGAIN` to do so with the last factors; `SET_SIZES` to set natural sizes;
+        `CORRECT` to find the correction of Newton's method for `row` and `deviation`.
     has_forces, has_tangent
         1 if forces and tangent have been evaluated at `inputs` and `mu`, else 0.
     """
@@ -112,6 +116,7 @@ class StaticWorkspace:
     added_targets: Array
     added: Array
     column_start: int
+    deviation: float = 0.0
     mu: float = 0.0
     center: float = 0.0
     scale: float = 1.0
@@ -133,8 +138,12 @@ def perform_task(run: StaticWorkspace) -> int:
         count_signs(run.saddle, run.nonzeros)
     if run.task == SET_SIZES:
         scale_by_reference(run.saddle, run.nonzeros)
-    if run.task != SOLVE:
+    if run.task != SOLVE and run.task != CORRECT:
         return DONE
+    if run.task == CORRECT:
+        combine(run.column, (1.0,), (run.by_factor,))
+        combine(run.right[: run.forces.size], (-1.0,), (run.forces,))
+        run.right[run.forces.size] = -run.deviation
     size, first = run.forces.size, run.column_start
     pick(run.nonzeros, run.row_targets, run.row, run.counting, 0, size + 1)
     combine(run.nonzeros[first : first + size], (1.0,), (run.column,))

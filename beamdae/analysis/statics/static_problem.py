@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import weakref
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial, reduce
+from functools import cached_property, partial, reduce
 from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.continuation.engine import CurveError, Point
+from beamdae.analysis.continuation.engine import CurveError, Point, Row
 from beamdae.analysis.continuation.spectrum import Flexibility, count_growing, has_potential
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
@@ -22,6 +23,7 @@ from beamdae.analysis.statics.pivot_signs import (
     count_signs_by_scipy,
 )
 from beamdae.analysis.statics.static_loop import (
+    CORRECT,
     COUNT_SIGNS,
     EVALUATE_FORCES,
     EVALUATE_TANGENT,
@@ -241,12 +243,28 @@ class StaticLinearization:
     problem: StaticProblem
     x: Array
     p: float
-    residual: Array
-    by_parameter: Array
+
+    @cached_property
+    def _forces(self) -> tuple[Array, Array]:
+        return self.problem.residual(self.x, self.p)
+
+    @property
+    def residual(self) -> Array:
+        """Residual F, (n + m,)."""
+        return self._forces[0]
+
+    @property
+    def by_parameter(self) -> Array:
+        """Derivative of F by the parameter, (n + m,)."""
+        return self._forces[1]
 
     def bordered(self, column: Array, row: Array, corner: float) -> BorderedFactors:
         """Return the factors of the bordered tangent."""
-        return self.problem.bordered((self.x, self.p), column, row, corner)
+        return BorderedFactors(self.problem, (self.x, self.p), (column, row, corner))
+
+    def correction(self, row: Row, target: float) -> Array:
+        """Return the correction of Newton's method."""
+        return self.problem.correction((self.x, self.p), row, target)
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,7 +353,7 @@ class StaticProblem:
     def _set_loop(self, loop: StepLoop[StaticWorkspace]) -> None:
         """Use a loop, with the numbers of this system."""
         self._loop, run = loop, loop.work
-        self._factors: BorderedFactors | None = None
+        self._factors: Callable[[], BorderedFactors | None] = lambda: None
         for part, plans, p in zip(
             (run.common, run.unloaded, run.loaded), self._plan.sums, self._numbers, strict=True
         ):
@@ -446,7 +464,7 @@ class StaticProblem:
 
     def linearize(self, x: Array, p: float) -> StaticLinearization:
         """Return the equations, linearized about (x, p)."""
-        return StaticLinearization(self, x, p, *self.residual(x, p))
+        return StaticLinearization(self, x, p)
 
     def monitor(self, point: Point) -> Stability:
         """Return the stability under constant loads."""
@@ -477,7 +495,7 @@ class StaticProblem:
         """Return displacements (n, k) due to forces (n, k), both in natural sizes."""
         n, size = self._n, len(point.x)
         scales, zeros = self.scales[:n], np.zeros(size)
-        factors = self.bordered((point.x, point.p), zeros, zeros, 1.0)
+        factors = point.bordered(zeros, zeros, 1.0)
         rows = np.zeros((forces.shape[1], size + 1))
         rows[:, :n] = forces.T / scales
         return np.array([factors.solve(row)[:n] / scales for row in rows]).T
@@ -505,11 +523,12 @@ class StaticProblem:
         count_signs_by_scipy(run.saddle, run.nonzeros)
         return run.saddle
 
-    def bordered(
-        self, point: tuple[Array, float], column: Array, row: Array, corner: float
-    ) -> BorderedFactors:
-        """Return the factors of the bordered tangent at a point (x, mu)."""
-        return BorderedFactors(self, point, (column, row, corner))
+    def correction(self, point: tuple[Array, float], row: Row, target: float) -> Array:
+        """Return the changes of x and mu by Newton's method at a point."""
+        self._compile_if_used()
+        run = self._loop.work
+        run.row[:-1], run.row[-1], run.deviation = row.x, row.p, row.value - target
+        return self._run(*point, CORRECT).right.copy()
 
     def solve(self, factors: BorderedFactors, right: Array) -> Array:
         """Return the solution with factors for a right-hand side (n + m + 1,).
@@ -521,22 +540,22 @@ class StaticProblem:
         """
         run = self._loop.work
         run.right[:] = right
-        if self._factors is factors:
+        if self._factors() is factors:
             run.task = SOLVE_AGAIN
             self._call()
             return run.right.copy()
         column, row, corner = factors.border
         run.column[:], run.row[:-1], run.row[-1] = column, row, corner
         self._run(*factors.point, SOLVE)
-        self._factors = factors
+        self._factors = weakref.ref(factors)
         return run.right.copy()
 
     def _run(self, x: Array, mu: float, task: int) -> StaticWorkspace:
-        self._compile_if_used()
         run = self._loop.work
         self._set_point(x, mu)
         run.task = task
-        self._factors = None if task == SOLVE else self._factors
+        if task in (SOLVE, CORRECT):
+            self._factors = lambda: None
         if self._call() != DONE:
             run.linear.singular = 0
             raise CurveError("the tangent stiffness is singular at the next point")
