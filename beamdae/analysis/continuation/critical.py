@@ -1,12 +1,13 @@
 """Critical points of curves: bisection until each change is simple, then one root.
 
 At a limit point the Jacobian is singular and the parameter has an extremum, at a branch point
-another curve crosses, and at a flutter point an oscillation begins to grow.
+another curve crosses, and at a flutter point an oscillation begins to grow. Along periodic motions,
+disturbances that alternate from period to period begin to grow at a period doubling.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from beamdae.analysis.continuation.engine import CurveError, Point, Segment
 Array = np.ndarray
 
 LIMIT, BRANCH, FLUTTER = "limit point", "branch point", "flutter point"
+DOUBLING = "period doubling"
 
 # Positions in a segment run from 0 to 1; closer points are one cluster.
 _RESOLUTION = 1e-7
@@ -25,17 +27,19 @@ _TURN_RESOLUTION = 1e-2
 # Between ends of a bracket this close, curves are straight.
 _ROOT_TOLERANCE = 1e-6
 # Largest distance of both ends of a bracket, relative to that of ends of the segment times the
-# width, and rounding in natural sizes: farther apart, they lie on different curves.
-_MAX_GAP_RATIO, _ROUNDING = 10.0, 1e-7
+# width, and motion along the critical mode by rounding in natural sizes: farther apart, they lie on
+# different curves.
+_MAX_GAP_RATIO, _ROUNDING = 10.0, 1e-5
 # Smallest share of a bracket in which a root is sought.
 _MIN_SHARE = 1e-3
 
 
 class Count(NamedTuple):
-    """Numbers of growing motions: without, and with oscillation."""
+    """Numbers of growing motions: without and with oscillation, and alternating ones."""
 
     divergent: int
     oscillating: int
+    alternating: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +59,10 @@ class _Sample(NamedTuple):
     rate: float
 
 
-def explain_counts(segment: Segment) -> list[CriticalPoint]:
-    """Return the critical points of a segment, in order; monitors of points are `Count`.
+def explain_counts(segment: Segment, resolution: float = _RESOLUTION) -> list[CriticalPoint]:
+    """Return the critical points of a segment, in order; closer ones are one cluster.
+
+    Monitors of points are `Count`, or have its attributes.
 
     Raises
     ------
@@ -67,7 +73,7 @@ def explain_counts(segment: Segment) -> list[CriticalPoint]:
         _Sample(position, point, point.monitor, segment.rate(point))
         for position, point in ((0.0, segment.begin), (1.0, segment.end))
     )
-    return _explain(segment, first, last)
+    return _explain(segment, first, last, resolution)
 
 
 def _sample(segment: Segment, low: _Sample, high: _Sample, share: float) -> _Sample:
@@ -91,25 +97,34 @@ def _point_between(
     raise error
 
 
-def _explain(segment: Segment, low: _Sample, high: _Sample) -> list[CriticalPoint]:
+def _explain(
+    segment: Segment, low: _Sample, high: _Sample, resolution: float
+) -> list[CriticalPoint]:
     turns = low.rate * high.rate < 0.0
-    change = high.counts.divergent - low.counts.divergent
-    flutter = high.counts.oscillating - low.counts.oscillating
-    if not (turns or change or flutter):
+    names = ("divergent", "oscillating", "alternating")
+    change, flutter, doublings = (getattr(high.counts, x) - getattr(low.counts, x) for x in names)
+    if not (turns or change or flutter or doublings):
         return []
-    if abs(change) == 1 and not flutter:
-        found = _find_root(segment, low, high)
+    is_single = abs(change) + abs(doublings) == 1 and not flutter and not (doublings and turns)
+    if is_single:
+        found = _find_root(segment, low, high, bool(doublings))
         if found is not None:
             position, point, mode = found
-            return [CriticalPoint(position, LIMIT if turns else BRANCH, point, mode)]
-    if high.position - low.position > (_RESOLUTION if change or flutter else _TURN_RESOLUTION):
+            kind = DOUBLING if doublings else LIMIT if turns else BRANCH
+            return [CriticalPoint(position, kind, point, mode)]
+    is_turn = not (change or flutter or doublings)
+    if high.position - low.position > (_TURN_RESOLUTION if is_turn else resolution):
         middle = _sample(segment, low, high, 0.5)
-        return [*_explain(segment, low, middle), *_explain(segment, middle, high)]
-    if not (change or flutter):
+        return [
+            *_explain(segment, low, middle, resolution),
+            *_explain(segment, middle, high, resolution),
+        ]
+    if is_turn:
         return [_find_turn(segment, low, high)]
     mode = critical_mode(low.point)
     kinds = [FLUTTER] * abs(flutter) if change + 2 * flutter else []
     kinds = kinds if flutter else [BRANCH] * abs(change)
+    kinds += [DOUBLING] * abs(doublings)
     return [CriticalPoint(low.position, kind, low.point, mode) for kind in kinds]
 
 
@@ -126,26 +141,34 @@ def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
     return CriticalPoint(position, BRANCH, point, critical_mode(low.point))
 
 
-def _find_root(segment: Segment, low: _Sample, high: _Sample) -> tuple[float, Point, Array] | None:
+def _find_root(
+    segment: Segment, low: _Sample, high: _Sample, alternates: bool
+) -> tuple[float, Point, Array] | None:
     """Return position, point and mode where the Jacobian is singular; None without a sign change.
 
-    The root is that of the bordered test function g: [[J, b], [b^T, 0]] (v, g) = (0, 1).
+    The root is that of the bordered test function g: [[J, b], [b^T, 0]] (v, g) = (0, 1). For
+    motions that alternate, J is that of the sum of monodromy matrix and identity.
     """
 
+    def view(point: Point) -> Point:
+        linear: Any = point.linearization
+        return replace(point, linearization=linear.alternating) if alternates else point
+
     def test(point: Point) -> tuple[float, Array]:
-        factors = point.bordered(border, border, 0.0)
+        factors = view(point).bordered(border, border, 0.0)
         solution = factors.solve(np.append(np.zeros(len(point.x)), 1.0))
         return float(solution[-1]), solution[:-1]
 
     weights = segment.begin.problem.weights
     for end in (low.point, high.point):
-        border = weights**2 * critical_mode(end)
+        border = weights**2 * critical_mode(view(end))
         (a, _), (b, mode) = test(low.point), test(high.point)
         if a * b < 0.0:
             break
     else:
         return None
     ends, values, largest = [low[:2], high[:2]], [a, b], max(abs(a), abs(b))
+    side = -1
     while ends[1][0] - ends[0][0] > _ROOT_TOLERANCE:
         share = min(max(a / (a - b), _MIN_SHARE), 1.0 - _MIN_SHARE)
         try:
@@ -156,10 +179,11 @@ def _find_root(segment: Segment, low: _Sample, high: _Sample) -> tuple[float, Po
         if abs(value) > largest:
             # The sign changes at a pole of g, where the bordered matrix is singular.
             return None
-        # Of the end that stays, the value is halved: the Illinois method.
-        side = 0 if value * a > 0.0 else 1
+        # Of an end that stays twice, the value is halved: the Illinois method.
+        last_side, side = side, 0 if value * a > 0.0 else 1
+        factor = 0.5 if side == last_side else 1.0
         ends[side], values[side] = (position, point), value
-        a, b = (value, 0.5 * b) if side == 0 else (0.5 * a, value)
+        a, b = (value, factor * b) if side == 0 else (factor * a, value)
     (left, first), (right, last) = ends
     gap, whole = first.distance(last), segment.begin.distance(segment.end)
     if gap > _MAX_GAP_RATIO * (right - left) * whole + _ROUNDING:

@@ -7,6 +7,7 @@ at limit points. One norm, the largest change of a coordinate in natural sizes, 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,31 +24,42 @@ _MAX_ITERATIONS = 12
 _TOLERANCE = 1e-10
 # If corrections stop decreasing, they are rounding errors up to this size.
 _ROUNDING = 1e-7
-# The next correction is predicted if the last but one is below the first number, and need not be
-# made if it is below the second one.
+# Convergence is quadratic if the last but one correction is below the first number: the next one is
+# then predicted, and need not be made if it is below the second one.
 _QUADRATIC, _NEGLIGIBLE = 1e-3, 1e-15
 # Largest correction of one iteration, in natural sizes: farther, the linearization says nothing.
+# It grows while the equations are linear: the next correction then has the predicted size.
 _MAX_CORRECTION = 0.5
-# Steps: factor after a failure, smallest part of the largest step, and largest growth.
-_CUT, _MIN_STEP, _MAX_GROWTH = 0.25, 1e-6, 2.0
-# The correction of a step, relative to the step, at which steps neither grow nor shrink.
-_AIMED_CORRECTION = 0.05
+_CORRECTION_GROWTH, _MAX_PREDICTION_ERROR = 10.0, 0.3
+# Number of times a correction is halved if the equations cannot be evaluated after it.
+_MAX_HALVINGS = 5
+# Steps: factor after a failure, and smallest and largest growth.
+_CUT, _MIN_GROWTH, _MAX_GROWTH = 0.25, 0.3, 2.0
+# The correction of a step, relative to the step, and the angle [rad] between successive tangents at
+# which steps neither grow nor shrink.
+_AIMED_CORRECTION, _AIMED_ANGLE = 0.05, 0.4
 # Largest correction of a step along the tangent at one of its ends, relative to the step: a larger
-# one leads to another curve.
-_MAX_ERROR = 0.3
+# one leads to another curve. Smallest cosine of the angle between successive tangents: a crossing
+# curve leaves at a larger one.
+_MAX_ERROR, _MIN_COSINE = 0.3, 0.8
 # Largest curvature of a prediction, relative to the step.
 _MAX_CURVED = 0.25
 # A remaining distance up to this multiple of the step is split in two.
 _SPLIT_RATIO = 1.2
+# Relative rounding of a remaining distance.
+_REACH_ROUNDING = 1e-3
 # Steps below this fraction of the largest one may turn by any angle: the curve has a corner. A
 # correction of more than the second number, in natural sizes, is a jump.
 _CORNER_STEP, _MAX_CORNER = 1e-3, 1e-2
-# Smallest cosine of the angle between successive tangents: a crossing curve leaves at a larger one.
-_MIN_COSINE = 0.8
 
 
 class CurveError(Exception):
-    """Raised if a point or a step cannot be found; the message says why, without a period."""
+    """Raised if a point or a step cannot be found; the message says why, without a period.
+
+    `nearest` is the last linearization of a search for a point, or None.
+    """
+
+    nearest: Linearization | None = None
 
 
 class Factors(Protocol):
@@ -111,33 +123,59 @@ class SparseLinearization:
         return factors.solve(-np.append(self.residual, row.value - target))
 
 
-class Problem(Protocol):
-    """Equations F(x, p) = 0.
+class Problem(ABC):
+    """Equations F(x, p) = 0."""
 
-    Attributes
-    ----------
-    weights
-        Inverse natural sizes of the unknowns; 0 for those that do not measure a step, such as
-        multipliers.
-    """
+    @property
+    @abstractmethod
+    def weights(self) -> Array:
+        """Inverse natural sizes of the unknowns; 0 for those that do not measure a step."""
 
-    weights: Array
+    @abstractmethod
+    def linearize(self, x: Array, p: float, last: Any = None) -> Linearization:
+        """Return the equations, linearized about (x, p).
 
-    def linearize(self, x: Array, p: float) -> Linearization:
-        """Return the equations, linearized about (x, p)."""
+        `last` is the linearization of the last iteration, or None: a problem may keep its matrix.
 
-    def move(self, x: Array, step: Array) -> Array:
-        """Return the unknowns after a finite step."""
+        Raises
+        ------
+        CurveError
+            If the equations cannot be evaluated.
+        """
 
-    def difference(self, end: Array, begin: Array) -> Array:
-        """Return the step that leads from `begin` to `end`."""
-
+    @abstractmethod
     def monitor(self, point: Point) -> Any:
         """Return what must change continuously along a curve, such as its stability."""
 
+    def move(self, x: Array, step: Array) -> Array:
+        """Return the unknowns after a finite step."""
+        return np.asarray(x + step)
+
+    def difference(self, end: Array, begin: Array) -> Array:
+        """Return the step that leads from `begin` to `end`."""
+        return np.asarray(end - begin)
+
+    def measure(self, step: Array) -> float:
+        """Return the size of a step in natural sizes: by default, the largest change."""
+        return float(np.max(np.abs(step * self.weights), initial=0.0))
+
+    def is_solved(self, linear: Any, size: float, last: float) -> bool:
+        """Return True if a point is a solution after its correction.
+
+        `size` and `last` are the sizes of this and of the previous correction in natural sizes.
+        """
+        if last <= _QUADRATIC and size**3 <= _NEGLIGIBLE * last**2:
+            return True
+        return size <= _TOLERANCE or (size <= _ROUNDING and size > 0.5 * last)
+
+    def complete(self, point: Point, step: Array) -> Point:
+        """Return a solution, given the point before its last correction `step` of (x, p)."""
+        x, p = self.move(point.x, step[:-1]), point.p + float(step[-1])
+        return replace(point, x=x, p=p, linearization=self.linearize(x, p))
+
 
 class Tangent(NamedTuple):
-    """Derivatives of x and p along a curve."""
+    """Derivatives of x and p along a curve, or changes of both."""
 
     x: Array
     p: float
@@ -145,6 +183,10 @@ class Tangent(NamedTuple):
     def scale(self, factor: float) -> Tangent:
         """Return the tangent times `factor`."""
         return Tangent(factor * self.x, factor * self.p)
+
+    def plus(self, other: Tangent, factor: float = 1.0) -> Tangent:
+        """Return the sum with `factor` times another one."""
+        return Tangent(self.x + factor * other.x, self.p + factor * other.p)
 
 
 class Row(NamedTuple):
@@ -179,7 +221,7 @@ class Point:
 
     def distance(self, other: Point) -> float:
         """Return the distance of another point, in natural sizes."""
-        return _size(self.problem, self.problem.difference(other.x, self.x))
+        return self.problem.measure(self.problem.difference(other.x, self.x))
 
     def between(self, other: Point, share: float) -> tuple[Array, float]:
         """Return x and p between this point (0) and another one (1)."""
@@ -246,24 +288,46 @@ def correct(problem: Problem, control: Control, target: float, x: Array, p: floa
     CurveError
         If the method fails.
     """
-    last, is_found = np.inf, False
-    for iteration in range(_MAX_ITERATIONS + 1):
-        linear = problem.linearize(x, p)
-        if is_found:
-            return Point(problem, x, p, linear, iteration)
+    last, earlier, share, bound = np.inf, np.inf, 1.0, _MAX_CORRECTION
+    linear = problem.linearize(x, p)
+    for iteration in range(1, _MAX_ITERATIONS + 1):
         step = linear.correction(control(x, p), target)
-        size = _size(problem, step[:-1])
+        size = problem.measure(step[:-1])
         if not np.isfinite(size):
             raise CurveError("the equations are not finite at the next point")
-        # Multipliers do not count in the size, but change with the last correction.
-        is_found = size <= _TOLERANCE or (size <= _ROUNDING and size > 0.5 * last)
-        # Convergence is quadratic: the next correction would be the square of this one.
-        is_found |= last <= _QUADRATIC and size**3 <= _NEGLIGIBLE * last**2
-        if not is_found and iteration > 2 and size > 2.0 * last:
-            raise CurveError("Newton's method diverges")
-        step *= min(1.0, _MAX_CORRECTION / max(size, _TOLERANCE))
-        x, p, last = problem.move(x, step[:-1]), p + float(step[-1]), size
-    raise CurveError(f"Newton's method did not converge in {_MAX_ITERATIONS} iterations")
+        if problem.is_solved(linear, size, last):
+            return problem.complete(Point(problem, x, p, linear, iteration), step)
+        if iteration > 3 and size > 2.0 * max(last, earlier):
+            raise _fail("Newton's method diverges", linear)
+        is_linear = abs(size - (1.0 - share) * last) <= _MAX_PREDICTION_ERROR * share * last
+        if share < 1.0:
+            bound = bound * _CORRECTION_GROWTH if is_linear else _MAX_CORRECTION
+        share = min(1.0, bound / size) if size else 1.0
+        last, earlier = size, last
+        x, p, linear = _move(problem, x, p, share * step, linear)
+    raise _fail(f"Newton's method did not converge in {_MAX_ITERATIONS} iterations", linear)
+
+
+def _fail(reason: str, linear: Linearization) -> CurveError:
+    error = CurveError(reason)
+    error.nearest = linear
+    return error
+
+
+def _move(
+    problem: Problem, x: Array, p: float, step: Array, linear: Linearization
+) -> tuple[Array, float, Linearization]:
+    """Return the point after a correction, halved until the equations can be evaluated."""
+    for k in range(_MAX_HALVINGS + 1):
+        moved = problem.move(x, step[:-1]), p + float(step[-1])
+        try:
+            return *moved, problem.linearize(*moved, linear)
+        except CurveError as error:
+            if k == _MAX_HALVINGS:
+                error.nearest = linear
+                raise
+            step = 0.5 * step
+    raise AssertionError
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,6 +379,11 @@ class Segment:
         """
         return self._tangent_at(self.end)
 
+    @property
+    def direction(self) -> Tangent:
+        """Tangent at the end, along the segment."""
+        return self.tangent.scale(float(np.sign(self.values[1] - self.values[0])))
+
     def _tangent_at(self, point: Point) -> Tangent:
         return point.tangent(self.control(point.x, point.p))
 
@@ -323,10 +392,6 @@ class Segment:
         begin_value, end_value = self.values
         low, high = (begin_value + x * (end_value - begin_value) for x in (first, last))
         return replace(self, begin=begin, end=end, values=(low, high))
-
-    def up_to(self, end: Point) -> Segment:
-        """Return the segment to another end."""
-        return replace(self, end=end, values=(self.values[0], self.control(end.x, end.p).value))
 
 
 @dataclass(frozen=True)
@@ -343,6 +408,8 @@ class Steps:
         Weight of the parameter in arc lengths.
     parameter_step, first_parameter_step
         Largest change of the parameter in a step by arc length, and in the first one.
+    first, smallest
+        First and smallest step, relative to the largest one.
     """
 
     largest: float
@@ -350,6 +417,8 @@ class Steps:
     parameter_weight: float = 0.0
     parameter_step: float = np.inf
     first_parameter_step: float = np.inf
+    first: float = 1.0
+    smallest: float = 1e-6
 
 
 def follow(
@@ -381,7 +450,7 @@ def follow(
     CurveError
         If no step converges.
     """
-    progress = _Progress(begin, tangent, steps.largest)
+    progress = _Progress(begin, tangent, steps.first * steps.largest)
     first = replace(steps, parameter_step=steps.first_parameter_step)
     while control(progress.begin.x, progress.begin.p).value != target:
         segment, found, progress = _take_step(progress, control, target, first, explain)
@@ -404,7 +473,7 @@ class _Progress:
     size
         Proposed size of the step.
     last
-        Unit tangent at the begin of the last step, and the size of this step.
+        Tangent at the begin of the last step, and the change in it; None without.
     has_arrived
         True if the curve has reached its target.
     """
@@ -412,22 +481,32 @@ class _Progress:
     begin: Point
     tangent: Tangent | None
     size: float
-    last: tuple[Tangent, float] | None = None
+    last: tuple[Tangent, Tangent] | None = None
     has_arrived: bool = False
 
 
 class _Trial(NamedTuple):
-    """Trial step: its control and target, unit tangent, and the steps that change the point."""
+    """Trial step.
+
+    Attributes
+    ----------
+    control, values
+        Control that increases along it, and its values at both ends.
+    unit
+        Tangent at its begin, with respect to the control.
+    is_last
+        True if it ends at the target.
+    """
 
     control: Control
     values: tuple[float, float]
     unit: Tangent
-    step: Tangent
-    curved: Tangent
+    is_last: bool
 
     @property
-    def size(self) -> float:
-        return abs(self.values[1] - self.values[0])
+    def change(self) -> Tangent:
+        """Change along the tangent."""
+        return self.unit.scale(self.values[1] - self.values[0])
 
 
 def _take_step(
@@ -438,93 +517,108 @@ def _take_step(
     explain: Callable[[Segment], Any],
 ) -> tuple[Segment, Any, _Progress]:
     """Return the segment of the next step, its critical points, and the progress after it."""
-    begin, size = progress.begin, progress.size
-    problem, row, tangent = begin.problem, control(begin.x, begin.p), progress.tangent
+    begin, size, tangent, last = progress.begin, progress.size, progress.tangent, progress.last
+    problem, weight, row = begin.problem, steps.parameter_weight, control(begin.x, begin.p)
     if tangent is None:
         tangent = begin.tangent(row).scale(np.sign(target - row.value))
     if steps.by_arc_length:
-        unit = _normalize(problem, tangent, steps.parameter_weight)
-        size = min(size, _limit_arc(problem, unit, steps))
-    else:
-        rate = float(row.x @ tangent.x) + row.p * tangent.p
-        unit = tangent.scale(np.sign(target - row.value) / rate)
-    least, usual = _MIN_STEP * size, min(size, steps.largest)
+        tangent = tangent.scale(1.0 / _length(problem, tangent, weight))
+        size = min(size, _limit_arc(problem, tangent, steps))
+    usual = min(size, steps.largest)
     while True:
         is_corner = size <= _CORNER_STEP * usual
         try:
-            trial = _try(begin, row, control, target, steps, unit, size, progress, is_corner)
-            segment, error = _correct_trial(begin, trial, is_corner)
-            has_arrived = trial.values[1] == target and not steps.by_arc_length
-            if steps.by_arc_length:
-                cosine = _cosine(problem, unit, segment.tangent, steps.parameter_weight)
-                if cosine < _MIN_COSINE and not is_corner:
-                    raise CurveError("the curve turns too sharply for the step")
-                segment, has_arrived = _truncate(segment, control, target)
+            trial = _try(begin, control, target, steps, tangent, size, is_corner)
+            change = trial.change
+            curved = _extrapolate(problem, last, change, weight)
+            segment, error = _correct_trial(begin, trial, curved, is_corner)
+            cosine = _cosine(problem, tangent, segment.direction, weight)
+            if steps.by_arc_length and not is_corner:
+                _require_near(control, target, trial, segment, cosine)
             found = explain(segment)
             break
         except CurveError:
-            size *= _CUT
-            if size < least:
+            size, last = size * _CUT, None
+            if size < steps.smallest * usual:
                 raise
-    moved = _size(problem, trial.step.x)
-    aimed = _AIMED_CORRECTION * moved + _ROUNDING
-    growth = float(np.clip(np.sqrt(aimed / max(error, 1e-3 * _ROUNDING)), 0.3, _MAX_GROWTH))
-    grown = trial.size * growth
+    growth = np.sqrt(_AIMED_CORRECTION * _length(problem, change, 0.0) + _ROUNDING) / np.sqrt(
+        error + _NEGLIGIBLE
+    )
+    if steps.by_arc_length and cosine < 1.0:
+        growth = min(growth, _AIMED_ANGLE / np.arccos(cosine))
+    taken = size if steps.by_arc_length else abs(trial.values[1] - trial.values[0])
+    grown = taken * float(np.clip(growth, _MIN_GROWTH, _MAX_GROWTH))
     # A step that is shortened to meet a target does not shorten the next step.
-    grown = max(grown, progress.size) if has_arrived else grown
-    if not steps.by_arc_length:
-        grown = min(grown, steps.largest)
-    last = (trial.unit, trial.size)
-    return segment, found, _Progress(segment.end, segment.tangent, grown, last, has_arrived)
+    grown = max(grown, progress.size) if trial.is_last else grown
+    grown = grown if steps.by_arc_length else min(grown, steps.largest)
+    end = segment.end
+    chord = Tangent(problem.difference(end.x, begin.x), end.p - begin.p)
+    after = _Progress(end, segment.direction, grown, (tangent, chord), trial.is_last)
+    return segment, found, after
 
 
 def _limit_arc(problem: Problem, unit: Tangent, steps: Steps) -> float:
     """Return the largest permitted size of a step by arc length."""
-    motion, change = _size(problem, unit.x), abs(unit.p)
+    motion, change = problem.measure(unit.x), abs(unit.p)
     by_motion = steps.largest / motion if motion > 0.0 else np.inf
     return min(by_motion, steps.parameter_step / change if change > 0.0 else np.inf)
 
 
 def _try(
     begin: Point,
-    row: Row,
     control: Control,
     target: float,
     steps: Steps,
-    unit: Tangent,
+    tangent: Tangent,
     size: float,
-    progress: _Progress,
     is_corner: bool,
 ) -> _Trial:
-    """Return a trial step, whose curvature is that of the last one.
+    """Return a trial step, which ends at the target if it would pass it.
 
     Across a corner, such as the onset of a contact, the parameter may reverse: arc lengths are then
     those of the unknowns alone.
     """
-    problem = begin.problem
-    if steps.by_arc_length:
+    row = control(begin.x, begin.p)
+    rate = float(row.x @ tangent.x) + row.p * tangent.p
+    reach, moved = target - row.value, size * rate
+    if not steps.by_arc_length:
+        moved = float(np.copysign(size, reach))
+    is_last = moved * reach > 0.0 and (1.0 + _REACH_ROUNDING) * abs(moved) >= abs(reach)
+    if steps.by_arc_length and not is_last:
         weight = steps.parameter_weight
-        if is_corner and _size(problem, unit.x) > 0.0:
-            weight = 0.0
-        control, values = ArcLength(begin, unit, weight), (0.0, size)
-    else:
-        side, reach = float(np.sign(target - row.value)), abs(target - row.value)
-        # The last step is not tiny.
-        size = 0.5 * reach if 1.001 * size < reach < _SPLIT_RATIO * size else size
-        is_last = 1.001 * size >= reach
-        values = row.value, target if is_last else row.value + side * size
-    length = abs(values[1] - values[0])
-    step = curved = unit.scale(length)
-    if progress.last is not None and not is_corner:
-        before, last = progress.last
-        factor = 0.5 * length**2 / last
-        bent = Tangent(factor * (unit.x - before.x), factor * (unit.p - before.p))
-        if _size(problem, bent.x) <= _MAX_CURVED * _size(problem, step.x):
-            curved = Tangent(step.x + bent.x, step.p + bent.p)
-    return _Trial(control, values, unit, step, curved)
+        weight = 0.0 if is_corner and begin.problem.measure(tangent.x) > 0.0 else weight
+        return _Trial(ArcLength(begin, tangent, weight), (0.0, size), tangent, False)
+    if not is_last and abs(reach) < _SPLIT_RATIO * abs(moved):
+        moved = 0.5 * reach  # the last step is not tiny
+    end = target if is_last else row.value + moved
+    return _Trial(control, (row.value, end), tangent.scale(1.0 / rate), is_last)
 
 
-def _correct_trial(begin: Point, trial: _Trial, is_corner: bool) -> tuple[Segment, float]:
+def _extrapolate(
+    problem: Problem, last: tuple[Tangent, Tangent] | None, change: Tangent, weight: float
+) -> Tangent:
+    """Return the change of a step along a cubic polynomial through the last one.
+
+    The polynomial has the tangents and the chord of the last step, by lengths.
+    """
+    length = _norm(problem, change, weight)
+    if last is None or not length:
+        return change
+    start, chord = last
+    before, ahead = _norm(problem, chord, weight), change.scale(1.0 / length)
+    start = start.scale(1.0 / _norm(problem, start, weight))
+    mean, ratio = chord.scale(1.0 / before), length / before
+    # Newton's form of the polynomial, with both ends as double nodes.
+    second = ahead.plus(mean, -1.0)
+    third = second.plus(mean, -1.0).plus(start)
+    bent = second.scale(ratio).plus(third, ratio * (1.0 + ratio)).scale(length)
+    is_smooth = _length(problem, bent, weight) <= _MAX_CURVED * _length(problem, change, weight)
+    return change.plus(bent) if is_smooth else change
+
+
+def _correct_trial(
+    begin: Point, trial: _Trial, predicted: Tangent, is_corner: bool
+) -> tuple[Segment, float]:
     """Return the segment of a trial step and the size of its correction.
 
     Raises
@@ -532,21 +626,30 @@ def _correct_trial(begin: Point, trial: _Trial, is_corner: bool) -> tuple[Segmen
     CurveError
         If Newton's method fails, or the tangent at one of the ends does not lead to the other one.
     """
-    problem = begin.problem
-    x, p = problem.move(begin.x, trial.curved.x), begin.p + trial.curved.p
-    end = correct(problem, trial.control, trial.values[1], x, p)
-    first, last = trial.values
-    segment = Segment(
-        begin, end, trial.control, trial.values, trial.unit.scale(np.sign(last - first))
-    )
+    problem, (first, last) = begin.problem, trial.values
+    x, p = problem.move(begin.x, predicted.x), begin.p + predicted.p
+    end = correct(problem, trial.control, last, x, p)
+    segment = Segment(begin, end, trial.control, trial.values, trial.unit)
     # A step between two curves is not seen from one of its ends alone.
     back = problem.move(end.x, segment.tangent.scale(first - last).x)
-    error = _size(problem, problem.difference(end.x, x))
-    missed = max(error, _size(problem, problem.difference(back, begin.x)))
-    limit = _MAX_ERROR * _size(problem, trial.step.x) + _ROUNDING
+    error = problem.measure(problem.difference(end.x, x))
+    missed = max(error, problem.measure(problem.difference(back, begin.x)))
+    limit = _MAX_ERROR * problem.measure(trial.change.x) + _ROUNDING
     if error > _MAX_CORNER if is_corner else missed > limit:
         raise CurveError("the curve turns too sharply for the step")
     return segment, error
+
+
+def _require_near(
+    control: Control, target: float, trial: _Trial, segment: Segment, cosine: float
+) -> None:
+    """Raise CurveError if a step by arc length turns too far or passes the target."""
+    if cosine < _MIN_COSINE:
+        raise CurveError("the curve turns too sharply for the step")
+    ends = (control(point.x, point.p).value for point in (segment.begin, segment.end))
+    before, after = (target - value for value in ends)
+    if not trial.is_last and before * after <= 0.0:
+        raise CurveError("the step passes the target")
 
 
 def switch(
@@ -583,7 +686,8 @@ def switch(
         _inner(problem, part, part, weight) / _inner(problem, x, x, weight)
         for part, x in zip(parts, plane, strict=True)
     ]
-    tangent = _normalize(problem, parts[int(np.argmax(shares))].scale(side), weight)
+    tangent = parts[int(np.argmax(shares))].scale(side)
+    tangent = tangent.scale(1.0 / _length(problem, tangent, weight))
     size = 0.5 * steps.largest
     while True:
         try:
@@ -598,44 +702,18 @@ def switch(
             return first, after
         except CurveError as error:
             size *= _CUT
-            if size < _MIN_STEP * steps.largest:
+            if size < steps.smallest * steps.largest:
                 raise CurveError(
                     f"no crossing path was found at the branch point: {error}"
                 ) from None
 
 
-def _truncate(segment: Segment, control: Control, target: float) -> tuple[Segment, bool]:
-    """Return the segment, up to the target if it is within, and True if it is."""
-    off = [control(x.x, x.p).value - target for x in (segment.begin, segment.end)]
-    if off[0] * off[1] > 0.0 or off[0] == 0.0:
-        return segment, False
-    if off[1] == 0.0:
-        return segment, True
-    low, high = 0.0, 1.0
-    for _ in range(40):
-        position = low - off[0] * (high - low) / (off[1] - off[0])
-        point = segment.at(position)
-        rest = control(point.x, point.p).value - target
-        if abs(high - low) < 1e-6 or rest == 0.0:
-            break
-        if rest * off[0] > 0.0:
-            low, off[0], off[1] = position, rest, 0.5 * off[1]
-        else:
-            high, off[1], off[0] = position, rest, 0.5 * off[0]
-    try:
-        end = correct(point.problem, control, target, point.x, point.p)
-    except CurveError:
-        end = point  # the control has an extremum there
-    return segment.up_to(end), True
+def _length(problem: Problem, change: Tangent, weight: float) -> float:
+    return max(problem.measure(change.x), weight * abs(change.p))
 
 
-def _size(problem: Problem, step: Array) -> float:
-    return float(np.max(np.abs(step * problem.weights), initial=0.0))
-
-
-def _normalize(problem: Problem, tangent: Tangent, weight: float) -> Tangent:
-    size = max(_size(problem, tangent.x), weight * abs(tangent.p))
-    return tangent.scale(1.0 / size)
+def _norm(problem: Problem, change: Tangent, weight: float) -> float:
+    return float(np.sqrt(_inner(problem, change, change, weight)))
 
 
 def _inner(problem: Problem, one: Tangent, other: Tangent, weight: float) -> float:
@@ -644,8 +722,8 @@ def _inner(problem: Problem, one: Tangent, other: Tangent, weight: float) -> flo
 
 
 def _cosine(problem: Problem, one: Tangent, other: Tangent, weight: float) -> float:
-    sizes = _inner(problem, one, one, weight) * _inner(problem, other, other, weight)
-    return _inner(problem, one, other, weight) / np.sqrt(sizes)
+    lengths = _norm(problem, one, weight) * _norm(problem, other, weight)
+    return min(_inner(problem, one, other, weight) / lengths, 1.0) if lengths else 1.0
 
 
 def _remove(problem: Problem, one: Tangent, other: Tangent, weight: float) -> Tangent:

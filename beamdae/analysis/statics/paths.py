@@ -413,7 +413,7 @@ def _follow(
 def _try_tangent(segment: Segment) -> Tangent | None:
     """Return the tangent at the end of a segment; None if it is not unique."""
     try:
-        return segment.tangent
+        return segment.direction
     except CurveError:
         return None
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.continuation.engine import CurveError, Point, Row
+from beamdae.analysis.continuation.engine import CurveError, Point, Problem, Row
 from beamdae.analysis.continuation.spectrum import Flexibility, count_growing, has_potential
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
@@ -229,6 +229,7 @@ class Stability(NamedTuple):
     divergent: int
     oscillating: int
     free: int
+    alternating: int = 0  # of periodic motions
 
     @property
     def unstable(self) -> int:
@@ -286,7 +287,7 @@ class BorderedFactors:
         return self.system.solve(self, right)
 
 
-class StaticProblem:
+class StaticProblem(Problem):
     """Static equations of one load stage for the curve engine, in machine code if available.
 
     The unknowns are (q, lam) with the axial and shear forces of beams among the multipliers. If the
@@ -305,8 +306,6 @@ class StaticProblem:
         See above.
     pattern
         CSC pattern of the tangent F_x, (n + m, n + m).
-    weights
-        Inverse natural sizes of the coordinates, and 0 for multipliers.
     """
 
     def __init__(self, system: LoadedEquations) -> None:
@@ -332,7 +331,7 @@ class StaticProblem:
         plan = _plan_system(common, only_unloaded, only_loaded, added, part_rows)
         self._plan, self.pattern = plan, plan.pattern
         size = plan.pattern.shape[0]
-        self.weights = np.append(1.0 / last.group_scales, np.zeros(size - last.n))
+        self._weights = np.append(1.0 / last.group_scales, np.zeros(size - last.n))
         self._rigid = last.m - len(compliant)
         self._evaluated_x = np.full(size, np.nan)
         self._compilation_seconds = np.inf
@@ -446,6 +445,11 @@ class StaticProblem:
         return self._loop.work.saddle.scales.copy()
 
     @property
+    def weights(self) -> Array:
+        """Inverse natural sizes of the coordinates, and 0 for multipliers."""
+        return self._weights
+
+    @property
     def n(self) -> int:
         """Number of coordinates."""
         return self._n
@@ -454,15 +458,7 @@ class StaticProblem:
         """Return the unknowns (q, 0)."""
         return np.append(q, np.zeros(len(self.weights) - self._n))
 
-    def move(self, x: Array, step: Array) -> Array:
-        """Return the unknowns after a step."""
-        return np.asarray(x + step)
-
-    def difference(self, end: Array, begin: Array) -> Array:
-        """Return the step that leads from `begin` to `end`."""
-        return np.asarray(end - begin)
-
-    def linearize(self, x: Array, p: float) -> StaticLinearization:
+    def linearize(self, x: Array, p: float, last: Any = None) -> StaticLinearization:
         """Return the equations, linearized about (x, p)."""
         return StaticLinearization(self, x, p)
 
@@ -487,7 +483,7 @@ class StaticProblem:
                 y.toarray() * self.scales[: self._n] * self.scales[: self._n, None]
                 for y in (tangent.mass, tangent.damping)
             )
-            return Stability(*count_growing(flexibility, *matrices), by_signs.free)
+            return Stability(*count_growing(flexibility, *matrices)[:2], by_signs.free)
         except CurveError:
             return by_signs
 
