@@ -18,7 +18,6 @@ import scipy.sparse as sp
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
 from beamdae.beams.kinematics import (
     Kinematics,
-    LocalAxis,
     MaterialPoint,
     create_custom_kinematics,
 )
@@ -460,16 +459,6 @@ class Beam(Part):
     def frame_follows_section(self) -> bool:
         """True if the body has a floating frame that moves with one of its sections."""
         return self.kinematics.frame_follows_section
-
-    @property
-    def axis_nodes(self) -> Array:
-        """Indices of the coordinates (x, y, psi) of element nodes; empty with a floating frame."""
-        return self.kinematics.axis_nodes
-
-    @property
-    def local_axis(self) -> LocalAxis | None:
-        """Axis of the beam in its floating frame if the strains are exact, else None."""
-        return self.kinematics.local_axis
 
     def rigid_motions(self, q: SX) -> SX:
         """Return the rates of the coordinates in rigid motions, see `Kinematics.rigid_motions`."""

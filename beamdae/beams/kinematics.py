@@ -123,43 +123,6 @@ class PointValues(NamedTuple):
     values: Callable[[Local], SX]
 
 
-class LocalAxis(NamedTuple):
-    """Axis of a beam whose strains are exact functions of displacements in a floating frame.
-
-    With the displacements w = u + i v at the nodes of an element and the section rotations phi, the
-    derivative of the position is z = 1 + slopes @ w at its Gauss points, as a complex number in the
-    directions of the undeformed axis. Its strains depend on z exp(-i phi) and the derivative of
-    phi.
-
-    Attributes
-    ----------
-    coordinates, factors
-        Index of the coordinate and factor that determine (u, v, phi) of each node, (nodes, 3).
-    nodes
-        Indices of the nodes of each element, (elements, nodes).
-    kinks
-        Factors that rotate w from the axes of the node to those of the element, (elements, nodes).
-    values
-        Shape functions at the Gauss points, (points, nodes).
-    slopes
-        Complex derivatives at the Gauss points, (elements, points, nodes).
-    frame_angle
-        Index of the coordinate that is the angle of the frame.
-    end_direction
-        Direction of the axis at the end in the frame, as a complex number, if the end moves along
-        the chord only; otherwise None.
-    """
-
-    coordinates: Array
-    factors: Array
-    nodes: Array
-    kinks: Array
-    values: Array
-    slopes: Array
-    frame_angle: int
-    end_direction: complex | None
-
-
 class Kinematics(ABC):
     """Mapping from the coordinates of a beam to the motion and strains of its points.
 
@@ -190,16 +153,6 @@ class Kinematics(ABC):
     def frame_follows_section(self) -> bool:
         """True if the beam has a floating frame that moves with a section; False by default."""
         return False
-
-    @property
-    def axis_nodes(self) -> Array:
-        """Indices of the coordinates (x, y, psi) of element nodes, see `Part`; empty by default."""
-        return np.zeros((0, 0, 3), int)
-
-    @property
-    def local_axis(self) -> LocalAxis | None:
-        """Axis in a floating frame with exact strains; None by default."""
-        return None
 
     @property
     @abstractmethod

@@ -128,20 +128,6 @@ class Part:
         return False
 
     @property
-    def axis_nodes(self) -> Array:
-        """Indices of the coordinates (x, y, psi) of the nodes of beam elements.
-
-        The shape is (elements, nodes, 3); elements are connected in order. Empty unless the nodes
-        have positions and section angles in the inertial frame.
-        """
-        return np.zeros((0, 0, 3), int)
-
-    @property
-    def local_axis(self) -> Any:
-        """Axis of a beam in a floating frame with exact strains, a `LocalAxis`; None by default."""
-        return None
-
-    @property
     def initial_position(self) -> Array:
         """Values of the n coordinates in the reference configuration, shape (n,)."""
         return np.zeros(0)

@@ -108,11 +108,6 @@ class GeometricallyExact(FormulationKinematics):
         """Matrix that maps beam coordinates to element coordinates, (elements * size, n)."""
         return self._select_nodes(self.mesh.element_nodes)
 
-    @geometric_property
-    def axis_nodes(self) -> Array:
-        """Indices of the coordinates (x, y, psi) of element nodes, (elements, nodes, 3)."""
-        return NODE_SIZE * self.mesh.element_nodes[..., None] + np.arange(NODE_SIZE)
-
     def _select_nodes(self, nodes: Any) -> sp.csr_array:
         columns = (NODE_SIZE * np.ravel(nodes)[:, None] + np.arange(NODE_SIZE)).ravel()
         return build_selection(columns, NODE_SIZE * self.mesh.node_count)

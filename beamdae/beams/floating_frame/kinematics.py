@@ -22,7 +22,6 @@ from beamdae.beams.floating_frame.formulas import (
 )
 from beamdae.beams.kinematics import (
     FormulationKinematics,
-    LocalAxis,
     MaterialPoint,
     Placement,
     PointValues,
@@ -30,7 +29,6 @@ from beamdae.beams.kinematics import (
 )
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.shape_functions import (
-    gauss_points,
     node_positions,
     shape_functions,
 )
@@ -173,33 +171,6 @@ class FloatingFrame(FormulationKinematics):
         operator = sp.csr_array(sp.coo_array((values, (rows, columns)), shape=shape))
         operator.eliminate_zeros()
         return operator
-
-    @property
-    def local_axis(self) -> LocalAxis | None:
-        """Axis in the floating frame if the strains are exact, else None."""
-        if self.strain != "exact":
-            return None
-        mesh, nodes = self.mesh_in_frame, self.mesh.nodes
-        shape, points = (mesh.elements, nodes), nodes - 1
-        xi, _ = gauss_points(points)
-        rows, derivatives = (shape_functions(nodes, xi, k) for k in (0, 1))
-        _, axis = mesh.gauss(points)
-        dxi_ds, curvature = (
-            x.reshape(mesh.elements, points, 1) for x in (1.0 / axis.ds, axis.curvature)
-        )
-        kinks = self._kink_angles(np.repeat(np.arange(shape[0]), nodes), mesh.element_nodes.ravel())
-        coordinate, factor = self._nodal_to_free
-        angle = float(mesh.tangent_angle(self.mesh.curve.length))
-        return LocalAxis(
-            coordinates=coordinate.reshape(-1, NODE_SIZE),
-            factors=factor.reshape(-1, NODE_SIZE),
-            nodes=mesh.element_nodes,
-            kinks=np.exp(-1j * kinks.reshape(shape)),
-            values=rows,
-            slopes=dxi_ds * derivatives + 1j * curvature * rows,
-            frame_angle=FRAME_SIZE - 1,
-            end_direction=np.exp(1j * angle) if self.frame == "chord" else None,
-        )
 
     def _kink_angles(self, element: Array, node: Array) -> Array:
         """Return the angles from the curve to the element axis at the nodes of elements [rad].
