@@ -214,7 +214,7 @@ class SplitStiffness:
 
     layout: ElementDataLayout
 
-    def __call__(self, data: Array) -> tuple[Array, Array, Array]:
+    def __call__(self, data: Array) -> tuple[Array, Array, Array, Array]:
         """Return the arrays of `CompliantForm.split`: the compliances are those of the rest."""
         rest = data.copy()
         values, first = self.layout.stiffness_values(data), len(self.layout.stiffness_point)
@@ -225,7 +225,9 @@ class SplitStiffness:
         soft = values.copy()
         soft[..., first : first + RESULTANTS] = share
         rest[self.layout.stiffness_rows] = soft.reshape(data.shape[1], -1).T
-        return rest, values[..., :first], weight[..., None] / (whole - share)
+        compliance = weight[..., None] / (whole - share)
+        retardation = np.broadcast_to(values[..., -1:], compliance.shape)
+        return rest, values[..., :first], compliance, retardation
 
 
 @cache

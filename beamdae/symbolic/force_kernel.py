@@ -373,13 +373,13 @@ class CompliantForm(NamedTuple):
         Matrices (points, coordinates of a point, local coordinates): z = B x.
     split
         Function of the numbers of copies (n_data, count) that returns those of the rest of the
-        force (n_data, count), those of the points (count, points, data), and the compliances C
-        (count, points, constraints of a point).
+        force (n_data, count), those of the points (count, points, data), the compliances C and the
+        retardation times tau of g + tau g' - C lam = 0 (count, points, constraints of a point).
     """
 
     kernel: ConstraintKernel
     operators: Array
-    split: Callable[[Array], tuple[Array, Array, Array]]
+    split: Callable[[Array], tuple[Array, Array, Array, Array]]
 
 
 class PointForce(NamedTuple):

@@ -20,7 +20,7 @@ LIMIT, BRANCH, FLUTTER = "limit point", "branch point", "flutter point"
 DOUBLING = "period doubling"
 
 # Positions in a segment run from 0 to 1; closer points are one cluster.
-_RESOLUTION = 1e-7
+_RESOLUTION = 1e-6
 # Where a curve branches off another one, its parameter turns and an eigenvalue touches zero: closer
 # to this point, rounding decides the sign of the eigenvalue.
 _TURN_RESOLUTION = 1e-2
@@ -30,6 +30,8 @@ _ROOT_TOLERANCE = 1e-6
 # width, and motion along the critical mode by rounding in natural sizes: farther apart, they lie on
 # different curves.
 _MAX_GAP_RATIO, _ROUNDING = 10.0, 1e-5
+# Largest share of the derivative by the parameter along the critical mode where curves cross.
+_MAX_IMPERFECTION = 1e-4
 # Smallest share of a bracket in which a root is sought.
 _MIN_SHARE = 1e-3
 
@@ -191,7 +193,23 @@ def _find_root(
     share = values[0] / (values[0] - values[1])
     x, p = first.between(last, share)
     point = Point(first.problem, x, p, first.problem.linearize(x, p))
+    turns = low.rate * high.rate < 0.0
+    if not (turns or alternates) and _opposes(point, border) > _MAX_IMPERFECTION:
+        raise CurveError("the stability changes abruptly")
     return left + share * (right - left), point, mode
+
+
+def _opposes(point: Point, border: Array) -> float:
+    """Return the share of the derivative by the parameter that a singular Jacobian cannot balance.
+
+    It vanishes where curves cross. Elsewhere, a curve turns where its Jacobian is singular.
+    """
+    by_parameter, weights = point.linearization.by_parameter, point.problem.weights
+    right = np.append(by_parameter, 0.0)
+    share = point.bordered(border, border, 0.0).solve(right)[-1]
+    sizes = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0.0)
+    whole = float(np.linalg.norm(sizes * by_parameter))
+    return abs(share) * float(np.linalg.norm(sizes * border)) / whole if whole else 0.0
 
 
 def critical_mode(point: Point) -> Array:

@@ -20,8 +20,9 @@ Array = np.ndarray
 # forces normal to sections instead of the axis do work on shear strains.
 _SOFT_COUNT = 6
 _MIN_ASYMMETRY = 1e-3
-# Real parts below this fraction of the eigenvalue are rounding errors.
-_ROUNDING, _ROUNDING_OF_GROWTH = 1e-6, 1e-10
+# Imaginary parts below this fraction of the eigenvalue are rounding errors; and real parts below
+# this fraction of the largest eigenvalue.
+_ROUNDING, _ROUNDING_OF_GROWTH = 1e-6, 1e-13
 # Motions that are faster by the reciprocal of this ratio are rounding errors of the slowest ones.
 _NEGLIGIBLE = 1e-9
 
@@ -34,26 +35,33 @@ class Flexibility(NamedTuple):
     size
         Number of coordinates n.
     respond
-        Function from forces (n, k) to displacements (n, k).
+        Function from forces and changes of constraints (n + m, k) to displacements (n, k).
     """
 
     size: int
     respond: Callable[[Array], Array]
 
+    def respond_to_forces(self, forces: Array, m: int) -> Array:
+        """Return the displacements due to forces (n, k) alone."""
+        return self.respond(np.vstack([forces, np.zeros((m, forces.shape[1]))]))
 
-def has_potential(flexibility: Flexibility) -> bool:
-    """Return True if soft motions feel no asymmetry of the stiffness."""
+
+def has_potential(flexibility: Flexibility, m: int) -> bool:
+    """Return True if soft motions feel no asymmetry of the stiffness; m is the number of rows."""
     size = flexibility.size
     vectors = np.cos(np.outer(np.arange(size) ** 2.0, np.arange(1.0, min(_SOFT_COUNT, size) + 1.0)))
     for _ in range(2):
-        vectors = np.linalg.qr(flexibility.respond(vectors))[0]
-    reduced = vectors.T @ flexibility.respond(vectors)
+        vectors = np.linalg.qr(flexibility.respond_to_forces(vectors, m))[0]
+    reduced = vectors.T @ flexibility.respond_to_forces(vectors, m)
     return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
 
 
 def count_growing(flexibility: Flexibility, mass: Array, damping: Array) -> Count:
-    """Return the number of growing motions for a mass and a damping matrix, (n, n)."""
-    by_mass = flexibility.respond(mass)
+    """Return the number of growing motions for a mass matrix (n, n).
+
+    `damping`, (n + m, n), are forces and changes of constraints in proportion to velocities.
+    """
+    by_mass = flexibility.respond_to_forces(mass, len(damping) - len(mass))
     if not damping.any():
         # Reciprocals of squared eigenvalues: real ones do not oscillate if they are positive.
         squares = la.eigvals(-by_mass)
@@ -65,6 +73,6 @@ def count_growing(flexibility: Flexibility, mass: Array, damping: Array) -> Coun
     matrix = np.block([[-flexibility.respond(damping), -by_mass], [np.eye(size), 0.0 * mass]])
     values = la.eigvals(matrix)
     values = values[np.abs(values) > _NEGLIGIBLE * np.abs(values).max(initial=0.0)]
-    growing = values[values.real > _ROUNDING_OF_GROWTH * np.abs(values)]
+    growing = values[values.real > _ROUNDING_OF_GROWTH * np.abs(values).max(initial=0.0)]
     is_real = np.abs(growing.imag) <= _ROUNDING * np.abs(growing)
     return Count(int(is_real.sum()), int(np.sum(~is_real)) // 2)

@@ -138,7 +138,7 @@ class LoadedEquations:
         """Return (t, branch) at which laws are evaluated."""
         return self.loaded.time if self.varied is None else self.varied.at(mu).time
 
-    def _interval_at(self, mu: float) -> tuple[StaticEquations, StaticEquations, float]:
+    def interval_at(self, mu: float) -> tuple[StaticEquations, StaticEquations, float]:
         """Return two equations and the share of the second one in those at `mu`."""
         if self.varied is None:
             return self.unloaded, self.loaded, mu
@@ -146,19 +146,19 @@ class LoadedEquations:
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return the residual (n + m,) and, for load factors, its derivative by mu."""
-        *pair, share = self._interval_at(mu)
+        *pair, share = self.interval_at(mu)
         first, last = (each.residual(*np.split(x, [each.equations.n])) for each in pair)
         return first + share * (last - first), last - first
 
     def matrix(self, x: Array, mu: float) -> sp.csc_array:
         """Return the Jacobian of the residual with respect to x."""
-        *pair, share = self._interval_at(mu)
+        *pair, share = self.interval_at(mu)
         first, last = (each.matrix(*np.split(x, [each.equations.n])) for each in pair)
         return sp.csc_array((1.0 - share) * first + share * last)
 
     def motion_tangent(self, state: State, mu: float) -> Tangent:
         """Return the equations of motion linearized about `state` at the load factor `mu`."""
-        first, last, share = self._interval_at(mu)
+        first, last, share = self.interval_at(mu)
         state = state._replace(lam=state.lam[: self.equations.m])
         loaded = compute_tangent(last.equations, last.time, state)
         if first is last:

@@ -6,16 +6,17 @@ import weakref
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial, reduce
+from functools import cached_property, reduce
 from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.linalg import splu
 
 from beamdae.analysis.continuation.engine import CurveError, Point, Problem, Row
 from beamdae.analysis.continuation.spectrum import Flexibility, count_growing, has_potential
-from beamdae.analysis.statics.load_scaling import LoadedEquations
+from beamdae.analysis.statics.load_scaling import LoadedEquations, interpolate_tangents
 from beamdae.analysis.statics.pivot_signs import (
     ASYMMETRY_TOLERANCE,
     NEGLIGIBLE_STIFFNESS,
@@ -40,6 +41,7 @@ from beamdae.equations.formulations.static_equations import (
     StaticSums,
     plan_static_sums,
 )
+from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.structure import (
     ConstraintTerm,
     ForceTerm,
@@ -472,29 +474,31 @@ class StaticProblem(Problem):
         by_signs = Stability(signs.below - m, 0, signs.above - signs.below)
         if signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size or self._rigid >= self._n:
             return by_signs
-        flexibility = Flexibility(self._n, partial(self._respond, point))
         try:
-            if has_potential(flexibility):
-                return by_signs
-            at_rest = np.zeros(self._n)
-            state = State(x[: self._n], at_rest, at_rest, x[self._n :])
-            tangent = self.system.motion_tangent(state, p)
-            matrices = (
-                y.toarray() * self.scales[: self._n] * self.scales[: self._n, None]
-                for y in (tangent.mass, tangent.damping)
-            )
-            return Stability(*count_growing(flexibility, *matrices)[:2], by_signs.free)
-        except CurveError:
+            factors = splu(sp.csc_matrix(self.matrix(x, p)))
+        except RuntimeError:
             return by_signs
+        flexibility = Flexibility(self._n, lambda right: factors.solve(right)[: self._n])
+        if has_potential(flexibility, m):
+            return by_signs
+        growing = count_growing(flexibility, *self._motion_matrices(point))
+        return Stability(growing.divergent, growing.oscillating, by_signs.free)
 
-    def _respond(self, point: Point, forces: Array) -> Array:
-        """Return displacements (n, k) due to forces (n, k), both in natural sizes."""
-        n, size = self._n, len(point.x)
-        scales, zeros = self.scales[:n], np.zeros(size)
-        factors = point.bordered(zeros, zeros, 1.0)
-        rows = np.zeros((forces.shape[1], size + 1))
-        rows[:, :n] = forces.T / scales
-        return np.array([factors.solve(row)[:n] / scales for row in rows]).T
+    def _motion_matrices(self, point: Point) -> tuple[Array, Array]:
+        """Return mass (n, n) and damping (n + m, n) in natural sizes, with that of constraints."""
+        n, scales, at_rest = self._n, self.scales, np.zeros(self._n)
+        state = State(point.x[:n], at_rest, at_rest, point.x[n:])
+        first, last, share = self.system.interval_at(point.p)
+        forms = [introduce_resultants(x.equations) for x in (first, last)]
+        tangents = [
+            compute_tangent(x.equations, y.time, state)
+            for x, y in zip(forms, (first, last), strict=True)
+        ]
+        tangent = interpolate_tangents(*tangents, share)
+        constraints = sp.diags_array(forms[1].retardation) @ tangent.position_jacobian
+        damping = sp.vstack([tangent.damping, constraints]).toarray()
+        mass = tangent.mass.toarray() * scales[:n] * scales[:n, None]
+        return mass, damping * scales[:n] * scales[:, None]
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return F and F_mu at x = (q, lam), (n + m,) each."""

@@ -1,4 +1,4 @@
-"""Equations whose stiff forces are reactions of compliant constraints: g(q) - C lam = 0.
+"""Equations whose stiff forces are reactions of constraints: g(q) + tau g'(q, v) - C lam = 0.
 
 Axial and shear forces of thin beams are determined by strains that are lost in the rounding of the
 positions. As unknowns, they are accurate whatever the slenderness (mixed form).
@@ -26,34 +26,37 @@ Array = np.ndarray
 
 
 class CompliantEquations(NamedTuple):
-    """Equations F + G^T lam = 0, g - C lam = 0.
+    """Equations F + G^T lam = 0, g + tau g' - C lam = 0.
 
     Attributes
     ----------
     equations
         Equations whose last constraints are compliant.
-    compliance
-        Diagonal of C, (m,); 0 for joints.
+    compliance, retardation
+        Diagonals of C and of the retardation times tau [s], (m,); 0 for joints.
     """
 
     equations: EquationsOfMotion
     compliance: Array
+    retardation: Array
 
 
 def introduce_resultants(e: EquationsOfMotion) -> CompliantEquations:
     """Return the equations with the stiff forces of all terms as unknowns."""
-    p, numbers, compliance, rotations = e.p.copy(), [], [np.zeros(e.m)], []
+    p, numbers, rotations = e.p.copy(), [], []
+    compliance, retardation = [np.zeros(e.m)], [np.zeros(e.m)]
     for term in e.forces:
         form = term.kernel.compliant
         if form is None:
             continue
         size = term.kernel.local.n_data
         columns = p[term.data].reshape((-1, term.count), order="F")
-        columns[:size], points, compliances = form.split(columns[:size])
+        columns[:size], points, compliances, times = form.split(columns[:size])
         p[term.data] = columns.ravel(order="F")
         rotations.append(columns[size:].tobytes())
         numbers.append(points.ravel())
         compliance.append(compliances.ravel())
+        retardation.append(times.ravel())
     structure = _add_constraints(e.structure, len(p), tuple(rotations))
     multipliers = tuple(Variable(f"resultant {k}", "N") for k in range(structure.m - e.m))
     equations = replace(
@@ -62,7 +65,7 @@ def introduce_resultants(e: EquationsOfMotion) -> CompliantEquations:
         p=np.concatenate([p, *numbers]),
         multipliers=(*e.multipliers, *multipliers),
     )
-    return CompliantEquations(equations, np.concatenate(compliance))
+    return CompliantEquations(equations, np.concatenate(compliance), np.concatenate(retardation))
 
 
 @cache_on_owner
