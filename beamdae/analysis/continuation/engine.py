@@ -48,9 +48,8 @@ _MAX_CURVED = 0.25
 _SPLIT_RATIO = 1.2
 # Relative rounding of a remaining distance.
 _REACH_ROUNDING = 1e-3
-# Steps below this fraction of the largest one may turn by any angle: the curve has a corner. A
-# correction of more than the second number, in natural sizes, is a jump.
-_CORNER_STEP, _MAX_CORNER = 1e-3, 1e-2
+# Steps below this fraction of the largest one may turn by any angle: the curve has a corner.
+_CORNER_STEP = 1e-3
 
 
 class CurveError(Exception):
@@ -521,10 +520,11 @@ def _take_step(
     problem, weight, row = begin.problem, steps.parameter_weight, control(begin.x, begin.p)
     if tangent is None:
         tangent = begin.tangent(row).scale(np.sign(target - row.value))
+    usual = steps.largest
     if steps.by_arc_length:
         tangent = tangent.scale(1.0 / _length(problem, tangent, weight))
-        size = min(size, _limit_arc(problem, tangent, steps))
-    usual = min(size, steps.largest)
+        usual = _limit_arc(problem, tangent, steps)
+        size, usual = min(size, usual), min(usual, steps.largest)
     while True:
         is_corner = size <= _CORNER_STEP * usual
         try:
@@ -590,6 +590,8 @@ def _try(
         return _Trial(ArcLength(begin, tangent, weight), (0.0, size), tangent, False)
     if not is_last and abs(reach) < _SPLIT_RATIO * abs(moved):
         moved = 0.5 * reach  # the last step is not tiny
+    if rate == 0.0:
+        raise CurveError("the control has an extremum")
     end = target if is_last else row.value + moved
     return _Trial(control, (row.value, end), tangent.scale(1.0 / rate), is_last)
 
@@ -631,11 +633,16 @@ def _correct_trial(
     end = correct(problem, trial.control, last, x, p)
     segment = Segment(begin, end, trial.control, trial.values, trial.unit)
     # A step between two curves is not seen from one of its ends alone.
-    back = problem.move(end.x, segment.tangent.scale(first - last).x)
-    error = problem.measure(problem.difference(end.x, x))
-    missed = max(error, problem.measure(problem.difference(back, begin.x)))
-    limit = _MAX_ERROR * problem.measure(trial.change.x) + _ROUNDING
-    if error > _MAX_CORNER if is_corner else missed > limit:
+    returned = segment.tangent.scale(first - last)
+    back = problem.move(end.x, returned.x)
+    moved, error = (problem.measure(y) for y in (trial.change.x, problem.difference(end.x, x)))
+    missed = problem.measure(problem.difference(back, begin.x))
+    if is_corner:
+        # Seen from the softer side, a corner shortens the step.
+        is_near = error <= moved + _ROUNDING or missed <= problem.measure(returned.x) + _ROUNDING
+    else:
+        is_near = max(error, missed) <= _MAX_ERROR * moved + _ROUNDING
+    if not is_near:
         raise CurveError("the curve turns too sharply for the step")
     return segment, error
 

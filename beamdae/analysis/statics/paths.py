@@ -361,6 +361,13 @@ def _follow_stage(path: StagePath, settings: PathSettings, control: Control) -> 
         path.fail(error)
         return
     _follow(path, control, targets, steps, settings)
+    if path.is_stuck and path.end is begin and control is prescribe_parameter:
+        # The mechanism moves far under the smallest load, until it is stretched or rests.
+        stuck, path.status, path.is_stuck = path.status, REACHED_END, False
+        if _begin_under_load(path, settings, control, targets):
+            _follow(path, control, targets, _choose_steps(path.end, settings, control), settings)
+        elif len(path.points) == 1:
+            path.status, path.is_stuck = stuck, True
 
 
 def _follow(
@@ -477,8 +484,7 @@ def _leave_free_position(
     """Begin a path where a motion has no stiffness; return True if it can be followed.
 
     The motion may get stiffness by a small load, near the begin; otherwise the mechanism moves far
-    under it, and its position without load is arbitrary: the path then begins at the first load
-    step, found by relaxation.
+    under it.
     """
     problem, begin = path.problem, path.end
     by_load = control is prescribe_parameter
@@ -494,28 +500,37 @@ def _leave_free_position(
             return True
     except CurveError:
         pass
-    q = begin.x[: problem.n]
+    return _begin_under_load(path, settings, control, targets)
+
+
+def _begin_under_load(
+    path: StagePath, settings: PathSettings, control: Control, targets: list[float]
+) -> bool:
+    """Begin a path at the first load step, found by relaxation; return True if it can be followed.
+
+    The position without load is arbitrary if it has a motion without stiffness; the path then
+    begins under load.
+    """
+    problem, begin = path.problem, path.end
+    by_load, is_free = control is prescribe_parameter, bool(stability_of(begin).free)
     try:
-        if by_load:
-            for k, target in enumerate(list(targets)):
-                size = min(abs(target - path.end.p), abs(first))
-                mu = path.end.p + float(np.sign(target - path.end.p)) * size
-                point = _relax(problem, path.end.x[: problem.n], mu)
-                if not stability_of(point).free:
-                    path.points[-1:] = [point]
-                    del targets[:k]
-                    return True
-                path.points.append(_relax(problem, path.end.x[: problem.n], target))
-            return False
-        point = _relax(problem, q, begin.p + first)
-        if not stability_of(point).free:
-            path.points[-1:] = [point]
-            return True
-        free = free_coordinate(point)
-        path.fail(
-            f"{free} is free to move under the loads, which do not change it; choose its "
-            f"value with start={{{free!r}: ...}}, and set to= to a load factor"
-        )
+        for k, target in enumerate(list(targets) if by_load else [begin.p + _LOAD_STEP_RATIO]):
+            way = target - path.end.p
+            size = min(abs(way), _LOAD_STEP_RATIO * abs(targets[0] - begin.p) or abs(way))
+            mu = path.end.p + float(np.sign(way)) * (size if by_load else abs(way))
+            point = _relax(problem, path.end.x[: problem.n], mu)
+            if not stability_of(point).free:
+                path.points[len(path.points) - is_free :] = [point]
+                del targets[:k]
+                return True
+            if not by_load:
+                free = free_coordinate(point)
+                path.fail(
+                    f"{free} is free to move under the loads, which do not change it; choose its "
+                    f"value with start={{{free!r}: ...}}, and set to= to a load factor"
+                )
+                return False
+            path.points.append(_relax(problem, path.end.x[: problem.n], target))
     except BeamdaeError as error:
         path.fail(error)
     return False
