@@ -603,12 +603,13 @@ def _extrapolate(
 
     The polynomial has the tangents and the chord of the last step, by lengths.
     """
-    length = _norm(problem, change, weight)
-    if last is None or not length:
+    if last is None:
+        return change
+    length, slope, before = (_norm(problem, x, weight) for x in (change, *last))
+    if 0.0 in (length, slope, before):
         return change
     start, chord = last
-    before, ahead = _norm(problem, chord, weight), change.scale(1.0 / length)
-    start = start.scale(1.0 / _norm(problem, start, weight))
+    ahead, start = change.scale(1.0 / length), start.scale(1.0 / slope)
     mean, ratio = chord.scale(1.0 / before), length / before
     # Newton's form of the polynomial, with both ends as double nodes.
     second = ahead.plus(mean, -1.0)

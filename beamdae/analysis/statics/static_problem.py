@@ -490,11 +490,11 @@ class StaticProblem(Problem):
         state = State(point.x[:n], at_rest, at_rest, point.x[n:])
         first, last, share = self.system.interval_at(point.p)
         forms = [introduce_resultants(x.equations) for x in (first, last)]
-        tangents = [
+        unloaded, loaded = (
             compute_tangent(x.equations, y.time, state)
             for x, y in zip(forms, (first, last), strict=True)
-        ]
-        tangent = interpolate_tangents(*tangents, share)
+        )
+        tangent = interpolate_tangents(unloaded, loaded, share)
         constraints = sp.diags_array(forms[1].retardation) @ tangent.position_jacobian
         damping = sp.vstack([tangent.damping, constraints]).toarray()
         mass = tangent.mass.toarray() * scales[:n] * scales[:n, None]
