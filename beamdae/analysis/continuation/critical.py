@@ -107,14 +107,14 @@ def _explain(
     change, flutter, doublings = (getattr(high.counts, x) - getattr(low.counts, x) for x in names)
     if not (turns or change or flutter or doublings):
         return []
+    is_turn = not (change or flutter or doublings)
     is_single = abs(change) + abs(doublings) == 1 and not flutter and not (doublings and turns)
-    if is_single:
+    if is_single or is_turn:
         found = _find_root(segment, low, high, bool(doublings))
         if found is not None:
             position, point, mode = found
             kind = DOUBLING if doublings else LIMIT if turns else BRANCH
             return [CriticalPoint(position, kind, point, mode)]
-    is_turn = not (change or flutter or doublings)
     if high.position - low.position > (_TURN_RESOLUTION if is_turn else resolution):
         middle = _sample(segment, low, high, 0.5)
         return [
