@@ -4,19 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from beamdae.analysis.continuation.critical import BRANCH, FLUTTER, LIMIT, explain_counts
+from beamdae.analysis.continuation.engine import (
+    CurveError,
+    Point,
+    Segment,
+    Steps,
+    correct,
+    follow,
+    prescribe_parameter,
+)
 from beamdae.analysis.sensitivities.sensitivity_result import configure_model
-from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
-from beamdae.analysis.statics.critical_curves import CriticalCurve, CurvePoint, Family
-from beamdae.analysis.statics.critical_points import BRANCH, FLUTTER, LIMIT
+from beamdae.analysis.statics.critical_curves import CHANGE_SIZE, CriticalCurve, Family
 from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
-from beamdae.analysis.statics.path_controls import LoadControl
-from beamdae.analysis.statics.stability import Stability
+from beamdae.analysis.statics.paths import stability_of
 from beamdae.analysis.statics.static_equilibrium import trace_critical_points
+from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.errors import (
     BeamdaeError,
@@ -52,27 +59,11 @@ CUSP, TURNING, HILLTOP, DOUBLE = "cusp", "turning point", "hilltop", "double bra
 
 # Default step along a curve, see `boundary`.
 _STEP = 0.05
-_CUT_FACTOR = 0.5
-_GROWTH_FACTOR = 2.0
-# Angle between successive directions at which the step remains the same [rad].
-_GROWTH_ANGLE = 0.3
-_MIN_STEP_RATIO = 1e-4
-# One step covers a remaining distance of up to this multiple of the step.
-_LAST_STEP_RATIO = 1.2
-# Smallest cosine of the angle between successive directions.
-_MIN_COSINE = 0.8
-# Accuracy of special points, relative to the step in which they lie.
-_POSITION_TOLERANCE = 1e-6
-# Largest distance between the points between which a hilltop is interpolated, relative to the step,
-# and distances of enclosing points from an estimate, relative to the present enclosure.
-_HILLTOP_WIDTH = 1e-2
-_ENCLOSURE = (-0.03, 0.03)
-# Work of the load in a mode, relative to the sum of its magnitudes, above which a mode has a limit.
-_MIN_WORK = 1e-6
+# Accuracy of hilltops at which the extended system is regular, relative to the step.
+_RESOLUTION = 1e-7
 # Flutter loads: initial half width of the search, relative to the load factor; factor by which it
-# grows; largest value; accuracy.
+# grows; largest value.
 _WINDOW, _WINDOW_GROWTH, _MAX_WINDOW = 1e-3, 10.0, 1.0
-_FLUTTER_TOLERANCE = 1e-8
 
 
 class BoundaryPoint(NamedTuple):
@@ -203,8 +194,8 @@ def boundary(
     number
         Number of the critical point of this kind on the path, counted from 1.
     step
-        Largest step: the change of the parameter relative to its range, the motion relative to the
-        motion from the drawing to the first point, or a fifth of the relative change of the load.
+        Largest step: the change of the parameter relative to its range, or a fifth of the changes
+        of motion and load factor relative to those at the first point.
     max_points
         Largest number of points.
     parameters
@@ -281,31 +272,43 @@ def boundary(
         equations = equations_of_motion(mechanism, AS_DRAWN)
         return build_loading(mechanism, equations, list(path.loads[0]), path.t).systems[0]
 
-    family = Family(build)
+    points, special, status = list[_CurvePoint](), list[BoundaryPoint](), REACHED_END
     with single_threaded:
-        follow = _follow_flutter if kind == FLUTTER else partial(_follow_curve, kind)
-        first = _first_point(family, path, rows[number - 1], limits[0])
-        points, special, status, counts = follow(family, first, limits, step, max_points)
-        coordinates = [family.at(one.p).reference + one.u for one in points]
+        family = Family(build, *limits)
+        first = _first_point(family, path, rows[number - 1])
+        follow_points = _follow_flutter if kind == FLUTTER else _follow_curve
+        try:
+            for point, passed in follow_points(family, kind, first, step):
+                if len(points) == max_points:
+                    status = Status(
+                        "limited",
+                        f"stopped at the maximum of {max_points} points; increase max_points",
+                    )
+                    break
+                points.append(point)
+                special += passed
+        except CurveError as error:
+            status = Status("failed", str(error))
+            points = points or [_CurvePoint(limits[0], first.p, first.x, -1)]
     if not status.success:
         warn_of_incomplete_result(f"{_NAME}: {status.sentence}.")
-    unstable = np.array(counts)
+    unstable = np.array([point.unstable for point in points])
     if np.any(unstable > 0):
         k = int(np.argmax(unstable > 0))
         warn_user(
             f"{_NAME}: {np.sum(unstable > 0)} of {len(points)} {kind}s lie on unstable paths "
-            f"(unstable directions above 0), the first one at {name} = {points[k].p:.6g} with the "
-            f"load factor {points[k].mu:.6g}; the structure leaves such a path at another critical "
-            "point, so also follow other kinds and numbers."
+            f"(unstable directions above 0), the first one at {name} = {points[k].value:.6g} with "
+            f"the load factor {points[k].factor:.6g}; the structure leaves such a path at another "
+            "critical point, so also follow other kinds and numbers."
         )
     return Boundary(
         kind,
         name,
-        np.array([one.p for one in points]),
-        np.array([one.mu for one in points]),
+        np.array([one.value for one in points]),
+        np.array([one.factor for one in points]),
         tuple(special),
         unstable,
-        np.array(coordinates)[:, : path.equations.n],
+        np.array([one.x for one in points])[:, : path.equations.n],
         status,
         path.loads[0],
     )
@@ -336,258 +339,97 @@ def _parse_limits(values: Any) -> tuple[float, float]:
     return first, last
 
 
-def _first_point(family: Family, path: Equilibrium, row: int, value: float) -> CurvePoint:
+class _CurvePoint(NamedTuple):
+    """Point of a boundary: parameter, load factor, static unknowns, other unstable directions."""
+
+    value: float
+    factor: float
+    x: Array
+    unstable: int
+
+
+def _first_point(family: Family, path: Equilibrium, row: int) -> Point:
     """Return the critical point of a path at `row`."""
-    system, reference = family.at(value)
-    lam = dict(zip(path.equations.lam_names, path.lam[row].tolist(), strict=True))
-    x = np.append(path.q[row], [lam[name] for name in system.equations.lam_names])
-    return CurvePoint(x - reference, float(path.factors[row, -1]), value)
+    problem, _ = family.at(0.0)
+    x, mu = problem.start(path.q[row]), float(path.factors[row, -1])
+    # The equations are linear in the multipliers, which include axial and shear forces.
+    columns = problem.matrix(x, mu)[:, problem.n :].toarray()
+    rest = -problem.scales * problem.residual(x, mu)[0]
+    x[problem.n :] = problem.scales[problem.n :] * np.linalg.lstsq(columns, rest)[0]
+    return Point(problem, x, mu, problem.linearize(x, mu))
 
 
-_Curve = tuple[list[CurvePoint], list[BoundaryPoint], Status, list[int]]
+_Points = Iterator[tuple[_CurvePoint, list[BoundaryPoint]]]
 
 
-def _follow_curve(
-    kind: str,
-    family: Family,
-    first: CurvePoint,
-    limits: tuple[float, float],
-    step: float,
-    max_points: int,
-) -> _Curve:
-    """Follow a limit or branch point along its curve."""
-    curve = CriticalCurve(family, kind, limits, first)
-    points, special = [first], list[BoundaryPoint]()
-    counts = [_count_other_unstable(curve.equilibrium(first).stability)]
-    sign = np.sign(limits[1] - limits[0])
-    try:
-        points = [curve.correct(first, curve.parameter_plane)]
-        direction = curve.tangent(points[0], sign * curve.parameter_plane)
-    except CorrectorError as error:
-        return points, special, Status("failed", str(error)), counts
-    low, high = sorted(limits)
-    size = step
-    while len(points) < max_points:
-        begin = points[-1]
-        rate = direction[-1] * (high - low)
-        bound = high if rate > 0.0 else low
-        # The last step ends at the limit of the parameter.
-        is_last = abs(bound - begin.p) <= _LAST_STEP_RATIO * size * abs(rate)
-        if is_last:
-            size = abs(bound - begin.p) / abs(rate)
-        plane = curve.parameter_plane if is_last else curve.plane(begin, direction)
+def _follow_curve(family: Family, kind: str, first: Point, step: float) -> _Points:
+    """Yield limit or branch points along their curve, which ends at an end of the range."""
+    curve = CriticalCurve(family, kind, first)
+
+    def at(point: Point) -> _CurvePoint:
+        x, factor = curve.state(point.x, point.p)
+        return _CurvePoint(family.value(point.p), factor, x, point.monitor.divergent)
+
+    def explain(segment: Segment) -> list[BoundaryPoint]:
+        if not 0.0 <= segment.end.p <= 1.0:
+            raise CurveError("the curve leaves the range of the parameter")
+        found = []
+        for one in explain_counts(segment, _RESOLUTION):
+            special = CUSP if kind == LIMIT else TURNING
+            if one.kind == BRANCH:
+                is_hilltop = kind == LIMIT or curve.has_limit(one.point)
+                special = HILLTOP if is_hilltop else DOUBLE
+            found.append(BoundaryPoint(special, *at(one.point)[:2]))
+        return found
+
+    end = correct(curve, prescribe_parameter, 0.0, curve.first, 0.0)
+    yield at(end), []
+    tangent = end.tangent(prescribe_parameter(end.x, end.p))
+    steps = Steps(CHANGE_SIZE * step, True, CHANGE_SIZE, step)
+    target, previous = np.nan, tangent
+    while end.p != target:
+        target = 1.0 if tangent.p > 0.0 else 0.0
+        for segment, found in follow(end, prescribe_parameter, target, steps, explain, tangent):
+            end, previous, tangent = segment.end, tangent, segment.direction
+            yield at(end), found
+            if previous.p * tangent.p < 0.0:
+                break
+
+
+def _follow_flutter(family: Family, kind: str, first: Point, step: float) -> _Points:
+    """Yield flutter points for values of the parameter in equal steps."""
+    near, (_, last) = first, family.at(0.0)
+    for share in np.linspace(0.0, 1.0, int(np.ceil(1.0 / step)) + 1).tolist():
+        value, (problem, reference) = family.value(share), family.at(share)
         try:
-            guess = curve.predict(begin, direction, size)
-            if is_last:
-                guess = guess._replace(p=bound)
-            end = curve.correct(guess, plane)
-            after = curve.tangent(end, curve.plane(begin, direction))
-            cosine = curve.cosine(begin, after, direction)
-            if cosine < _MIN_COSINE:
-                raise CorrectorError("the curve turns too sharply for the step")
-            segment = _Segment(curve, begin, end, direction, after, size)
-            passed = list(segment.special_points())
-        except CorrectorError as error:
-            size *= _CUT_FACTOR
-            if size < _MIN_STEP_RATIO * step:
-                return points, special, Status("failed", str(error)), counts
-            continue
-        points.append(end)
-        counts.append(_count_other_unstable(curve.equilibrium(end).stability))
-        special += passed
-        direction = after
-        if is_last:
-            return points, special, REACHED_END, counts
-        growth = _GROWTH_ANGLE / max(
-            float(np.arccos(min(cosine, 1.0))), _GROWTH_ANGLE / _GROWTH_FACTOR
-        )
-        size = min(growth * size, step)
-    return points, special, _limited(points), counts
+            near, count = _locate_flutter(problem, reference + near.x - last, near.p)
+        except CurveError as error:
+            raise CurveError(f"at the value {value:g} of the parameter, {error}") from None
+        yield _CurvePoint(value, near.p, near.x, count), []
+        last = reference
 
 
-def _count_other_unstable(stability: Stability) -> int:
-    """Return the number of unstable directions besides the critical one; -1 if it is unknown."""
-    eigenvalues, count = stability.eigenvalues, stability.unstable_count
-    if not len(eigenvalues) or count < 0:
-        return -1
-    critical = eigenvalues[np.argmin(np.abs(eigenvalues))]
-    return count - int(critical < -stability.zero_tolerance)
-
-
-def _limited(points: list[CurvePoint]) -> Status:
-    return Status("limited", f"stopped at the maximum of {len(points)} points; increase max_points")
-
-
-@dataclass(frozen=True)
-class _Segment:
-    """Step along a curve of critical points, with the directions and stabilities at its ends."""
-
-    curve: CriticalCurve
-    begin: CurvePoint
-    end: CurvePoint
-    before: Array
-    after: Array
-    size: float
-
-    def point_at(self, size: float) -> CurvePoint:
-        """Return the point at a distance from the beginning."""
-        guess = self.curve.predict(self.begin, self.before, size)
-        # The distance from the tangent grows with the square of the distance along it.
-        last = self.curve.predict(self.begin, self.before, self.size)
-        end, share = self.end, (size / self.size) ** 2
-        guess = CurvePoint(
-            guess.u + share * (end.u - last.u),
-            guess.mu + share * (end.mu - last.mu),
-            guess.p + share * (end.p - last.p),
-        )
-        return self.curve.correct(guess, self.curve.plane(self.begin, self.before))
-
-    def special_points(self) -> Iterator[BoundaryPoint]:
-        """Yield the special points inside the segment."""
-        if self.before[-1] * self.after[-1] < 0.0:
-            point = self._locate_extremum()
-            kind = CUSP if self.curve.kind == LIMIT else TURNING
-            yield BoundaryPoint(kind, point.p, point.mu)
-        counts = [self._second_eigenvalue(point)[1] for point in (self.begin, self.end)]
-        if counts[0] != counts[1]:
-            yield self._locate_second_zero(counts[0])
-
-    def _locate_extremum(self) -> CurvePoint:
-        """Return the point at which the parameter has an extremum."""
-        known = {0.0: self.before[-1], self.size: self.after[-1]}
-        plane = self.curve.plane(self.begin, self.before)
-
-        def rate(size: float) -> float:
-            if size in known:
-                return float(known[size])
-            return float(self.curve.tangent(self.point_at(size), plane)[-1])
-
-        # Imported here because it takes longer than most equilibria, which import this module, too.
-        from scipy.optimize import brentq
-
-        tolerance = _POSITION_TOLERANCE * self.size
-        return self.point_at(float(brentq(rate, 0.0, self.size, xtol=tolerance)))
-
-    def _second_eigenvalue(self, point: CurvePoint) -> tuple[float, int]:
-        """Return the second smallest eigenvalue by magnitude, and the number of negative ones.
-
-        The smallest one, which is critical, is not counted. Without a potential, both are 0.
-        """
-        stability = self.curve.equilibrium(point).stability
-        order = np.argsort(np.abs(stability.eigenvalues))
-        if len(order) < 2:
-            return 0.0, 0
-        critical, second = stability.eigenvalues[order[:2]]
-        return float(second), stability.negative_count - int(critical < 0.0)
-
-    def _locate_second_zero(self, count: int) -> BoundaryPoint:
-        """Return the point where a second eigenvalue is zero; `count` are negative before it."""
-
-        def signed(point: CurvePoint) -> float:
-            second, negative = self._second_eigenvalue(point)
-            return abs(second) if negative == count else -abs(second)
-
-        # The extended system is singular at the point, which is therefore enclosed from both sides
-        # by samples that are not too close to it.
-        sizes, points = [0.0, self.size], [self.begin, self.end]
-        values = [signed(point) for point in points]
-        while sizes[-1] - sizes[0] > _HILLTOP_WIDTH * self.size:
-            width, share = sizes[-1] - sizes[0], values[0] / (values[0] - values[-1])
-            inner = [sizes[0] + width * float(np.clip(share + d, 0.0, 1.0)) for d in _ENCLOSURE]
-            inner_points = [self.point_at(size) for size in inner]
-            sizes[1:1], points[1:1] = inner, inner_points
-            values[1:1] = [signed(point) for point in inner_points]
-            k = next(k for k in range(len(sizes) - 1) if values[k + 1] < 0.0)
-            enclosure = slice(k, k + 2)
-            sizes, points, values = sizes[enclosure], points[enclosure], values[enclosure]
-        (one, other), share = points, values[0] / (values[0] - values[1])
-        kind = HILLTOP
-        if self.curve.kind == BRANCH and not self._has_limit(one):
-            kind = DOUBLE
-        p, mu = ((1.0 - share) * a + share * b for a, b in ((one.p, other.p), (one.mu, other.mu)))
-        return BoundaryPoint(kind, float(p), float(mu))
-
-    def _has_limit(self, point: CurvePoint) -> bool:
-        """Return True if the load does work in one of the two softest modes."""
-        equilibrium = self.curve.equilibrium(point)
-        stability, n = equilibrium.stability, equilibrium.system.equations.n
-        load = equilibrium.system.residual(equilibrium.x, equilibrium.mu)[1][:n]
-        order = np.argsort(np.abs(stability.eigenvalues))[:2]
-        work = load @ stability.modes[:, order]
-        # Relative to the largest motion, because an axial load moves with bending modes of a
-        # straight column by rounding alone.
-        scales = equilibrium.system.equations.position_scales
-        motion = np.max(np.abs(stability.modes[:, order]) / scales[:, None], axis=0)
-        size = (np.abs(load) @ scales) * motion
-        return bool(np.any(np.abs(work) > _MIN_WORK * size))
-
-
-def _follow_flutter(
-    family: Family,
-    first: CurvePoint,
-    limits: tuple[float, float],
-    step: float,
-    max_points: int,
-) -> _Curve:
-    """Locate flutter points for values of the parameter in equal steps."""
-    count = int(np.ceil(1.0 / step)) + 1
-    points: list[CurvePoint] = []
-    counts: list[int] = []
-    for p in np.linspace(*limits, count).tolist():
-        if len(points) >= max_points:
-            return points, [], _limited(points), counts
-        # Linear extrapolation of displacements and load factor.
-        guess = first
-        if len(points) > 1:
-            a, b = points[-2:]
-            guess = CurvePoint(2.0 * b.u - a.u, 2.0 * b.mu - a.mu, p)
-        elif points:
-            guess = points[-1]
-        try:
-            point, count_before = _locate_flutter(family, guess._replace(p=p))
-        except CorrectorError as error:
-            status = Status("failed", f"at the value {p:g} of the parameter, {error}")
-            return points, [], status, counts
-        points.append(point)
-        counts.append(count_before)
-    return points, [], REACHED_END, counts
-
-
-def _locate_flutter(family: Family, guess: CurvePoint) -> tuple[CurvePoint, int]:
-    """Return the flutter point nearest to the load factor of `guess`, for the same parameter.
+def _locate_flutter(problem: StaticProblem, x: Array, mu: float) -> tuple[Point, int]:
+    """Return the flutter point nearest to a load factor, for the same parameter.
 
     The number of unstable directions on its stabler side follows.
 
     Raises
     ------
-    CorrectorError
+    CurveError
         If the number of growing oscillations does not change near this load factor, or an
         equilibrium is not found.
     """
-    system, reference = family.at(guess.p)
-    corrector = Corrector(system)
-    near = EquilibriumPoint(system, reference + guess.u, guess.mu)
-    stabilities: dict[float, Stability] = {}
-
-    def count(mu: float) -> int:
-        nonlocal near
-        if mu not in stabilities:
-            near = corrector.correct(LoadControl(), mu, near.x, mu)
-            stabilities[mu] = near.stability
-        return stabilities[mu].oscillation_count
-
-    width = _WINDOW
-    low, high = guess.mu, guess.mu
-    while count(low) == count(high):
-        if width > _MAX_WINDOW:
-            raise CorrectorError(
-                f"no flutter point was found near the load factor {guess.mu:.6g}; reduce step"
-            )
-        low, high = guess.mu * (1.0 - width), guess.mu * (1.0 + width)
+    middle, width = correct(problem, prescribe_parameter, mu, x, mu), _WINDOW
+    while width <= _MAX_WINDOW:
+        low, high = mu * (1.0 - width), mu * (1.0 + width)
+        begin = correct(problem, prescribe_parameter, low, middle.x, low)
+        segments = list(
+            follow(begin, prescribe_parameter, high, Steps(abs(high - low)), explain_counts)
+        )
+        flutter = [one.point for _, found in segments for one in found if one.kind == FLUTTER]
+        if flutter:
+            ends = stability_of(begin).unstable, stability_of(segments[-1][0].end).unstable
+            return min(flutter, key=lambda point: abs(point.p - mu)), min(ends)
         width *= _WINDOW_GROWTH
-    while abs(high - low) > _FLUTTER_TOLERANCE * abs(guess.mu):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if count(middle) == count(low) else (low, middle)
-    end = corrector.correct(LoadControl(), high, near.x, high)
-    unstable = min(stabilities[low].unstable_count, stabilities[high].unstable_count)
-    return CurvePoint(end.x - reference, 0.5 * (low + high), guess.p), unstable
+    raise CurveError(f"no flutter point was found near the load factor {mu:.6g}; reduce step")
