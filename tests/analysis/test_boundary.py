@@ -126,18 +126,20 @@ def test_limit_points_of_a_supported_truss_merge_at_a_cusp(number):
 
 
 @pytest.mark.slow(reason="two seconds")
-@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
-def test_buckling_load_over_the_stiffness_of_a_support(formulation):
+@pytest.mark.parametrize(
+    ("formulation", "height"), [("exact", 1e-3), ("floating frame", 1e-3), ("exact", 1e-5)]
+)
+def test_buckling_load_over_the_stiffness_of_a_support(formulation, height):
     @bd.model(t_end=1.0)
     def column(spring=1.0):
-        mech = bd.Mechanism()
+        mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.02, height=height)
         line = bd.Line((0.0, 0.0), (0.0, 1.0))
-        beam = mech.add(bd.Beam("column", line, SECTION, 8, formulation=formulation))
+        beam = mech.add(bd.Beam("column", line, section, 8, formulation=formulation))
         mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-        mech.add(bd.Force("press", beam.end, (0.0, -SECTION.EI)))
+        mech.add(bd.Force("press", beam.end, (0.0, -section.EI)))
         # Long enough to remain horizontal.
         wall = mech.ground.at(1000.0, 1.0)
-        mech.add(bd.Spring("side", beam.end, wall, spring * SECTION.EI))
+        mech.add(bd.Spring("side", beam.end, wall, spring * section.EI))
         return mech
 
     def buckling_load(k):
@@ -176,6 +178,82 @@ def test_shallow_arch_snaps_only_above_a_cusp():
     # Two radii of gyration, h / sqrt(3), for a half sine under a load like a half sine.
     assert cusp.value == pytest.approx(1e-2 / np.sqrt(3.0), rel=0.05)
     assert [count_limits((1.0 + d) * cusp.value) for d in (-0.01, 0.01)] == [0, 2]
+
+
+@pytest.mark.slow(reason="several seconds")
+def test_cusp_of_a_thin_arch():
+    """Differences of nearly straight shapes are accurate to 1e-6 of the strains only."""
+
+    @bd.model(t_end=1.0)
+    def arch(rise=1e-2, height=1e-2):
+        mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.02, height=height)
+        curve = bd.Parabola(span=1.0, rise=rise)
+        beam = mech.add(bd.Beam("arch", curve, section, 4, formulation="exact"))
+        for name, end in (("left", beam.start), ("right", beam.end)):
+            mech.add(bd.Revolute(name, mech.ground.at(*end.point), end))
+        crown = beam.at(0.5 * curve.length)
+        mech.add(bd.Force("press", crown, (0.0, -section.EI)))
+        mech.observe("crown", crown)
+        return mech
+
+    cusps = []
+    for height in (1e-3, 1e-5):
+        values, to = (height, 0.4 * height), {"crown.y": -height}
+        parameters, by = {"height": height}, ("rise", "load")
+        curve = bd.boundary(arch, "limit point", by, values, parameters=parameters, step=0.2, to=to)
+        assert curve.status.success
+        (cusp,) = curve.special
+        assert cusp.kind == "cusp"
+        cusps.append((cusp.value / height, cusp.factor / height))
+    # Shear and the slope of the arch change the ratios by (h / L)^2.
+    assert_allclose(cusps[1], cusps[0], rtol=2e-5)
+
+
+@pytest.mark.slow(reason="several seconds")
+def test_branch_point_of_an_arch_over_its_opening():
+    """The motion in the mode was kept, although it contains a part of symmetric motions."""
+
+    @bd.model(t_end=1.0)
+    def arch(angle=1.2):
+        mech = bd.Mechanism()
+        curve = bd.Arc(-1.0, 2.0 * angle, start=(-np.sin(angle), 0.0), angle=angle)
+        beam = mech.add(bd.Beam("arch", curve, SECTION, 8, formulation="exact"))
+        for name, end in (("left", beam.start), ("right", beam.end)):
+            mech.add(bd.Revolute(name, mech.ground.at(*end.point), end))
+        crown = beam.at(0.5 * curve.length)
+        mech.add(bd.Force("press", crown, (0.0, -SECTION.EI)))
+        mech.observe("crown", crown)
+        return mech
+
+    by, to = ("angle", "load"), {"crown.y": 0.1}
+    curve = bd.boundary(arch, "branch point", by, (1.2, 0.8), step=0.1, to=to)
+    assert curve.status.success
+    # At least ten steps; twice as many if they are limited by its curvature.
+    assert len(curve.values) <= 20
+    path = bd.equilibrium(arch(angle=0.8), to=to)
+    first = next(point.factor for point in path.critical if point.kind == "branch point")
+    assert curve.factors[-1] == pytest.approx(first, rel=1e-7)
+
+
+@pytest.mark.slow(reason="several seconds")
+def test_flutter_load_of_a_column_with_damped_material():
+    @bd.model(t_end=1.0)
+    def column(damping=1e-2):
+        mech = bd.Mechanism()
+        section = bd.Section.rectangle(STEEL, width=0.02, height=1e-2, damping=damping)
+        line = bd.Line((0.0, 0.0), (0.0, 1.0))
+        beam = mech.add(bd.Beam("column", line, section, 4, formulation="exact"))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.Force("press", beam.end, (0.0, -section.EI), axes="body"))
+        return mech
+
+    by = ("damping", "load")
+    curve = bd.boundary(column, "flutter point", by, (1e-2, 1e-5), step=0.5, to=25.0)
+    assert curve.status.success
+    # Vanishing damping halves the load of Beck's column, to 10.94 (Bolotin & Zhinzher, Int. J.
+    # Solids Struct. 5 (1969) 965); compression and shear.
+    assert curve.factors[-1] == pytest.approx(10.94, rel=1e-3)
+    assert np.all(np.diff(curve.factors) < 0.0)
 
 
 @pytest.mark.slow(reason="several seconds")
@@ -246,6 +324,24 @@ def test_curve_ends_where_no_model_exists():
     short = bd.boundary(truss, "limit point", by, (0.2, 0.4), step=0.05, max_points=3, to=to)
     assert short.status.kind == "limited"
     assert len(short.values) == 3
+
+
+@pytest.mark.slow(reason="follows a curve")
+def test_branch_points_end_where_symmetry_ends():
+    @bd.model(t_end=1.0)
+    def column(moment=0.0):
+        mech = bd.Mechanism()
+        beam = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (0.0, 1.0)), SECTION, 4))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.Force("press", beam.end, (0.0, -SECTION.EI)))
+        mech.add(bd.Moment("bend", beam.end, moment * SECTION.EI))
+        return mech
+
+    by, settings = ("moment", "load"), {"step": 0.2, "to": 4.0, "loads": ["press"]}
+    curve = bd.boundary(column, "branch point", by, (0.0, 0.01), **settings)
+    assert curve.status.kind == "failed"
+    assert "loses its symmetry" in curve.status.sentence
+    assert curve.values[-1] < 1e-4
 
 
 @bd.model(t_end=1.0)
