@@ -158,7 +158,7 @@ class _LinearizedPath(NamedTuple):
     Attributes
     ----------
     problem, tangent
-        Static equations, and their tangent in natural sizes, (n + m, n + m).
+        Static equations, and their tangent in natural sizes, with further unknowns.
     rate
         Derivative of `tangent` with respect to the load factor along `response`.
     response
@@ -294,7 +294,7 @@ def _compute_buckling(model: Any, count: int, loads: Any, t: float, start: Any) 
         if is_checked:
             warnings = _check_prebuckling(begin, path.response, float(factors[0]), has_potential)
     e = problem.system.equations
-    shapes = (problem.scales[:, None] * vectors)[: e.n] / e.position_scales[:, None]
+    shapes = problem.scales[: e.n, None] * vectors[: e.n] / e.position_scales[:, None]
     largest = shapes[locate_largest(shapes), np.arange(shapes.shape[1])]
     shapes = shapes * e.position_scales[:, None] / largest
     if not has_potential and not is_checked:
@@ -359,7 +359,30 @@ def _linearize_along_path(problem: StaticProblem, begin: Point) -> _LinearizedPa
         for side in (-1.0, 1.0)
     )
     tangent, rate = problem.matrix(begin.x, begin.p), (after - before) / (2.0 * step)
-    return _LinearizedPath(problem, tangent, sp.csc_array(rate), response, motion)
+    matrices = _condense_linearly(tangent, sp.csc_array(rate), problem)
+    return _LinearizedPath(problem, *matrices, response, motion)
+
+
+def _condense_linearly(
+    tangent: sp.csc_array, rate: sp.csc_array, problem: StaticProblem
+) -> tuple[sp.csc_array, sp.csc_array]:
+    """Return matrices with the eigenvalues of a stiffness that is linear in the load factor.
+
+    With axial and shear forces N = C^-1 (B_0 + mu B_1) q, the stiffness contains the term
+    (B_0 + mu B_1)^T N. Without its part mu^2, it is B_0^T N + mu B_1^T N_0 with the further unknowns
+    N_0 = C^-1 B_0 q.
+    """
+    n, first, size = problem.n, problem.rigid_size, tangent.shape[0]
+    count = size - first
+    compliant = sp.csc_array(tangent[first:])
+    moved = sp.vstack([rate[:n, first:], sp.csc_array((size - n, count))])
+    kept = sp.csc_array(rate - sp.hstack([sp.csc_array((size, first)), moved]))
+    none = sp.csc_array((count, count))
+    rows = sp.hstack([compliant[:, :first], none])
+    return (
+        sp.csc_array(sp.block_array([[tangent, None], [rows, compliant[:, first:]]], format="csc")),
+        sp.csc_array(sp.block_array([[kept, moved], [None, none]], format="csc")),
+    )
 
 
 def _check_prebuckling(

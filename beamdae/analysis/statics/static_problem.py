@@ -456,6 +456,11 @@ class StaticProblem(Problem):
         """Number of coordinates."""
         return self._n
 
+    @property
+    def rigid_size(self) -> int:
+        """Number of unknowns before the axial and shear forces."""
+        return self._n + self._rigid
+
     def start(self, q: Array) -> Array:
         """Return the unknowns (q, 0)."""
         return np.append(q, np.zeros(len(self.weights) - self._n))
