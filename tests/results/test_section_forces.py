@@ -278,7 +278,7 @@ def test_a_beam_bent_into_a_hook(kind):
     mech.add(bd.Force("load", beam.end, (0.0, -30.0)))
     for s in (0.5, 1.0):
         mech.observe(f"at {s}", beam.at(s))
-    path = bd.equilibrium(mech)
+    path = bd.equilibrium(mech, to=[0.5, 1.0])
     forces, at = path.section_forces(beam, [0.0, 0.5, 1.0]), path.columns
     x, angle = (
         np.array([at[f"at {s}.{c}"][-1] for s in (0.5, 1.0)]) for c in ("x [m]", "angle [rad]")

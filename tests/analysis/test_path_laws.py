@@ -1,0 +1,172 @@
+"""Laws that every equilibrium path obeys, on random frames and columns of any slenderness."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+
+STEEL = bd.Material.of("steel")
+FORMULATIONS = [{"formulation": "exact"}, {"strain": "exact"}]
+BOTH = pytest.mark.parametrize("options", FORMULATIONS, ids=["exact", "floating frame"])
+CONTROLS = [{}, {"control": "arc length"}, {"control": "arc length", "step": 0.02}]
+
+
+def random_frame(seed, **options):
+    """Return a column, portal or arch of random size and supports, with EI / L^2 as its load."""
+    rng = np.random.default_rng(seed)
+    size = 10.0 ** rng.uniform(-1.0, 2.0)
+    material = bd.Material(E=10.0 ** rng.uniform(6.0, 11.0), nu=0.3, rho=10.0 ** rng.uniform(1, 4))
+    section = bd.Section.rectangle(material, 0.02 * size, size * 10.0 ** rng.uniform(-3.0, -1.5))
+    kind = ("column", "portal", "arch")[rng.integers(3)]
+    if kind == "column":
+        curves = [bd.Line((0.0, 0.0), (0.0, size))]
+    elif kind == "portal":
+        points = size * np.array(
+            [(0.0, 0.0), (rng.uniform(-0.1, 0.1), 1.0), (1.0, 1.1), (1.2, 0.0)]
+        )
+        curves = [bd.Line(tuple(a), tuple(b)) for a, b in pairwise(points)]
+    else:
+        half = rng.uniform(0.2, 1.5)
+        curves = [bd.Arc(-size, 2.0 * half * size, start=(0.0, 0.0), angle=half)]
+    mech = bd.Mechanism()
+    beams = [
+        mech.add(bd.Beam(f"beam {k}", curve, section, int(rng.integers(2, 6)), **options))
+        for k, curve in enumerate(curves)
+    ]
+    for k, (one, other) in enumerate(pairwise(beams)):
+        mech.add(bd.Weld(f"corner {k}", one.end, other.start))
+    supports = [("first", beams[0].start, bd.Weld)]
+    if kind != "column":
+        supports.append(("last", beams[-1].end, (bd.Weld, bd.Revolute)[rng.integers(2)]))
+    for name, point, joint in supports:
+        mech.add(joint(name, mech.ground.at(*point.point), point))
+    at = beams[0].at(0.5 * beams[0].length) if kind == "arch" else beams[0].end
+    # Symmetric loads, in half of the structures, have branch points.
+    force = section.EI / size**2 * np.array([rng.choice([0.0, 0.05]), -1.0])
+    axes = ("inertial", "body")[rng.integers(2)] if kind == "column" else "inertial"
+    mech.add(bd.Force("press", at, tuple(force), axes=axes))
+    mech.observe("loaded", at)
+    return mech
+
+
+def portal(height=0.02, **options):
+    """Return a shallow portal of 1 m whose girder snaps through."""
+    mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.02, height=height)
+    points = [(0.0, 0.0), (0.5, 0.1), (1.0, 0.0)]
+    left, right = (
+        mech.add(bd.Beam(f"rafter {k}", bd.Line(*ends), section, 4, **options))
+        for k, ends in enumerate(pairwise(points))
+    )
+    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), left.start))
+    mech.add(bd.Weld("ridge", left.end, right.start))
+    mech.add(bd.Revolute("right", mech.ground.at(1.0, 0.0), right.end))
+    mech.add(bd.Force("press", left.end, (0.0, -section.EI)))
+    mech.observe("ridge", left.end)
+    return mech
+
+
+def cantilever(height, elements=8, **options):
+    """Return a column of 1 m under the load EI / L^2, and its flexibility in shear."""
+    mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.02, height=height)
+    line = bd.Line((0.0, 0.0), (0.0, 1.0))
+    beam = mech.add(bd.Beam("column", line, section, elements, **options))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("press", beam.end, (0.0, -section.EI)))
+    mech.observe("tip", beam.end)
+    return mech, section.EI * (1.0 / section.GA - 1.0 / section.EA)
+
+
+def assert_same_points(one, other, rtol=1e-8):
+    assert [point.kind for point in one] == [point.kind for point in other]
+    assert_allclose([point.factor for point in one], [point.factor for point in other], rtol=rtol)
+
+
+def count_growing_modes(mech, path, row):
+    values = bd.modes(mech, about=path.at(row)).eigenvalues
+    growing = values[values.real > 1e-6 * np.abs(values)]
+    # An oscillation is a pair of conjugate values, of which one is listed.
+    return sum(2 if abs(x.imag) > 1e-6 * abs(x) else 1 for x in growing)
+
+
+@pytest.mark.slow(reason="a second each")
+@pytest.mark.parametrize("seed", range(12))
+def test_unstable_directions_are_growing_modes_and_change_at_critical_points(seed):
+    mech = random_frame(seed, **FORMULATIONS[seed % 2])
+    path = bd.equilibrium(mech, to=50.0, max_points=150, **CONTROLS[seed % 3])
+    weights = {one.row: 2 if one.kind == "flutter point" else 1 for one in path.critical}
+    regular = [row for row in range(len(path.q)) if row not in weights]
+    for a, b in pairwise(regular):
+        expected = sum(weights.get(row, 0) for row in range(a, b))
+        assert abs(path.unstable[b] - path.unstable[a]) == expected
+    for row in regular[:: len(regular) // 8 + 1]:
+        assert path.unstable[row] == count_growing_modes(mech, path, row)
+
+
+@pytest.mark.slow(reason="a fifth of a second each")
+@BOTH
+@pytest.mark.parametrize("slenderness", [1e2, 1e3, 1e4, 1e5, 1e6, 1e7])
+def test_slenderness_does_not_cost_digits(slenderness, options):
+    mech, shear = cantilever(1.0 / slenderness, **options)
+    path = bd.equilibrium(mech, to=30.0)
+    # Force and moment of a shear-flexible column in balance: P (1 + P (1/GA - 1/EA)) = EI k^2.
+    euler = np.array([0.25, 2.25]) * np.pi**2
+    expected = 2.0 * euler / (1.0 + np.sqrt(1.0 + 4.0 * shear * euler))
+    assert [one.kind for one in path.critical] == ["branch point"] * 2
+    assert_allclose([one.factor for one in path.critical], expected, rtol=1e-6)
+    assert path.unstable[-1] == 2
+
+
+@pytest.mark.slow(reason="half a second each")
+@BOTH
+@pytest.mark.parametrize("height", [2e-2, 1e-4])
+def test_critical_points_do_not_depend_on_direction_and_steps(height, options):
+    mech, depth = portal(height, **options), -0.06
+    there = bd.equilibrium(mech, to={"ridge.y": [depth, 0.1]})
+    assert there.status.success
+    count = len(there.critical) // 2
+    assert count >= 2
+    first, back = there.critical[:count], there.critical[count:]
+    assert_same_points(first, back[::-1])
+    for step in (0.01, 0.005, 0.0025):
+        assert_same_points(bd.equilibrium(mech, to={"ridge.y": depth}, step=step).critical, first)
+    by_arc = bd.equilibrium(mech, to={"ridge.y": depth}, control="arc length", step=0.02)
+    finer = bd.equilibrium(mech, to={"ridge.y": depth}, control="arc length", step=0.01)
+    assert_same_points(by_arc.critical, finer.critical)
+    assert_same_points(by_arc.critical, first)
+
+
+@pytest.mark.slow(reason="a second")
+@BOTH
+def test_machine_code_finds_the_same_path(options, monkeypatch):
+    paths = []
+    for native in ("off", "on"):
+        monkeypatch.setenv("BEAMDAE_NATIVE", native)
+        mech = portal(**options)
+        paths.append(bd.equilibrium(mech, to={"ridge.y": -0.06}, control="arc length"))
+    assert_same_points(paths[0].critical, paths[1].critical)
+    assert_allclose(paths[0].q[-1], paths[1].q[-1], rtol=0.0, atol=1e-8)
+    assert paths[0].unstable[-1] == paths[1].unstable[-1]
+
+
+@pytest.mark.slow(reason="half a second each")
+@BOTH
+def test_steps_do_not_lead_to_neighboring_paths(options):
+    # The load acts 1e-5 of the length beside the crown. The point was a branch point at 8.98758,
+    # between the path and that on the other side of the gap that the asymmetry opens.
+    mech, radius = bd.Mechanism(), (0.25 + 0.05**2) / (2.0 * 0.05)
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
+    angle = np.arcsin(0.5 / radius)
+    arc = bd.Arc(-radius, 2.0 * radius * angle, start=(0.0, 0.0), angle=angle)
+    beam = mech.add(bd.Beam("arch", arc, section, 8, **options))
+    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Revolute("right", mech.ground.at(*beam.end.point), beam.end))
+    mech.add(bd.Force("press", beam.at((0.5 + 1e-5) * beam.length), (0.0, -section.EI)))
+    mech.observe("crown", beam.at(0.5 * beam.length))
+    path = bd.equilibrium(mech, to={"crown.y": -0.02}, control="arc length", step=0.01)
+    assert path.status.success
+    # Displacement control with small steps.
+    assert [point.kind for point in path.critical] == ["limit point"]
+    assert path.critical[0].factor == pytest.approx(8.97864, rel=1e-5)
