@@ -25,6 +25,8 @@ _MIN_ASYMMETRY = 1e-3
 _ROUNDING, _ROUNDING_OF_GROWTH = 1e-6, 1e-13
 # Motions that are faster by the reciprocal of this ratio are rounding errors of the slowest ones.
 _NEGLIGIBLE = 1e-9
+# Eigenvalues of the mass, with ones on its diagonal, up to this size are rounding errors.
+_NEGLIGIBLE_MASS = 1e-12
 
 
 class Flexibility(NamedTuple):
@@ -61,18 +63,37 @@ def count_growing(flexibility: Flexibility, mass: Array, damping: Array) -> Coun
 
     `damping`, (n + m, n), are forces and changes of constraints in proportion to velocities.
     """
-    by_mass = flexibility.respond_to_forces(mass, len(damping) - len(mass))
+    root = _take_root(mass)
+    by_mass = flexibility.respond_to_forces(root, len(damping) - len(mass))
     if not damping.any():
         # Reciprocals of squared eigenvalues: real ones do not oscillate if they are positive.
-        squares = la.eigvals(-by_mass)
-        squares = squares[np.abs(squares) > _NEGLIGIBLE * np.abs(squares).max(initial=0.0)]
+        squares = _select_slow(la.eigvals(-root.T @ by_mass))
         is_real = np.abs(squares.imag) <= _ROUNDING * np.abs(squares)
         growing = is_real & (squares.real > 0.0)
         return Count(int(growing.sum()), int(np.sum(~is_real)) // 2)
-    size = len(mass)
-    matrix = np.block([[-flexibility.respond(damping), -by_mass], [np.eye(size), 0.0 * mass]])
-    values = la.eigvals(matrix)
-    values = values[np.abs(values) > _NEGLIGIBLE * np.abs(values).max(initial=0.0)]
+    rank = root.shape[1]
+    # Reciprocal eigenvalues of the motion q and the momenta L^T q', M = L L^T: with velocities in
+    # place of momenta, zeros would be defective where mass vanishes.
+    none = np.zeros((rank, rank))
+    values = la.eigvals(np.block([[-flexibility.respond(damping), -by_mass], [root.T, none]]))
+    values = _select_slow(values)
     growing = values[values.real > _ROUNDING_OF_GROWTH * np.abs(values).max(initial=0.0)]
     is_real = np.abs(growing.imag) <= _ROUNDING * np.abs(growing)
     return Count(int(is_real.sum()), int(np.sum(~is_real)) // 2)
+
+
+def _select_slow(values: Array) -> Array:
+    """Return the reciprocal eigenvalues that are not rounding errors of the slowest one."""
+    return values[np.abs(values) > _NEGLIGIBLE * np.abs(values).max(initial=0.0)]
+
+
+def _take_root(mass: Array) -> Array:
+    """Return L (n, rank) with L L^T = `mass`."""
+    sizes = np.sqrt(np.abs(mass.diagonal()))
+    has_mass = sizes > 0.0
+    scaled = mass[np.ix_(has_mass, has_mass)] / sizes[has_mass] / sizes[has_mass, None]
+    values, vectors = la.eigh(scaled)
+    is_kept = values > _NEGLIGIBLE_MASS
+    root = np.zeros((len(mass), int(is_kept.sum())))
+    root[has_mass] = sizes[has_mass, None] * vectors[:, is_kept] * np.sqrt(values[is_kept])
+    return root

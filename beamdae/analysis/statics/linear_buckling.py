@@ -369,7 +369,7 @@ def _condense_linearly(
     """Return matrices with the eigenvalues of a stiffness that is linear in the load factor.
 
     With axial and shear forces N = C^-1 (B_0 + mu B_1) q, the stiffness contains the term
-    (B_0 + mu B_1)^T N. Without its part mu^2, it is B_0^T N + mu B_1^T N_0 with the further unknowns
+    (B_0 + mu B_1)^T N. Without its part mu^2, it is B_0^T N + mu B_1^T N_0 with further unknowns,
     N_0 = C^-1 B_0 q.
     """
     n, first, size = problem.n, problem.rigid_size, tangent.shape[0]
