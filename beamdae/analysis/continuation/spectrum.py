@@ -24,7 +24,7 @@ _MIN_ASYMMETRY = 1e-3
 # this fraction of the largest eigenvalue.
 _ROUNDING, _ROUNDING_OF_GROWTH = 1e-6, 1e-13
 # Motions that are faster by the reciprocal of this ratio are rounding errors of the slowest ones.
-_NEGLIGIBLE = 1e-9
+_NEGLIGIBLE = 1e-7
 # Eigenvalues of the mass, with ones on its diagonal, up to this size are rounding errors.
 _NEGLIGIBLE_MASS = 1e-12
 
