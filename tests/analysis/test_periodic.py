@@ -218,7 +218,7 @@ def find_fold(omega, x):
         return np.concatenate([residual, slope @ null, [null @ null - 1.0]])
 
     null = np.linalg.svd(collocation(omega, x)[1])[2][-1]
-    return fsolve(fold_equations, np.concatenate([x, [omega], null]), xtol=1e-12)[SAMPLES]
+    return fsolve(fold_equations, np.concatenate([x, [omega], null]), xtol=1e-9)[SAMPLES]
 
 
 def sample_motion(point):
