@@ -26,6 +26,8 @@ _RESOLUTION = 1e-6
 _TURN_RESOLUTION = 1e-2
 # Between ends of a bracket this close, curves are straight.
 _ROOT_TOLERANCE = 1e-6
+# At the most, relative to the resolution of clusters.
+_ROOT_RATIO = 0.1
 # Largest distance of both ends of a bracket, relative to that of ends of the segment times the
 # width, and motion along the critical mode by rounding in natural sizes: farther apart, they lie on
 # different curves.
@@ -110,7 +112,8 @@ def _explain(
     is_turn = not (change or flutter or doublings)
     is_single = abs(change) + abs(doublings) == 1 and not flutter and not (doublings and turns)
     if is_single or is_turn:
-        found = _find_root(segment, low, high, bool(doublings))
+        tolerance = max(_ROOT_TOLERANCE, _ROOT_RATIO * resolution)
+        found = _find_root(segment, low, high, bool(doublings), tolerance)
         if found is not None:
             position, point, mode = found
             kind = DOUBLING if doublings else LIMIT if turns else BRANCH
@@ -144,7 +147,7 @@ def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
 
 
 def _find_root(
-    segment: Segment, low: _Sample, high: _Sample, alternates: bool
+    segment: Segment, low: _Sample, high: _Sample, alternates: bool, tolerance: float
 ) -> tuple[float, Point, Array] | None:
     """Return position, point and mode where the Jacobian is singular; None without a sign change.
 
@@ -171,7 +174,7 @@ def _find_root(
         return None
     ends, values, largest = [low[:2], high[:2]], [a, b], max(abs(a), abs(b))
     side = -1
-    while ends[1][0] - ends[0][0] > _ROOT_TOLERANCE:
+    while ends[1][0] - ends[0][0] > tolerance:
         share = min(max(a / (a - b), _MIN_SHARE), 1.0 - _MIN_SHARE)
         try:
             position, point = _point_between(segment, ends[0], ends[1], share)
