@@ -173,7 +173,7 @@ def _find_root(
     else:
         return None
     ends, values, largest = [low[:2], high[:2]], [a, b], max(abs(a), abs(b))
-    side = -1
+    samples, side = {a: low.position, b: high.position}, -1
     while ends[1][0] - ends[0][0] > tolerance:
         share = min(max(a / (a - b), _MIN_SHARE), 1.0 - _MIN_SHARE)
         try:
@@ -187,19 +187,28 @@ def _find_root(
         # Of an end that stays twice, the value is halved: the Illinois method.
         last_side, side = side, 0 if value * a > 0.0 else 1
         factor = 0.5 if side == last_side else 1.0
-        ends[side], values[side] = (position, point), value
+        ends[side], values[side], samples[value] = (position, point), value, position
         a, b = (value, factor * b) if side == 0 else (factor * a, value)
     (left, first), (right, last) = ends
     gap, whole = first.distance(last), segment.begin.distance(segment.end)
     if gap > _MAX_GAP_RATIO * (right - left) * whole + _ROUNDING:
         raise CurveError("the stability changes abruptly")
     share = values[0] / (values[0] - values[1])
+    root = _interpolate_inversely(samples)
+    share = (root - left) / (right - left) if left <= root <= right else share
     x, p = first.between(last, share)
     point = Point(first.problem, x, p, first.problem.linearize(x, p))
     turns = low.rate * high.rate < 0.0
     if not (turns or alternates) and _opposes(point, border) > _MAX_IMPERFECTION:
         raise CurveError("the stability changes abruptly")
     return left + share * (right - left), point, mode
+
+
+def _interpolate_inversely(samples: dict[float, float]) -> float:
+    """Return the position of the value zero by the parabola through the three smallest values."""
+    values = sorted(samples, key=abs)[:3]
+    weights = (np.prod([y / (y - x) for y in values if y != x]) for x in values)
+    return sum(float(w) * samples[x] for w, x in zip(weights, values, strict=True))
 
 
 def _opposes(point: Point, border: Array) -> float:

@@ -285,8 +285,9 @@ def _compute_buckling(model: Any, count: int, loads: Any, t: float, start: Any) 
     with _name_singular_response():
         path = _linearize_along_path(problem, begin)
         factors, vectors, reversed_factor = _solve(path, count)
-        asymmetry = abs(path.rate - path.rate.T).max()
-        has_potential = asymmetry <= _IMAGINARY_TOLERANCE * abs(path.rate).max()
+        stiffness = path.rate[: problem.n, : problem.n]
+        asymmetry = abs(stiffness - stiffness.T).max()
+        has_potential = asymmetry <= _IMAGINARY_TOLERANCE * abs(stiffness).max()
         warnings = []
         is_checked = len(factors) > 0 and (
             has_potential or path.motion * float(factors[0]) <= _MAX_CHECKED_MOTION
