@@ -164,7 +164,7 @@ def _find_root(
         solution = factors.solve(np.append(np.zeros(len(point.x)), 1.0))
         return float(solution[-1]), solution[:-1]
 
-    weights = segment.begin.problem.weights
+    weights = segment.begin.problem.mode_weights
     for end in (low.point, high.point):
         border = weights**2 * critical_mode(view(end))
         (a, _), (b, mode) = test(low.point), test(high.point)
@@ -216,7 +216,7 @@ def _opposes(point: Point, border: Array) -> float:
 
     It vanishes where curves cross. Elsewhere, a curve turns where its Jacobian is singular.
     """
-    by_parameter, weights = point.linearization.by_parameter, point.problem.weights
+    by_parameter, weights = point.linearization.by_parameter, point.problem.mode_weights
     right = np.append(by_parameter, 0.0)
     share = point.bordered(border, border, 0.0).solve(right)[-1]
     sizes = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0.0)
@@ -227,9 +227,9 @@ def _opposes(point: Point, border: Array) -> float:
 def critical_mode(point: Point) -> Array:
     """Return the direction in which the Jacobian is smallest, by inverse iteration.
 
-    Its largest entry is 1 in natural sizes.
+    Its largest entry is 1 in sizes that make all parts equally stiff.
     """
-    size, weights = len(point.x), point.problem.weights
+    size, weights = len(point.x), point.problem.mode_weights
     mode = np.cos(np.arange(size) ** 2.0) / np.where(weights > 0.0, weights, 1.0)
     for _ in range(3):
         border = weights**2 * mode

@@ -130,6 +130,11 @@ class Problem(ABC):
     def weights(self) -> Array:
         """Inverse natural sizes of the unknowns; 0 for those that do not measure a step."""
 
+    @property
+    def mode_weights(self) -> Array:
+        """Inverse sizes of the unknowns that make all parts equally stiff, for critical modes."""
+        return self.weights
+
     @abstractmethod
     def linearize(self, x: Array, p: float, last: Any = None) -> Linearization:
         """Return the equations, linearized about (x, p).

@@ -452,6 +452,11 @@ class StaticProblem(Problem):
         return self._weights
 
     @property
+    def mode_weights(self) -> Array:
+        """Inverse sizes of the coordinates that make all parts equally stiff as drawn."""
+        return np.where(self._weights > 0.0, 1.0 / self.scales, 0.0)
+
+    @property
     def n(self) -> int:
         """Number of coordinates."""
         return self._n
