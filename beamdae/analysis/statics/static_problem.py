@@ -48,7 +48,6 @@ from beamdae.equations.structure import (
     Structure,
     cache_on_owner,
     comparison_key,
-    intern_structure,
 )
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.native.object_code import is_native_enabled
@@ -217,7 +216,7 @@ def _select_terms(structure: Structure, is_selected: tuple[bool, ...]) -> Struct
     count = len(structure.forces)
     forces = tuple(compress(structure.forces, is_selected[:count]))
     joints = tuple(compress(structure.joints, is_selected[count:]))
-    return intern_structure(replace(structure, forces=forces, joints=joints, states=()))
+    return replace(structure, forces=forces, joints=joints, states=())
 
 
 class Stability(NamedTuple):
