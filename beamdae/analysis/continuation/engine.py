@@ -464,6 +464,14 @@ def follow(
             return
 
 
+class _LastStep(NamedTuple):
+    """Direction at the begin of a step, its change, and that of its control; 0 for arc length."""
+
+    direction: Tangent
+    chord: Tangent
+    size: float
+
+
 @dataclass(frozen=True, eq=False)
 class _Progress:
     """Begin of the next step.
@@ -477,7 +485,7 @@ class _Progress:
     size
         Proposed size of the step.
     last
-        Tangent at the begin of the last step, and the change in it; None without.
+        The last step, or None.
     has_arrived
         True if the curve has reached its target.
     """
@@ -485,7 +493,7 @@ class _Progress:
     begin: Point
     tangent: Tangent | None
     size: float
-    last: tuple[Tangent, Tangent] | None = None
+    last: _LastStep | None = None
     has_arrived: bool = False
 
 
@@ -506,6 +514,11 @@ class _Trial(NamedTuple):
     values: tuple[float, float]
     unit: Tangent
     is_last: bool
+
+    @property
+    def direction(self) -> Tangent:
+        """Tangent along the step."""
+        return self.unit.scale(float(np.sign(self.values[1] - self.values[0])))
 
     @property
     def change(self) -> Tangent:
@@ -535,7 +548,7 @@ def _take_step(
         try:
             trial = _try(begin, control, target, steps, tangent, size, is_corner)
             change = trial.change
-            curved = _extrapolate(problem, last, change, weight)
+            curved = _extrapolate(problem, last, trial, weight)
             segment, error = _correct_trial(begin, trial, curved, is_corner)
             cosine = _cosine(problem, tangent, segment.direction, weight)
             if steps.by_arc_length and not is_corner:
@@ -558,7 +571,10 @@ def _take_step(
     grown = grown if steps.by_arc_length else min(grown, steps.largest)
     end = segment.end
     chord = Tangent(problem.difference(end.x, begin.x), end.p - begin.p)
-    after = _Progress(end, segment.direction, grown, (tangent, chord), trial.is_last)
+    is_arc = isinstance(trial.control, ArcLength)
+    reach = 0.0 if is_arc else abs(trial.values[1] - trial.values[0])
+    done = _LastStep(trial.direction, chord, reach)
+    after = _Progress(end, segment.direction, grown, done, trial.is_last)
     return segment, found, after
 
 
@@ -601,23 +617,26 @@ def _try(
     return _Trial(control, (row.value, end), tangent.scale(1.0 / rate), is_last)
 
 
-def _extrapolate(
-    problem: Problem, last: tuple[Tangent, Tangent] | None, change: Tangent, weight: float
-) -> Tangent:
+def _extrapolate(problem: Problem, last: _LastStep | None, trial: _Trial, weight: float) -> Tangent:
     """Return the change of a step along a cubic polynomial through the last one.
 
-    The polynomial has the tangents and the chord of the last step, by lengths.
+    The polynomial over the control, or over the arc length, has the tangents and the chord of the
+    last step.
     """
+    change = trial.change
     if last is None:
         return change
-    length, slope, before = (_norm(problem, x, weight) for x in (change, *last))
-    if 0.0 in (length, slope, before):
+    start, chord, before = last
+    length, unit = abs(trial.values[1] - trial.values[0]), trial.direction
+    if isinstance(trial.control, ArcLength):
+        # Lengths must be smooth functions.
+        length, slope, before = (_norm(problem, x, weight) for x in (change, start, chord))
+        unit, start = change.scale(1.0 / length), start.scale(1.0 / slope)
+    if before == 0.0:
         return change
-    start, chord = last
-    ahead, start = change.scale(1.0 / length), start.scale(1.0 / slope)
     mean, ratio = chord.scale(1.0 / before), length / before
     # Newton's form of the polynomial, with both ends as double nodes.
-    second = ahead.plus(mean, -1.0)
+    second = unit.plus(mean, -1.0)
     third = second.plus(mean, -1.0).plus(start)
     bent = second.scale(ratio).plus(third, ratio * (1.0 + ratio)).scale(length)
     is_smooth = _length(problem, bent, weight) <= _MAX_CURVED * _length(problem, change, weight)
