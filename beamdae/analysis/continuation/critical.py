@@ -24,8 +24,9 @@ _RESOLUTION = 1e-6
 # Where a curve branches off another one, its parameter turns and an eigenvalue touches zero: closer
 # to this point, rounding decides the sign of the eigenvalue.
 _TURN_RESOLUTION = 1e-2
-# Between ends of a bracket this close, curves are straight.
-_ROOT_TOLERANCE = 1e-6
+# Between ends of a bracket this close, curves are straight. Closer to a crossing, rounding moves
+# points along the critical mode.
+_ROOT_TOLERANCE = 1e-4
 # At the most, relative to the resolution of clusters.
 _ROOT_RATIO = 0.1
 # Largest distance of both ends of a bracket, relative to that of ends of the segment times the
@@ -196,9 +197,12 @@ def _find_root(
     share = values[0] / (values[0] - values[1])
     root = _interpolate_inversely(samples)
     share = (root - left) / (right - left) if left <= root <= right else share
-    x, p = first.between(last, share)
-    point = Point(first.problem, x, p, first.problem.linearize(x, p))
     turns = low.rate * high.rate < 0.0
+    if turns:
+        point = segment.part(first, last, left, right).at(share)
+    else:
+        x, p = first.between(last, share)
+        point = Point(first.problem, x, p, first.problem.linearize(x, p))
     if not (turns or alternates) and _opposes(point, border) > _MAX_IMPERFECTION:
         raise CurveError("the stability changes abruptly")
     return left + share * (right - left), point, mode
