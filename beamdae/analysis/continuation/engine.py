@@ -516,6 +516,16 @@ class _Trial(NamedTuple):
     is_last: bool
 
     @property
+    def is_arc(self) -> bool:
+        """True for a step by arc length."""
+        return isinstance(self.control, ArcLength)
+
+    @property
+    def reach(self) -> float:
+        """Size of the change of the control."""
+        return abs(self.values[1] - self.values[0])
+
+    @property
     def direction(self) -> Tangent:
         """Tangent along the step."""
         return self.unit.scale(float(np.sign(self.values[1] - self.values[0])))
@@ -547,7 +557,6 @@ def _take_step(
         is_corner = size <= _CORNER_STEP * usual
         try:
             trial = _try(begin, control, target, steps, tangent, size, is_corner)
-            change = trial.change
             curved = _extrapolate(problem, last, trial, weight)
             segment, error = _correct_trial(begin, trial, curved, is_corner)
             cosine = _cosine(problem, tangent, segment.direction, weight)
@@ -559,23 +568,26 @@ def _take_step(
             size, last = size * _CUT, None
             if size < steps.smallest * usual:
                 raise
-    growth = np.sqrt(_AIMED_CORRECTION * _length(problem, change, 0.0) + _ROUNDING) / np.sqrt(
-        error + _NEGLIGIBLE
-    )
-    if steps.by_arc_length and cosine < 1.0:
-        growth = min(growth, _AIMED_ANGLE / np.arccos(cosine))
-    taken = size if steps.by_arc_length else abs(trial.values[1] - trial.values[0])
-    grown = taken * float(np.clip(growth, _MIN_GROWTH, _MAX_GROWTH))
+    grown = _propose_size(problem, trial, size, error, cosine)
     # A step that is shortened to meet a target does not shorten the next step.
     grown = max(grown, progress.size) if trial.is_last else grown
     grown = grown if steps.by_arc_length else min(grown, steps.largest)
     end = segment.end
     chord = Tangent(problem.difference(end.x, begin.x), end.p - begin.p)
-    is_arc = isinstance(trial.control, ArcLength)
-    reach = 0.0 if is_arc else abs(trial.values[1] - trial.values[0])
-    done = _LastStep(trial.direction, chord, reach)
-    after = _Progress(end, segment.direction, grown, done, trial.is_last)
-    return segment, found, after
+    done = _LastStep(trial.direction, chord, 0.0 if trial.is_arc else trial.reach)
+    return segment, found, _Progress(end, segment.direction, grown, done, trial.is_last)
+
+
+def _propose_size(
+    problem: Problem, trial: _Trial, size: float, error: float, cosine: float
+) -> float:
+    """Return the size of the next step, from the correction and the change of angle of this one."""
+    aimed = _AIMED_CORRECTION * problem.measure(trial.change.x) + _ROUNDING
+    growth = np.sqrt(aimed / (error + _NEGLIGIBLE))
+    if trial.is_arc:
+        growth = min(growth, _AIMED_ANGLE / np.arccos(cosine)) if cosine < 1.0 else growth
+    taken = size if trial.is_arc else trial.reach
+    return taken * float(np.clip(growth, _MIN_GROWTH, _MAX_GROWTH))
 
 
 def _limit_arc(problem: Problem, unit: Tangent, steps: Steps) -> float:
@@ -627,10 +639,12 @@ def _extrapolate(problem: Problem, last: _LastStep | None, trial: _Trial, weight
     if last is None:
         return change
     start, chord, before = last
-    length, unit = abs(trial.values[1] - trial.values[0]), trial.direction
-    if isinstance(trial.control, ArcLength):
+    length, unit = trial.reach, trial.direction
+    if trial.is_arc:
         # Lengths must be smooth functions.
         length, slope, before = (_norm(problem, x, weight) for x in (change, start, chord))
+        if 0.0 in (length, slope):
+            return change
         unit, start = change.scale(1.0 / length), start.scale(1.0 / slope)
     if before == 0.0:
         return change
