@@ -24,9 +24,8 @@ _RESOLUTION = 1e-6
 # Where a curve branches off another one, its parameter turns and an eigenvalue touches zero: closer
 # to this point, rounding decides the sign of the eigenvalue.
 _TURN_RESOLUTION = 1e-2
-# Between ends of a bracket this close, curves are straight. Closer to a crossing, rounding moves
-# points along the critical mode.
-_ROOT_TOLERANCE = 1e-4
+# Distance from a root of the samples between which it is interpolated, and their largest number.
+_ROOT_TOLERANCE, _MAX_SAMPLES = 1e-4, 30
 # At the most, relative to the resolution of clusters.
 _ROOT_RATIO = 0.1
 # Largest distance of both ends of a bracket, relative to that of ends of the segment times the
@@ -173,11 +172,22 @@ def _find_root(
             break
     else:
         return None
-    ends, values, largest = [low[:2], high[:2]], [a, b], max(abs(a), abs(b))
-    samples, side = {a: low.position, b: high.position}, -1
-    while ends[1][0] - ends[0][0] > tolerance:
-        share = min(max(a / (a - b), _MIN_SHARE), 1.0 - _MIN_SHARE)
+    ends, largest = [low[:2], high[:2]], max(abs(a), abs(b))
+    samples = {a: low.position, b: high.position}
+    for _ in range(_MAX_SAMPLES):
+        root, (left, right) = _interpolate_inversely(samples), (x for x, _ in ends)
+        # Closer to a crossing, rounding moves points along the critical mode.
+        root = min(
+            max(root, left + _MIN_SHARE * (right - left)), right - _MIN_SHARE * (right - left)
+        )
+        if root - left > 2.0 * tolerance:
+            aimed = root - tolerance
+        elif right - root > 2.0 * tolerance:
+            aimed = root + tolerance
+        else:
+            break
         try:
+            share = (aimed - left) / (right - left)
             position, point = _point_between(segment, ends[0], ends[1], share)
         except CurveError:
             break
@@ -185,18 +195,13 @@ def _find_root(
         if abs(value) > largest:
             # The sign changes at a pole of g, where the bordered matrix is singular.
             return None
-        # Of an end that stays twice, the value is halved: the Illinois method.
-        last_side, side = side, 0 if value * a > 0.0 else 1
-        factor = 0.5 if side == last_side else 1.0
-        ends[side], values[side], samples[value] = (position, point), value, position
-        a, b = (value, factor * b) if side == 0 else (factor * a, value)
+        ends[0 if value * a > 0.0 else 1] = position, point
+        samples[value] = position
     (left, first), (right, last) = ends
     gap, whole = first.distance(last), segment.begin.distance(segment.end)
     if gap > _MAX_GAP_RATIO * (right - left) * whole + _ROUNDING:
         raise CurveError("the stability changes abruptly")
-    share = values[0] / (values[0] - values[1])
-    root = _interpolate_inversely(samples)
-    share = (root - left) / (right - left) if left <= root <= right else share
+    share = float(np.clip((_interpolate_inversely(samples) - left) / (right - left), 0.0, 1.0))
     turns = low.rate * high.rate < 0.0
     if turns:
         point = segment.part(first, last, left, right).at(share)
@@ -209,10 +214,18 @@ def _find_root(
 
 
 def _interpolate_inversely(samples: dict[float, float]) -> float:
-    """Return the position of the value zero by the parabola through the three smallest values."""
+    """Return the position of the value zero by the parabola through the three smallest values.
+
+    It is that of the line through the values next to zero if the parabola leaves their interval.
+    """
     values = sorted(samples, key=abs)[:3]
     weights = (np.prod([y / (y - x) for y in values if y != x]) for x in values)
-    return sum(float(w) * samples[x] for w, x in zip(weights, values, strict=True))
+    root = sum(float(w) * samples[x] for w, x in zip(weights, values, strict=True))
+    below, above = max(x for x in samples if x < 0.0), min(x for x in samples if x >= 0.0)
+    first, last = samples[below], samples[above]
+    if min(first, last) <= root <= max(first, last):
+        return root
+    return first + (last - first) * below / (below - above)
 
 
 def _opposes(point: Point, border: Array) -> float:
