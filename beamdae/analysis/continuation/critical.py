@@ -25,7 +25,9 @@ _RESOLUTION = 1e-6
 # to this point, rounding decides the sign of the eigenvalue.
 _TURN_RESOLUTION = 1e-2
 # Distance from a root of the samples between which it is interpolated, and their largest number.
-_ROOT_TOLERANCE, _MAX_SAMPLES = 1e-4, 30
+_ROOT_TOLERANCE, _MAX_SAMPLES = 1e-4, 60
+# Wider brackets, relative to this distance, are bisected at times.
+_WIDE = 100.0
 # At the most, relative to the resolution of clusters.
 _ROOT_RATIO = 0.1
 # Largest distance of both ends of a bracket, relative to that of ends of the segment times the
@@ -34,8 +36,6 @@ _ROOT_RATIO = 0.1
 _MAX_GAP_RATIO, _ROUNDING = 10.0, 1e-5
 # Largest share of the derivative by the parameter along the critical mode where curves cross.
 _MAX_IMPERFECTION = 1e-4
-# Smallest share of a bracket in which a root is sought.
-_MIN_SHARE = 1e-3
 
 
 class Count(NamedTuple):
@@ -174,18 +174,16 @@ def _find_root(
         return None
     ends, largest = [low[:2], high[:2]], max(abs(a), abs(b))
     samples = {a: low.position, b: high.position}
-    for _ in range(_MAX_SAMPLES):
+    for k in range(_MAX_SAMPLES):
         root, (left, right) = _interpolate_inversely(samples), (x for x, _ in ends)
         # Closer to a crossing, rounding moves points along the critical mode.
-        root = min(
-            max(root, left + _MIN_SHARE * (right - left)), right - _MIN_SHARE * (right - left)
-        )
-        if root - left > 2.0 * tolerance:
-            aimed = root - tolerance
-        elif right - root > 2.0 * tolerance:
-            aimed = root + tolerance
-        else:
+        is_left_far, is_right_far = root - left > 2.0 * tolerance, right - root > 2.0 * tolerance
+        if not (is_left_far or is_right_far):
             break
+        aimed = root - tolerance if is_left_far else root + tolerance
+        if k % 3 == 2 and right - left > _WIDE * tolerance:
+            aimed = 0.5 * (left + right)  # interpolation may converge slowly
+        aimed = min(max(aimed, left + 0.5 * tolerance), right - 0.5 * tolerance)
         try:
             share = (aimed - left) / (right - left)
             position, point = _point_between(segment, ends[0], ends[1], share)
@@ -197,6 +195,8 @@ def _find_root(
             return None
         ends[0 if value * a > 0.0 else 1] = position, point
         samples[value] = position
+    else:
+        return None
     (left, first), (right, last) = ends
     gap, whole = first.distance(last), segment.begin.distance(segment.end)
     if gap > _MAX_GAP_RATIO * (right - left) * whole + _ROUNDING:
