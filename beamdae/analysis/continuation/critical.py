@@ -175,7 +175,7 @@ def _find_root(
     ends, largest = [low[:2], high[:2]], max(abs(a), abs(b))
     samples = {a: low.position, b: high.position}
     for k in range(_MAX_SAMPLES):
-        root, (left, right) = _interpolate_inversely(samples), (x for x, _ in ends)
+        root, left, right = _interpolate_inversely(samples), ends[0][0], ends[1][0]
         # Closer to a crossing, rounding moves points along the critical mode.
         is_left_far, is_right_far = root - left > 2.0 * tolerance, right - root > 2.0 * tolerance
         if not (is_left_far or is_right_far):

@@ -310,7 +310,7 @@ class SingularPoint:
         unknowns, energy = self._test.scales
         left, _ = self._null_vectors
         forces, by_factor = (unknowns / energy * x for x in loads.residual(self.x, self.mu))
-        limit = _MAX_IMPERFECTION * max(np.linalg.norm(forces), _NEGLIGIBLE_FORCE)
+        limit = _MAX_IMPERFECTION * max(float(np.linalg.norm(forces)), _NEGLIGIBLE_FORCE)
         if self.kind == BRANCH and abs(left @ forces) > limit * np.linalg.norm(left):
             return None
         response, work = self._solve(-forces)
