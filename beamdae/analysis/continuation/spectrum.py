@@ -7,10 +7,12 @@ slow motions are then its largest ones, whatever the stiffest ones are.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator, eigs
 
 from beamdae.analysis.continuation.critical import Count
 
@@ -25,6 +27,9 @@ _MIN_ASYMMETRY = 1e-3
 _ROUNDING, _ROUNDING_OF_GROWTH = 1e-6, 1e-13
 # Motions that are faster by the reciprocal of this ratio are rounding errors of the slowest ones.
 _NEGLIGIBLE = 1e-7
+# Largest number of coordinates for dense matrices; beyond, number of the slowest motions that are
+# sought and relative tolerance of their eigenvalues.
+_MAX_DENSE, _SLOW_COUNT, _LANCZOS_TOLERANCE = 300, 20, 1e-12
 # Eigenvalues of the mass, with ones on its diagonal, up to this size are rounding errors.
 _NEGLIGIBLE_MASS = 1e-12
 
@@ -58,28 +63,63 @@ def has_potential(flexibility: Flexibility, m: int) -> bool:
     return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
 
 
-def count_growing(flexibility: Flexibility, mass: Array, damping: Array) -> Count:
+def count_growing(flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_array) -> Count:
     """Return the number of growing motions for a mass matrix (n, n).
 
-    `damping`, (n + m, n), are forces and changes of constraints in proportion to velocities.
+    `damping`, (n + m, n), are forces and changes of constraints in proportion to velocities. In
+    large systems, growing motions are those among the slowest ones.
     """
-    root = _take_root(mass)
-    by_mass = flexibility.respond_to_forces(root, len(damping) - len(mass))
-    if not damping.any():
-        # Reciprocals of squared eigenvalues: real ones do not oscillate if they are positive.
-        squares = _select_slow(la.eigvals(-root.T @ by_mass))
-        is_real = np.abs(squares.imag) <= _ROUNDING * np.abs(squares)
-        growing = is_real & (squares.real > 0.0)
-        return Count(int(growing.sum()), int(np.sum(~is_real)) // 2)
-    rank = root.shape[1]
-    # Reciprocal eigenvalues of the motion q and the momenta L^T q', M = L L^T: with velocities in
-    # place of momenta, zeros would be defective where mass vanishes.
-    none = np.zeros((rank, rank))
-    values = la.eigvals(np.block([[-flexibility.respond(damping), -by_mass], [root.T, none]]))
+    is_damped = damping.nnz > 0 and abs(damping).max() > 0.0
+    if len(damping.indptr) - 1 > _MAX_DENSE:
+        values = _find_slowest(flexibility, mass, damping, is_damped)
+    elif is_damped:
+        root = _take_root(mass.toarray())
+        none = np.zeros((root.shape[1], root.shape[1]))
+        by_mass = flexibility.respond_to_forces(root, damping.shape[0] - damping.shape[1])
+        # Reciprocal eigenvalues of the motion q and the momenta L^T q', M = L L^T: with velocities
+        # in place of momenta, zeros would be defective where mass vanishes.
+        by_velocity = -flexibility.respond(damping.toarray())
+        values = la.eigvals(np.block([[by_velocity, -by_mass], [root.T, none]]))
+    else:
+        root = _take_root(mass.toarray())
+        by_mass = flexibility.respond_to_forces(root, damping.shape[0] - damping.shape[1])
+        values = la.eigvals(-root.T @ by_mass)
     values = _select_slow(values)
-    growing = values[values.real > _ROUNDING_OF_GROWTH * np.abs(values).max(initial=0.0)]
-    is_real = np.abs(growing.imag) <= _ROUNDING * np.abs(growing)
-    return Count(int(is_real.sum()), int(np.sum(~is_real)) // 2)
+    is_real = np.abs(values.imag) <= _ROUNDING * np.abs(values)
+    if is_damped:
+        growing = values.real > _ROUNDING_OF_GROWTH * np.abs(values).max(initial=0.0)
+        return Count(int(np.sum(growing & is_real)), int(np.sum(growing & ~is_real)) // 2)
+    # Reciprocals of squared eigenvalues: real ones do not oscillate if they are positive.
+    return Count(int(np.sum(is_real & (values.real > 0.0))), int(np.sum(~is_real)) // 2)
+
+
+def _find_slowest(
+    flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_array, is_damped: bool
+) -> Array:
+    """Return the largest reciprocal eigenvalues, or their squares without damping."""
+    n, m = flexibility.size, damping.shape[0] - flexibility.size
+
+    def respond_to_squares(q: Array) -> Array:
+        return -flexibility.respond_to_forces(mass @ np.reshape(q, (n, 1)), m).ravel()
+
+    def respond(state: Array) -> Array:
+        q, v = np.split(np.ravel(state), 2)
+        forces = damping @ q
+        forces[:n] += mass @ v
+        return np.append(-flexibility.respond(forces[:, None]).ravel(), q)
+
+    size = 2 * n if is_damped else n
+    matvec = respond if is_damped else respond_to_squares
+    operator = LinearOperator((size, size), matvec, dtype=float)
+    settings: dict[str, Any] = {"v0": np.cos(np.arange(size) ** 2.0), "tol": _LANCZOS_TOLERANCE}
+    values = eigs(operator, _SLOW_COUNT, return_eigenvectors=False, **settings)
+    if not is_damped:
+        return values
+    # Strong damping slows many motions down to nearly the same decay: oscillations are sought, too.
+    vibrations = eigs(operator, _SLOW_COUNT, which="LI", return_eigenvectors=False, **settings)
+    distances = np.abs(vibrations[:, None] - values)
+    is_new = np.all(distances > _ROUNDING * np.abs(vibrations[:, None]), axis=1)
+    return np.append(values, vibrations[is_new])
 
 
 def _select_slow(values: Array) -> Array:

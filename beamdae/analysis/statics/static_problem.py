@@ -493,7 +493,7 @@ class StaticProblem(Problem):
         growing = count_growing(flexibility, *self._motion_matrices(point))
         return Stability(growing.divergent, growing.oscillating, by_signs.free)
 
-    def _motion_matrices(self, point: Point) -> tuple[Array, Array]:
+    def _motion_matrices(self, point: Point) -> tuple[sp.csc_array, sp.csc_array]:
         """Return mass (n, n) and damping (n + m, n) in natural sizes, with that of constraints."""
         n, scales, at_rest = self._n, self.scales, np.zeros(self._n)
         state = State(point.x[:n], at_rest, at_rest, point.x[n:])
@@ -505,9 +505,9 @@ class StaticProblem(Problem):
         )
         tangent = interpolate_tangents(unloaded, loaded, share)
         constraints = sp.diags_array(forms[1].retardation) @ tangent.position_jacobian
-        damping = sp.vstack([tangent.damping, constraints]).toarray()
-        mass = tangent.mass.toarray() * scales[:n] * scales[:n, None]
-        return mass, damping * scales[:n] * scales[:, None]
+        damping = sp.vstack([tangent.damping, constraints]) * scales[:n] * scales[:, None]
+        mass = tangent.mass * scales[:n] * scales[:n, None]
+        return sp.csc_array(mass), sp.csc_array(damping)
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return F and F_mu at x = (q, lam), (n + m,) each."""
