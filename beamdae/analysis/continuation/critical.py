@@ -25,7 +25,7 @@ _RESOLUTION = 1e-6
 # to this point, rounding decides the sign of the eigenvalue.
 _TURN_RESOLUTION = 1e-2
 # Distance from a root of the samples between which it is interpolated, and their largest number.
-_ROOT_TOLERANCE, _MAX_SAMPLES = 1e-4, 60
+_ROOT_TOLERANCE, _MAX_SAMPLES = 1e-3, 60
 # Wider brackets, relative to this distance, are bisected at times.
 _WIDE = 100.0
 # At the most, relative to the resolution of clusters.
@@ -173,9 +173,12 @@ def _find_root(
     else:
         return None
     ends, largest = [low[:2], high[:2]], max(abs(a), abs(b))
-    samples = {a: low.position, b: high.position}
+    samples, points = {a: low.position, b: high.position}, dict(ends)
+    distance = tolerance
     for k in range(_MAX_SAMPLES):
         root, left, right = _interpolate_inversely(samples), ends[0][0], ends[1][0]
+        # Long steps may pass a critical point at their very beginning.
+        tolerance = distance * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
         # Closer to a crossing, rounding moves points along the critical mode.
         is_left_far, is_right_far = root - left > 2.0 * tolerance, right - root > 2.0 * tolerance
         if not (is_left_far or is_right_far):
@@ -188,29 +191,45 @@ def _find_root(
             share = (aimed - left) / (right - left)
             position, point = _point_between(segment, ends[0], ends[1], share)
         except CurveError:
-            break
+            if right - left <= _WIDE * tolerance:
+                break
+            position, point = _point_between(segment, ends[0], ends[1], 0.5)
         value, mode = test(point)
         if abs(value) > largest:
             # The sign changes at a pole of g, where the bordered matrix is singular.
             return None
         ends[0 if value * a > 0.0 else 1] = position, point
         samples[value] = position
+        points[position] = point
     else:
         return None
     (left, first), (right, last) = ends
     gap, whole = first.distance(last), segment.begin.distance(segment.end)
     if gap > _MAX_GAP_RATIO * (right - left) * whole + _ROUNDING:
         raise CurveError("the stability changes abruptly")
-    share = float(np.clip((_interpolate_inversely(samples) - left) / (right - left), 0.0, 1.0))
+    position = min(max(_interpolate_inversely(samples), left), right)
     turns = low.rate * high.rate < 0.0
     if turns:
+        share = (position - left) / (right - left)
         point = segment.part(first, last, left, right).at(share)
     else:
-        x, p = first.between(last, share)
-        point = Point(first.problem, x, p, first.problem.linearize(x, p))
+        point = _interpolate_point(points, position)
     if not (turns or alternates) and _opposes(point, border) > _MAX_IMPERFECTION:
         raise CurveError("the stability changes abruptly")
-    return left + share * (right - left), point, mode
+    return position, point, mode
+
+
+def _interpolate_point(points: dict[float, Point], position: float) -> Point:
+    """Return the point at a position of the parabola through the three nearest points."""
+    nearest = sorted(points, key=lambda x: abs(x - position))[:3]
+    base = points[nearest[0]]
+    problem, step, p = base.problem, np.zeros_like(base.x), 0.0
+    for one in nearest:
+        weight = float(np.prod([(position - x) / (one - x) for x in nearest if x != one]))
+        step += weight * problem.difference(points[one].x, base.x)
+        p += weight * points[one].p
+    x = problem.move(base.x, step)
+    return Point(problem, x, p, problem.linearize(x, p))
 
 
 def _interpolate_inversely(samples: dict[float, float]) -> float:
