@@ -207,6 +207,16 @@ def _find_root(
     gap, whole = first.distance(last), segment.begin.distance(segment.end)
     if gap > _MAX_GAP_RATIO * (right - left) * whole + _ROUNDING:
         raise CurveError("the stability changes abruptly")
+    # Samples on both sides, so that the cubic is that of the neighborhood.
+    sides = (
+        ((low.position, low.point), ends[0], left - 2.0 * tolerance),
+        (ends[1], (high.position, high.point), right + 2.0 * tolerance),
+    )
+    for first_end, last_end, aimed in sides:
+        if first_end[0] < aimed < last_end[0]:
+            share = (aimed - first_end[0]) / (last_end[0] - first_end[0])
+            position, point = _point_between(segment, first_end, last_end, share)
+            samples[test(point)[0]], points[position] = position, point
     position = min(max(_interpolate_inversely(samples), left), right)
     turns = low.rate * high.rate < 0.0
     if turns:
@@ -220,8 +230,8 @@ def _find_root(
 
 
 def _interpolate_point(points: dict[float, Point], position: float) -> Point:
-    """Return the point at a position of the parabola through the three nearest points."""
-    nearest = sorted(points, key=lambda x: abs(x - position))[:3]
+    """Return the point at a position of the cubic through the four nearest points."""
+    nearest = sorted(points, key=lambda x: abs(x - position))[:4]
     base = points[nearest[0]]
     problem, step, p = base.problem, np.zeros_like(base.x), 0.0
     for one in nearest:
@@ -233,11 +243,11 @@ def _interpolate_point(points: dict[float, Point], position: float) -> Point:
 
 
 def _interpolate_inversely(samples: dict[float, float]) -> float:
-    """Return the position of the value zero by the parabola through the three smallest values.
+    """Return the position of the value zero by the cubic through the four smallest values.
 
-    It is that of the line through the values next to zero if the parabola leaves their interval.
+    It is that of the line through the values next to zero if the cubic leaves their interval.
     """
-    values = sorted(samples, key=abs)[:3]
+    values = sorted(samples, key=abs)[:4]
     weights = (np.prod([y / (y - x) for y in values if y != x]) for x in values)
     root = sum(float(w) * samples[x] for w, x in zip(weights, values, strict=True))
     below, above = max(x for x in samples if x < 0.0), min(x for x in samples if x >= 0.0)
