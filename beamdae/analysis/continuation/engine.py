@@ -422,7 +422,7 @@ class Steps:
     parameter_step: float = np.inf
     first_parameter_step: float = np.inf
     first: float = 1.0
-    smallest: float = 1e-6
+    smallest: float = 1e-8
 
 
 def follow(

@@ -616,7 +616,7 @@ def _remedy(path: StagePath, control: str) -> str:
     if control == DISPLACEMENT:
         return "; use control='arc length' to continue where a displacement reverses"
     if control == LOAD and is_first:
-        return "; even a millionth of the largest step fails, so check the size of the loads"
+        return "; even 1e-8 of the largest step fails, so check the size of the loads"
     if control == LOAD:
         return "; use control='arc length' to continue past the maximum of a load"
     return ""
