@@ -30,12 +30,9 @@ _ROOT_TOLERANCE, _MAX_SAMPLES = 1e-3, 60
 _WIDE = 100.0
 # At the most, relative to the resolution of clusters.
 _ROOT_RATIO = 0.1
-# Largest distance of both ends of a bracket, relative to that of ends of the segment times the
-# width, and motion along the critical mode by rounding in natural sizes: farther apart, they lie on
-# different curves.
-_MAX_GAP_RATIO, _ROUNDING = 10.0, 1e-5
-# Largest share of the derivative by the parameter along the critical mode where curves cross.
-_MAX_IMPERFECTION = 1e-4
+# Largest share of the derivative by the parameter along the critical mode where curves cross: it is
+# larger between two curves that pass each other.
+_MAX_IMPERFECTION = 1e-5
 
 
 class Count(NamedTuple):
@@ -176,7 +173,8 @@ def _find_root(
     samples, points = {a: low.position, b: high.position}, dict(ends)
     distance = tolerance
     for k in range(_MAX_SAMPLES):
-        root, left, right = _interpolate_inversely(samples), ends[0][0], ends[1][0]
+        left, right = ends[0][0], ends[1][0]
+        root = min(max(_interpolate_inversely(samples), left), right)
         # Long steps may pass a critical point at their very beginning.
         tolerance = distance * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
         # Closer to a crossing, rounding moves points along the critical mode.
@@ -204,9 +202,6 @@ def _find_root(
     else:
         return None
     (left, first), (right, last) = ends
-    gap, whole = first.distance(last), segment.begin.distance(segment.end)
-    if gap > _MAX_GAP_RATIO * (right - left) * whole + _ROUNDING:
-        raise CurveError("the stability changes abruptly")
     # Samples on both sides, so that the cubic is that of the neighborhood.
     sides = (
         ((low.position, low.point), ends[0], left - 2.0 * tolerance),
