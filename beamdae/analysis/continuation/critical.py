@@ -102,8 +102,9 @@ def _explain(
     segment: Segment, low: _Sample, high: _Sample, resolution: float
 ) -> list[CriticalPoint]:
     turns = low.rate * high.rate < 0.0
-    names = ("divergent", "oscillating", "alternating")
-    change, flutter, doublings = (getattr(high.counts, x) - getattr(low.counts, x) for x in names)
+    change, flutter, doublings = (
+        getattr(high.counts, x) - getattr(low.counts, x) for x in Count._fields
+    )
     if not (turns or change or flutter or doublings):
         return []
     is_turn = not (change or flutter or doublings)
@@ -115,12 +116,15 @@ def _explain(
             position, point, mode = found
             kind = DOUBLING if doublings else LIMIT if turns else BRANCH
             return [CriticalPoint(position, kind, point, mode)]
-    if high.position - low.position > (_TURN_RESOLUTION if is_turn else resolution):
+    width = high.position - low.position
+    if width > (_TURN_RESOLUTION if is_turn else resolution):
         middle = _sample(segment, low, high, 0.5)
-        return [
-            *_explain(segment, low, middle, resolution),
-            *_explain(segment, middle, high, resolution),
-        ]
+        # Beside clusters, rounding lets counts change back and forth.
+        if width > _ROOT_TOLERANCE or _is_between(middle.counts, low.counts, high.counts):
+            return [
+                *_explain(segment, low, middle, resolution),
+                *_explain(segment, middle, high, resolution),
+            ]
     if is_turn:
         return [_find_turn(segment, low, high)]
     mode = critical_mode(low.point)
@@ -128,6 +132,11 @@ def _explain(
     kinds = kinds if flutter else [BRANCH] * abs(change)
     kinds += [DOUBLING] * abs(doublings)
     return [CriticalPoint(low.position, kind, low.point, mode) for kind in kinds]
+
+
+def _is_between(counts: Any, first: Any, last: Any) -> bool:
+    middle, *ends = ([getattr(x, name) for name in Count._fields] for x in (counts, first, last))
+    return all(min(pair) <= x <= max(pair) for x, *pair in zip(middle, *ends, strict=True))
 
 
 def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
