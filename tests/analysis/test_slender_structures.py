@@ -49,16 +49,25 @@ def test_hinged_strip_hangs_down(options):
 
 
 @pytest.mark.slow(reason="one second")
-@pytest.mark.parametrize("height", [1e-1, 1e-4])
-def test_regression_coarse_ring_has_no_additional_branch_points(height):
-    # A mesh of 4 elements separates the two modes with 2 waves (M. Levy 1884: 3 EI / R^3), and
-    # growing modes appear, vanish and appear again.
+@pytest.mark.parametrize(
+    ("height", "options"),
+    [
+        (1e-1, {"formulation": "exact"}),
+        (1e-2, {"strain": "exact"}),
+        (1e-4, {"strain": "exact"}),
+        (1e-4, {"formulation": "exact"}),
+    ],
+)
+def test_regression_coarse_ring_has_no_additional_branch_points(height, options):
+    # Both modes with 2 waves become critical at the same pressure (M. Levy 1884: 3 EI / R^3), where
+    # rounding lets growing modes appear, vanish and appear again. (In a floating frame, 4 elements
+    # are not free of strain as they translate: thick rings bend from the beginning.)
     mech, steel = bd.Mechanism(), bd.Material.of("steel")
     section = bd.Section.rectangle(steel, width=0.02, height=height)
     halves = []
     for k, x in enumerate((1.0, -1.0)):
         arc = bd.Arc(1.0, np.pi, start=(x, 0.0), angle=(k + 0.5) * np.pi)
-        beam = mech.add(bd.Beam(f"half {k}", arc, section, 4, strain="exact"))
+        beam = mech.add(bd.Beam(f"half {k}", arc, section, 4, **options))
         mech.add(bd.DistributedForce(f"p {k}", beam, (0.0, section.EI), axes="section"))
         halves.append(beam)
     first, last = halves
