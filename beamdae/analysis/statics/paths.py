@@ -22,7 +22,6 @@ from beamdae.analysis.continuation.engine import (
     Segment,
     Steps,
     Tangent,
-    correct,
     follow,
     prescribe_parameter,
     switch,
@@ -284,7 +283,7 @@ def find_unloaded_equilibrium(
     first, last = problem.system.ends
     x = problem.start(q)
     try:
-        point = correct(problem, prescribe_parameter, first, x, first)
+        point = problem.correct(prescribe_parameter, first, x, first)
         motion = np.abs(problem.difference(point.x, x)) * problem.weights
         if np.max(motion, initial=0.0) <= _MAX_INITIAL_MOTION:
             return point
@@ -298,7 +297,7 @@ def _relax(problem: StaticProblem, q: Array, mu: float, passed: list[Array] | No
     x = problem.start(q)
     x[len(q) : len(q) + len(lam)] = lam
     try:
-        return correct(problem, prescribe_parameter, mu, x, mu)
+        return problem.correct(prescribe_parameter, mu, x, mu)
     except CurveError:
         return Point(problem, x, mu, problem.linearize(x, mu))
 
@@ -494,7 +493,7 @@ def _leave_free_position(
     first = float(np.clip(reach, -1.0, 1.0) if by_load else reach) * _LOAD_STEP_RATIO
     small = _MIN_FIRST_LOAD * first
     try:
-        point = correct(problem, prescribe_parameter, begin.p + small, begin.x, begin.p + small)
+        point = problem.correct(prescribe_parameter, begin.p + small, begin.x, begin.p + small)
         motion = np.abs(problem.difference(point.x, begin.x)) * problem.weights
         if np.max(motion, initial=0.0) <= _MAX_INITIAL_MOTION and not stability_of(point).free:
             tangent = point.tangent(prescribe_parameter(point.x, point.p))
