@@ -63,6 +63,7 @@ class BlockElimination(NamedTuple):
     indices: Array
     sources: Array
 
+    @np.errstate(all="ignore")
     def eliminate(self, nonzeros: Array) -> Array:
         """Return the non-zeros of the remaining equations.
 
