@@ -322,7 +322,7 @@ class StaticProblem(Problem):
         first, last = (x.equations for x in forms)
         self._time, self._n, self._varied = loaded.time, last.n, varied
         self._initial_q, self._part_scales = last.q0, last.part_scales
-        self._compliance = forms[1].compliance
+        self._compliance, self._remainder = forms[1].compliance, forms[1].remainder
         if varied is None:
             common, only_unloaded, only_loaded = _split_structures(first, last)
         else:
@@ -367,6 +367,7 @@ class StaticProblem(Problem):
         run.saddle.part_scales[:], run.weights[:] = self._part_scales, self._weights
         run.center, run.scale = 0.0, 1.0
         run.compliance[:], run.compliance_rate[:] = self._compliance, 0.0
+        run.remainder[:] = self._remainder
         run.added[:] = np.append(np.zeros(self._held), -self._compliance[self._compliance != 0.0])
         if self._varied is not None:
             run.scale = 0.0
@@ -431,6 +432,7 @@ class StaticProblem(Problem):
                 right=np.zeros(size + 1),
                 compliance=np.zeros(size - self._n),
                 compliance_rate=np.zeros(size - self._n),
+                remainder=np.zeros(size - self._n),
                 added_targets=plan.added_targets,
                 added=np.zeros(len(plan.added_targets)),
                 weights=np.zeros(size),
