@@ -17,7 +17,7 @@ _TOLERANCE = 1e-10
 ROUNDING = 1e-7
 # Convergence is quadratic if the last but one correction is below the first number: the next one is
 # then predicted, and need not be made if it is below the second one.
-_QUADRATIC, NEGLIGIBLE = 1e-2, 1e-15
+_QUADRATIC, NEGLIGIBLE = 1e-3, 1e-15
 # Largest correction of one iteration, in natural sizes: farther, the linearization says nothing.
 # It grows while the equations are linear: the next correction then has the predicted size.
 _MAX_CORRECTION = 0.5
