@@ -21,6 +21,7 @@ from beamdae.native.loop_functions import (
     combine,
     factorize,
     fill,
+    inner_product,
     max_norm,
     multiply,
     pick,
@@ -35,8 +36,8 @@ Array = np.ndarray
 EVALUATE_FORCES = 0
 EVALUATE_TANGENT = 1
 COUNT_SIGNS = 2
-SOLVE = 3
-SOLVE_AGAIN = 4
+FACTORIZE = 3
+SOLVE = 4
 SET_SIZES = 5
 CORRECT = 6
 FIND_TANGENT = 7
@@ -104,8 +105,8 @@ class StaticWorkspace:
         Load factor; that of the parts U and L is (mu - center) * scale.
     task
         `EVALUATE_FORCES`; `EVALUATE_TANGENT` to evaluate also the tangent; `COUNT_SIGNS` to count
-        also its negative pivots; `SOLVE` to solve with the given border and right-hand side;
-        `SOLVE_AGAIN` to do so with the last factors; `SET_SIZES` to set natural sizes; `CORRECT` to
+        also its negative pivots; `FACTORIZE` to factorize it with the given border; `SOLVE` to
+        solve for `right` with the last factors; `SET_SIZES` to set natural sizes; `CORRECT` to
         correct the point by Newton's method until it is a solution or, if the control is not
         linear, once; `FIND_TANGENT` to find the derivatives by the control.
     is_linear
@@ -115,8 +116,8 @@ class StaticWorkspace:
     has_factors
         1 if the last factors are those for the tangent and `row`, with F_mu as column, else 0.
     is_near
-        1 if all this holds for the point before the last, negligible correction of `CORRECT`, which
-        suffices for the signs of pivots and the tangent of the path; else 0.
+        1 if all this holds for the point before the last correction of `CORRECT`, whose factors are
+        used again for the tangent of the path; else 0.
     """
 
     common: LoadPart
@@ -159,10 +160,10 @@ class StaticWorkspace:
 def perform_task(run: StaticWorkspace) -> int:
     """Perform the task; return DONE, a code of `judge` or the code of the linear solver."""
     task, size = run.task, run.forces.size
-    if task == SOLVE_AGAIN:
+    if task == SOLVE:
         _solve(run)
         return DONE
-    if run.is_near == 1 and task != COUNT_SIGNS and task != FIND_TANGENT:
+    if run.is_near == 1 and (task != FIND_TANGENT or run.has_factors == 0):
         run.has_forces = 0
     if task == CORRECT:
         return _correct(run)
@@ -174,12 +175,9 @@ def perform_task(run: StaticWorkspace) -> int:
         count_signs(run.saddle, run.nonzeros)
     if task == SET_SIZES:
         scale_by_reference(run.saddle, run.nonzeros)
-    if task == SOLVE:
+    if task == FACTORIZE:
         run.has_factors = 0
-        code = _factorize(run, run.column)
-        if code == DONE:
-            _solve(run)
-        return code
+        return _factorize(run, run.column)
     if task == FIND_TANGENT:
         fill(run.right[:size], 0.0)
         run.right[size] = 1.0
@@ -208,7 +206,7 @@ def _correct(run: StaticWorkspace) -> int:
         combine(q, (1.0, share), (q, run.right[: size - m]))
         combine(lam, (1.0, share), (lam, run.right[size - m : size]))
         run.mu += share * run.right[size]
-        run.deviation *= 1.0 - share
+        run.deviation += share * inner_product(run.row, run.right)
         if code == DONE:
             run.is_near = 1
         else:

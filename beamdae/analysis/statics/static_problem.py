@@ -36,10 +36,10 @@ from beamdae.analysis.statics.static_loop import (
     COUNT_SIGNS,
     EVALUATE_FORCES,
     EVALUATE_TANGENT,
+    FACTORIZE,
     FIND_TANGENT,
     SET_SIZES,
     SOLVE,
-    SOLVE_AGAIN,
     LoadPart,
     StaticWorkspace,
     perform_task,
@@ -74,6 +74,9 @@ _OTHER_COORDINATES = 100
 _KERNEL_SECONDS = 0.01
 _INSTRUCTION_SECONDS = 6e-5
 _LOOP_SECONDS = 3.0
+
+# Number of solutions with the same factors, each with the residual of the one before.
+_SOLUTIONS = 2
 
 # Distance of a parameter from the value about which equations are linearized, in steps.
 _CENTER_TOLERANCE = 1e-6
@@ -577,16 +580,20 @@ class StaticProblem(Problem):
         CurveError
             If the bordered matrix is singular or not finite.
         """
-        run = self._loop.work
-        run.right[:] = right
-        if self._factors() is factors:
-            self._perform(SOLVE_AGAIN)
-            return run.right.copy()
-        column, row, corner = factors.border
-        run.column[:], run.row[:-1], run.row[-1] = column, row, corner
-        self._run(*factors.point, SOLVE)
-        self._factors = weakref.ref(factors)
-        return run.right.copy()
+        run, pattern = self._loop.work, self._plan.bordered
+        if self._factors() is not factors:
+            column, row, corner = factors.border
+            run.column[:], run.row[:-1], run.row[-1] = column, row, corner
+            self._run(*factors.point, FACTORIZE)
+            self._factors = weakref.ref(factors)
+        matrix = sp.csc_array((run.nonzeros, pattern.indices, pattern.indptr), pattern.shape)
+        solution = np.zeros_like(right)
+        # Small changes of tests for critical points count more than the accuracy of a correction.
+        for _ in range(_SOLUTIONS):
+            run.right[:] = right - matrix @ solution
+            self._perform(SOLVE)
+            solution += run.right
+        return solution
 
     def _run(self, x: Array, mu: float, task: int) -> StaticWorkspace:
         self._set_point(x, mu)
@@ -596,7 +603,7 @@ class StaticProblem(Problem):
     def _perform(self, task: int) -> int:
         run = self._loop.work
         run.task = task
-        if task in (SOLVE, CORRECT, FIND_TANGENT):
+        if task != SOLVE:
             self._factors = lambda: None
         code = self._call()
         if code == SINGULAR:
