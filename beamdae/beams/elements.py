@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -23,8 +23,6 @@ Array = np.ndarray
 
 NODE_SIZE = 3  # coordinates of a node
 RESULTANTS = 2  # axial and shear force
-# Axial and shear stiffness that remain beside the resultants, in bending stiffnesses of an element.
-_BENDING_MULTIPLE = 12.0
 
 
 class PointMotion(NamedTuple):
@@ -200,42 +198,29 @@ def element_kernel(element: PointElement) -> ForceKernel:
     points += element.stiffness_points(elasticity, layout.split_stiffness(local.data))
     weights = np.array([x.full() for x in element.stiffness_weights])
     operators = weights @ element.differences.full()
-    split = SplitStiffness(layout)
+    split = partial(_split_stiffness, layout)
     form = CompliantForm(_resultant_kernel(element.of_point), operators, split)
     return ForceKernel.of_points(local, points, form)
 
 
-@dataclass(frozen=True)
-class SplitStiffness:
-    """Split of EA and GA into a share of the size of the bending stiffness, and the rest.
-
-    The share keeps the stiffness without resultants regular; it is at most half.
-    """
-
-    layout: ElementDataLayout
-
-    def __call__(self, data: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """Return the arrays of `CompliantForm.split`: the compliances are those of the rest."""
-        rest = data.copy()
-        values, first = self.layout.stiffness_values(data), len(self.layout.stiffness_point)
-        whole, bending = values[..., first : first + RESULTANTS], values[..., first + RESULTANTS]
-        weight = values[..., 0]
-        size = bending / np.sum(weight, axis=1, keepdims=True) ** 2
-        share = np.minimum(0.5 * whole, _BENDING_MULTIPLE * size[..., None])
-        soft = values.copy()
-        soft[..., first : first + RESULTANTS] = share
-        rest[self.layout.stiffness_rows] = soft.reshape(data.shape[1], -1).T
-        compliance = weight[..., None] / (whole - share)
-        retardation = np.broadcast_to(values[..., -1:], compliance.shape)
-        return rest, values[..., :first], compliance, retardation, share / weight[..., None]
+def _split_stiffness(layout: ElementDataLayout, data: Array) -> tuple[Array, ...]:
+    """Return the arrays of `CompliantForm.split`: the rest of the stiffness is EI."""
+    rest = data.copy()
+    values, first = layout.stiffness_values(data), len(layout.stiffness_point)
+    bending = values.copy()
+    bending[..., first : first + RESULTANTS] = 0.0
+    rest[layout.stiffness_rows] = bending.reshape(data.shape[1], -1).T
+    times = np.repeat(values[..., -1:], RESULTANTS, axis=-1)
+    return rest, values[..., : first + RESULTANTS], times
 
 
 @cache
 def _resultant_kernel(element: PointElement) -> ConstraintKernel:
-    """Return the axial and shear strains of a point, times its weight, as constraints."""
-    local = Local(2 * NODE_SIZE, len(element.layout.stiffness_point), RESULTANTS)
-    strain = element.strain_at(local.q, local.data)
-    return ConstraintKernel(local, local.data[0] * strain[:RESULTANTS], True)
+    """Return the constraints of the axial and shear strains of a point."""
+    first = len(element.layout.stiffness_point)
+    local = Local(2 * NODE_SIZE, first + RESULTANTS, RESULTANTS)
+    strain, stiffness = element.strain_at(local.q, local.data), local.data[first:]
+    return ConstraintKernel(local, ca.sqrt(local.data[0] * stiffness) * strain[:RESULTANTS], True)
 
 
 class StiffnessPoint(NamedTuple):

@@ -3,15 +3,15 @@
 The saddle-point matrix of the tangent, with the stiffness K in units of the natural sizes of the
 coordinates and the constraint matrix G, whose rows are scaled to the size of K, is
 
-    [[K + r G^T G, G^T], [G, -C]],
+    [[K + G^T (2 s - s^2 C) G, G^T (1 - s C)], [(1 - s C) G, -C]],
 
-with the compliances C of constraints; the sum r G^T G is over constraints with C = 0. It keeps
-leading pivots nonzero if bodies would be free without their joints, so that the matrix can be
-eliminated in an order that depends on the pattern only: along the mechanism, each multiplier after
-the coordinates that it couples.
+with the compliances C of constraints. The rows of G are scaled to the size r of K, those of soft
+springs until C = r, and s = 1 / (2 r). With s, leading pivots are not zero if bodies would be free
+without their joints and springs, so that the matrix can be eliminated in an order that depends on
+the pattern only: along the mechanism, each multiplier after the coordinates that it couples.
 
 By Sylvester's law of inertia, the number of negative pivots is m plus the number of negative
-eigenvalues of K + G^T C^-1 G in the motions that the joints allow, for any r. Rounding errors may
+eigenvalues of K + G^T C^-1 G in the motions that the joints allow, for any s. Rounding errors may
 change the signs of pivots only if a pivot is close to zero. Then, pivots are counted for K - s I
 with shifts s on both sides of zero; the difference is the number of motions without stiffness.
 """
@@ -79,7 +79,7 @@ class SaddlePattern(NamedTuple):
     joint_targets, joint_sources
         nonzeros[joint_targets] += joints[joint_sources], for G and its transpose.
     product_targets, product_left, product_right
-        nonzeros[product_targets] += r joints[product_left] * joints[product_right], for r G^T G.
+        nonzeros[product_targets] += joints[product_left] * joints[product_right], for G^T G.
     diagonal
         Diagonal entries of the coordinates.
     plan
@@ -119,11 +119,18 @@ class SaddlePoint:
         non-zero of its columns, with the ends of the last part.
     part_scales
         Sizes of the parts of the coordinates, (n,), see `scale_by_reference`.
-    weights, joint_weights, scales
+    weights, scales
         Products of the natural sizes of rows and columns, and sizes of the unknowns, (n + m,).
-    values, joints, skew, left, nonzeros
-        Entries of the stiffness and of G, differences of opposite entries, factors of products, and
-        the saddle-point matrix.
+    joint_weights, joint_products
+        Products of natural sizes times 1 - s C for entries of G, and (2 s - s^2 C) / (1 - s C)^2.
+    joint_parts, energies, softest
+        Part of each entry of G; largest entry of the stiffness, and stiffness of the softest
+        spring, of each part.
+    rigid
+        First row of G with compliance.
+    values, joints, products, skew, left, nonzeros
+        Entries of the stiffness and of G, these times `joint_products`, differences of opposite
+        entries, factors of products, and the saddle-point matrix.
     work, shift, counting, ones
         Work array of `solve_saddle_point`, shift of each coordinate, (n,), 0, 1, 2, ..., and ones
         for the norms of entries.
@@ -158,7 +165,10 @@ class SaddlePoint:
     joint_rows: Array
     joint_columns: Array
     joint_weights: Array
+    joint_products: Array
+    joint_parts: Array
     joints: Array
+    products: Array
     joint_targets: Array
     joint_sources: Array
     product_targets: Array
@@ -172,6 +182,9 @@ class SaddlePoint:
     shift: Array
     counting: Array
     ones: Array
+    energies: Array
+    softest: Array
+    rigid: int
     reference: float = 0.0
     joint_size: float = 1.0
     size: float = 0.0
@@ -187,12 +200,12 @@ class SaddlePoint:
 
         The non-zeros of the tangent are at `positions` in the argument of `count_signs`.
         `part_rows` contains the first coordinate of each part, and the number of coordinates.
-        The first `rigid` constraints have no compliance.
+        The first `rigid` constraints have no compliance; that of the others is 1.
         """
         n, positions = int(part_rows[-1]), positions.astype(np.uint32)
         indices = pattern.indices.astype(np.intp).tobytes()
         starts = pattern.indptr.astype(np.intp).tobytes()
-        saddle = _plan_saddle_point(n, n + rigid, starts, indices)
+        saddle = _plan_saddle_point(n, starts, indices)
         count, joint_count = len(saddle.entries), len(saddle.joint_entries)
         size, length = pattern.shape[0], len(saddle.plan.sources)
         longest = max(length, len(saddle.product_left))
@@ -216,7 +229,10 @@ class SaddlePoint:
             joint_rows=saddle.joint_rows,
             joint_columns=saddle.joint_columns,
             joint_weights=np.zeros(joint_count),
+            joint_products=np.zeros(joint_count),
+            joint_parts=np.searchsorted(part_rows, saddle.joint_columns, "right") - 1,
             joints=np.zeros(joint_count),
+            products=np.zeros(joint_count),
             joint_targets=saddle.joint_targets,
             joint_sources=saddle.joint_sources,
             product_targets=saddle.product_targets,
@@ -230,6 +246,9 @@ class SaddlePoint:
             shift=np.zeros(n),
             counting=np.arange(longest, dtype=np.uint32),
             ones=np.ones(count),
+            energies=np.zeros(len(part_rows) - 1),
+            softest=np.zeros(len(part_rows) - 1),
+            rigid=n + rigid,
         )
 
 
@@ -239,32 +258,57 @@ def scale_by_reference(run: SaddlePoint, tangent: Array) -> None:
     The natural sizes S of the coordinates make all parts equally stiff: they are `part_scales`
     times sqrt(E / e). e is the largest entry, in `part_scales`, of the stiffness in the columns of
     the part, and E that of all parts. Otherwise, rounding errors of large and stiff parts would
-    exceed the stiffness of small and soft ones. By Sylvester's law of inertia, S does not change
-    the number of negative eigenvalues.
+    exceed the stiffness of small and soft ones. A part without stiffness is held by joints or, if
+    it is softer, by its softest spring. By Sylvester's law of inertia, S does not change the number
+    of negative eigenvalues.
     """
-    n, largest, scales = run.shift.size, run.work, run.scales
+    n, scales, energies, softest = run.shift.size, run.scales, run.energies, run.softest
     combine(scales[:n], (1.0,), (run.part_scales,))
+    fill(scales[n:], 0.0)
     _scale_stiffness(run, tangent)
-    energy = max_norm(run.values, run.ones)
-    for k in range(run.part_rows.size - 1):
+    _measure_rows(run, tangent)
+    fill(softest, np.inf)
+    for k in range(run.joint_rows.size):
+        stiffness = run.work[run.joint_rows[k]] ** 2
+        if run.joint_rows[k] >= run.rigid and stiffness > NEGLIGIBLE_STIFFNESS:
+            part = run.joint_parts[k]
+            softest[part] = min(softest[part], stiffness)
+    energy, least = 0.0, np.inf
+    for k in range(energies.size):
         entries = run.values[run.part_entries[k] : run.part_entries[k + 1]]
-        part_energy = max_norm(entries, run.ones[: entries.size])
-        if part_energy > NEGLIGIBLE_STIFFNESS:
+        energies[k] = max_norm(entries, run.ones[: entries.size])
+        energy, least = max(energy, energies[k]), min(least, softest[k])
+    if energy <= NEGLIGIBLE_STIFFNESS:
+        energy = least if np.isfinite(least) else 0.0
+    for k in range(energies.size):
+        if energies[k] <= NEGLIGIBLE_STIFFNESS:
+            energies[k] = min(energy, softest[k])
+        if energies[k] > NEGLIGIBLE_STIFFNESS:
             sizes = scales[run.part_rows[k] : run.part_rows[k + 1]]
-            combine(sizes, (math.sqrt(energy / part_energy),), (sizes,))
+            combine(sizes, (math.sqrt(energy / energies[k]),), (sizes,))
     _scale_stiffness(run, tangent)
-    run.size = run.reference = max_norm(run.values, run.ones)
-    run.joint_size = run.size if run.size > 0.0 else 1.0
-    fill(largest, 0.0)
-    for k in range(run.joint_rows.size):
-        entry = abs(scales[run.joint_columns[k]] * tangent[run.joint_entries[k]])
-        largest[run.joint_rows[k]] = max(largest[run.joint_rows[k]], entry)
+    run.reference = max(max_norm(run.values, run.ones), energy)
+    run.size = run.joint_size = run.reference if run.reference > 0.0 else 1.0
+    _measure_rows(run, tangent)
     for k in range(n, scales.size):
-        scales[k] = run.joint_size / (largest[k] if largest[k] > 0.0 else 1.0)
+        scales[k] = run.joint_size / (run.work[k] if run.work[k] > 0.0 else 1.0)
+        if k >= run.rigid:
+            scales[k] = min(scales[k], math.sqrt(run.joint_size))
     for k in range(run.joint_rows.size):
-        run.joint_weights[k] = scales[run.joint_columns[k]] * scales[run.joint_rows[k]]
+        row = run.joint_rows[k]
+        share = 0.5 * scales[row] ** 2 / run.joint_size if row >= run.rigid else 0.0
+        run.joint_weights[k] = (1.0 - share) * scales[run.joint_columns[k]] * scales[row]
+        run.joint_products[k] = (1.0 - 0.5 * share) / (1.0 - share) ** 2 / run.joint_size
     # The sizes of compliances are known now.
     _scale_stiffness(run, tangent)
+
+
+def _measure_rows(run: SaddlePoint, tangent: Array) -> None:
+    """Set `work` to the largest entries of the rows of G in the sizes of the coordinates."""
+    fill(run.work, 0.0)
+    for k in range(run.joint_rows.size):
+        entry = abs(run.scales[run.joint_columns[k]] * tangent[run.joint_entries[k]])
+        run.work[run.joint_rows[k]] = max(run.work[run.joint_rows[k]], entry)
 
 
 def _scale_stiffness(run: SaddlePoint, tangent: Array) -> None:
@@ -285,8 +329,8 @@ def assemble_saddle_point(run: SaddlePoint, tangent: Array) -> None:
     combine(nonzeros, (0.5,), (nonzeros,))
     gather(joints, counting, run.joint_weights, tangent, run.joint_entries, 0, joints.size)
     add(nonzeros, run.joint_targets, joints, run.joint_sources, 0, run.joint_targets.size)
-    pick(left, counting, joints, run.product_left, 0, left.size)
-    combine(left, (1.0 / run.joint_size,), (left,))
+    multiply(run.products, joints, run.joint_products)
+    pick(left, counting, run.products, run.product_left, 0, left.size)
     add_weighted(nonzeros, run.product_targets, left, joints, run.product_right, 0, left.size)
 
 
@@ -333,11 +377,8 @@ def shift_diagonal(run: SaddlePoint, shift: float) -> None:
 
 
 @bounded_cache(_MAX_CACHED_BYTES, array_bytes)
-def _plan_saddle_point(n: int, rigid: int, starts: bytes, indices: bytes) -> SaddlePattern:
-    """Return the saddle-point matrix of tangents (n + m, n + m) with this CSC pattern.
-
-    Rows from `rigid` on are those of compliant constraints.
-    """
+def _plan_saddle_point(n: int, starts: bytes, indices: bytes) -> SaddlePattern:
+    """Return the saddle-point matrix of tangents (n + m, n + m) with this CSC pattern."""
     indptr, rows = np.frombuffer(starts, np.intp), np.frombuffer(indices, np.intp)
     size = len(indptr) - 1
     columns = np.repeat(np.arange(size), np.diff(indptr))
@@ -345,9 +386,9 @@ def _plan_saddle_point(n: int, rigid: int, starts: bytes, indices: bytes) -> Sad
     entries, joint_entries = np.flatnonzero(in_stiffness), np.flatnonzero(in_joints)
     k_rows, k_columns = rows[entries], columns[entries]
     g_rows, g_columns = rows[joint_entries], columns[joint_entries]
-    # Pairs of entries of G in the same row, without compliance.
+    # Pairs of entries of G in the same row.
     order = np.argsort(g_rows, kind="stable")
-    row_counts = np.bincount(g_rows, minlength=size)[n:rigid]
+    row_counts = np.bincount(g_rows, minlength=size)[n:]
     row_starts = np.cumsum(row_counts) - row_counts
     pairs = [
         order[first + np.indices((count, count)).reshape(2, -1)]

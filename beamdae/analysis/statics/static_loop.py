@@ -88,13 +88,11 @@ class StaticWorkspace:
         Last column, (n + m,), and its start in `nonzeros`.
     right
         Right-hand side, (n + m + 1,), and then the solution.
-    compliance, compliance_rate
-        Diagonal C of g - C lam = 0, (m,), and its derivative by `mu`.
-    remainder
-        Multiples of g that the forces add to lam, (m,).
+    joint_count
+        Number of multipliers of joints, g = 0; the others are compliant, g - lam = 0.
     added_targets, added
         Constants of the tangent: nonzeros[added_targets] += added. They are springs that hold
-        coordinates in the tangent alone, and the compliances.
+        coordinates in the tangent alone, and the compliances -1.
     weights
         Inverse natural sizes by which corrections are measured, (n + m,).
     corrections
@@ -137,14 +135,12 @@ class StaticWorkspace:
     counting: Array
     column: Array
     right: Array
-    compliance: Array
-    compliance_rate: Array
-    remainder: Array
     added_targets: Array
     added: Array
     weights: Array
     corrections: Corrections
     column_start: int
+    joint_count: int
     deviation: float = 0.0
     mu: float = 0.0
     center: float = 0.0
@@ -187,24 +183,22 @@ def perform_task(run: StaticWorkspace) -> int:
 
 def _correct(run: StaticWorkspace) -> int:
     """Correct a point as `Problem.correct` does; return a code of `judge`."""
-    size, m = run.forces.size, run.compliance.size
-    code = CORRECTED
+    size = run.forces.size
+    n, code = run.inputs.size - size, CORRECTED
     while code == CORRECTED:
-        if run.has_forces == 0:
-            _evaluate_forces(run)
-            _determine_resultants(run)
+        _evaluate_forces(run)
         _evaluate_tangent(run)
         combine(run.right[:size], (-1.0,), (run.forces,))
         run.right[size] = -run.deviation
         solver_code = _solve_newton(run)
         if solver_code != DONE:
             return solver_code
-        change, q = max_norm(run.right[:size], run.weights), run.inputs[: size - m]
+        change, q = max_norm(run.right[:size], run.weights), run.inputs[:n]
         last = run.corrections.last
         code = judge(run.corrections, change, is_negligible(change, last))
-        share, lam = run.corrections.share, run.inputs[run.inputs.size - m :]
-        combine(q, (1.0, share), (q, run.right[: size - m]))
-        combine(lam, (1.0, share), (lam, run.right[size - m : size]))
+        share, lam = run.corrections.share, run.inputs[2 * n :]
+        combine(q, (1.0, share), (q, run.right[:n]))
+        combine(lam, (1.0, share), (lam, run.right[n:size]))
         run.mu += share * run.right[size]
         run.deviation += share * inner_product(run.row, run.right)
         if code == DONE:
@@ -214,19 +208,6 @@ def _correct(run: StaticWorkspace) -> int:
         if run.is_linear == 0:
             return code
     return code
-
-
-def _determine_resultants(run: StaticWorkspace) -> None:
-    """Let axial and shear forces depend on the multipliers alone, until the strains follow them.
-
-    Strains of other points are much larger than those of equilibria.
-    """
-    m = run.remainder.size
-    multipliers, constraints = run.inputs[run.inputs.size - m :], run.forces[run.forces.size - m :]
-    for k in range(m):
-        multipliers[k] -= run.remainder[k] * constraints[k]
-    run.has_forces = 0
-    _evaluate_forces(run)
 
 
 def _solve_newton(run: StaticWorkspace) -> int:
@@ -263,15 +244,11 @@ def _evaluate_forces(run: StaticWorkspace) -> None:
     evaluate_sum(loaded.residual, run.inputs, loaded.forces)
     # Increments, so that entries without loads are independent of mu to the last digit.
     combine(run.by_factor, (run.scale, -run.scale), (loaded.forces, unloaded.forces))
-    m = run.compliance.size
-    multipliers, rates = run.inputs[run.inputs.size - m :], run.by_factor[size - m :]
-    for k in range(m):
-        rates[k] -= run.compliance_rate[k] * multipliers[k]
     change = run.mu - run.center
     combine(run.forces, (1.0, 1.0, change), (common.forces, unloaded.forces, run.by_factor))
-    constraints = run.forces[size - m :]
-    for k in range(m):
-        constraints[k] -= run.compliance[k] * multipliers[k]
+    n = run.inputs.size - size
+    constraints = run.forces[n + run.joint_count :]
+    combine(constraints, (1.0, -1.0), (constraints, run.inputs[2 * n + run.joint_count :]))
     run.has_forces, run.has_tangent, run.has_factors, run.is_near = 1, 0, 0, 0
 
 

@@ -299,10 +299,10 @@ class BorderedFactors:
 class StaticProblem(Problem):
     """Static equations of one load stage for the curve engine, in machine code if available.
 
-    The unknowns are (q, lam) with the axial and shear forces of beams among the multipliers. If the
-    equations depend on another parameter than a load factor, the parts U and L are those at its
-    value and a step beside it, and there is no common part C. Do not share an instance between
-    threads.
+    The unknowns are (q, lam) with the axial and shear forces of beams and the forces of springs
+    among the multipliers. If the equations depend on another parameter than a load factor, the
+    parts U and L are those at its value and a step beside it, and there is no common part C. Do not
+    share an instance between threads.
 
     Parameters
     ----------
@@ -323,9 +323,9 @@ class StaticProblem(Problem):
         held = system.held_coordinates
         forms = [introduce_resultants(x.equations) for x in (unloaded, loaded)]
         first, last = (x.equations for x in forms)
+        self._rigid = forms[1].joint_count
         self._time, self._n, self._varied = loaded.time, last.n, varied
         self._initial_q, self._part_scales = last.q0, last.part_scales
-        self._compliance, self._remainder = forms[1].compliance, forms[1].remainder
         if varied is None:
             common, only_unloaded, only_loaded = _split_structures(first, last)
         else:
@@ -333,15 +333,13 @@ class StaticProblem(Problem):
             common = _select_terms(last.structure, (False,) * len(_term_keys(last.structure)))
         self._numbers = (first.p, first.p, last.p)
         self._usage = _usage_of(common if varied is None else last.structure)
-        compliant = last.n + np.flatnonzero(self._compliance)
         self._held = len(held)
-        added = (*held, *compliant.tolist())
+        added = (*held, *range(last.n + self._rigid, last.n + last.m))
         part_rows = (*(part.rows.start for part in last.parts), last.n)
         plan = _plan_system(common, only_unloaded, only_loaded, added, part_rows)
         self._plan, self.pattern = plan, plan.pattern
         size = plan.pattern.shape[0]
         self._weights = np.append(1.0 / last.group_scales, np.zeros(size - last.n))
-        self._rigid = last.m - len(compliant)
         self._compilation_seconds = np.inf
         self._set_loop(self._take_idle_loop() or self._make_loop(compiles=False))
         self._compilation_seconds = np.inf if self.is_native else self._estimate_compilation()
@@ -369,9 +367,7 @@ class StaticProblem(Problem):
                 set_time(total, *self._time)
         run.saddle.part_scales[:], run.weights[:] = self._part_scales, self._weights
         run.center, run.scale = 0.0, 1.0
-        run.compliance[:], run.compliance_rate[:] = self._compliance, 0.0
-        run.remainder[:] = self._remainder
-        run.added[:] = np.append(np.zeros(self._held), -self._compliance[self._compliance != 0.0])
+        run.added[: self._held], run.added[self._held :] = 0.0, -1.0
         if self._varied is not None:
             run.scale = 0.0
             self._center(self._varied.begin)
@@ -381,9 +377,9 @@ class StaticProblem(Problem):
 
     def _scale(self) -> None:
         """Set the natural sizes by the tangent in the reference configuration, without loads."""
-        run, m = self._loop.work, len(self._compliance)
+        run = self._loop.work
         run.has_forces = 0
-        at_start = np.append(self._initial_q, np.zeros(m))
+        at_start = self.start(self._initial_q)
         mu = 0.0 if self._varied is None else self._varied.begin
         run = self._run(at_start, mu, SET_SIZES)
         for k, coordinate in enumerate(self._held_coordinates):
@@ -433,14 +429,12 @@ class StaticProblem(Problem):
                 counting=np.arange(size + 1, dtype=np.uint32),
                 column=np.zeros(size),
                 right=np.zeros(size + 1),
-                compliance=np.zeros(size - self._n),
-                compliance_rate=np.zeros(size - self._n),
-                remainder=np.zeros(size - self._n),
                 added_targets=plan.added_targets,
                 added=np.zeros(len(plan.added_targets)),
                 weights=np.zeros(size),
                 corrections=Corrections(),
                 column_start=int(plan.bordered.indptr[size]),
+                joint_count=self._rigid,
             )
 
         native = all(x.load_native(compiles) for plans in plan.sums for x in plans)
@@ -473,7 +467,7 @@ class StaticProblem(Problem):
 
     @property
     def rigid_size(self) -> int:
-        """Number of unknowns before the axial and shear forces."""
+        """Number of unknowns before the forces of beams and springs."""
         return self._n + self._rigid
 
     def start(self, q: Array) -> Array:
@@ -640,12 +634,6 @@ class StaticProblem(Problem):
             for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
                 plan.set_data(total, form.equations.p)
                 set_time(total, float(static.time[0]), branch)
-        compliance = forms[0].compliance
-        run.compliance[:], run.compliance_rate[:] = (
-            compliance,
-            (forms[1].compliance - compliance) / step,
-        )
-        run.added[self._held :] = -compliance[self._compliance != 0.0]
         run.center, run.scale, run.has_forces = value, 1.0 / step, 0
 
     def _compile_if_used(self, count: int) -> None:

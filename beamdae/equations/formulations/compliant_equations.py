@@ -1,7 +1,7 @@
-"""Equations whose stiff forces are reactions of constraints: g(q) + tau g'(q, v) - C lam = 0.
+"""Equations whose stiff forces are reactions of constraints: g(q) + tau g'(q, v) - lam = 0.
 
-Axial and shear forces of thin beams are determined by strains that are lost in the rounding of the
-positions. As unknowns, they are accurate whatever the slenderness (mixed form).
+Forces of thin beams and stiff bushings are determined by deformations that are lost in the rounding
+of the positions. As unknowns, they are accurate whatever the stiffness (mixed form).
 """
 
 from __future__ import annotations
@@ -25,39 +25,38 @@ Array = np.ndarray
 
 
 class CompliantEquations(NamedTuple):
-    """Equations F + G^T lam = 0, g + tau g' - C lam = 0.
+    """Equations F + G^T lam = 0, g = 0 of joints and g + tau g' - lam = 0 of compliant forms.
 
     Attributes
     ----------
     equations
         Equations whose last constraints are compliant.
-    compliance, retardation
-        Diagonals of C and of the retardation times tau [s], (m,); 0 for joints.
-    remainder
-        Multiples of g that F adds to lam, (m,).
+    joint_count
+        Number of constraints of joints.
+    retardation
+        Retardation times tau [s] of all constraints, (m,); 0 for joints.
     """
 
     equations: EquationsOfMotion
-    compliance: Array
+    joint_count: int
     retardation: Array
-    remainder: Array
 
 
 def introduce_resultants(e: EquationsOfMotion) -> CompliantEquations:
     """Return the equations with the stiff forces of all terms as unknowns."""
     p, numbers, rotations = e.p.copy(), [], []
-    diagonals = [np.zeros((3, e.m))]
+    retardation = [np.zeros(e.m)]
     for term in e.forces:
         form = term.kernel.compliant
         if form is None:
             continue
         size = term.kernel.local.n_data
         columns = p[term.data].reshape((-1, term.count), order="F")
-        columns[:size], points, *parts = form.split(columns[:size])
+        columns[:size], points, times = form.split(columns[:size].copy())
         p[term.data] = columns.ravel(order="F")
         rotations.append(columns[size:].tobytes())
         numbers.append(points.ravel())
-        diagonals.append(np.reshape(parts, (3, -1)))
+        retardation.append(times.ravel())
     structure = _add_constraints(e.structure, len(p), tuple(rotations))
     multipliers = tuple(Variable(f"resultant {k}", "N") for k in range(structure.m - e.m))
     equations = replace(
@@ -66,7 +65,7 @@ def introduce_resultants(e: EquationsOfMotion) -> CompliantEquations:
         p=np.concatenate([p, *numbers]),
         multipliers=(*e.multipliers, *multipliers),
     )
-    return CompliantEquations(equations, *np.concatenate(diagonals, axis=1))
+    return CompliantEquations(equations, e.m, np.concatenate(retardation))
 
 
 @cache_on_owner
