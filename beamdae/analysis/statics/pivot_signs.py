@@ -114,18 +114,15 @@ class SaddlePoint:
     ----------
     factors
         Factors of the last matrix.
-    rows, columns, part_rows, part_entries
-        Stiffness: rows and columns of its non-zeros, and the first row of each part and the first
-        non-zero of its columns, with the ends of the last part.
+    rows, columns, part_rows
+        Stiffness: rows and columns of its non-zeros, and the first row of each part, with the end
+        of the last part.
     part_scales
         Sizes of the parts of the coordinates, (n,), see `scale_by_reference`.
     weights, scales
         Products of the natural sizes of rows and columns, and sizes of the unknowns, (n + m,).
     joint_weights, joint_products
         Products of natural sizes times 1 - s C for entries of G, and (2 s - s^2 C) / (1 - s C)^2.
-    joint_parts, energies, softest
-        Part of each entry of G; largest entry of the stiffness, and stiffness of the softest
-        spring, of each part.
     rigid
         First row of G with compliance.
     values, joints, products, skew, left, nonzeros
@@ -151,7 +148,6 @@ class SaddlePoint:
     rows: Array
     columns: Array
     part_rows: Array
-    part_entries: Array
     part_scales: Array
     weights: Array
     values: Array
@@ -166,7 +162,6 @@ class SaddlePoint:
     joint_columns: Array
     joint_weights: Array
     joint_products: Array
-    joint_parts: Array
     joints: Array
     products: Array
     joint_targets: Array
@@ -182,8 +177,6 @@ class SaddlePoint:
     shift: Array
     counting: Array
     ones: Array
-    energies: Array
-    softest: Array
     rigid: int
     reference: float = 0.0
     joint_size: float = 1.0
@@ -215,7 +208,6 @@ class SaddlePoint:
             rows=saddle.rows,
             columns=saddle.columns,
             part_rows=part_rows,
-            part_entries=np.searchsorted(saddle.columns, part_rows),
             part_scales=np.ones(n),
             weights=np.ones(count),
             values=np.zeros(count),
@@ -230,7 +222,6 @@ class SaddlePoint:
             joint_columns=saddle.joint_columns,
             joint_weights=np.zeros(joint_count),
             joint_products=np.zeros(joint_count),
-            joint_parts=np.searchsorted(part_rows, saddle.joint_columns, "right") - 1,
             joints=np.zeros(joint_count),
             products=np.zeros(joint_count),
             joint_targets=saddle.joint_targets,
@@ -246,8 +237,6 @@ class SaddlePoint:
             shift=np.zeros(n),
             counting=np.arange(longest, dtype=np.uint32),
             ones=np.ones(count),
-            energies=np.zeros(len(part_rows) - 1),
-            softest=np.zeros(len(part_rows) - 1),
             rigid=n + rigid,
         )
 
@@ -258,66 +247,61 @@ def scale_by_reference(run: SaddlePoint, tangent: Array) -> None:
     The natural sizes S of the coordinates make all parts equally stiff: they are `part_scales`
     times sqrt(E / e). e is the largest entry, in `part_scales`, of the stiffness in the columns of
     the part, and E that of all parts. Otherwise, rounding errors of large and stiff parts would
-    exceed the stiffness of small and soft ones. A part without stiffness is held by joints or, if
-    it is softer, by its softest spring. By Sylvester's law of inertia, S does not change the number
-    of negative eigenvalues.
+    exceed the stiffness of small and soft ones. A part without stiffness is as stiff as its softest
+    spring or, if that is softer, as a part that it is attached to. By Sylvester's law of inertia,
+    S does not change the number of negative eigenvalues.
     """
-    n, scales, energies, softest = run.shift.size, run.scales, run.energies, run.softest
-    combine(scales[:n], (1.0,), (run.part_scales,))
-    fill(scales[n:], 0.0)
-    _scale_stiffness(run, tangent)
-    _measure_rows(run, tangent)
-    fill(softest, np.inf)
-    for k in range(run.joint_rows.size):
-        stiffness = run.work[run.joint_rows[k]] ** 2
-        if run.joint_rows[k] >= run.rigid and stiffness > NEGLIGIBLE_STIFFNESS:
-            part = run.joint_parts[k]
-            softest[part] = min(softest[part], stiffness)
-    energy, least = 0.0, np.inf
-    for k in range(energies.size):
-        entries = run.values[run.part_entries[k] : run.part_entries[k + 1]]
-        energies[k] = max_norm(entries, run.ones[: entries.size])
-        energy, least = max(energy, energies[k]), min(least, softest[k])
-    if energy <= NEGLIGIBLE_STIFFNESS:
-        energy = least if np.isfinite(least) else 0.0
-    for k in range(energies.size):
-        if energies[k] <= NEGLIGIBLE_STIFFNESS:
-            energies[k] = min(energy, softest[k])
-        if energies[k] > NEGLIGIBLE_STIFFNESS:
-            sizes = scales[run.part_rows[k] : run.part_rows[k + 1]]
-            combine(sizes, (math.sqrt(energy / energies[k]),), (sizes,))
-    _scale_stiffness(run, tangent)
-    run.reference = max(max_norm(run.values, run.ones), energy)
-    run.size = run.joint_size = run.reference if run.reference > 0.0 else 1.0
-    _measure_rows(run, tangent)
-    for k in range(n, scales.size):
-        scales[k] = run.joint_size / (run.work[k] if run.work[k] > 0.0 else 1.0)
-        if k >= run.rigid:
-            scales[k] = min(scales[k], math.sqrt(run.joint_size))
-    for k in range(run.joint_rows.size):
-        row = run.joint_rows[k]
-        share = 0.5 * scales[row] ** 2 / run.joint_size if row >= run.rigid else 0.0
-        run.joint_weights[k] = (1.0 - share) * scales[run.joint_columns[k]] * scales[row]
-        run.joint_products[k] = (1.0 - 0.5 * share) / (1.0 - share) ** 2 / run.joint_size
+    n, scales, rows = run.shift.size, run.scales, run.joint_rows
+    parts = _find_parts(run.part_rows, run.joint_columns)
+    is_compliant = np.arange(scales.size) >= run.rigid
+    scales[:n], scales[n:] = run.part_scales, 0.0
+    values = np.abs(_scale_stiffness(run, tangent))
+    largest = _measure_rows(run, tangent)
+    energies = np.zeros(run.part_rows.size)
+    np.maximum.at(energies, _find_parts(run.part_rows, run.columns), values)
+    stiffness = np.where(is_compliant & (largest > 0.0), largest**2, np.inf)
+    energies[energies <= NEGLIGIBLE_STIFFNESS] = np.inf
+    is_soft, last = np.isfinite(energies), np.zeros(0)
+    while not np.array_equal(energies, last):
+        last, least = energies, stiffness.copy()
+        np.minimum.at(least, rows, energies[parts])
+        energies = energies.copy()
+        np.minimum.at(energies, parts, least[rows])
+        energies[is_soft] = last[is_soft]
+    energies[~((energies > NEGLIGIBLE_STIFFNESS) & (energies < np.inf))] = 0.0
+    energy = energies.max(initial=0.0)
+    ratios = np.divide(energy, energies, out=np.ones_like(energies), where=energies > 0.0)
+    scales[:n] *= np.sqrt(ratios[_find_parts(run.part_rows, np.arange(n))])
+    values = np.abs(_scale_stiffness(run, tangent))
+    run.reference = max(float(values.max(initial=0.0)), energy)
+    run.size = run.joint_size = size = run.reference or 1.0
+    largest = _measure_rows(run, tangent)
+    sizes = size / np.where(largest > 0.0, largest, 1.0)
+    scales[n:] = np.where(is_compliant, np.minimum(sizes, math.sqrt(size)), sizes)[n:]
+    shares = np.where(is_compliant, 0.5 * scales**2 / size, 0.0)[rows]
+    run.joint_weights[:] = (1.0 - shares) * scales[run.joint_columns] * scales[rows]
+    run.joint_products[:] = (1.0 - 0.5 * shares) / (1.0 - shares) ** 2 / size
     # The sizes of compliances are known now.
     _scale_stiffness(run, tangent)
 
 
-def _measure_rows(run: SaddlePoint, tangent: Array) -> None:
-    """Set `work` to the largest entries of the rows of G in the sizes of the coordinates."""
-    fill(run.work, 0.0)
-    for k in range(run.joint_rows.size):
-        entry = abs(run.scales[run.joint_columns[k]] * tangent[run.joint_entries[k]])
-        run.work[run.joint_rows[k]] = max(run.work[run.joint_rows[k]], entry)
+def _scale_stiffness(run: SaddlePoint, tangent: Array) -> Array:
+    """Set `weights` to the products of `scales`; return the stiffness in these sizes."""
+    run.weights[:] = run.scales[run.rows] * run.scales[run.columns]
+    return run.weights * tangent[run.entries]
 
 
-def _scale_stiffness(run: SaddlePoint, tangent: Array) -> None:
-    """Set `weights` to the products of `scales`, and `values` to the stiffness in these sizes."""
-    counting, count = run.counting, run.entries.size
-    pick(run.values, counting, run.scales, run.rows, 0, count)
-    pick(run.skew, counting, run.scales, run.columns, 0, count)
-    multiply(run.weights, run.values, run.skew)
-    gather(run.values, counting, run.weights, tangent, run.entries, 0, count)
+def _measure_rows(run: SaddlePoint, tangent: Array) -> Array:
+    """Return the largest entries of the rows of G in the sizes of the coordinates, (n + m,)."""
+    largest = np.zeros_like(run.scales)
+    entries = run.scales[run.joint_columns] * tangent[run.joint_entries]
+    np.maximum.at(largest, run.joint_rows, np.abs(entries))
+    return largest
+
+
+def _find_parts(part_rows: Array, coordinates: Array) -> Array:
+    """Return the indices of the parts of coordinates; those of multipliers follow the others."""
+    return np.searchsorted(part_rows, coordinates, "right") - 1
 
 
 def assemble_saddle_point(run: SaddlePoint, tangent: Array) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.continuation.newton import CORRECTED, Corrections, is_negligible, judge
-from beamdae.analysis.statics.pivot_signs import SaddlePoint, count_signs, scale_by_reference
+from beamdae.analysis.statics.pivot_signs import SaddlePoint, count_signs
 from beamdae.native.loop_functions import (
     add,
     combine,
@@ -38,9 +38,8 @@ EVALUATE_TANGENT = 1
 COUNT_SIGNS = 2
 FACTORIZE = 3
 SOLVE = 4
-SET_SIZES = 5
-CORRECT = 6
-FIND_TANGENT = 7
+CORRECT = 5
+FIND_TANGENT = 6
 
 
 @dataclass(slots=True)
@@ -104,9 +103,9 @@ class StaticWorkspace:
     task
         `EVALUATE_FORCES`; `EVALUATE_TANGENT` to evaluate also the tangent; `COUNT_SIGNS` to count
         also its negative pivots; `FACTORIZE` to factorize it with the given border; `SOLVE` to
-        solve for `right` with the last factors; `SET_SIZES` to set natural sizes; `CORRECT` to
-        correct the point by Newton's method until it is a solution or, if the control is not
-        linear, once; `FIND_TANGENT` to find the derivatives by the control.
+        solve for `right` with the last factors; `CORRECT` to correct the point by Newton's method
+        until it is a solution or, if the control is not linear, once; `FIND_TANGENT` to find the
+        derivatives by the control.
     is_linear
         1 if derivatives of the control are the same everywhere, else 0.
     has_forces, has_tangent
@@ -169,8 +168,6 @@ def perform_task(run: StaticWorkspace) -> int:
     _evaluate_tangent(run)
     if task == COUNT_SIGNS:
         count_signs(run.saddle, run.nonzeros)
-    if task == SET_SIZES:
-        scale_by_reference(run.saddle, run.nonzeros)
     if task == FACTORIZE:
         run.has_factors = 0
         return _factorize(run, run.column)

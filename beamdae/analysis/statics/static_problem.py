@@ -30,6 +30,7 @@ from beamdae.analysis.statics.pivot_signs import (
     NEGLIGIBLE_STIFFNESS,
     SaddlePoint,
     count_signs_by_scipy,
+    scale_by_reference,
 )
 from beamdae.analysis.statics.static_loop import (
     CORRECT,
@@ -38,7 +39,6 @@ from beamdae.analysis.statics.static_loop import (
     EVALUATE_TANGENT,
     FACTORIZE,
     FIND_TANGENT,
-    SET_SIZES,
     SOLVE,
     LoadPart,
     StaticWorkspace,
@@ -381,7 +381,8 @@ class StaticProblem(Problem):
         run.has_forces = 0
         at_start = self.start(self._initial_q)
         mu = 0.0 if self._varied is None else self._varied.begin
-        run = self._run(at_start, mu, SET_SIZES)
+        run = self._run(at_start, mu, EVALUATE_TANGENT)
+        scale_by_reference(run.saddle, run.nonzeros)
         for k, coordinate in enumerate(self._held_coordinates):
             run.added[k] = run.saddle.joint_size / run.saddle.scales[coordinate] ** 2
         run.has_tangent = 0
