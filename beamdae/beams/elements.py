@@ -23,6 +23,8 @@ Array = np.ndarray
 
 NODE_SIZE = 3  # coordinates of a node
 RESULTANTS = 2  # axial and shear force
+# Axial and shear stiffness that remain beside the resultants, in bending stiffnesses of an element.
+_BENDING_MULTIPLE = 12.0
 
 
 class PointMotion(NamedTuple):
@@ -204,14 +206,21 @@ def element_kernel(element: PointElement) -> ForceKernel:
 
 
 def _split_stiffness(layout: ElementDataLayout, data: Array) -> tuple[Array, ...]:
-    """Return the arrays of `CompliantForm.split`: the rest of the stiffness is EI."""
+    """Return the arrays of `CompliantForm.split`: the rest is bending, and shares of EA and GA.
+
+    The shares, at most half, have the size of the bending stiffness. They keep the stiffness
+    without resultants regular inside elements, which are eliminated with pivots on the diagonal.
+    """
     rest = data.copy()
     values, first = layout.stiffness_values(data), len(layout.stiffness_point)
-    bending = values.copy()
-    bending[..., first : first + RESULTANTS] = 0.0
-    rest[layout.stiffness_rows] = bending.reshape(data.shape[1], -1).T
-    times = np.repeat(values[..., -1:], RESULTANTS, axis=-1)
-    return rest, values[..., : first + RESULTANTS], times
+    whole, bending = values[..., first : first + RESULTANTS], values[..., first + RESULTANTS]
+    size = bending / np.sum(values[..., 0], axis=1, keepdims=True) ** 2
+    share = np.minimum(0.5 * whole, _BENDING_MULTIPLE * size[..., None])
+    soft, stiff = values.copy(), values[..., : first + RESULTANTS].copy()
+    soft[..., first : first + RESULTANTS], stiff[..., first:] = share, whole - share
+    rest[layout.stiffness_rows] = soft.reshape(data.shape[1], -1).T
+    times = np.broadcast_to(values[..., -1:], share.shape)
+    return rest, stiff, times, share / (whole - share)
 
 
 @cache

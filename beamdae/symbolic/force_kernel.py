@@ -373,8 +373,9 @@ class CompliantForm(NamedTuple):
         Matrices (points, coordinates of a point, local coordinates): z = B x.
     split
         Function of the numbers of copies (n_data, count) that returns those of the rest of the
-        force (n_data, count), those of the points (count, points, data), and the retardation times
-        tau of g + tau g' - lam = 0 (count, points, constraints of a point).
+        force (n_data, count), those of the points (count, points, data), the retardation times tau
+        of g + tau g' - lam = 0, and the multiple of g which that rest adds to lam (count, points,
+        constraints of a point).
     """
 
     kernel: ConstraintKernel

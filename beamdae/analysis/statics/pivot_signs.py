@@ -6,9 +6,10 @@ coordinates and the constraint matrix G, whose rows are scaled to the size of K,
     [[K + G^T (2 s - s^2 C) G, G^T (1 - s C)], [(1 - s C) G, -C]],
 
 with the compliances C of constraints. The rows of G are scaled to the size r of K, those of soft
-springs until C = r, and s = 1 / (2 r). With s, leading pivots are not zero if bodies would be free
-without their joints and springs, so that the matrix can be eliminated in an order that depends on
-the pattern only: along the mechanism, each multiplier after the coordinates that it couples.
+springs until C = r, and s = 1 / (2 r), or 0 for resultants of beams, without which K is regular.
+With s, leading pivots are not zero if bodies would be free without their joints and springs, so
+that the matrix can be eliminated in an order that depends on the pattern only: along the mechanism,
+each multiplier after the coordinates that it couples.
 
 By Sylvester's law of inertia, the number of negative pivots is m plus the number of negative
 eigenvalues of K + G^T C^-1 G in the motions that the joints allow, for any s. Rounding errors may
@@ -187,18 +188,24 @@ class SaddlePoint:
 
     @classmethod
     def of(
-        cls, pattern: sp.csc_array, positions: Array, part_rows: Array, rigid: int
+        cls,
+        pattern: sp.csc_array,
+        positions: Array,
+        part_rows: Array,
+        rigid: int,
+        remainder: Array,
     ) -> SaddlePoint:
         """Return the work arrays for tangents with this pattern, without natural sizes.
 
         The non-zeros of the tangent are at `positions` in the argument of `count_signs`.
         `part_rows` contains the first coordinate of each part, and the number of coordinates.
-        The first `rigid` constraints have no compliance; that of the others is 1.
+        The first `rigid` constraints have no compliance; that of the others is 1. Constraints with
+        a `remainder` are beside a stiffness of the same motion.
         """
         n, positions = int(part_rows[-1]), positions.astype(np.uint32)
         indices = pattern.indices.astype(np.intp).tobytes()
         starts = pattern.indptr.astype(np.intp).tobytes()
-        saddle = _plan_saddle_point(n, starts, indices)
+        saddle = _plan_saddle_point(n, (remainder == 0.0).tobytes(), starts, indices)
         count, joint_count = len(saddle.entries), len(saddle.joint_entries)
         size, length = pattern.shape[0], len(saddle.plan.sources)
         longest = max(length, len(saddle.product_left))
@@ -278,7 +285,8 @@ def scale_by_reference(run: SaddlePoint, tangent: Array) -> None:
     largest = _measure_rows(run, tangent)
     sizes = size / np.where(largest > 0.0, largest, 1.0)
     scales[n:] = np.where(is_compliant, np.minimum(sizes, math.sqrt(size)), sizes)[n:]
-    shares = np.where(is_compliant, 0.5 * scales**2 / size, 0.0)[rows]
+    is_single = np.isin(np.arange(rows.size), run.product_left)
+    shares = np.where(is_single & is_compliant[rows], 0.5 * scales[rows] ** 2 / size, 0.0)
     run.joint_weights[:] = (1.0 - shares) * scales[run.joint_columns] * scales[rows]
     run.joint_products[:] = (1.0 - 0.5 * shares) / (1.0 - shares) ** 2 / size
     # The sizes of compliances are known now.
@@ -361,8 +369,11 @@ def shift_diagonal(run: SaddlePoint, shift: float) -> None:
 
 
 @bounded_cache(_MAX_CACHED_BYTES, array_bytes)
-def _plan_saddle_point(n: int, starts: bytes, indices: bytes) -> SaddlePattern:
-    """Return the saddle-point matrix of tangents (n + m, n + m) with this CSC pattern."""
+def _plan_saddle_point(n: int, is_single: bytes, starts: bytes, indices: bytes) -> SaddlePattern:
+    """Return the saddle-point matrix of tangents (n + m, n + m) with this CSC pattern.
+
+    `is_single` are the flags of the constraints with s > 0, (m,).
+    """
     indptr, rows = np.frombuffer(starts, np.intp), np.frombuffer(indices, np.intp)
     size = len(indptr) - 1
     columns = np.repeat(np.arange(size), np.diff(indptr))
@@ -370,13 +381,16 @@ def _plan_saddle_point(n: int, starts: bytes, indices: bytes) -> SaddlePattern:
     entries, joint_entries = np.flatnonzero(in_stiffness), np.flatnonzero(in_joints)
     k_rows, k_columns = rows[entries], columns[entries]
     g_rows, g_columns = rows[joint_entries], columns[joint_entries]
-    # Pairs of entries of G in the same row.
+    # Pairs of entries of G in the same row, where s > 0.
     order = np.argsort(g_rows, kind="stable")
     row_counts = np.bincount(g_rows, minlength=size)[n:]
     row_starts = np.cumsum(row_counts) - row_counts
     pairs = [
         order[first + np.indices((count, count)).reshape(2, -1)]
-        for first, count in zip(row_starts, row_counts, strict=True)
+        for first, count, single in zip(
+            row_starts, row_counts, np.frombuffer(is_single, bool), strict=True
+        )
+        if single
     ]
     left, right = np.concatenate(pairs, axis=1) if pairs else np.zeros((2, 0), int)
     i = np.concatenate([k_rows, k_columns, g_rows, g_columns, g_columns[left]])

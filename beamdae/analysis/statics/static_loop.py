@@ -89,6 +89,8 @@ class StaticWorkspace:
         Right-hand side, (n + m + 1,), and then the solution.
     joint_count
         Number of multipliers of joints, g = 0; the others are compliant, g - lam = 0.
+    remainder
+        Multiples of g that the forces add to lam, (m,).
     added_targets, added
         Constants of the tangent: nonzeros[added_targets] += added. They are springs that hold
         coordinates in the tangent alone, and the compliances -1.
@@ -134,6 +136,7 @@ class StaticWorkspace:
     counting: Array
     column: Array
     right: Array
+    remainder: Array
     added_targets: Array
     added: Array
     weights: Array
@@ -183,7 +186,9 @@ def _correct(run: StaticWorkspace) -> int:
     size = run.forces.size
     n, code = run.inputs.size - size, CORRECTED
     while code == CORRECTED:
-        _evaluate_forces(run)
+        if run.has_forces == 0:
+            _evaluate_forces(run)
+            _determine_resultants(run)
         _evaluate_tangent(run)
         combine(run.right[:size], (-1.0,), (run.forces,))
         run.right[size] = -run.deviation
@@ -205,6 +210,19 @@ def _correct(run: StaticWorkspace) -> int:
         if run.is_linear == 0:
             return code
     return code
+
+
+def _determine_resultants(run: StaticWorkspace) -> None:
+    """Let axial and shear forces depend on the multipliers alone, until the strains follow them.
+
+    Strains of other points are much larger than those of equilibria.
+    """
+    m = run.remainder.size
+    multipliers, constraints = run.inputs[run.inputs.size - m :], run.forces[run.forces.size - m :]
+    for k in range(m):
+        multipliers[k] -= run.remainder[k] * constraints[k]
+    run.has_forces = 0
+    _evaluate_forces(run)
 
 
 def _solve_newton(run: StaticWorkspace) -> int:

@@ -323,7 +323,7 @@ class StaticProblem(Problem):
         held = system.held_coordinates
         forms = [introduce_resultants(x.equations) for x in (unloaded, loaded)]
         first, last = (x.equations for x in forms)
-        self._rigid = forms[1].joint_count
+        self._rigid, self._remainder = forms[1].joint_count, forms[1].remainder
         self._time, self._n, self._varied = loaded.time, last.n, varied
         self._initial_q, self._part_scales = last.q0, last.part_scales
         if varied is None:
@@ -367,6 +367,7 @@ class StaticProblem(Problem):
                 set_time(total, *self._time)
         run.saddle.part_scales[:], run.weights[:] = self._part_scales, self._weights
         run.center, run.scale = 0.0, 1.0
+        run.remainder[:] = self._remainder
         run.added[: self._held], run.added[self._held :] = 0.0, -1.0
         if self._varied is not None:
             run.scale = 0.0
@@ -416,7 +417,11 @@ class StaticProblem(Problem):
                 loaded=loaded,
                 linear=matrix.make_solver(native, "auto"),
                 saddle=SaddlePoint.of(
-                    self.pattern, plan.tangent_targets, plan.part_rows, self._rigid
+                    self.pattern,
+                    plan.tangent_targets,
+                    plan.part_rows,
+                    self._rigid,
+                    self._remainder,
                 ),
                 nonzeros=np.zeros(nnz),
                 scaled=matrix.nonzeros,
@@ -430,6 +435,7 @@ class StaticProblem(Problem):
                 counting=np.arange(size + 1, dtype=np.uint32),
                 column=np.zeros(size),
                 right=np.zeros(size + 1),
+                remainder=np.zeros(size - self._n),
                 added_targets=plan.added_targets,
                 added=np.zeros(len(plan.added_targets)),
                 weights=np.zeros(size),

@@ -33,30 +33,31 @@ class CompliantEquations(NamedTuple):
         Equations whose last constraints are compliant.
     joint_count
         Number of constraints of joints.
-    retardation
-        Retardation times tau [s] of all constraints, (m,); 0 for joints.
+    retardation, remainder
+        Retardation times tau [s], and multiples of g that F adds to lam, (m,); 0 for joints.
     """
 
     equations: EquationsOfMotion
     joint_count: int
     retardation: Array
+    remainder: Array
 
 
 def introduce_resultants(e: EquationsOfMotion) -> CompliantEquations:
     """Return the equations with the stiff forces of all terms as unknowns."""
     p, numbers, rotations = e.p.copy(), [], []
-    retardation = [np.zeros(e.m)]
+    diagonals = [np.zeros((2, e.m))]
     for term in e.forces:
         form = term.kernel.compliant
         if form is None:
             continue
         size = term.kernel.local.n_data
         columns = p[term.data].reshape((-1, term.count), order="F")
-        columns[:size], points, times = form.split(columns[:size].copy())
+        columns[:size], points, *parts = form.split(columns[:size].copy())
         p[term.data] = columns.ravel(order="F")
         rotations.append(columns[size:].tobytes())
         numbers.append(points.ravel())
-        retardation.append(times.ravel())
+        diagonals.append(np.reshape(parts, (2, -1)))
     structure = _add_constraints(e.structure, len(p), tuple(rotations))
     multipliers = tuple(Variable(f"resultant {k}", "N") for k in range(structure.m - e.m))
     equations = replace(
@@ -65,7 +66,7 @@ def introduce_resultants(e: EquationsOfMotion) -> CompliantEquations:
         p=np.concatenate([p, *numbers]),
         multipliers=(*e.multipliers, *multipliers),
     )
-    return CompliantEquations(equations, e.m, np.concatenate(retardation))
+    return CompliantEquations(equations, e.m, *np.concatenate(diagonals, axis=1))
 
 
 @cache_on_owner

@@ -260,7 +260,8 @@ def _split_numbers(first: int, rows: int, data: np.ndarray) -> tuple[np.ndarray,
     is_elastic = stiffness > 0.0
     times = np.divide(damping, stiffness, out=np.zeros_like(damping), where=is_elastic)
     stiffness[:], damping[is_elastic] = 0.0, 0.0
-    return rest, data.T[:, None], times.T[:, None]
+    times = times.T[:, None]
+    return rest, data.T[:, None], times, np.zeros_like(times)
 
 
 @dataclass(frozen=True)
