@@ -3,16 +3,16 @@
 The saddle-point matrix of the tangent, with the stiffness K in units of the natural sizes of the
 coordinates and the constraint matrix G, whose rows are scaled to the size of K, is
 
-    [[K + G^T (2 s - s^2 C) G, G^T (1 - s C)], [(1 - s C) G, -C]],
+    [[K + G^T G / r, G^T], [G, -C / (1 - C / r)]],
 
 with the compliances C of constraints. The rows of G are scaled to the size r of K, those of soft
-springs until C = r, and s = 1 / (2 r), or 0 for resultants of beams, without which K is regular.
-With s, leading pivots are not zero if bodies would be free without their joints and springs, so
-that the matrix can be eliminated in an order that depends on the pattern only: along the mechanism,
-each multiplier after the coordinates that it couples.
+springs to C = r / 2. G^T G / r is a share of the stiffness of joints and springs, but not of beams,
+whose K is regular. It keeps leading pivots nonzero if bodies would be free without their joints and
+springs, so that the matrix can be eliminated in an order that depends on the pattern only: along
+the mechanism, each multiplier after the coordinates that it couples.
 
 By Sylvester's law of inertia, the number of negative pivots is m plus the number of negative
-eigenvalues of K + G^T C^-1 G in the motions that the joints allow, for any s. Rounding errors may
+eigenvalues of K + G^T C^-1 G in the motions that the joints allow, for any r. Rounding errors may
 change the signs of pivots only if a pivot is close to zero. Then, pivots are counted for K - s I
 with shifts s on both sides of zero; the difference is the number of motions without stiffness.
 """
@@ -41,7 +41,6 @@ from beamdae.native.loop_functions import (
     fill,
     gather,
     max_norm,
-    multiply,
     pick,
 )
 
@@ -80,7 +79,7 @@ class SaddlePattern(NamedTuple):
     joint_targets, joint_sources
         nonzeros[joint_targets] += joints[joint_sources], for G and its transpose.
     product_targets, product_left, product_right
-        nonzeros[product_targets] += joints[product_left] * joints[product_right], for G^T G.
+        nonzeros[product_targets] += joints[product_left] * joints[product_right] / r.
     diagonal
         Diagonal entries of the coordinates.
     plan
@@ -120,18 +119,15 @@ class SaddlePoint:
         of the last part.
     part_scales
         Sizes of the parts of the coordinates, (n,), see `scale_by_reference`.
-    weights, scales
+    weights, joint_weights, scales
         Products of the natural sizes of rows and columns, and sizes of the unknowns, (n + m,).
-    joint_weights, joint_products
-        Products of natural sizes times 1 - s C for entries of G, and (2 s - s^2 C) / (1 - s C)^2.
     rigid
         First row of G with compliance.
-    values, joints, products, skew, left, nonzeros
-        Entries of the stiffness and of G, these times `joint_products`, differences of opposite
-        entries, factors of products, and the saddle-point matrix.
-    work, shift, counting, ones
-        Work array of `solve_saddle_point`, shift of each coordinate, (n,), 0, 1, 2, ..., and ones
-        for the norms of entries.
+    values, joints, skew, left, nonzeros
+        Entries of the stiffness and of G, differences of opposite entries, factors of products, and
+        the saddle-point matrix.
+    shift, counting, ones
+        Shift of each coordinate, (n,), 0, 1, 2, ..., and ones for the norms of entries.
     reference
         Largest entry of the stiffness at the start, see `scale_by_reference`. The stiffness may
         vanish at a critical point, where rounding is that of its terms.
@@ -162,9 +158,7 @@ class SaddlePoint:
     joint_rows: Array
     joint_columns: Array
     joint_weights: Array
-    joint_products: Array
     joints: Array
-    products: Array
     joint_targets: Array
     joint_sources: Array
     product_targets: Array
@@ -174,7 +168,6 @@ class SaddlePoint:
     nonzeros: Array
     diagonal: Array
     scales: Array
-    work: Array
     shift: Array
     counting: Array
     ones: Array
@@ -228,9 +221,7 @@ class SaddlePoint:
             joint_rows=saddle.joint_rows,
             joint_columns=saddle.joint_columns,
             joint_weights=np.zeros(joint_count),
-            joint_products=np.zeros(joint_count),
             joints=np.zeros(joint_count),
-            products=np.zeros(joint_count),
             joint_targets=saddle.joint_targets,
             joint_sources=saddle.joint_sources,
             product_targets=saddle.product_targets,
@@ -240,7 +231,6 @@ class SaddlePoint:
             nonzeros=np.zeros(length),
             diagonal=saddle.diagonal,
             scales=np.ones(size),
-            work=np.zeros(size),
             shift=np.zeros(n),
             counting=np.arange(longest, dtype=np.uint32),
             ones=np.ones(count),
@@ -258,45 +248,49 @@ def scale_by_reference(run: SaddlePoint, tangent: Array) -> None:
     spring or, if that is softer, as a part that it is attached to. By Sylvester's law of inertia,
     S does not change the number of negative eigenvalues.
     """
-    n, scales, rows = run.shift.size, run.scales, run.joint_rows
-    parts = _find_parts(run.part_rows, run.joint_columns)
+    n, scales = run.shift.size, run.scales
     is_compliant = np.arange(scales.size) >= run.rigid
     scales[:n], scales[n:] = run.part_scales, 0.0
-    values = np.abs(_scale_stiffness(run, tangent))
-    largest = _measure_rows(run, tangent)
+    values, largest = _scale_stiffness(run, tangent), _measure_rows(run, tangent)
     energies = np.zeros(run.part_rows.size)
     np.maximum.at(energies, _find_parts(run.part_rows, run.columns), values)
-    stiffness = np.where(is_compliant & (largest > 0.0), largest**2, np.inf)
-    energies[energies <= NEGLIGIBLE_STIFFNESS] = np.inf
-    is_soft, last = np.isfinite(energies), np.zeros(0)
-    while not np.array_equal(energies, last):
-        last, least = energies, stiffness.copy()
-        np.minimum.at(least, rows, energies[parts])
-        energies = energies.copy()
-        np.minimum.at(energies, parts, least[rows])
-        energies[is_soft] = last[is_soft]
-    energies[~((energies > NEGLIGIBLE_STIFFNESS) & (energies < np.inf))] = 0.0
-    energy = energies.max(initial=0.0)
-    ratios = np.divide(energy, energies, out=np.ones_like(energies), where=energies > 0.0)
+    is_spring = is_compliant & (largest**2 > NEGLIGIBLE_STIFFNESS)
+    energies = _attach_parts(run, energies, np.where(is_spring, largest**2, np.inf))
+    energy = energies.max(initial=0.0, where=np.isfinite(energies))
+    ratios = np.where(np.isfinite(energies), energy / energies, 1.0)
     scales[:n] *= np.sqrt(ratios[_find_parts(run.part_rows, np.arange(n))])
-    values = np.abs(_scale_stiffness(run, tangent))
-    run.reference = max(float(values.max(initial=0.0)), energy)
+    run.reference = _scale_stiffness(run, tangent).max(initial=energy)
     run.size = run.joint_size = size = run.reference or 1.0
     largest = _measure_rows(run, tangent)
     sizes = size / np.where(largest > 0.0, largest, 1.0)
-    scales[n:] = np.where(is_compliant, np.minimum(sizes, math.sqrt(size)), sizes)[n:]
-    is_single = np.isin(np.arange(rows.size), run.product_left)
-    shares = np.where(is_single & is_compliant[rows], 0.5 * scales[rows] ** 2 / size, 0.0)
-    run.joint_weights[:] = (1.0 - shares) * scales[run.joint_columns] * scales[rows]
-    run.joint_products[:] = (1.0 - 0.5 * shares) / (1.0 - shares) ** 2 / size
+    scales[n:] = np.where(is_compliant, np.minimum(sizes, math.sqrt(0.5 * size)), sizes)[n:]
+    run.joint_weights[:] = scales[run.joint_columns] * scales[run.joint_rows]
     # The sizes of compliances are known now.
     _scale_stiffness(run, tangent)
+    is_split = np.isin(run.rows, run.joint_rows[run.product_left])
+    run.weights[is_split] /= 1.0 - run.weights[is_split] / size
+
+
+def _attach_parts(run: SaddlePoint, energies: Array, stiffness: Array) -> Array:
+    """Return the energies of all parts, inf where nothing determines them.
+
+    `stiffness` are those of the springs, (n + m,), and inf elsewhere.
+    """
+    rows, parts = run.joint_rows, _find_parts(run.part_rows, run.joint_columns)
+    is_held, last = energies <= NEGLIGIBLE_STIFFNESS, np.zeros(0)
+    energies = np.where(is_held, np.inf, energies)
+    while not np.array_equal(energies, last):
+        last, least, attached = energies, stiffness.copy(), np.full_like(energies, np.inf)
+        np.minimum.at(least, rows, energies[parts])
+        np.minimum.at(attached, parts, least[rows])
+        energies = np.where(is_held, attached, energies)
+    return energies
 
 
 def _scale_stiffness(run: SaddlePoint, tangent: Array) -> Array:
-    """Set `weights` to the products of `scales`; return the stiffness in these sizes."""
+    """Set `weights` to the products of `scales`; return the entries of the stiffness, positive."""
     run.weights[:] = run.scales[run.rows] * run.scales[run.columns]
-    return run.weights * tangent[run.entries]
+    return np.abs(run.weights * tangent[run.entries])
 
 
 def _measure_rows(run: SaddlePoint, tangent: Array) -> Array:
@@ -321,8 +315,8 @@ def assemble_saddle_point(run: SaddlePoint, tangent: Array) -> None:
     combine(nonzeros, (0.5,), (nonzeros,))
     gather(joints, counting, run.joint_weights, tangent, run.joint_entries, 0, joints.size)
     add(nonzeros, run.joint_targets, joints, run.joint_sources, 0, run.joint_targets.size)
-    multiply(run.products, joints, run.joint_products)
-    pick(left, counting, run.products, run.product_left, 0, left.size)
+    pick(left, counting, joints, run.product_left, 0, left.size)
+    combine(left, (1.0 / run.joint_size,), (left,))
     add_weighted(nonzeros, run.product_targets, left, joints, run.product_right, 0, left.size)
 
 
@@ -369,10 +363,10 @@ def shift_diagonal(run: SaddlePoint, shift: float) -> None:
 
 
 @bounded_cache(_MAX_CACHED_BYTES, array_bytes)
-def _plan_saddle_point(n: int, is_single: bytes, starts: bytes, indices: bytes) -> SaddlePattern:
+def _plan_saddle_point(n: int, is_split: bytes, starts: bytes, indices: bytes) -> SaddlePattern:
     """Return the saddle-point matrix of tangents (n + m, n + m) with this CSC pattern.
 
-    `is_single` are the flags of the constraints with s > 0, (m,).
+    `is_split` are the flags of the constraints in G^T G / r, (m,).
     """
     indptr, rows = np.frombuffer(starts, np.intp), np.frombuffer(indices, np.intp)
     size = len(indptr) - 1
@@ -381,16 +375,13 @@ def _plan_saddle_point(n: int, is_single: bytes, starts: bytes, indices: bytes) 
     entries, joint_entries = np.flatnonzero(in_stiffness), np.flatnonzero(in_joints)
     k_rows, k_columns = rows[entries], columns[entries]
     g_rows, g_columns = rows[joint_entries], columns[joint_entries]
-    # Pairs of entries of G in the same row, where s > 0.
+    # Pairs of entries of G in the same row.
     order = np.argsort(g_rows, kind="stable")
     row_counts = np.bincount(g_rows, minlength=size)[n:]
     row_starts = np.cumsum(row_counts) - row_counts
     pairs = [
         order[first + np.indices((count, count)).reshape(2, -1)]
-        for first, count, single in zip(
-            row_starts, row_counts, np.frombuffer(is_single, bool), strict=True
-        )
-        if single
+        for first, count in np.stack([row_starts, row_counts], 1)[np.frombuffer(is_split, bool)]
     ]
     left, right = np.concatenate(pairs, axis=1) if pairs else np.zeros((2, 0), int)
     i = np.concatenate([k_rows, k_columns, g_rows, g_columns, g_columns[left]])
