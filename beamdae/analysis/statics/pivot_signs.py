@@ -262,23 +262,27 @@ def scale_by_reference(run: SaddlePoint, tangent: Array, stiffness: Array) -> No
     run.size = run.joint_size = size = run.reference or 1.0
     largest = _measure_rows(run, tangent)
     scales[n:] = (size / np.where(largest > 0.0, largest, 1.0))[n:]
+    _scale_stiffness(run, tangent)
 
 
 def weigh_constraints(run: SaddlePoint, stiffness: Array) -> tuple[Array, Array]:
-    """Set the weights for stiffnesses k, (m,); return a and b of a g - b lam = 0.
+    """Return a and b of the constraints a g - b lam = 0 for stiffnesses k, (m,).
 
     a = k / (k + s) and b = 1 / (k + s) with the stiffness s that is natural for the constraint:
     smooth functions of k from 0 to infinity.
     """
-    n, size, scales = run.shift.size, run.joint_size, run.scales
-    natural = 2.0 * scales[n:] ** 2 / size
+    natural = 2.0 * run.scales[run.shift.size :] ** 2 / run.joint_size
     with np.errstate(divide="ignore"):
-        a, b = 1.0 / (1.0 + natural / stiffness), 1.0 / (stiffness + natural)
+        return 1.0 / (1.0 + natural / stiffness), 1.0 / (stiffness + natural)
+
+
+def set_constraints(run: SaddlePoint, a: Array, b: Array) -> None:
+    """Set the weights of the constraints a g - b lam = 0."""
+    n, scales = run.shift.size, run.scales
     run.joint_weights[:] = scales[run.joint_columns] * (scales[n:] * np.sqrt(a))[run.joint_rows - n]
-    run.weights[:] = scales[run.rows] * scales[run.columns]
     rows = run.rows[run.is_split]
-    run.weights[run.is_split] /= 1.0 - b[rows - n] * scales[rows] ** 2 / size
-    return a, b
+    sizes = scales[rows] ** 2
+    run.weights[run.is_split] = sizes / (1.0 - b[rows - n] * sizes / run.joint_size)
 
 
 def _attach_parts(run: SaddlePoint, energies: Array, stiffness: Array) -> Array:

@@ -31,6 +31,7 @@ from beamdae.analysis.statics.pivot_signs import (
     SaddlePoint,
     count_signs_by_scipy,
     scale_by_reference,
+    set_constraints,
     weigh_constraints,
 )
 from beamdae.analysis.statics.static_loop import (
@@ -400,6 +401,7 @@ class StaticProblem(Problem):
         run, indices = self._loop.work, self._plan.bordered.indices
         run.next_weights[:], run.next_compliances[:] = weigh_constraints(run.saddle, following)
         a, b = weigh_constraints(run.saddle, stiffness)
+        set_constraints(run.saddle, a, b)
         run.constraint_weights[:], run.compliances[:] = a, b
         is_row = (indices >= self._n) & (indices < len(self.weights))
         run.row_weights[is_row] = a[indices[is_row] - self._n]
