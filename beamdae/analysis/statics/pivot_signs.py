@@ -74,9 +74,10 @@ class SaddlePattern(NamedTuple):
     targets, mirrored
         nonzeros[targets] += entries / 2, and the same for opposite entries: the symmetric part.
     joint_entries, joint_rows, joint_columns
-        Joints: indices of the non-zeros of G in the tangent, and their rows (from n) and columns.
+        Constraints: indices of the non-zeros of G^T in the tangent, and rows (from n) and columns
+        of G.
     joint_targets, joint_sources
-        nonzeros[joint_targets] += joints[joint_sources], for G and its transpose.
+        nonzeros[joint_targets] += joints[joint_sources], for a^(1/2) G and its transpose.
     product_targets, product_left, product_right
         nonzeros[product_targets] += joints[product_left] * joints[product_right] / r.
     diagonal
