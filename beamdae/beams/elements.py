@@ -214,23 +214,22 @@ def _split_stiffness(layout: ElementDataLayout, data: Array) -> tuple[Array, ...
     rest = data.copy()
     values, first = layout.stiffness_values(data), len(layout.stiffness_point)
     whole, bending = values[..., first : first + RESULTANTS], values[..., first + RESULTANTS]
-    weight = values[..., 0]
-    size = bending / np.sum(weight, axis=1, keepdims=True) ** 2
+    size = bending / np.sum(values[..., 0], axis=1, keepdims=True) ** 2
     share = np.minimum(0.5 * whole, _BENDING_MULTIPLE * size[..., None])
-    soft = values.copy()
-    soft[..., first : first + RESULTANTS] = share
+    soft, stiff = values.copy(), values[..., : first + RESULTANTS].copy()
+    soft[..., first : first + RESULTANTS], stiff[..., first:] = share, whole - share
     rest[layout.stiffness_rows] = soft.reshape(data.shape[1], -1).T
-    stiffness = (whole - share) / weight[..., None]
-    damping = values[..., -1:] * stiffness
-    return rest, values[..., :first], stiffness, damping, share / weight[..., None]
+    times = np.broadcast_to(values[..., -1:], share.shape)
+    return rest, stiff, times, share / (whole - share)
 
 
 @cache
 def _resultant_kernel(element: PointElement) -> ConstraintKernel:
-    """Return the axial and shear strains of a point, times its weight, as constraints."""
-    local = Local(2 * NODE_SIZE, len(element.layout.stiffness_point), RESULTANTS)
-    strain = element.strain_at(local.q, local.data)
-    return ConstraintKernel(local, local.data[0] * strain[:RESULTANTS], True)
+    """Return the constraints of the axial and shear strains of a point."""
+    first = len(element.layout.stiffness_point)
+    local = Local(2 * NODE_SIZE, first + RESULTANTS, RESULTANTS)
+    strain, stiffness = element.strain_at(local.q, local.data), local.data[first:]
+    return ConstraintKernel(local, ca.sqrt(local.data[0] * stiffness) * strain[:RESULTANTS], True)
 
 
 class StiffnessPoint(NamedTuple):

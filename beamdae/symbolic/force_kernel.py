@@ -360,10 +360,10 @@ class ForceKernel:
 
 
 class CompliantForm(NamedTuple):
-    """Force whose elastic parts are reactions lam = k g + c g' of constraints g(z) of points.
+    """Force whose elastic parts are the reactions lam of constraints g(z) - lam = 0 of points.
 
-    Stiffnesses k that exceed others by many digits then do not enter the rounding errors of the
-    forces.
+    A stiffness k of a deformation x is g = sqrt(k) x. If it exceeds others by many digits, it does
+    not enter the rounding errors of the forces.
 
     Attributes
     ----------
@@ -373,8 +373,9 @@ class CompliantForm(NamedTuple):
         Matrices (points, coordinates of a point, local coordinates): z = B x.
     split
         Function of the numbers of copies (n_data, count) that returns those of the rest of the
-        force (n_data, count), those of the points (count, points, data), k, c, and the multiple of
-        g which that rest adds to lam (count, points, constraints of a point).
+        force (n_data, count), those of the points (count, points, data), the retardation times tau
+        of g + tau g' - lam = 0, and the multiple of g which that rest adds to lam (count, points,
+        constraints of a point).
     """
 
     kernel: ConstraintKernel

@@ -187,25 +187,3 @@ def test_preloads_of_stiff_springs(stiffness, ends):
     assert point.kind == "branch point"
     assert point.factor == pytest.approx(-1.5, rel=1e-7)
     assert sorted(path.unstable[[0, -1]].tolist()) == [0, 1]
-
-
-@pytest.mark.slow(reason="one second")
-@pytest.mark.parametrize(("first", "last"), [(0.0, 10.0), (10.0, 0.0), (0.0, 1e4)])
-@pytest.mark.parametrize("control", ["load", "arc length"])
-def test_stiffness_of_a_spring_from_zero(control, first, last):
-    def propped_column(stiffness):
-        mech = column(np.inf, 1e-2, {"inertial": (0.5, -1.0)}, formulation="exact")
-        ends = mech.ground.at(1.0, 1.0), mech.part("column").end
-        mech.add(bd.Spring("spring", *ends, stiffness))
-        return mech
-
-    @bd.model(t_end=1.0)
-    def model(stiffness=1.0):
-        return propped_column(stiffness)
-
-    path = bd.equilibrium(model, over="stiffness", from_=first, to=last, t=1.0, control=control)
-    assert path.status.success
-    for row in (0, len(path.q) // 2, -1):
-        direct = bd.equilibrium(propped_column(path.factors[row, 0]))
-        expected = direct["point.x"].to_numpy()[-1]
-        assert path["point.x"].to_numpy()[row] == pytest.approx(expected, abs=1e-9)

@@ -3,22 +3,23 @@
 The saddle-point matrix of the tangent, with the stiffness K in units of the natural sizes of the
 coordinates and the constraint matrix G, whose rows are scaled to the size of K, is
 
-    [[K + G^T a G / r, G^T a^(1/2)], [a^(1/2) G, -b / (1 - b / r)]],
+    [[K + G^T G / r, G^T], [G, -C / (1 - C / r)]],
 
-with constraints a g - b lam = 0, see `weigh_constraints`. The rows of G are scaled to the size r of
-K, where b <= r / 2. G^T a G / r is a share of the stiffness of joints and springs, but not of
-beams, whose K is regular. It keeps leading pivots nonzero if bodies would be free without their
-joints and springs, so that the matrix can be eliminated in an order that depends on the pattern
-only: along the mechanism, each multiplier after the coordinates that it couples.
+with the compliances C of constraints. The rows of G are scaled to the size r of K, those of soft
+springs to C = r / 2. G^T G / r is a share of the stiffness of joints and springs, but not of beams,
+whose K is regular. It keeps leading pivots nonzero if bodies would be free without their joints and
+springs, so that the matrix can be eliminated in an order that depends on the pattern only: along
+the mechanism, each multiplier after the coordinates that it couples.
 
 By Sylvester's law of inertia, the number of negative pivots is m plus the number of negative
-eigenvalues of K + G^T a/b G in the motions that the joints allow, for any r. Rounding errors may
+eigenvalues of K + G^T C^-1 G in the motions that the joints allow, for any r. Rounding errors may
 change the signs of pivots only if a pivot is close to zero. Then, pivots are counted for K - s I
 with shifts s on both sides of zero; the difference is the number of motions without stiffness.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -74,10 +75,9 @@ class SaddlePattern(NamedTuple):
     targets, mirrored
         nonzeros[targets] += entries / 2, and the same for opposite entries: the symmetric part.
     joint_entries, joint_rows, joint_columns
-        Constraints: indices of the non-zeros of G^T in the tangent, and rows (from n) and columns
-        of G.
+        Joints: indices of the non-zeros of G in the tangent, and their rows (from n) and columns.
     joint_targets, joint_sources
-        nonzeros[joint_targets] += joints[joint_sources], for a^(1/2) G and its transpose.
+        nonzeros[joint_targets] += joints[joint_sources], for G and its transpose.
     product_targets, product_left, product_right
         nonzeros[product_targets] += joints[product_left] * joints[product_right] / r.
     diagonal
@@ -121,8 +121,8 @@ class SaddlePoint:
         Sizes of the parts of the coordinates, (n,), see `scale_by_reference`.
     weights, joint_weights, scales
         Products of the natural sizes of rows and columns, and sizes of the unknowns, (n + m,).
-    is_split
-        Flags of the entries b of constraints with a share in G^T a G / r.
+    rigid
+        First row of G with compliance.
     values, joints, skew, left, nonzeros
         Entries of the stiffness and of G, differences of opposite entries, factors of products, and
         the saddle-point matrix.
@@ -171,7 +171,7 @@ class SaddlePoint:
     shift: Array
     counting: Array
     ones: Array
-    is_split: Array
+    rigid: int
     reference: float = 0.0
     joint_size: float = 1.0
     size: float = 0.0
@@ -185,13 +185,15 @@ class SaddlePoint:
         pattern: sp.csc_array,
         positions: Array,
         part_rows: Array,
+        rigid: int,
         remainder: Array,
     ) -> SaddlePoint:
         """Return the work arrays for tangents with this pattern, without natural sizes.
 
         The non-zeros of the tangent are at `positions` in the argument of `count_signs`.
         `part_rows` contains the first coordinate of each part, and the number of coordinates.
-        Constraints with a `remainder` are beside a stiffness of the same motion.
+        The first `rigid` constraints have no compliance; that of the others is 1. Constraints with
+        a `remainder` are beside a stiffness of the same motion.
         """
         n, positions = int(part_rows[-1]), positions.astype(np.uint32)
         indices = pattern.indices.astype(np.intp).tobytes()
@@ -232,11 +234,11 @@ class SaddlePoint:
             shift=np.zeros(n),
             counting=np.arange(longest, dtype=np.uint32),
             ones=np.ones(count),
-            is_split=np.isin(saddle.rows, saddle.joint_rows[saddle.product_left]),
+            rigid=n + rigid,
         )
 
 
-def scale_by_reference(run: SaddlePoint, tangent: Array, stiffness: Array) -> None:
+def scale_by_reference(run: SaddlePoint, tangent: Array) -> None:
     """Set scales and `reference` by the tangent in the reference configuration, unloaded.
 
     The natural sizes S of the coordinates make all parts equally stiff: they are `part_scales`
@@ -247,43 +249,26 @@ def scale_by_reference(run: SaddlePoint, tangent: Array, stiffness: Array) -> No
     S does not change the number of negative eigenvalues.
     """
     n, scales = run.shift.size, run.scales
-    stiffness = np.append(np.full(n, np.inf), stiffness)
+    is_compliant = np.arange(scales.size) >= run.rigid
     scales[:n], scales[n:] = run.part_scales, 0.0
     values, largest = _scale_stiffness(run, tangent), _measure_rows(run, tangent)
     energies = np.zeros(run.part_rows.size)
     np.maximum.at(energies, _find_parts(run.part_rows, run.columns), values)
-    with np.errstate(invalid="ignore"):
-        stiffness *= largest**2
-    stiffness[~(stiffness > NEGLIGIBLE_STIFFNESS)] = np.inf
-    energies = _attach_parts(run, energies, stiffness)
+    is_spring = is_compliant & (largest**2 > NEGLIGIBLE_STIFFNESS)
+    energies = _attach_parts(run, energies, np.where(is_spring, largest**2, np.inf))
     energy = energies.max(initial=0.0, where=np.isfinite(energies))
     ratios = np.where(np.isfinite(energies), energy / energies, 1.0)
     scales[:n] *= np.sqrt(ratios[_find_parts(run.part_rows, np.arange(n))])
     run.reference = _scale_stiffness(run, tangent).max(initial=energy)
     run.size = run.joint_size = size = run.reference or 1.0
     largest = _measure_rows(run, tangent)
-    scales[n:] = (size / np.where(largest > 0.0, largest, 1.0))[n:]
+    sizes = size / np.where(largest > 0.0, largest, 1.0)
+    scales[n:] = np.where(is_compliant, np.minimum(sizes, math.sqrt(0.5 * size)), sizes)[n:]
+    run.joint_weights[:] = scales[run.joint_columns] * scales[run.joint_rows]
+    # The sizes of compliances are known now.
     _scale_stiffness(run, tangent)
-
-
-def weigh_constraints(run: SaddlePoint, stiffness: Array) -> tuple[Array, Array]:
-    """Return a and b of the constraints a g - b lam = 0 for stiffnesses k, (m,).
-
-    a = k / (k + s) and b = 1 / (k + s) with the stiffness s that is natural for the constraint:
-    smooth functions of k from 0 to infinity.
-    """
-    natural = 2.0 * run.scales[run.shift.size :] ** 2 / run.joint_size
-    with np.errstate(divide="ignore"):
-        return 1.0 / (1.0 + natural / stiffness), 1.0 / (stiffness + natural)
-
-
-def set_constraints(run: SaddlePoint, a: Array, b: Array) -> None:
-    """Set the weights of the constraints a g - b lam = 0."""
-    n, scales = run.shift.size, run.scales
-    run.joint_weights[:] = scales[run.joint_columns] * (scales[n:] * np.sqrt(a))[run.joint_rows - n]
-    rows = run.rows[run.is_split]
-    sizes = scales[rows] ** 2
-    run.weights[run.is_split] = sizes / (1.0 - b[rows - n] * sizes / run.joint_size)
+    is_split = np.isin(run.rows, run.joint_rows[run.product_left])
+    run.weights[is_split] /= 1.0 - run.weights[is_split] / size
 
 
 def _attach_parts(run: SaddlePoint, energies: Array, stiffness: Array) -> Array:
@@ -386,10 +371,10 @@ def _plan_saddle_point(n: int, is_split: bytes, starts: bytes, indices: bytes) -
     indptr, rows = np.frombuffer(starts, np.intp), np.frombuffer(indices, np.intp)
     size = len(indptr) - 1
     columns = np.repeat(np.arange(size), np.diff(indptr))
-    in_stiffness, in_joints = (rows < n) == (columns < n), (rows < n) & (columns >= n)
+    in_stiffness, in_joints = (rows < n) == (columns < n), (rows >= n) & (columns < n)
     entries, joint_entries = np.flatnonzero(in_stiffness), np.flatnonzero(in_joints)
     k_rows, k_columns = rows[entries], columns[entries]
-    g_rows, g_columns = columns[joint_entries], rows[joint_entries]
+    g_rows, g_columns = rows[joint_entries], columns[joint_entries]
     # Pairs of entries of G in the same row.
     order = np.argsort(g_rows, kind="stable")
     row_counts = np.bincount(g_rows, minlength=size)[n:]

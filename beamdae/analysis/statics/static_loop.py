@@ -87,15 +87,13 @@ class StaticWorkspace:
         Last column, (n + m,), and its start in `nonzeros`.
     right
         Right-hand side, (n + m + 1,), and then the solution.
-    constraint_weights, compliances, next_weights, next_compliances
-        a and b of the constraints a g - b lam = 0, (m,), of the parts U and L.
-    row_weights
-        a in the rows of constraints, else 1, of the non-zeros.
+    joint_count
+        Number of multipliers of joints, g = 0; the others are compliant, g - lam = 0.
     remainder
         Multiples of g that the forces add to lam, (m,).
     added_targets, added
         Constants of the tangent: nonzeros[added_targets] += added. They are springs that hold
-        coordinates in the tangent alone, and the compliances -b.
+        coordinates in the tangent alone, and the compliances -1.
     weights
         Inverse natural sizes by which corrections are measured, (n + m,).
     corrections
@@ -138,17 +136,13 @@ class StaticWorkspace:
     counting: Array
     column: Array
     right: Array
-    constraint_weights: Array
-    compliances: Array
-    next_weights: Array
-    next_compliances: Array
-    row_weights: Array
     remainder: Array
     added_targets: Array
     added: Array
     weights: Array
     corrections: Corrections
     column_start: int
+    joint_count: int
     deviation: float = 0.0
     mu: float = 0.0
     center: float = 0.0
@@ -226,8 +220,7 @@ def _determine_resultants(run: StaticWorkspace) -> None:
     m = run.remainder.size
     multipliers, constraints = run.inputs[run.inputs.size - m :], run.forces[run.forces.size - m :]
     for k in range(m):
-        if run.remainder[k] > 0.0:
-            multipliers[k] -= run.remainder[k] * constraints[k] / run.constraint_weights[k]
+        multipliers[k] -= run.remainder[k] * constraints[k]
     run.has_forces = 0
     _evaluate_forces(run)
 
@@ -264,18 +257,13 @@ def _evaluate_forces(run: StaticWorkspace) -> None:
     evaluate_sum(common.residual, run.inputs, common.forces)
     evaluate_sum(unloaded.residual, run.inputs, unloaded.forces)
     evaluate_sum(loaded.residual, run.inputs, loaded.forces)
-    m = run.remainder.size
-    first, lam = size - m, run.inputs[run.inputs.size - m :]
-    for k in range(m):
-        common.forces[first + k] *= run.constraint_weights[k]
-        unloaded.forces[first + k] *= run.constraint_weights[k]
-        unloaded.forces[first + k] -= run.compliances[k] * lam[k]
-        loaded.forces[first + k] *= run.next_weights[k]
-        loaded.forces[first + k] -= run.next_compliances[k] * lam[k]
     # Increments, so that entries without loads are independent of mu to the last digit.
     combine(run.by_factor, (run.scale, -run.scale), (loaded.forces, unloaded.forces))
     change = run.mu - run.center
     combine(run.forces, (1.0, 1.0, change), (common.forces, unloaded.forces, run.by_factor))
+    n = run.inputs.size - size
+    constraints = run.forces[n + run.joint_count :]
+    combine(constraints, (1.0, -1.0), (constraints, run.inputs[2 * n + run.joint_count :]))
     run.has_forces, run.has_tangent, run.has_factors, run.is_near = 1, 0, 0, 0
 
 
@@ -289,6 +277,5 @@ def _evaluate_tangent(run: StaticWorkspace) -> None:
     mu = (run.mu - run.center) * run.scale
     parts = (common.nonzeros, unloaded.nonzeros, loaded.nonzeros)
     combine(run.nonzeros, (1.0, 1.0 - mu, mu), parts)
-    multiply(run.nonzeros, run.nonzeros, run.row_weights)
     add(run.nonzeros, run.added_targets, run.added, run.counting, 0, run.added.size)
     run.has_tangent = 1

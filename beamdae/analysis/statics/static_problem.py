@@ -31,8 +31,6 @@ from beamdae.analysis.statics.pivot_signs import (
     SaddlePoint,
     count_signs_by_scipy,
     scale_by_reference,
-    set_constraints,
-    weigh_constraints,
 )
 from beamdae.analysis.statics.static_loop import (
     CORRECT,
@@ -325,9 +323,7 @@ class StaticProblem(Problem):
         held = system.held_coordinates
         forms = [introduce_resultants(x.equations) for x in (unloaded, loaded)]
         first, last = (x.equations for x in forms)
-        self._stiffness, self._remainder = forms[1].stiffness, forms[1].remainder
-        self._next_stiffness = self._stiffness
-        self._rigid = int(np.isinf(self._stiffness).sum())
+        self._rigid, self._remainder = forms[1].joint_count, forms[1].remainder
         self._time, self._n, self._varied = loaded.time, last.n, varied
         self._initial_q, self._part_scales = last.q0, last.part_scales
         if varied is None:
@@ -372,7 +368,7 @@ class StaticProblem(Problem):
         run.saddle.part_scales[:], run.weights[:] = self._part_scales, self._weights
         run.center, run.scale = 0.0, 1.0
         run.remainder[:] = self._remainder
-        run.added[:] = 0.0
+        run.added[: self._held], run.added[self._held :] = 0.0, -1.0
         if self._varied is not None:
             run.scale = 0.0
             self._center(self._varied.begin)
@@ -387,26 +383,13 @@ class StaticProblem(Problem):
         at_start = self.start(self._initial_q)
         mu = 0.0 if self._varied is None else self._varied.begin
         run = self._run(at_start, mu, EVALUATE_TANGENT)
-        scale_by_reference(run.saddle, run.nonzeros, self._stiffness)
-        self._weigh(self._stiffness, self._next_stiffness)
+        scale_by_reference(run.saddle, run.nonzeros)
         for k, coordinate in enumerate(self._held_coordinates):
             run.added[k] = run.saddle.joint_size / run.saddle.scales[coordinate] ** 2
         run.has_tangent = 0
         run.sizes[:-1] = run.saddle.scales
         bordered = self._plan.bordered
         run.products[:] = run.sizes[bordered.indices] * run.sizes[column_indices(bordered)]
-
-    def _weigh(self, stiffness: Array, following: Array) -> None:
-        """Set a and b of the constraints for the stiffnesses of the parts U and L."""
-        run, indices = self._loop.work, self._plan.bordered.indices
-        run.next_weights[:], run.next_compliances[:] = weigh_constraints(run.saddle, following)
-        a, b = weigh_constraints(run.saddle, stiffness)
-        set_constraints(run.saddle, a, b)
-        run.constraint_weights[:], run.compliances[:] = a, b
-        is_row = (indices >= self._n) & (indices < len(self.weights))
-        run.row_weights[is_row] = a[indices[is_row] - self._n]
-        run.added[self._held :] = -b[self._rigid :]
-        run.has_forces = 0
 
     @property
     def _held_coordinates(self) -> Array:
@@ -437,6 +420,7 @@ class StaticProblem(Problem):
                     self.pattern,
                     plan.tangent_targets,
                     plan.part_rows,
+                    self._rigid,
                     self._remainder,
                 ),
                 nonzeros=np.zeros(nnz),
@@ -451,17 +435,13 @@ class StaticProblem(Problem):
                 counting=np.arange(size + 1, dtype=np.uint32),
                 column=np.zeros(size),
                 right=np.zeros(size + 1),
-                constraint_weights=np.ones(size - self._n),
-                compliances=np.zeros(size - self._n),
-                next_weights=np.ones(size - self._n),
-                next_compliances=np.zeros(size - self._n),
-                row_weights=np.ones(nnz),
                 remainder=np.zeros(size - self._n),
                 added_targets=plan.added_targets,
                 added=np.zeros(len(plan.added_targets)),
                 weights=np.zeros(size),
                 corrections=Corrections(),
                 column_start=int(plan.bordered.indptr[size]),
+                joint_count=self._rigid,
             )
 
         native = all(x.load_native(compiles) for plans in plan.sums for x in plans)
@@ -536,8 +516,7 @@ class StaticProblem(Problem):
             for x, y in zip(forms, (first, last), strict=True)
         )
         tangent = interpolate_tangents(unloaded, loaded, share)
-        factors = forms[1].damping * self._loop.work.compliances
-        constraints = sp.diags_array(factors) @ tangent.position_jacobian
+        constraints = sp.diags_array(forms[1].retardation) @ tangent.position_jacobian
         damping = sp.vstack([tangent.damping, constraints]) * scales[:n] * scales[:, None]
         mass = tangent.mass * scales[:n] * scales[:n, None]
         return sp.csc_array(mass), sp.csc_array(damping)
@@ -662,8 +641,6 @@ class StaticProblem(Problem):
             for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
                 plan.set_data(total, form.equations.p)
                 set_time(total, float(static.time[0]), branch)
-        self._stiffness, self._next_stiffness = (x.stiffness for x in forms)
-        self._weigh(self._stiffness, self._next_stiffness)
         run.center, run.scale, run.has_forces = value, 1.0 / step, 0
 
     def _compile_if_used(self, count: int) -> None:

@@ -1,4 +1,4 @@
-"""Equations whose stiff forces are reactions of constraints: lam = k g(q) + c g'(q, v).
+"""Equations whose stiff forces are reactions of constraints: g(q) + tau g'(q, v) - lam = 0.
 
 Forces of thin beams and stiff bushings are determined by deformations that are lost in the rounding
 of the positions. As unknowns, they are accurate whatever the stiffness (mixed form).
@@ -25,26 +25,28 @@ Array = np.ndarray
 
 
 class CompliantEquations(NamedTuple):
-    """Equations F + G^T lam = 0 with g = 0 of joints and lam = k g + c g' of compliant forms.
+    """Equations F + G^T lam = 0, g = 0 of joints and g + tau g' - lam = 0 of compliant forms.
 
     Attributes
     ----------
     equations
         Equations whose last constraints are compliant.
-    stiffness, damping, remainder
-        k, c, and multiples of g that F adds to lam, (m,); inf, 0 and 0 for joints.
+    joint_count
+        Number of constraints of joints.
+    retardation, remainder
+        Retardation times tau [s], and multiples of g that F adds to lam, (m,); 0 for joints.
     """
 
     equations: EquationsOfMotion
-    stiffness: Array
-    damping: Array
+    joint_count: int
+    retardation: Array
     remainder: Array
 
 
 def introduce_resultants(e: EquationsOfMotion) -> CompliantEquations:
     """Return the equations with the stiff forces of all terms as unknowns."""
     p, numbers, rotations = e.p.copy(), [], []
-    diagonals = [np.repeat([[np.inf], [0.0], [0.0]], e.m, axis=1)]
+    diagonals = [np.zeros((2, e.m))]
     for term in e.forces:
         form = term.kernel.compliant
         if form is None:
@@ -55,7 +57,7 @@ def introduce_resultants(e: EquationsOfMotion) -> CompliantEquations:
         p[term.data] = columns.ravel(order="F")
         rotations.append(columns[size:].tobytes())
         numbers.append(points.ravel())
-        diagonals.append(np.reshape(parts, (3, -1)))
+        diagonals.append(np.reshape(parts, (2, -1)))
     structure = _add_constraints(e.structure, len(p), tuple(rotations))
     multipliers = tuple(Variable(f"resultant {k}", "N") for k in range(structure.m - e.m))
     equations = replace(
@@ -64,7 +66,7 @@ def introduce_resultants(e: EquationsOfMotion) -> CompliantEquations:
         p=np.concatenate([p, *numbers]),
         multipliers=(*e.multipliers, *multipliers),
     )
-    return CompliantEquations(equations, *np.concatenate(diagonals, axis=1))
+    return CompliantEquations(equations, e.m, *np.concatenate(diagonals, axis=1))
 
 
 @cache_on_owner

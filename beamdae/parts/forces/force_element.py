@@ -84,12 +84,14 @@ class LinearLaw:
 
     rows: int
 
+    def split(self, numbers: Any) -> list[SX]:
+        """Return the columns of stiffnesses, damping coefficients and preloads."""
+        entries = [numbers[k] for k in range(3 * self.rows)]
+        return [ca.vertcat(*entries[k * self.rows : (k + 1) * self.rows]) for k in range(3)]
+
     def __call__(self, x: SX, rate: SX, numbers: Any) -> ElementResponse:
         """Return the response to a deformation and its rate."""
-        entries = [numbers[k] for k in range(3 * self.rows)]
-        stiffness, damping, preload = (
-            ca.vertcat(*entries[k * self.rows : (k + 1) * self.rows]) for k in range(3)
-        )
+        stiffness, damping, preload = self.split(numbers)
         force = stiffness * x + damping * rate + preload
         energy = ca.dot(0.5 * stiffness * x + preload, x)
         return ElementResponse(force, energy, SX(0), ca.dot(damping * rate, rate))
@@ -232,28 +234,34 @@ class _ElementKernel(_ElementExpression):
             ca.jtimes(x, local.q, response.force, True),
             energies=ca.vertcat(0, response.energy, 0),
             powers=ca.vertcat(response.power, response.dissipated),
-            compliant=self._compliant_form(local, x, functions[-1]),
+            compliant=self._compliant_form(local, x, *functions[2:]),
         )
 
     def _compliant_form(
-        self, local: Local, x: SX, deformation_numbers: Formula
+        self, local: Local, x: SX, law_numbers: Formula, deformation_numbers: Formula
     ) -> CompliantForm | None:
         if not isinstance(self.law, LinearLaw):
             return None
-        rows = self.law.rows
+        rows, (stiffness, *_) = self.law.rows, self.law.split(law_numbers())
         own = Local(local.size, local.n_data, rows)
-        x = ca.substitute(x, ca.vertcat(local.q, local.data), ca.vertcat(own.q, own.data))
+        forces = ca.substitute(
+            ca.sqrt(stiffness) * x, ca.vertcat(local.q, local.data), ca.vertcat(own.q, own.data)
+        )
         first = local.n_data - deformation_numbers().numel() - 3 * rows
         split = partial(_split_numbers, first, rows)
-        return CompliantForm(ConstraintKernel(own, x, True), np.eye(local.size)[None], split)
+        operators = np.eye(local.size)[None]
+        return CompliantForm(ConstraintKernel(own, forces, True), operators, split)
 
 
 def _split_numbers(first: int, rows: int, data: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return the arrays of `CompliantForm.split` for the numbers of a linear law at `first`."""
     rest = data.copy()
-    rest[first : first + 2 * rows] = 0.0
-    stiffness, damping = (data[first + k * rows :][:rows].T[:, None] for k in (0, 1))
-    return rest, data.T[:, None], stiffness, damping, np.zeros_like(stiffness)
+    stiffness, damping = (rest[first + k * rows :][:rows] for k in (0, 1))
+    is_elastic = stiffness > 0.0
+    times = np.divide(damping, stiffness, out=np.zeros_like(damping), where=is_elastic)
+    stiffness[:], damping[is_elastic] = 0.0, 0.0
+    times = times.T[:, None]
+    return rest, data.T[:, None], times, np.zeros_like(times)
 
 
 @dataclass(frozen=True)
