@@ -470,10 +470,10 @@ def robust_search(
         if end.status.success and evaluations < max_evaluations:
             end = _return_undetermined(problem, scaling.with_logarithms(), end)
     except KeyboardInterrupt:
-        count = format_count(evaluations, "evaluation")
-        status = Status("interrupted", f"interrupted after {count}")
+        reason = f"interrupted after {format_count(evaluations, 'evaluation')}"
+        status = Status("interrupted", reason)
         partial = replace(end, evaluations=evaluations, status=status)
-        raise Interrupted(status.sentence, partial) from None
+        raise Interrupted(reason, partial) from None
     return _judge_explanation(problem, end)
 
 
