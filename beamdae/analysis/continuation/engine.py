@@ -540,8 +540,8 @@ def _take_step(
             curved = _extrapolate(problem, last, trial, weight)
             segment, error = _correct_trial(begin, trial, curved, is_corner)
             cosine = _cosine(problem, tangent, segment.direction, weight)
-            if steps.by_arc_length and not is_corner:
-                _require_near(control, target, trial, segment, cosine)
+            if steps.by_arc_length:
+                _require_near(control, target, trial, segment, 1.0 if is_corner else cosine)
             found = explain(segment)
             break
         except CurveError:
