@@ -1,4 +1,4 @@
-"""Factorization of saddle-point (KKT) matrices, for a few right-hand sides each."""
+"""Factorization of saddle-point (KKT) matrices."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ Array = np.ndarray
 
 
 def factorize_saddle_point(
-    block: sp.sparray, reactions: sp.sparray, rows: sp.sparray
+    block: sp.sparray, reactions: sp.sparray, rows: sp.sparray, compliance: Array | None = None
 ) -> Callable[[Array], Array] | None:
-    """Return a solver for [[block, reactions], [rows, 0]] x = b, or None.
+    """Return a solver for [[block, reactions], [rows, -C]] x = b, or None.
 
     Parameters
     ----------
@@ -23,15 +23,19 @@ def factorize_saddle_point(
         Sparse matrix (n, n), real or complex.
     reactions, rows
         Sparse matrices (n, m) and (m, n); m may be zero.
+    compliance
+        Diagonal of C, (m,). Defaults to zero.
 
     Returns
     -------
     Callable or None
-        Function from b, (n + m,), to x, (n + m,). None if the matrix is singular or not finite.
+        Function from b to x, (n + m,) or (n + m, k). None if the matrix is singular or not finite.
     """
     matrix = block
     if rows.shape[0]:
-        matrix = sp.block_array([[block, reactions], [rows, None]])
+        is_rigid = compliance is None or not np.any(compliance)
+        corner = None if is_rigid else -sp.diags_array(compliance)
+        matrix = sp.block_array([[block, reactions], [rows, corner]])
     saddle_point = sp.csc_array(matrix)
     saddle_point.sort_indices()
     solver = create_factorization(saddle_point, dtype=saddle_point.dtype.type)

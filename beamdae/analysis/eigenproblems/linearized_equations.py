@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,6 +14,14 @@ from beamdae.equations.equations_of_motion import PartCoordinates
 from beamdae.equations.formulations.tangents import LinearizedCoordinates, Tangent
 
 Array = np.ndarray
+
+# Asymmetry up to which a matrix is treated as symmetric, relative to its largest entry: of exact
+# matrices, and of matrices with finite differences. The first is small because a follower load is
+# small compared with the axial stiffness of a thin beam.
+_EXACT_TOLERANCE, _DIFFERENCE_TOLERANCE = 1e-13, 1e-9
+# Deviation of the directions of reactions from the gradients of the constraints, relative to the
+# largest gradient.
+_REACTION_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -33,7 +42,7 @@ class CoordinateSubset:
 
 @dataclass(frozen=True)
 class LinearizedEquations:
-    """Linearized equations M x'' + C x' + K x + H mu = 0, J x + V x' = 0.
+    """Linearized equations M x'' + C x' + K x + H mu = 0, J x + V x' - c mu = 0.
 
     Attributes
     ----------
@@ -52,6 +61,57 @@ class LinearizedEquations:
     tangent: Tangent
     zero_square: float = 0.0
     has_differences: bool = False
+
+    @cached_property
+    def rows(self) -> sp.csc_array:
+        """Matrix (m, n) that multiplies accelerations in the differentiated constraints."""
+        return self.tangent.acceleration_jacobian(self.equations)
+
+    @property
+    def compliance(self) -> Array:
+        """Compliances of the constraints, (m,)."""
+        compliance = self.tangent.compliance
+        return np.zeros(self.equations.m) if compliance is None else compliance
+
+    @cached_property
+    def is_symmetric(self) -> bool:
+        """True if the eigenproblem without damping is symmetric.
+
+        That is, K and M are symmetric, reactions act along the gradients of the constraints, and
+        constraints on velocities do not depend on positions.
+        """
+        tangent = self.tangent
+        tolerance = _DIFFERENCE_TOLERANCE if self.has_differences else _EXACT_TOLERANCE
+        for matrix in (tangent.stiffness, tangent.mass):
+            if matrix.nnz and abs(matrix - matrix.T).max() > tolerance * abs(matrix).max():
+                return False
+        # At rest, constraints on velocities constrain the shapes of vibrations.
+        rolling = tangent.position_jacobian[self.nonholonomic]
+        if rolling.nnz and abs(rolling).max() > 0.0:
+            return False
+        return self.has_gradient_reactions
+
+    @cached_property
+    def has_gradient_reactions(self) -> bool:
+        """True if reactions act along the gradients of the constraints."""
+        difference = abs(self.tangent.reactions.T - self.rows)
+        return not difference.nnz or bool(
+            difference.max() <= _REACTION_TOLERANCE * abs(self.rows).max()
+        )
+
+    @property
+    def has_rates(self) -> bool:
+        """True if an eigenvalue itself occurs in the eigenproblem, not only its square."""
+        matrices = (self.tangent.damping, self.tangent.velocity_jacobian)
+        return len(self.equations.states) > 0 or any(np.any(matrix.data) for matrix in matrices)
+
+    @cached_property
+    def condensed_stiffness(self) -> sp.csc_array:
+        """Stiffness (n, n) that contains compliant constraints, for fast motions and scales."""
+        tangent, (compliant,) = self.tangent, np.nonzero(self.compliance)
+        reactions, rows = tangent.reactions[:, compliant], tangent.position_jacobian[compliant]
+        weights = sp.diags_array(1.0 / self.compliance[compliant])
+        return sp.csc_array(tangent.stiffness + reactions @ weights @ rows)
 
     @property
     def nonholonomic(self) -> Array:
@@ -86,10 +146,10 @@ class LinearizedEquations:
         groups = []
         for label in np.unique(columns):
             (q,), (g,) = np.nonzero(columns == label), np.nonzero(rows == label)
-            groups.append((self._select(q, g), q))
+            groups.append((self.select(q, g), q))
         return groups
 
-    def _select(self, q: Array, g: Array) -> LinearizedEquations:
+    def select(self, q: Array, g: Array) -> LinearizedEquations:
         """Return the equations of the coordinates `q` and the constraints `g`."""
         e, tangent = self.equations, self.tangent
         equations = CoordinateSubset(
@@ -107,5 +167,6 @@ class LinearizedEquations:
             position_jacobian=tangent.position_jacobian[g][:, q],
             velocity_jacobian=tangent.velocity_jacobian[g][:, q],
             residual=tangent.residual[np.append(q, e.n + g)],
+            compliance=None if tangent.compliance is None else tangent.compliance[g],
         )
         return replace(self, equations=equations, tangent=part)

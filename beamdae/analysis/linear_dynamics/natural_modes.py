@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from beamdae import deferred
+from beamdae.analysis.continuation.spectrum import quadratic_form_rounding
 from beamdae.analysis.eigenproblems.eigensolution import (
     DECAY,
     RIGID,
@@ -20,7 +21,6 @@ from beamdae.analysis.eigenproblems.eigensolution import (
     classify_modes,
     solve_eigenproblem,
 )
-from beamdae.analysis.eigenproblems.symmetric_eigenproblem import quadratic_form_rounding
 from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,

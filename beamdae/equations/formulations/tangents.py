@@ -75,6 +75,8 @@ class Tangent(NamedTuple):
         constraints are zero.
     residual
         F + G^T lam and the constraints, (n + m,).
+    compliance
+        Compliances c of the constraints J x + V v - c mu = 0, (m,). None if all are zero.
     """
 
     mass: sp.csc_array
@@ -84,6 +86,7 @@ class Tangent(NamedTuple):
     position_jacobian: sp.csc_array
     velocity_jacobian: sp.csc_array
     residual: Array
+    compliance: Array | None = None
 
     def acceleration_jacobian(self, e: LinearizedCoordinates) -> sp.csc_array:
         """Return the matrix (m, n) that multiplies a in the differentiated constraints.
