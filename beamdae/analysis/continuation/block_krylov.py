@@ -103,10 +103,6 @@ class BlockKrylov:
         """Return the approximate eigenvectors, of unit length, at these indices, (n, k)."""
         return self._basis @ self._coordinates[:, selection]
 
-    def images(self, selection: Array) -> Array:
-        """Return the images of the approximate eigenvectors at these indices, (n, k)."""
-        return self._images @ self._coordinates[:, selection]
-
     def converge(self, required_accuracy: Callable[[Array], Array], confirmations: int = 0) -> bool:
         """Expand the space until the residuals of the wanted eigenpairs are small.
 

@@ -394,7 +394,7 @@ def _solve_all(
     is_special = not lin.has_gradient_reactions or len(e.states) + len(e.nonholonomic_rows) > 0
     if lin.has_rates and is_special:
         basis, left = _motions_and_speeds(lin, shift)
-        inverse = left @ _invert(lin, shift)(basis)
+        inverse = left @ _invert(lin, shift)(basis)[: len(basis)]
     else:
         stiffness = np.diag(undamped.squares)
         if not lin.is_symmetric:
@@ -497,7 +497,7 @@ def _solve_sparse(
     scales, has_rates = lin.equations.position_scales, lin.has_rates
 
     def apply(y: Array, invert: Callable[[Array], Array] = invert) -> Array:
-        parts = np.split(invert(y), len(y) // n)
+        parts = np.split(invert(y)[: len(y)], len(y) // n)
         return np.vstack([x - free @ (weighted_free @ x) for x in parts])
 
     if has_rates:
@@ -550,17 +550,39 @@ def _solve_sparse(
         ]
         krylov.extend(np.hstack([part for x in images for part in (x.real, x.imag)]))
     # Rounding of the stiffness in the metric does not enter quotients of inertia.
-    vectors, images = krylov.vectors(wanted)[:n], krylov.images(wanted)[:n]
-    momenta = (mass @ vectors).conj()
-    quotients = np.sum(momenta * images, axis=0) / np.sum(momenta * vectors, axis=0)
-    values, shapes = find_values(quotients), images / quotients
+    vectors = krylov.vectors(wanted)
+    real, imaginary = np.split(invert(np.hstack([vectors.real, vectors.imag])), 2, axis=1)
+    images, momenta = real + 1j * imaginary, (mass @ vectors[:n]).conj()
+    quotients = np.sum(momenta * images[:n], axis=0) / np.sum(momenta * vectors[:n], axis=0)
+    values, images = find_values(quotients), images / quotients
+    shapes = images[:n] - free @ (weighted_free @ images[:n])
+    if has_rates and lin.is_symmetric:
+        values = _refine_values(lin, values, shapes, images[2 * n :])
     if not has_rates:
         values, shapes = _roots_of_squares(values, shapes)
     return np.append(np.zeros(free.shape[1]), values), np.hstack([free, shapes])
 
 
+def _refine_values(lin: LinearizedEquations, values: Array, x: Array, mu: Array) -> Array:
+    """Return the roots l of x^H (l^2 M + l D + K) x + mu^H C mu = 0 nearest to the values."""
+    tangent = lin.tangent
+    m, c, k = (
+        np.einsum("ij,ij->j", x.conj(), matrix @ x)
+        for matrix in (tangent.mass, tangent.damping, tangent.stiffness)
+    )
+    m, k = m.real, k.real + lin.compliance @ np.abs(mu) ** 2
+    root = np.sqrt(c**2 - 4.0 * m * k + 0j)
+    # The larger sum, and its partner from the product of the roots, do not cancel.
+    larger = -0.5 * (c + np.where((c.conj() * root).real >= 0.0, root, -root))
+    roots = np.stack([larger / m, k / np.where(larger == 0.0, 1.0, larger)])
+    return roots[np.argmin(np.abs(roots - values), axis=0), np.arange(len(values))]
+
+
 def _invert(lin: LinearizedEquations, s: complex) -> Callable[[Array], Array]:
-    """Return the inverse of the linearization about a shift; see `_solve_sparse`."""
+    """Return the inverse of the linearization about a shift; see `_solve_sparse`.
+
+    Images of y are followed by multipliers.
+    """
     tangent, n = lin.tangent, lin.equations.n
     saddle = _Saddle(
         tangent.stiffness + s * tangent.damping + s**2 * tangent.mass,
@@ -572,10 +594,10 @@ def _invert(lin: LinearizedEquations, s: complex) -> Callable[[Array], Array]:
     def apply(y: Array) -> Array:
         x = y[:n]
         if not lin.has_rates:
-            return saddle.solve(tangent.mass @ x)[:n]
+            return saddle.solve(tangent.mass @ x)
         force = tangent.mass @ (y[n:] + s * x) + tangent.damping @ x
-        image = saddle.solve(-force, -(tangent.velocity_jacobian @ x))[:n]
-        return np.vstack([image, x + s * image])
+        image = saddle.solve(-force, -(tangent.velocity_jacobian @ x))
+        return np.vstack([image[:n], x + s * image[:n], image[n:]])
 
     return apply
 

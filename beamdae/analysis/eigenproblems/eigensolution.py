@@ -48,13 +48,10 @@ class EigenSolution(NamedTuple):
         shape are represented by the growing one.
     shapes
         Mode shapes, (n, k), with x^H M x = 1.
-    others
-        Not used.
     """
 
     values: Array
     shapes: Array
-    others: Array | None = None
 
 
 @single_threaded
