@@ -238,11 +238,7 @@ def _solve_slowest_modes(
         modes = solve_eigenproblem(group, _MODE_COUNT, max_damping_ratio=_MAX_GROWTH_DAMPING)
         shapes = np.zeros((e.n, modes.shapes.shape[1]), complex)
         shapes[rows] = modes.shapes
-        others = None
-        if modes.others is not None:
-            others = np.zeros((e.n, modes.others.shape[1]))
-            others[rows] = modes.others
-        solutions.append(EigenSolution(modes.values, shapes, others))
+        solutions.append(EigenSolution(modes.values, shapes))
     return solutions
 
 
