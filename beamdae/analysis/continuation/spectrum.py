@@ -12,7 +12,7 @@ Quantities below the rounding error of the saddle-point matrix in their motion a
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
@@ -360,7 +360,7 @@ def solve_damped(
     # In the middle of the modes of interest, low and high modes lose equal accuracy. Round numbers
     # may be eigenvalues.
     shift = float(_SHIFT_RATIO * np.sqrt(rates[0] * rates[-1])) if len(rates) else np.pi
-    if not is_dense:
+    if count is not None and not is_dense:
         limit = float(rates[-1]) if len(rates) and max_damping_ratio < 1.0 else np.inf
         modes = _solve_sparse(lin, undamped, shift, count, max_damping_ratio, limit)
         if modes is not None:
@@ -544,11 +544,11 @@ def _solve_sparse(
             break
         # Inverse iteration extends the space. It does not separate modes of a cluster.
         shifts = values[inexact] if has_rates else np.sqrt(values[inexact].astype(complex))
-        images = [
+        directions = [
             apply(y[:, None], _invert(lin, shift))
             for y, shift in zip(krylov.vectors(inexact).T, shifts.tolist(), strict=True)
         ]
-        krylov.extend(np.hstack([part for x in images for part in (x.real, x.imag)]))
+        krylov.extend(np.hstack([part for x in directions for part in (x.real, x.imag)]))
     # Rounding of the stiffness in the metric does not enter quotients of inertia.
     vectors = krylov.vectors(wanted)
     real, imaginary = np.split(invert(np.hstack([vectors.real, vectors.imag])), 2, axis=1)
@@ -710,7 +710,7 @@ def has_potential(flexibility: Flexibility, m: int) -> bool:
     return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
 
 
-def inertia(matrix: sp.sparray | Array, multipliers: int = 0) -> int:
+def inertia(matrix: Any, multipliers: int = 0) -> int:
     """Return the number of negative pivots of a symmetric saddle-point matrix.
 
     It is the number of negative eigenvalues (Sylvester's law). The last `multipliers` unknowns are
@@ -752,7 +752,7 @@ def _count_sparse_pivots(matrix: sp.csc_array, n: int) -> int:
     return int(np.sum(factors.U.diagonal() < 0.0)) if is_ordered else -1
 
 
-def count_negative(matrix: sp.sparray | Array, multipliers: int = 0) -> Count:
+def count_negative(matrix: Any, multipliers: int = 0) -> Count:
     """Return the number of directions of negative stiffness that the constraints allow.
 
     `matrix` is symmetric: [[K, H], [H^T, -C]] with as many rows of `multipliers`, or K alone. Each
