@@ -17,12 +17,8 @@ from beamdae.accuracy.runs import (
     refine_method,
 )
 from beamdae.accuracy.values import compare_columns
-from beamdae.analysis.periodic.shooting import (
-    PeriodMap,
-    Tolerance,
-    settle_and_solve,
-    solve_shooting,
-)
+from beamdae.analysis.periodic.period_map import PeriodMap
+from beamdae.analysis.periodic.shooting import Tolerance, settle_and_solve, solve_shooting
 from beamdae.errors import BeamdaeError, hold_messages
 from beamdae.integrators import Integrator
 from beamdae.linear.blas_threads import single_threaded
@@ -132,9 +128,9 @@ def _find_motion(
         period_map = PeriodMap.from_equations(equations, method, float(run.t[0]), motion.period)
         if motion.is_free:
             q, v, _ = period_map.settle(0)
-            other, _ = solve_shooting(period_map, q, v, tolerance, free_period=True)
+            other = solve_shooting(period_map, q, v, tolerance, free_period=True).run
         else:
-            other, _ = settle_and_solve(period_map, 0, tolerance)
+            other = settle_and_solve(period_map, 0, tolerance).run
         multipliers = floquet_multipliers(other.resolved_monodromy())
     if other.relative_deviation > tolerance.accepted:
         raise BeamdaeError("Newton's method does not converge")

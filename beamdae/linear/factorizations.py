@@ -134,16 +134,19 @@ class SparseFactorization:
         matrix.data[:] = nonzeros[self._source]
         self._scale = _invert_largest(matrix.data[self._by_row], self._row_starts)
         matrix.data *= self._scale[self._rows]
+        self._weights = self._band_weights
+        data = matrix.data * self._weights[self._rows]
+        weighted = sp.csc_matrix((data, matrix.indices, matrix.indptr), matrix.shape)
         try:
-            self._weights = self._band_weights
-            weighted = sp.csc_matrix(
-                (matrix.data * self._weights[self._rows], matrix.indices, matrix.indptr),
-                matrix.shape,
-            )
             self._lu = factorize_in_order(weighted)
-            if not self._set_refinements():
-                self._weights, self.refinements = np.ones(len(self._order)), 0
-                self._lu = factorize_with_partial_pivoting(matrix)
+            is_accurate = self._set_refinements()
+        except RuntimeError:
+            is_accurate = False
+        if is_accurate:
+            return
+        self._weights, self.refinements = np.ones(len(self._order)), 0
+        try:
+            self._lu = factorize_with_partial_pivoting(matrix)
         except RuntimeError as problem:
             raise SingularMatrixError("the matrix is singular") from problem
 

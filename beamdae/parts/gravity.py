@@ -55,19 +55,17 @@ class GravityLaws:
         weightless, unit_x, unit_y = (
             forces(np.array(gravity)) for gravity in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
         )
-        return [
-            self._statement(*statements)
-            for statements in zip(weightless, unit_x, unit_y, strict=True)
-        ]
+        weights = map(self._weigh, weightless, unit_x, unit_y)
+        return [*weightless, *(x for x in weights if x is not None)]
 
-    def _statement(
+    def _weigh(
         self, weightless: ForceStatement, unit_x: ForceStatement, unit_y: ForceStatement
-    ) -> ForceStatement:
-        """Combine the statements without gravity and under unit gravity into one with the laws."""
+    ) -> ForceStatement | None:
+        """Return the weight, from statements without gravity and under unit gravity."""
         slopes = unit_x.data - weightless.data, unit_y.data - weightless.data
         rows = np.flatnonzero(np.any(slopes[0], axis=1) | np.any(slopes[1], axis=1))
         if not rows.size:
-            return weightless
+            return None
         key = (id(weightless.kernel), tuple(rows.tolist()))
         if key not in self._kernels:
             self._kernels[key] = weightless.kernel, self._kernel(weightless.kernel, rows)
@@ -83,7 +81,7 @@ class GravityLaws:
         return [(x, tuple(x.numbers) if isinstance(x, Formula) else ()) for x in formulas]
 
     def _kernel(self, kernel: ForceKernel, rows: Array) -> ForceKernel:
-        """Return the kernel with the laws in place of constant gravity.
+        """Return the kernel of the weight under the laws, in proportion to which forces change.
 
         Only `rows` of the data depend on gravity. The data of the new kernel are the data without
         gravity, the derivatives of `rows` with respect to gx and gy, and the numbers of the laws.
@@ -99,18 +97,13 @@ class GravityLaws:
                 law = Formula(formula.kind, local.data[first : first + len(numbers)])
             first += len(numbers)
             gravity.append(law(local.time))
-        weightless_data = SX(local.data[: old.n_data])
-        data = SX(weightless_data)
+        change = SX.zeros(old.n_data)
         for k, row in enumerate(rows.tolist()):
             slope_x, slope_y = local.data[old.n_data + k], local.data[old.n_data + n_rows + k]
-            data[row] += slope_x * gravity[0] + slope_y * gravity[1]
+            change[row] = slope_x * gravity[0] + slope_y * gravity[1]
+        by_data = ca.jtimes(kernel.force, old.data, change)
         symbols = [old.time, old.q, old.v, old.a, old.data]
-        motion = [local.time, local.q, local.v, local.a]
-        weightless_force, energies, powers = ca.substitute(
-            kernel.outputs, symbols, [*motion, weightless_data]
-        )
-        force = ca.substitute([kernel.force], symbols, [*motion, data])[0]
-        weight_power = ca.dot(weightless_force - force, local.v)
-        powers = powers + ca.vertcat(weight_power, 0)
+        values = [local.time, local.q, local.v, local.a, local.data[: old.n_data]]
+        (weight,) = ca.substitute([by_data], symbols, values)
         # Not `reused`, although the original kernel may be: models share it by its instructions.
-        return ForceKernel(local, force, energies, powers)
+        return ForceKernel(local, weight, powers=ca.vertcat(-ca.dot(weight, local.v), 0))

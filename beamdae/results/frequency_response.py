@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-_STABILITY_MARGIN = 1e-3  # moduli of the multipliers of stable motions may exceed 1 by this
+STABILITY_MARGIN = 1e-3  # moduli of the multipliers of stable motions may exceed 1 by this
 _SHORTEST_STEP = 1e-12  # minimum arc length between two points of the curve
 # Half ranges whose relative changes along the curve are smaller are constant: errors of the runs.
 _MIN_VARIATION = 1e-4
@@ -71,7 +71,7 @@ class ResponsePoint:
     @property
     def stable(self) -> bool:
         """True if the moduli of all Floquet multipliers are at most 1.001."""
-        return largest_modulus(self.multipliers) <= 1.0 + _STABILITY_MARGIN
+        return largest_modulus(self.multipliers) <= 1.0 + STABILITY_MARGIN
 
 
 @read_only_data
@@ -90,12 +90,17 @@ class FrequencyResponse(HasTable, HasPage):
         of the parameter, and "failed" if it folded back and returned to the start of the range.
     unit
         Unit of the parameter: that of the model, otherwise "Hz" for a frequency, or "".
+    critical_points
+        Pairs of a kind and the value of the parameter, in order along the curve: "fold", where the
+        parameter reverses, "branch point", where another curve crosses, "period doubling" and
+        "torus point", where disturbances begin or cease to grow.
     """
 
     parameter: str
     points: tuple[ResponsePoint, ...]
     status: Status
     unit: str = ""
+    critical_points: tuple[tuple[str, float], ...] = ()
     _headers: tuple[str, ...] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
@@ -194,26 +199,8 @@ class FrequencyResponse(HasTable, HasPage):
 
     @property
     def folds(self) -> list[float]:
-        """Parameter values at which the curve folds back.
-
-        Between two points, the curve folds if its tangent reverses with respect to the parameter.
-        Each value is the extremum of a cubic (parameter over arc length of the curve) through the
-        two points on either side.
-        """
-        values = np.array([point.parameter for point in self.points])
-        forward = np.array([point.forward for point in self.points])
-        reversals = np.flatnonzero(forward[1:] != forward[:-1]) + 1
-        return [self._fold(k, values) for k in reversals.tolist()]
-
-    def _fold(self, k: int, values: Array) -> float:
-        """Return the extremum of the parameter between the points `k` - 1 and `k`."""
-        points = slice(max(k - 2, 0), k + 2)
-        x = self._arc_length[points] - self._arc_length[k - 1]
-        cubic = np.polynomial.Polynomial.fit(x, values[points], min(3, len(x) - 1))
-        extrema = [float(root.real) for root in cubic.deriv().roots() if root.imag == 0.0]
-        middle = 0.5 * float(self._arc_length[k] - self._arc_length[k - 1])
-        nearest = min(extrema, key=lambda at: abs(at - middle), default=middle)
-        return float(cubic(min(max(nearest, 0.0), 2.0 * middle)))
+        """Parameter values at which the curve folds back."""
+        return [value for kind, value in self.critical_points if kind == "fold"]
 
     def peaks(self, column: str) -> list[tuple[float, float]]:
         """Return (parameter, half range) at each peak of the curve of an observed column.

@@ -9,8 +9,8 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.analysis.continuation import spectrum
-from beamdae.analysis.continuation.block_krylov import BlockKrylov
+from beamdae.analysis.eigenproblems import slow_motions
+from beamdae.analysis.eigenproblems.block_krylov import BlockKrylov
 from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
 from beamdae.linear.saddle_point import factorize_saddle_point
@@ -127,7 +127,7 @@ def count_solutions(monkeypatch):
 
         return None if solve is None else solve_and_count
 
-    monkeypatch.setattr(spectrum, "factorize_saddle_point", factorize)
+    monkeypatch.setattr(slow_motions, "factorize_saddle_point", factorize)
     return solutions
 
 
@@ -207,7 +207,7 @@ def test_problems_that_do_not_converge_use_dense_matrices_or_end_in_one_sentence
     monkeypatch.setattr(BlockKrylov, "converge", lambda *arguments: False)
     dense = bd.modes(damped_strip(32), n=3, damping=damping).eigenvalues
     assert_allclose(dense, expected, rtol=1e-6)
-    monkeypatch.setattr(spectrum, "_MAX_FALLBACK_COORDINATES", 0)
+    monkeypatch.setattr(slow_motions, "_MAX_FALLBACK_COORDINATES", 0)
     with pytest.raises(bd.BeamdaeError, match=r"3 lowest modes were not found, .* request fewer"):
         bd.modes(damped_strip(32), n=3, damping=damping)
 

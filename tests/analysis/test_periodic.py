@@ -10,11 +10,9 @@ from scipy.optimize import fsolve
 from scipy.special import mathieu_a, mathieu_b
 
 import beamdae as bd
-from beamdae.analysis.periodic.shooting import IncompleteRunError
-from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
+from beamdae.analysis.periodic.period_map import IncompleteRunError
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import PeriodicMotion
-from beamdae.results.step_extremes import ColumnRange
 
 MASS, STIFFNESS, DAMPING = 2.0, 18.0, 1.0
 
@@ -220,7 +218,7 @@ def find_fold(omega, x):
         return np.concatenate([residual, slope @ null, [null @ null - 1.0]])
 
     null = np.linalg.svd(collocation(omega, x)[1])[2][-1]
-    return fsolve(fold_equations, np.concatenate([x, [omega], null]), xtol=1e-12)[SAMPLES]
+    return fsolve(fold_equations, np.concatenate([x, [omega], null]), xtol=1e-9)[SAMPLES]
 
 
 def sample_motion(point):
@@ -282,8 +280,7 @@ def test_response_of_a_duffing_oscillator_passes_both_folds():
         find_fold(response.points[k].parameter, sample_motion(response.points[k]) - 1.0)
         for k in folds
     ]
-    # Folds are those of parabolas through three points, up to 15 % of the range apart.
-    np.testing.assert_allclose(response.folds, expected, rtol=1e-3)
+    np.testing.assert_allclose(response.folds, expected, rtol=1e-6)
 
 
 # With this stiffness, vibrations are a thousand times as fast; the test takes ten seconds.
@@ -318,9 +315,9 @@ def test_regression_the_mismatch_of_a_period_and_the_period_of_the_loads_are_nam
     assert bd.periodic(mech, 1.33333333).status.success
     # A load, in newtons; and no period close to that of the load.
     system = oscillator(bd.sine(1.0, 0.5))
-    with pytest.raises(bd.BeamdaeError, match=r"of the largest value .* drivers, 2 s\.$"):
+    with pytest.raises(bd.BeamdaeError, match=r"of the range of the loads .* drivers, 2 s\.$"):
         bd.periodic(system, 2.02)
-    with pytest.raises(bd.BeamdaeError, match=r"of the largest value .* drivers\.$"):
+    with pytest.raises(bd.BeamdaeError, match=r"of the range of the loads .* drivers\.$"):
         bd.periodic(system, 3.0)
 
 
@@ -335,7 +332,7 @@ def driven(law, period, monkeypatch):
     def run(*_, **__):
         raise AssertionError("a run has begun")
 
-    monkeypatch.setattr("beamdae.analysis.periodic.shooting.PeriodMap.run", run)
+    monkeypatch.setattr("beamdae.analysis.periodic.period_map.PeriodMap.run", run)
     try:
         bd.periodic(mech, period)
     except bd.BeamdaeError as problem:
@@ -367,7 +364,7 @@ def test_regression_wrong_periods_of_drivers_are_rejected_before_a_run(
 
 
 def test_regression_wrong_periods_of_loads_are_rejected_before_a_run(monkeypatch):
-    monkeypatch.setattr("beamdae.analysis.periodic.shooting.PeriodMap.run", None)
+    monkeypatch.setattr("beamdae.analysis.periodic.period_map.PeriodMap.run", None)
     with pytest.raises(bd.BeamdaeError, match=r"^load: .* after the period of 120 s; set period"):
         bd.periodic(oscillator(bd.sine(1.0, 60.0 + 1.0 / 300.0)), 120.0)
     # A transient that has decayed, and a load that holds its last value.
@@ -442,26 +439,6 @@ def test_regression_vibrations_about_a_rotation_recommend_its_linearization(spee
         bd.frequency_response(rotor, "frequency", (3.0, 4.0), settle=1)
     with pytest.raises(bd.BeamdaeError, match=match):
         bd.periodic(rotor(), 1.0 / 3.0)
-
-
-def test_steps_across_a_fold_report_it_once():
-    # Points of the parabola 1 - s^2 around its vertex; corrections of 1e-9 made the parameter
-    # reverse three times.
-    def point(parameter, s):
-        solution = SimpleNamespace(
-            columns={"x [m]": np.array([s, -s])},
-            equations=SimpleNamespace(length=1.0),
-            _column_ranges={"x [m]": ColumnRange(-abs(s), abs(s))},
-        )
-        return ResponsePoint(parameter, 1.0, solution, np.zeros(0), forward=s < 0.0)
-
-    arc = np.array([-0.3, -0.1, -1e-5, 0.5e-5, 1e-5, 0.1, 0.3])
-    noise = np.array([0.0, 0.0, 2e-9, -2e-9, 1e-9, 0.0, 0.0])
-    points = tuple(map(point, 1.0 - arc**2 + noise, arc))
-    response = FrequencyResponse("speed", points, Status("ok", "done"))
-    assert np.sum(np.diff(np.sign(np.diff([p.parameter for p in points]))) != 0) == 3
-    (fold,) = response.folds
-    assert fold == pytest.approx(1.0, abs=1e-6)
 
 
 def test_uncertain_multipliers_leave_the_stability_open():

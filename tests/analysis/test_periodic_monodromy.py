@@ -10,7 +10,7 @@ from beamdae.analysis.periodic.monodromy import (
     assemble_monodromy,
     dominant_range,
 )
-from beamdae.analysis.periodic.shooting import PeriodMap, PeriodRun, build_periodic_equations
+from beamdae.analysis.periodic.period_map import PeriodMap, PeriodRun, build_periodic_equations
 from beamdae.equations.formulations.first_order import FirstOrderForm
 from beamdae.linear.lane_operations import LANES
 

@@ -2,18 +2,19 @@
 
 from types import SimpleNamespace
 
+import casadi as ca
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 import beamdae as bd
 from beamdae.accuracy.errors import Errors
+from beamdae.analysis.continuation.engine import prescribe_parameter
 from beamdae.analysis.periodic.monodromy import LinearizationError
-from beamdae.analysis.periodic.periodic_continuation import (
-    _NOT_CONVERGED,
-    ResponseCurve,
-    _follow_curve,
-)
-from beamdae.analysis.periodic.shooting import PeriodRun, Tolerance
+from beamdae.analysis.periodic.period_map import PeriodRun
+from beamdae.analysis.periodic.periodic_continuation import ResponseCurve, _explain_failure
+from beamdae.analysis.periodic.shooting import Tolerance
 from beamdae.report.pictures.path_plots import create_response_figure
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
@@ -137,14 +138,14 @@ def response_curve(model, ends):
 
 @pytest.mark.slow(reason="a fifth of a second")
 def test_regression_tangent_of_the_curve_includes_the_motion_of_drivers():
-    point, _ = response_curve(constant_travel, (38.0, 44.0)).first_point(settle=0)
-    equations = point.run.solution.equations
+    point = response_curve(constant_travel, (38.0, 44.0)).first_motion(settle=0)
+    equations = point.linearization.run.solution.equations
     names = [*equations.q_names, *(f"velocity of {name}" for name in equations.q_names)]
-    rates = dict(zip(names, point.direction / point.direction[-1], strict=False))
+    tangent = point.tangent(prescribe_parameter(point.x, point.p))
+    rates = dict(zip(names, tangent.x, strict=True))
     # The root moves with 2 pi f AMPLITUDE at the start of a period; the range is 6 Hz.
     expected = 2.0 * np.pi * 6.0 * AMPLITUDE
     assert rates["velocity of strip.y0"] == pytest.approx(expected, rel=1e-6)
-    assert point.jacobian @ point.reduce(point.direction) == pytest.approx(0.0, abs=1e-9)
 
 
 SLOW = pytest.mark.slow(reason="twenty periodic motions of a beam")
@@ -153,15 +154,10 @@ SLOW = pytest.mark.slow(reason="twenty periodic motions of a beam")
 @pytest.mark.slow(reason="ten accurate runs of a beam")
 def test_regression_first_steps_beside_a_superharmonic_resonance_of_a_wide_range():
     """The one-sided derivative turned the tangent; steps of 1e-3 of the first one were rejected."""
-    model = shaken_blade(damping_ratio=2e-3)
-    method = bd.Radau(1e-8)
-    tolerance = Tolerance.for_integrator("frequency_response", None, method)
     ends = (0.5 * BLADE_RESONANCE, 20.0 * BLADE_RESONANCE)
-    curve = ResponseCurve(model, "frequency", ends, lambda f: 1.0 / f, method, 0.0, tolerance)
-    point, _ = curve.first_point(settle=5)
-    following, reason = curve.next_point(None, point, 0.01)
-    assert reason == ""
-    assert following.value > ends[0] + 0.1
+    model = shaken_blade(damping_ratio=2e-3)
+    response = bd.frequency_response(model, "frequency", ends, settle=5, step=0.01, max_points=2)
+    assert response.points[1].parameter > ends[0] + 0.1
 
 
 @pytest.mark.slow(reason="eighty periodic motions of a beam")
@@ -187,7 +183,7 @@ def test_regression_a_failed_response_has_a_table_with_its_columns(monkeypatch):
     incomplete = SimpleNamespace(
         relative_deviation=1.0, resolved_monodromy=lambda: np.diag([0.9, 0.9])
     )
-    monkeypatch.setattr(f"{module}.settle_and_solve", lambda *arguments: (incomplete, 3))
+    monkeypatch.setattr(f"{module}.settle_and_solve", lambda *_: SimpleNamespace(run=incomplete))
     with pytest.warns(bd.BeamdaeWarning, match=r"use bd\.linearize\(\.\.\.\)\.frequency_resp"):
         response = bd.frequency_response(pushed_mass, "frequency", (40.0, 41.0))
     table = response.table()
@@ -278,26 +274,18 @@ def test_regression_curves_that_end_without_damping_name_it():
     moduli = {"damped": [0.9 * growth, 0.9 / growth], "fold": [1.0, 0.2]}
     moduli["undamped"] = [1.0002 * growth, 0.9998 / growth, 0.5, 1e-9]
     moduli["hardly damped"] = [0.9996 * growth, 0.9996 / growth, 0.5, 1e-9]
-    sentences = {}
-    for name, multipliers in moduli.items():
-        point = ResponsePoint(1.0, 1.0, run_with_columns({}), np.array(multipliers))
-        curve = SimpleNamespace(
-            ends=(0.0, 2.0),
-            describe=lambda value: f"speed = {value:.6g}",
-            first_point=lambda settle, point=point: (
-                SimpleNamespace(value=1.0, as_response_point=lambda *_: point),
-                "",
-            ),
-            next_point=lambda *_: (None, _NOT_CONVERGED),
-        )
-        sentences[name] = _follow_curve(curve, [], 0, 0.1, 0.1, 100).sentence
+    reason = "speed = 1: Newton's method diverges; reduce step="
+    sentences = {
+        name: _explain_failure(reason, np.array(multipliers), 1.0)
+        for name, multipliers in moduli.items()
+    }
     assert "vibrations are undamped (2 multipliers" in sentences["undamped"]
     assert "; add damping, such as damping= of the sections" in sentences["undamped"]
     # They were called undamped.
     assert "have a damping ratio of only 0.0064 % (2 multipliers" in sentences["hardly damped"]
     assert "ratio above 0.016 %, such as damping= of the" in sentences["hardly damped"]
     assert "above 5e-05 s, or" in sentences["hardly damped"]
-    assert sentences["damped"] == sentences["fold"] == f"speed = 1: {_NOT_CONVERGED}"
+    assert sentences["damped"] == sentences["fold"] == reason
 
 
 @SLOW
@@ -364,49 +352,83 @@ def test_response_with_other_parameters():
         follow(frequency=40.0)
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_regression_a_curve_that_returns_to_the_start_has_failed(sign):
-    def point(s):
-        return arc_point(sign * (1.0 - s**2), s, -sign * s)
+@pytest.mark.slow(reason="thirty motions")
+def test_regression_a_curve_that_returns_to_the_start_has_failed():
+    """Duffing's oscillator on the branch of large amplitudes, under a decreasing force."""
 
-    curve = SimpleNamespace(
-        ends=(0.0, 2.0 * sign),
-        describe=lambda value: f"speed = {value:.6g}",
-        parameter="speed",
-        first_point=lambda settle: (point(-1.0), ""),
-        next_point=lambda previous, last, step: (point(last.position + step), ""),
-        smallest_cosine=lambda *_: 1.0,
-    )
-    points = []
-    status = _follow_curve(curve, points, 0, 0.1, 0.1, 100)
-    assert status.kind == "failed"
-    assert f"folds back at speed = {sign:g} and returned to the start" in status.sentence
-    assert len(points) == pytest.approx(21, abs=1)
+    @bd.model(t_end=1.0)
+    def duffing(force=0.3):
+        t, x, v = (ca.SX.sym(name) for name in "txv")
+        push = force * ca.sin(1.45 * t) - 0.1 * v - x - 0.5 * x**3
+        return bd.ConstrainedSystem(t, x, v, mass=[1.0], force=push, q0=[-2.0], v0=[0.0])
+
+    period = 2.0 * np.pi / 1.45
+    with pytest.warns(bd.BeamdaeWarning, match="and returned to the start of the range; begin"):
+        response = bd.frequency_response(duffing, "force", (0.3, 0.01), lambda force: period)
+    assert response.status.kind == "failed"
+    (fold,) = response.folds
+    assert f"folds back at force = {fold:.6g} and" in response.status.sentence
+    assert [x.stable for x in response.points].count(True) > 5
+    assert not response.points[-1].stable
 
 
+def boundaries_of_mathieu(sign, brackets):
+    """Return a where multipliers of x'' + 0.1 x' + (a - 2 cos 2 t) x = 0 are 1 or -1."""
+
+    def excess(a):
+        ends = [
+            solve_ivp(
+                lambda t, y: [y[1], -(a - 2.0 * np.cos(2.0 * t)) * y[0] - 0.1 * y[1]],
+                (0.0, np.pi),
+                start,
+                method="DOP853",
+                rtol=1e-11,
+                atol=1e-11,
+            ).y[:, -1]
+            for start in ([1.0, 0.0], [0.0, 1.0])
+        ]
+        return 1.0 - sign * (ends[0][0] + ends[1][1]) + np.linalg.det(ends)
+
+    return [brentq(excess, *x, xtol=1e-9) for x in brackets]
+
+
+@pytest.mark.slow(reason="curves of small systems")
 @pytest.mark.parametrize(
-    ("value", "slopes", "reason"),
+    ("kind", "ends", "expected"),
     [
-        (39.0, (0.5, 0.5), "the parameter reverses where the curve has no fold"),
-        (39.0, (-0.5, -0.5), ""),
-        (41.0, (-0.5, -0.5), "the parameter reverses where the curve has no fold"),
-        (39.0, (0.1, -0.5), ""),
-        # Less than the tolerance of a period.
-        (39.999, (0.001, 0.001), ""),
+        ("torus point", (0.05, -0.05), lambda: [-np.log(1.001) / np.pi]),
+        (
+            "period doubling",
+            (-0.3, 2.2),
+            lambda: boundaries_of_mathieu(-1.0, [(-0.2, -0.1), (1.8, 1.9)]),
+        ),
+        (
+            "branch point",
+            (3.0, 4.6),
+            lambda: boundaries_of_mathieu(1.0, [(4.0, 4.1), (4.2, 4.3)]),
+        ),
     ],
 )
-def test_regression_steps_against_the_tangents_are_rejected(value, slopes, reason, monkeypatch):
-    module = "beamdae.analysis.periodic.periodic_continuation"
-    monkeypatch.setattr(f"{module}.ResponseCurve.smallest_cosine", lambda *arguments: 1.0)
-    curve = response_curve(constant_travel, (40.0, 50.0))
-    points = [
-        SimpleNamespace(
-            value=at, direction=np.array([0.0, slope]), run=SimpleNamespace(state=np.zeros(1))
-        )
-        for at, slope in zip((40.0, value), slopes, strict=True)
-    ]
-    assert curve._step_failure(*points).startswith(reason)
-    assert bool(curve._step_failure(*points)) == bool(reason)
+def test_critical_points_of_motions_are_those_of_their_multipliers(kind, ends, expected):
+    """A damper that becomes negative, up to the margin of stability; and Mathieu's equation."""
+    is_forced = kind == "torus point"
+    period = 2.0 * np.pi if is_forced else np.pi
+
+    @bd.model(t_end=1.0)
+    def excited(size=0.05):
+        t, x, v = (ca.SX.sym(name) for name in "txv")
+        force = ca.sin(t) - size * v - 0.3 * x
+        if not is_forced:
+            force = -(size - 2.0 * ca.cos(2.0 * t)) * x - 0.1 * v
+        return bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force, q0=[0.0], v0=[0.0])
+
+    response = bd.frequency_response(excited, "size", ends, lambda size: period, settle=1)
+    assert response.status.success
+    assert response.folds == []
+    assert [name for name, _ in response.critical_points] == [kind] * len(expected())
+    found = [value for _, value in response.critical_points]
+    # Motions are periodic to 1e-6, and points are located to a thousandth of a step.
+    assert found == pytest.approx(expected(), abs=1e-4)
 
 
 def test_peaks_of_monotonic_curves_are_between_their_points():

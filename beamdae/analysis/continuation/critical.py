@@ -24,16 +24,18 @@ _RESOLUTION = 1e-6
 # Where a curve branches off another one, its parameter turns and an eigenvalue touches zero: closer
 # to this point, rounding decides the sign of the eigenvalue.
 _TURN_RESOLUTION = 1e-2
-# Between ends of a bracket this close, curves are straight.
-_ROOT_TOLERANCE = 1e-6
+# Distance from a root of the samples between which it is interpolated, and their largest number.
+_ROOT_TOLERANCE, _MAX_SAMPLES = 1e-3, 60
+# Wider brackets, relative to this distance, are bisected at times.
+_WIDE = 100.0
+# At the most, relative to the resolution of clusters.
+_ROOT_RATIO = 0.1
 # Largest distance of both ends of a bracket, relative to that of ends of the segment times the
 # width, and motion along the critical mode by rounding in natural sizes: farther apart, they lie on
 # different curves.
 _MAX_GAP_RATIO, _ROUNDING = 10.0, 1e-5
 # Largest share of the derivative by the parameter along the critical mode where curves cross.
 _MAX_IMPERFECTION = 1e-4
-# Smallest share of a bracket in which a root is sought.
-_MIN_SHARE = 1e-3
 
 
 class Count(NamedTuple):
@@ -110,7 +112,8 @@ def _explain(
     is_turn = not (change or flutter or doublings)
     is_single = abs(change) + abs(doublings) == 1 and not flutter and not (doublings and turns)
     if is_single or is_turn:
-        found = _find_root(segment, low, high, bool(doublings))
+        tolerance = max(_ROOT_TOLERANCE, _ROOT_RATIO * resolution)
+        found = _find_root(segment, low, high, bool(doublings), tolerance)
         if found is not None:
             position, point, mode = found
             kind = DOUBLING if doublings else LIMIT if turns else BRANCH
@@ -144,7 +147,7 @@ def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
 
 
 def _find_root(
-    segment: Segment, low: _Sample, high: _Sample, alternates: bool
+    segment: Segment, low: _Sample, high: _Sample, alternates: bool, tolerance: float
 ) -> tuple[float, Point, Array] | None:
     """Return position, point and mode where the Jacobian is singular; None without a sign change.
 
@@ -161,7 +164,7 @@ def _find_root(
         solution = factors.solve(np.append(np.zeros(len(point.x)), 1.0))
         return float(solution[-1]), solution[:-1]
 
-    weights = segment.begin.problem.weights
+    weights = segment.begin.problem.mode_weights
     for end in (low.point, high.point):
         border = weights**2 * critical_mode(view(end))
         (a, _), (b, mode) = test(low.point), test(high.point)
@@ -169,34 +172,89 @@ def _find_root(
             break
     else:
         return None
-    ends, values, largest = [low[:2], high[:2]], [a, b], max(abs(a), abs(b))
-    side = -1
-    while ends[1][0] - ends[0][0] > _ROOT_TOLERANCE:
-        share = min(max(a / (a - b), _MIN_SHARE), 1.0 - _MIN_SHARE)
+    ends, largest = [low[:2], high[:2]], max(abs(a), abs(b))
+    samples, points = {a: low.position, b: high.position}, dict(ends)
+    distance = tolerance
+    for k in range(_MAX_SAMPLES):
+        root, left, right = _interpolate_inversely(samples), ends[0][0], ends[1][0]
+        # Long steps may pass a critical point at their very beginning.
+        tolerance = distance * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
+        # Closer to a crossing, rounding moves points along the critical mode.
+        is_left_far, is_right_far = root - left > 2.0 * tolerance, right - root > 2.0 * tolerance
+        if not (is_left_far or is_right_far):
+            break
+        aimed = root - tolerance if is_left_far else root + tolerance
+        if k % 3 == 2 and right - left > _WIDE * tolerance:
+            aimed = 0.5 * (left + right)  # interpolation may converge slowly
+        aimed = min(max(aimed, left + 0.5 * tolerance), right - 0.5 * tolerance)
         try:
+            share = (aimed - left) / (right - left)
             position, point = _point_between(segment, ends[0], ends[1], share)
         except CurveError:
-            break
+            if right - left <= _WIDE * tolerance:
+                break
+            position, point = _point_between(segment, ends[0], ends[1], 0.5)
         value, mode = test(point)
         if abs(value) > largest:
             # The sign changes at a pole of g, where the bordered matrix is singular.
             return None
-        # Of an end that stays twice, the value is halved: the Illinois method.
-        last_side, side = side, 0 if value * a > 0.0 else 1
-        factor = 0.5 if side == last_side else 1.0
-        ends[side], values[side] = (position, point), value
-        a, b = (value, factor * b) if side == 0 else (factor * a, value)
+        ends[0 if value * a > 0.0 else 1] = position, point
+        samples[value] = position
+        points[position] = point
+    else:
+        return None
     (left, first), (right, last) = ends
     gap, whole = first.distance(last), segment.begin.distance(segment.end)
     if gap > _MAX_GAP_RATIO * (right - left) * whole + _ROUNDING:
         raise CurveError("the stability changes abruptly")
-    share = values[0] / (values[0] - values[1])
-    x, p = first.between(last, share)
-    point = Point(first.problem, x, p, first.problem.linearize(x, p))
+    # Samples on both sides, so that the cubic is that of the neighborhood.
+    sides = (
+        ((low.position, low.point), ends[0], left - 2.0 * tolerance),
+        (ends[1], (high.position, high.point), right + 2.0 * tolerance),
+    )
+    for first_end, last_end, aimed in sides:
+        if first_end[0] < aimed < last_end[0]:
+            share = (aimed - first_end[0]) / (last_end[0] - first_end[0])
+            position, point = _point_between(segment, first_end, last_end, share)
+            samples[test(point)[0]], points[position] = position, point
+    position = min(max(_interpolate_inversely(samples), left), right)
     turns = low.rate * high.rate < 0.0
+    if turns:
+        share = (position - left) / (right - left)
+        point = segment.part(first, last, left, right).at(share)
+    else:
+        point = _interpolate_point(points, position)
     if not (turns or alternates) and _opposes(point, border) > _MAX_IMPERFECTION:
         raise CurveError("the stability changes abruptly")
-    return left + share * (right - left), point, mode
+    return position, point, mode
+
+
+def _interpolate_point(points: dict[float, Point], position: float) -> Point:
+    """Return the point at a position of the cubic through the four nearest points."""
+    nearest = sorted(points, key=lambda x: abs(x - position))[:4]
+    base = points[nearest[0]]
+    problem, step, p = base.problem, np.zeros_like(base.x), 0.0
+    for one in nearest:
+        weight = float(np.prod([(position - x) / (one - x) for x in nearest if x != one]))
+        step += weight * problem.difference(points[one].x, base.x)
+        p += weight * points[one].p
+    x = problem.move(base.x, step)
+    return Point(problem, x, p, problem.linearize(x, p))
+
+
+def _interpolate_inversely(samples: dict[float, float]) -> float:
+    """Return the position of the value zero by the cubic through the four smallest values.
+
+    It is that of the line through the values next to zero if the cubic leaves their interval.
+    """
+    values = sorted(samples, key=abs)[:4]
+    weights = (np.prod([y / (y - x) for y in values if y != x]) for x in values)
+    root = sum(float(w) * samples[x] for w, x in zip(weights, values, strict=True))
+    below, above = max(x for x in samples if x < 0.0), min(x for x in samples if x >= 0.0)
+    first, last = samples[below], samples[above]
+    if min(first, last) <= root <= max(first, last):
+        return root
+    return first + (last - first) * below / (below - above)
 
 
 def _opposes(point: Point, border: Array) -> float:
@@ -204,7 +262,7 @@ def _opposes(point: Point, border: Array) -> float:
 
     It vanishes where curves cross. Elsewhere, a curve turns where its Jacobian is singular.
     """
-    by_parameter, weights = point.linearization.by_parameter, point.problem.weights
+    by_parameter, weights = point.linearization.by_parameter, point.problem.mode_weights
     right = np.append(by_parameter, 0.0)
     share = point.bordered(border, border, 0.0).solve(right)[-1]
     sizes = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0.0)
@@ -215,9 +273,9 @@ def _opposes(point: Point, border: Array) -> float:
 def critical_mode(point: Point) -> Array:
     """Return the direction in which the Jacobian is smallest, by inverse iteration.
 
-    Its largest entry is 1 in natural sizes.
+    Its largest entry is 1 in sizes that make all parts equally stiff.
     """
-    size, weights = len(point.x), point.problem.weights
+    size, weights = len(point.x), point.problem.mode_weights
     mode = np.cos(np.arange(size) ** 2.0) / np.where(weights > 0.0, weights, 1.0)
     for _ in range(3):
         border = weights**2 * mode

@@ -130,6 +130,11 @@ class Problem(ABC):
     def weights(self) -> Array:
         """Inverse natural sizes of the unknowns; 0 for those that do not measure a step."""
 
+    @property
+    def mode_weights(self) -> Array:
+        """Inverse sizes of the unknowns that make all parts equally stiff, for critical modes."""
+        return self.weights
+
     @abstractmethod
     def linearize(self, x: Array, p: float, last: Any = None) -> Linearization:
         """Return the equations, linearized about (x, p).
@@ -417,7 +422,7 @@ class Steps:
     parameter_step: float = np.inf
     first_parameter_step: float = np.inf
     first: float = 1.0
-    smallest: float = 1e-6
+    smallest: float = 1e-8
 
 
 def follow(
@@ -459,6 +464,14 @@ def follow(
             return
 
 
+class _LastStep(NamedTuple):
+    """Direction at the begin of a step, its change, and that of its control; 0 for arc length."""
+
+    direction: Tangent
+    chord: Tangent
+    size: float
+
+
 @dataclass(frozen=True, eq=False)
 class _Progress:
     """Begin of the next step.
@@ -472,7 +485,7 @@ class _Progress:
     size
         Proposed size of the step.
     last
-        Tangent at the begin of the last step, and the change in it; None without.
+        The last step, or None.
     has_arrived
         True if the curve has reached its target.
     """
@@ -480,7 +493,7 @@ class _Progress:
     begin: Point
     tangent: Tangent | None
     size: float
-    last: tuple[Tangent, Tangent] | None = None
+    last: _LastStep | None = None
     has_arrived: bool = False
 
 
@@ -501,6 +514,21 @@ class _Trial(NamedTuple):
     values: tuple[float, float]
     unit: Tangent
     is_last: bool
+
+    @property
+    def is_arc(self) -> bool:
+        """True for a step by arc length."""
+        return isinstance(self.control, ArcLength)
+
+    @property
+    def reach(self) -> float:
+        """Size of the change of the control."""
+        return abs(self.values[1] - self.values[0])
+
+    @property
+    def direction(self) -> Tangent:
+        """Tangent along the step."""
+        return self.unit.scale(float(np.sign(self.values[1] - self.values[0])))
 
     @property
     def change(self) -> Tangent:
@@ -529,8 +557,7 @@ def _take_step(
         is_corner = size <= _CORNER_STEP * usual
         try:
             trial = _try(begin, control, target, steps, tangent, size, is_corner)
-            change = trial.change
-            curved = _extrapolate(problem, last, change, weight)
+            curved = _extrapolate(problem, last, trial, weight)
             segment, error = _correct_trial(begin, trial, curved, is_corner)
             cosine = _cosine(problem, tangent, segment.direction, weight)
             if steps.by_arc_length and not is_corner:
@@ -541,20 +568,26 @@ def _take_step(
             size, last = size * _CUT, None
             if size < steps.smallest * usual:
                 raise
-    growth = np.sqrt(_AIMED_CORRECTION * _length(problem, change, 0.0) + _ROUNDING) / np.sqrt(
-        error + _NEGLIGIBLE
-    )
-    if steps.by_arc_length and cosine < 1.0:
-        growth = min(growth, _AIMED_ANGLE / np.arccos(cosine))
-    taken = size if steps.by_arc_length else abs(trial.values[1] - trial.values[0])
-    grown = taken * float(np.clip(growth, _MIN_GROWTH, _MAX_GROWTH))
+    grown = _propose_size(problem, trial, size, error, cosine)
     # A step that is shortened to meet a target does not shorten the next step.
     grown = max(grown, progress.size) if trial.is_last else grown
     grown = grown if steps.by_arc_length else min(grown, steps.largest)
     end = segment.end
     chord = Tangent(problem.difference(end.x, begin.x), end.p - begin.p)
-    after = _Progress(end, segment.direction, grown, (tangent, chord), trial.is_last)
-    return segment, found, after
+    done = _LastStep(trial.direction, chord, 0.0 if trial.is_arc else trial.reach)
+    return segment, found, _Progress(end, segment.direction, grown, done, trial.is_last)
+
+
+def _propose_size(
+    problem: Problem, trial: _Trial, size: float, error: float, cosine: float
+) -> float:
+    """Return the size of the next step, from the correction and the change of angle of this one."""
+    aimed = _AIMED_CORRECTION * problem.measure(trial.change.x) + _ROUNDING
+    growth = np.sqrt(aimed / (error + _NEGLIGIBLE))
+    if trial.is_arc:
+        growth = min(growth, _AIMED_ANGLE / np.arccos(cosine)) if cosine < 1.0 else growth
+    taken = size if trial.is_arc else trial.reach
+    return taken * float(np.clip(growth, _MIN_GROWTH, _MAX_GROWTH))
 
 
 def _limit_arc(problem: Problem, unit: Tangent, steps: Steps) -> float:
@@ -596,23 +629,28 @@ def _try(
     return _Trial(control, (row.value, end), tangent.scale(1.0 / rate), is_last)
 
 
-def _extrapolate(
-    problem: Problem, last: tuple[Tangent, Tangent] | None, change: Tangent, weight: float
-) -> Tangent:
+def _extrapolate(problem: Problem, last: _LastStep | None, trial: _Trial, weight: float) -> Tangent:
     """Return the change of a step along a cubic polynomial through the last one.
 
-    The polynomial has the tangents and the chord of the last step, by lengths.
+    The polynomial over the control, or over the arc length, has the tangents and the chord of the
+    last step.
     """
+    change = trial.change
     if last is None:
         return change
-    length, slope, before = (_norm(problem, x, weight) for x in (change, *last))
-    if 0.0 in (length, slope, before):
+    start, chord, before = last
+    length, unit = trial.reach, trial.direction
+    if trial.is_arc:
+        # Lengths must be smooth functions.
+        length, slope, before = (_norm(problem, x, weight) for x in (change, start, chord))
+        if 0.0 in (length, slope):
+            return change
+        unit, start = change.scale(1.0 / length), start.scale(1.0 / slope)
+    if before == 0.0:
         return change
-    start, chord = last
-    ahead, start = change.scale(1.0 / length), start.scale(1.0 / slope)
     mean, ratio = chord.scale(1.0 / before), length / before
     # Newton's form of the polynomial, with both ends as double nodes.
-    second = ahead.plus(mean, -1.0)
+    second = unit.plus(mean, -1.0)
     third = second.plus(mean, -1.0).plus(start)
     bent = second.scale(ratio).plus(third, ratio * (1.0 + ratio)).scale(length)
     is_smooth = _length(problem, bent, weight) <= _MAX_CURVED * _length(problem, change, weight)

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from beamdae.analysis.continuation.spectrum import (
+from beamdae.analysis.eigenproblems.slow_motions import (
     quadratic_form_rounding,
     solve_damped,
     solve_undamped,

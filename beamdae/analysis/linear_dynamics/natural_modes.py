@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.continuation.spectrum import quadratic_form_rounding
+from beamdae.analysis.eigenproblems.slow_motions import quadratic_form_rounding
 from beamdae.analysis.eigenproblems.eigensolution import (
     DECAY,
     RIGID,

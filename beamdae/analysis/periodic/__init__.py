@@ -1,5 +1,5 @@
-"""Periodic motions by shooting: Floquet multipliers, and response curves by continuation.
+"""Periodic motions by shooting, as a problem of the curve engine; Floquet multipliers; responses.
 
-May import: simulation, integrators, results, equations and lower layers; no other analysis.
-To extend: add bifurcation analysis of periodic motions next to periodic_continuation.
+May import: analysis.continuation, simulation, integrators, results, equations and lower layers.
+To extend: a kind of critical motion is a count of its multipliers in periodic_continuation.
 """

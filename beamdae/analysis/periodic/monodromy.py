@@ -17,6 +17,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from beamdae.analysis.continuation.engine import CurveError
 from beamdae.analysis.periodic.variational_loop import (
     VariationalWorkspace,
     propagate_disturbances,
@@ -64,7 +65,7 @@ EXACT_RANK = 1e-8
 _OVERSAMPLING = 2
 
 
-class LinearizationError(BeamdaeError):
+class LinearizationError(BeamdaeError, CurveError):
     """Raised if the stage equations of a linearized step cannot be solved."""
 
 

@@ -10,16 +10,18 @@ from typing import Any
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.periodic.law_periods import require_repeating_laws
+from beamdae.analysis.periodic.load_periods import Loads
 from beamdae.analysis.periodic.monodromy import LinearizationError, dominant_range
-from beamdae.analysis.periodic.shooting import (
-    DEFAULT_RTOL,
-    MAX_SETTLING_PERIODS,
+from beamdae.analysis.periodic.period_map import (
     IncompleteRunError,
     PeriodMap,
     PeriodRun,
-    Tolerance,
     build_periodic_equations,
+)
+from beamdae.analysis.periodic.shooting import (
+    DEFAULT_RTOL,
+    MAX_SETTLING_PERIODS,
+    Tolerance,
     estimate_period,
     settle_and_solve,
     solve_shooting,
@@ -53,7 +55,7 @@ _NAME = "periodic"
 _MULTIPLIER_TOLERANCE = 1e-5
 # A multiplier that changes by more than this fraction when steps are halved is that of a mode which
 # the steps do not resolve, unless the change is smaller than the second value.
-_MAX_RELATIVE_CHANGE = 0.5
+_MAX_RELATIVE_CHANGE = 0.1
 _VANISHING_MULTIPLIER = 1e-30
 _ORDER_RATIO = 2.0**-5  # of the errors of Radau IIA if steps are halved
 _TINY = 1e-300  # avoids a division by zero
@@ -177,15 +179,18 @@ def periodic(
     def find(model: Any, method: Integrator) -> PeriodicMotion:
         limits = Tolerance.for_integrator(_NAME, tolerance, method)
         equations = build_periodic_equations(_NAME, model, start)
-        if not is_free:
-            require_repeating_laws(equations.mechanism, t_start, guess)
+        loads = Loads(equations, t_start, guess)
+        if is_free:
+            loads.require_constant()
+        else:
+            loads.require_repeating()
         period_map = PeriodMap.from_equations(equations, method, t_start, guess)
         try:
             if is_free:
                 period_map, q, v = _settle_freely(period_map, settle, period_guess is None)
-                run, iterations = solve_shooting(period_map, q, v, limits, is_free)
+                linear = solve_shooting(period_map, q, v, limits, is_free)
             else:
-                run, iterations = settle_and_solve(period_map, settle, limits)
+                linear = settle_and_solve(period_map, settle, limits)
         except IncompleteRunError as error:
             sentence = str(error).removeprefix("periodic: ").rstrip(".")
             return PeriodicMotion(
@@ -193,6 +198,7 @@ def periodic(
                 guess,
                 status=Status("failed", sentence),
             )
+        run, iterations = linear.run, linear.iterations
         multipliers, error_estimate = _refine_multipliers(run)
         status = _describe_outcome(run, iterations, limits, is_free, multipliers)
         return PeriodicMotion(
@@ -275,7 +281,7 @@ def _settle_freely(
         )
     if estimate is not None:
         period_map = replace(period_map, period=estimate)
-    return period_map, *period_map.end_state(solution)
+    return period_map, *PeriodRun(period_map, solution).end_state()
 
 
 def _describe_outcome(
@@ -300,7 +306,9 @@ def _describe_outcome(
         f"after {iterations} iterations the end of the period differs from the "
         f"start by {deviation:.3g} times the amplitude"
     )
-    is_autonomous = not is_free and run.period_map.is_autonomous(run.solution)
+    period_map = run.period_map
+    loads = Loads(period_map.equations, period_map.begin, period_map.period)
+    is_autonomous = not is_free and loads.are_constant
     distance = np.min(np.abs(multipliers - 1.0), initial=np.inf)
     if not is_free and not is_autonomous and distance < _RESONANCE_DISTANCE:
         return Status(
@@ -318,7 +326,7 @@ def _describe_outcome(
 
 def _find_drifting_state(run: PeriodRun) -> str:
     """Return the name of the first-order state that differs by far the most, or ""."""
-    differences = np.abs(run.period_map.deviation(run.solution) / run.scales)
+    differences = np.abs(run.difference / run.scales)
     largest = np.max(np.reshape(differences, (2, -1)), axis=0)
     limit = _MINOR_DEVIATION * np.max(largest)
     parts = [x for x in run.solution.equations.parts if np.any(largest[x.rows] > limit)]

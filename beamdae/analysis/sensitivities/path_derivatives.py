@@ -53,6 +53,8 @@ _MIN_OSCILLATION = 1e-3
 # A parameter preserves a branch point if the part of its forces along the critical mode is below
 # this fraction.
 _MAX_IMPERFECTION = 1e-6
+# Smaller forces, relative to the stiffness, are rounding errors of symmetric structures.
+_NEGLIGIBLE_FORCE = 1e-10
 
 
 @dataclass(frozen=True)
@@ -304,8 +306,8 @@ class SingularPoint:
         unknowns, energy = self._test.scales
         left, _ = self._null_vectors
         forces, by_factor = (unknowns / energy * x for x in loads.residual(self.x, self.mu))
-        limit = _MAX_IMPERFECTION * np.linalg.norm(left) * np.linalg.norm(forces)
-        if self.kind == BRANCH and abs(left @ forces) > limit:
+        limit = _MAX_IMPERFECTION * max(float(np.linalg.norm(forces)), _NEGLIGIBLE_FORCE)
+        if self.kind == BRANCH and abs(left @ forces) > limit * np.linalg.norm(left):
             return None
         response, work = self._solve(-forces)
         along = self._scale(loads.tangent(self.x, self.mu, unknowns * response))

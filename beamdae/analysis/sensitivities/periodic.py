@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.analysis.periodic.monodromy import EXACT_RANK
+from beamdae.analysis.periodic.period_map import PeriodMap, PeriodRun
 from beamdae.analysis.periodic.periodic_solution import periodic
-from beamdae.analysis.periodic.shooting import DEFAULT_RTOL, PeriodMap, PeriodRun
+from beamdae.analysis.periodic.shooting import DEFAULT_RTOL, ShootingMatrix
 from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_run_columns,
@@ -303,14 +304,9 @@ class _ShootingDerivatives:
         solution = motion.solution
         start = float(solution.t[0])
         period_map = PeriodMap.from_equations(solution.equations, method, start, motion.period)
-        run = PeriodRun.of_solution(period_map, solution)
-        first, last = run.rates
-        monodromy = run.resolved_monodromy(first, last, tolerance=EXACT_RANK)
-        matrix = monodromy - np.eye(len(monodromy))
-        if is_free:
-            phase = np.append(first / np.linalg.norm(first), 0.0)
-            matrix = np.vstack([np.column_stack([matrix, last]), phase])
-        return cls(model, run, method, is_free, matrix)
+        run = PeriodRun(period_map, solution)
+        matrix = ShootingMatrix.of(run, is_free, directions=run.rates, tolerance=EXACT_RANK)
+        return cls(model, run, method, is_free, matrix.values[:, :-1])
 
     def differentiate(self, difference: Difference, stretch: float) -> tuple[float, Trajectory]:
         """Return the derivatives of the period and of the states at fixed times.

@@ -35,8 +35,12 @@ def natural_scales(system: LoadedEquations, x: Array, mu: float) -> Scales:
     """
     n, sizes = system.equations.n, system.equations.part_scales
     tangent = system.matrix(x, mu)
-    stiffness = sp.csc_array(tangent[:n, :n]) * sizes * sizes[:, None]
-    energy = float(np.max(np.abs(stiffness.data), initial=0.0)) or 1.0
+    # All of the stiffness may vanish at a critical point.
+    energies = [
+        np.max(np.abs((sp.csc_array(each[:n, :n]) * sizes * sizes[:, None]).data), initial=0.0)
+        for each in (tangent, system.matrix(x, system.ends[0]))
+    ]
+    energy = float(max(energies)) or 1.0
     rows = row_sizes(sp.csr_array(tangent[n:, :n]) * sizes)
     return Scales(np.append(sizes, energy / rows), energy)
 

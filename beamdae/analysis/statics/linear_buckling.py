@@ -285,8 +285,9 @@ def _compute_buckling(model: Any, count: int, loads: Any, t: float, start: Any) 
     with _name_singular_response():
         path = _linearize_along_path(problem, begin)
         factors, vectors, reversed_factor = _solve(path, count)
-        asymmetry = abs(path.rate - path.rate.T).max()
-        has_potential = asymmetry <= _IMAGINARY_TOLERANCE * abs(path.rate).max()
+        stiffness = path.rate[: problem.n, : problem.n]
+        asymmetry = abs(stiffness - stiffness.T).max()
+        has_potential = asymmetry <= _IMAGINARY_TOLERANCE * abs(stiffness).max()
         warnings = []
         is_checked = len(factors) > 0 and (
             has_potential or path.motion * float(factors[0]) <= _MAX_CHECKED_MOTION
@@ -369,7 +370,7 @@ def _condense_linearly(
     """Return matrices with the eigenvalues of a stiffness that is linear in the load factor.
 
     With axial and shear forces N = C^-1 (B_0 + mu B_1) q, the stiffness contains the term
-    (B_0 + mu B_1)^T N. Without its part mu^2, it is B_0^T N + mu B_1^T N_0 with the further unknowns
+    (B_0 + mu B_1)^T N. Without its part mu^2, it is B_0^T N + mu B_1^T N_0 with further unknowns,
     N_0 = C^-1 B_0 q.
     """
     n, first, size = problem.n, problem.rigid_size, tangent.shape[0]

@@ -390,6 +390,7 @@ def _follow(
             tangent = path.end.tangent(prescribe_parameter(path.end.x, path.end.p))
         try:
             for segment, found in follow(path.end, control, target, steps, explain_counts, tangent):
+                known = len(path.branch_points)
                 for one in found:
                     row, n = len(path.points), path.problem.n
                     path.critical.append(PathCriticalPoint(one.kind, row, one.mode[:n]))
@@ -397,7 +398,7 @@ def _follow(
                     count += one.kind in stops_at
                     if stop and count == stop:
                         return count
-                    if one.kind == BRANCH and steps.by_arc_length and _revisits(path, steps):
+                    if one.kind == BRANCH and steps.by_arc_length and _revisits(path, steps, known):
                         path.fail(_CLOSED_PATH)
                         return count
                 path.points.append(segment.end)
@@ -425,9 +426,10 @@ def _try_tangent(segment: Segment) -> Tangent | None:
         return None
 
 
-def _revisits(path: StagePath, steps: Steps) -> bool:
-    """Return True if the last branch point of a path is one of the earlier ones."""
-    *others, last = (path.points[one.row] for one in path.branch_points)
+def _revisits(path: StagePath, steps: Steps, known: int) -> bool:
+    """Return True if the last branch point of a path is one of the first `known` ones."""
+    points = [path.points[one.row] for one in path.branch_points]
+    others, last = points[:known], points[-1]
     weights, size = path.problem.weights, _SAME_POINT_RATIO * steps.largest
     return any(
         np.max(np.abs(one.x - last.x) * weights) < size
@@ -614,7 +616,7 @@ def _remedy(path: StagePath, control: str) -> str:
     if control == DISPLACEMENT:
         return "; use control='arc length' to continue where a displacement reverses"
     if control == LOAD and is_first:
-        return "; even a millionth of the largest step fails, so check the size of the loads"
+        return "; even 1e-8 of the largest step fails, so check the size of the loads"
     if control == LOAD:
         return "; use control='arc length' to continue past the maximum of a load"
     return ""

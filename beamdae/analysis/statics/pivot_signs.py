@@ -72,8 +72,8 @@ class SaddlePattern(NamedTuple):
         Stiffness: indices of its non-zeros in the tangent, and their rows and columns.
     skew_rows, skew_sources, skew_signs
         Differences of opposite entries: skew[skew_rows] += skew_signs * entries[skew_sources].
-    targets
-        nonzeros[targets] += entries.
+    targets, mirrored
+        nonzeros[targets] += entries / 2, and the same for opposite entries: the symmetric part.
     joint_entries, joint_rows, joint_columns
         Joints: indices of the non-zeros of G in the tangent, and their rows (from n) and columns.
     joint_targets, joint_sources
@@ -93,6 +93,7 @@ class SaddlePattern(NamedTuple):
     skew_sources: Array
     skew_signs: Array
     targets: Array
+    mirrored: Array
     joint_entries: Array
     joint_rows: Array
     joint_columns: Array
@@ -152,6 +153,7 @@ class SaddlePoint:
     skew_signs: Array
     skew: Array
     targets: Array
+    mirrored: Array
     joint_entries: Array
     joint_rows: Array
     joint_columns: Array
@@ -209,6 +211,7 @@ class SaddlePoint:
             skew_signs=saddle.skew_signs,
             skew=np.zeros(count),
             targets=saddle.targets,
+            mirrored=saddle.mirrored,
             joint_entries=positions[saddle.joint_entries],
             joint_rows=saddle.joint_rows,
             joint_columns=saddle.joint_columns,
@@ -274,10 +277,12 @@ def _scale_stiffness(run: SaddlePoint, tangent: Array) -> None:
 
 
 def assemble_saddle_point(run: SaddlePoint, tangent: Array) -> None:
-    """Set `nonzeros` for a tangent with these non-zeros."""
+    """Set `nonzeros` to the symmetric part of a tangent with these non-zeros."""
     counting, nonzeros, joints, left = run.counting, run.nonzeros, run.joints, run.left
     fill(nonzeros, 0.0)
     add_weighted(nonzeros, run.targets, run.weights, tangent, run.entries, 0, run.entries.size)
+    add_weighted(nonzeros, run.mirrored, run.weights, tangent, run.entries, 0, run.entries.size)
+    combine(nonzeros, (0.5,), (nonzeros,))
     gather(joints, counting, run.joint_weights, tangent, run.joint_entries, 0, joints.size)
     add(nonzeros, run.joint_targets, joints, run.joint_sources, 0, run.joint_targets.size)
     pick(left, counting, joints, run.product_left, 0, left.size)
@@ -378,6 +383,7 @@ def _plan_saddle_point(n: int, rigid: int, starts: bytes, indices: bytes) -> Sad
         skew_sources=off_diagonal.astype(unsigned),
         skew_signs=np.where(upper[off_diagonal], -1.0, 1.0),
         targets=targets[: ends[0]].astype(unsigned),
+        mirrored=targets[ends[0] : ends[1]].astype(unsigned),
         joint_entries=joint_entries.astype(unsigned),
         joint_rows=g_rows.astype(unsigned),
         joint_columns=g_columns.astype(unsigned),

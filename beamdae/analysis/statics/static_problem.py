@@ -48,7 +48,6 @@ from beamdae.equations.structure import (
     Structure,
     cache_on_owner,
     comparison_key,
-    intern_structure,
 )
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.native.object_code import is_native_enabled
@@ -217,7 +216,7 @@ def _select_terms(structure: Structure, is_selected: tuple[bool, ...]) -> Struct
     count = len(structure.forces)
     forces = tuple(compress(structure.forces, is_selected[:count]))
     joints = tuple(compress(structure.joints, is_selected[count:]))
-    return intern_structure(replace(structure, forces=forces, joints=joints, states=()))
+    return replace(structure, forces=forces, joints=joints, states=())
 
 
 class Stability(NamedTuple):
@@ -452,6 +451,11 @@ class StaticProblem(Problem):
         return self._weights
 
     @property
+    def mode_weights(self) -> Array:
+        """Inverse sizes of the coordinates that make all parts equally stiff as drawn."""
+        return np.where(self._weights > 0.0, 1.0 / self.scales, 0.0)
+
+    @property
     def n(self) -> int:
         """Number of coordinates."""
         return self._n
@@ -489,7 +493,7 @@ class StaticProblem(Problem):
         growing = count_growing(flexibility, *self._motion_matrices(point))
         return Stability(growing.divergent, growing.oscillating, by_signs.free)
 
-    def _motion_matrices(self, point: Point) -> tuple[Array, Array]:
+    def _motion_matrices(self, point: Point) -> tuple[sp.csc_array, sp.csc_array]:
         """Return mass (n, n) and damping (n + m, n) in natural sizes, with that of constraints."""
         n, scales, at_rest = self._n, self.scales, np.zeros(self._n)
         state = State(point.x[:n], at_rest, at_rest, point.x[n:])
@@ -501,9 +505,9 @@ class StaticProblem(Problem):
         )
         tangent = interpolate_tangents(unloaded, loaded, share)
         constraints = sp.diags_array(forms[1].retardation) @ tangent.position_jacobian
-        damping = sp.vstack([tangent.damping, constraints]).toarray()
-        mass = tangent.mass.toarray() * scales[:n] * scales[:n, None]
-        return mass, damping * scales[:n] * scales[:, None]
+        damping = sp.vstack([tangent.damping, constraints]) * scales[:n] * scales[:, None]
+        mass = tangent.mass * scales[:n] * scales[:n, None]
+        return sp.csc_array(mass), sp.csc_array(damping)
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return F and F_mu at x = (q, lam), (n + m,) each."""

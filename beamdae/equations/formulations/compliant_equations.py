@@ -18,7 +18,6 @@ from beamdae.equations.structure import (
     ForceTerm,
     Structure,
     cache_on_owner,
-    intern_structure,
 )
 from beamdae.symbolic.statements import Variable
 
@@ -87,7 +86,7 @@ def _add_constraints(structure: Structure, begin: int, rotations: tuple[bytes, .
         new.append(ConstraintTerm(form.kernel, _locate_points(term, rotation), data, rows, count))
         begin, m = data.stop, m + size
     joints = tuple(_widen(x, m) for x in (*structure.joints, *new))
-    return intern_structure(replace(structure, m=m, joints=joints))
+    return replace(structure, m=m, joints=joints)
 
 
 def _select_rows(begin: int, size: int) -> sp.csr_array:

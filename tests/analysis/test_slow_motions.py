@@ -1,12 +1,10 @@
-"""Slowest motions with compliant constraints, and signs of pivots."""
+"""Slowest motions with compliant constraints."""
 
 import numpy as np
 import pytest
-import scipy.linalg as la
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
-from beamdae.analysis.continuation.spectrum import count_negative, inertia
 from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
 from beamdae.analysis.eigenproblems.linearized_equations import (
     CoordinateSubset,
@@ -77,32 +75,3 @@ def test_slenderness_does_not_enter_rounding(elements, damping, is_clamped, foll
         # Roots of cos(x) cosh(x) = -1; the error of linear elements is of second order.
         expected = np.array([1.8751040687, 4.6940911330]) ** 2
         assert_allclose(values[0][:2].imag, expected, rtol=5.0 / elements**2)
-
-
-def saddle(lin):
-    """Return the saddle-point matrix and the number of multipliers."""
-    t, compliance = lin.tangent, sp.diags_array(lin.compliance)
-    matrix = sp.block_array([[t.stiffness, t.reactions], [t.position_jacobian, -compliance]])
-    return sp.csc_array(matrix), lin.equations.m
-
-
-@pytest.mark.parametrize("slenderness", [1e2, 1e5, 1e7])
-@pytest.mark.parametrize("elements", [8, 120])
-@pytest.mark.parametrize(("load", "expected"), [(2.0, 0), (3.0, 1), (40.0, 2), (90.0, 3)])
-def test_negative_directions_of_a_column(slenderness, elements, load, expected):
-    """A clamped column has the critical loads (k - 1/2)^2 pi^2 EI / L^2."""
-    count = count_negative(*saddle(strip(elements, slenderness, load=load)))
-    assert count.divergent == expected
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_negative_pivots_are_negative_eigenvalues(seed):
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(20, 600))
-    m = int(rng.integers(1, n // 2))
-    block = sp.random_array((n, n), density=3.0 / n, rng=rng)
-    block = block + block.T + sp.diags_array(rng.standard_normal(n))
-    rows = sp.random_array((m, n), density=3.0 / n, rng=rng) + sp.eye_array(m, n)
-    corner = -sp.diags_array(rng.choice([0.0, 1e-8, 1.0], size=m))
-    matrix = sp.csc_array(sp.block_array([[block, rows.T], [rows, corner]]))
-    assert inertia(matrix, m) == np.sum(la.eigvalsh(matrix.toarray()) < 0.0)

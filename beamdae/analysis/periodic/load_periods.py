@@ -1,0 +1,189 @@
+"""Check that loads and drivers repeat after a period, before any run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.first_order import formulate_first_order
+from beamdae.errors import BeamdaeError
+from beamdae.parts.joints.drivers import DrivenJoint, Driver
+from beamdae.symbolic.signals import find_signals
+from beamdae.symbolic.statements import SX
+
+Array = np.ndarray
+
+FULL_TURN = 2.0 * np.pi
+# Loads are periodic if, after a period, forces change by less than this fraction of their range,
+# and constraints by less than this fraction of the size of the mechanism or of 1 rad. Both are
+# compared at these fractions of a period. Multiples of the golden ratio keep harmonics from having
+# the same phase at all of them, as the 12th has after each twelfth of a period.
+_TOLERANCE = 1e-6
+_FRACTIONS = np.sort(np.arange(1.0, 12.0) * (np.sqrt(1.25) - 0.5) % 1.0)
+# Rounding errors of constant forces, relative to the range that they would need to be changes.
+_ROUNDING = 1e-7
+# Displacement and speed of the state for which they are compared, relative to the size of the
+# mechanism and to one period: loads may be proportional to either.
+_DISPLACEMENT = 1e-3
+# Loads are constant if they are periodic with these fractions of a period.
+_TEST_PERIODS = (0.29, 0.618)
+# Loads that do not change within a period must not change later. They are compared after these
+# numbers of periods; the last one is 1100 s for a period of 1e-9 s. Rounding of later times would
+# change the phase of loads by more than 1e-4 periods.
+_LATER_PERIODS = 2.0 ** np.arange(1.0, 41.0)
+# Search for the period that is suggested instead: first step and largest change, relative to the
+# period, and maximum number of steps.
+_PERIOD_STEP = 1e-5
+_MAX_PERIOD_CHANGE = 0.05
+_MAX_SECANT_STEPS = 12
+
+
+class Loads:
+    """Residuals of the equations of motion with loads and drivers, for one state at all times.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    begin, period
+        Start and duration of the period [s].
+    """
+
+    def __init__(self, equations: EquationsOfMotion, begin: float, period: float) -> None:
+        e = self.equations = equations
+        self.begin, self.period = begin, period
+        self._form = formulate_first_order(e, "ggl")
+        step = _DISPLACEMENT * e.position_scales * np.cos(np.arange(e.n) ** 2.0)
+        state = State(e.q0 + step, e.v0 + step / period, np.zeros(e.n), np.zeros(e.m))
+        self._state = self._form.pack(state)
+        self._times = begin + period * _FRACTIONS
+
+    def _at(self, times: Array) -> Array:
+        return np.array([self._form.residual(np.full(2, t), *self._state).copy() for t in times])
+
+    def _remove_turns(self, change: Array) -> Array:
+        angles = 2 * self.equations.n + np.flatnonzero(self.equations.constraint_is_angle)
+        change[:, angles] -= FULL_TURN * np.round(change[:, angles] / FULL_TURN)
+        return change
+
+    @cached_property
+    def _sizes(self) -> Array:
+        """Natural sizes: the range of forces, with transients since t = 0 that have decayed."""
+        forces = slice(self.equations.n, 2 * self.equations.n)
+        end = self.begin + 2.0 * self.period
+        values = self._at(np.concatenate([self._times, end * np.append(0.0, _FRACTIONS)]))[
+            :, forces
+        ]
+        ranges = np.ptp(values, axis=0) + _ROUNDING * np.max(np.abs(values), initial=0.0)
+        sizes = np.full(self._form.size, min(1.0, self.equations.length))
+        sizes[forces] = np.max(ranges, initial=0.0)
+        return sizes
+
+    def _find_mismatch(self, period: float) -> tuple[int, int, float]:
+        """Return time and row of the largest change after a period, relative to its size."""
+        times = self.begin + period * _FRACTIONS
+        now = self._at(times)
+        changes = np.abs(self._remove_turns(self._at(times + period) - now))
+        # In a period that is far too short, varying loads do not change noticeably.
+        later = np.abs(self._at(times[0] + _LATER_PERIODS * period) - now[0]).max(axis=0)
+        is_constant = np.ptp(now, axis=0) <= _TOLERANCE * self._sizes
+        changes[0] = np.where(is_constant, np.fmax(changes[0], later), changes[0])
+        ratios = changes / np.maximum(self._sizes, np.finfo(float).tiny)
+        k, row = map(int, np.unravel_index(np.argmax(ratios), ratios.shape))
+        return k, row, float(ratios[k, row])
+
+    def repeat_after(self, period: float) -> bool:
+        """Return True if all loads repeat after a period."""
+        return self._find_mismatch(period)[2] <= _TOLERANCE
+
+    @property
+    def are_constant(self) -> bool:
+        """True if loads and drivers do not depend on time."""
+        return all(self.repeat_after(x * self.period) for x in _TEST_PERIODS)
+
+    def require_constant(self) -> None:
+        """Reject loads and drivers that depend on time."""
+        if not self.are_constant:
+            raise BeamdaeError(
+                "periodic: loads or drivers depend on time; pass their period with period=."
+            )
+
+    def require_repeating(self) -> None:
+        """Reject loads and drivers that differ one period later.
+
+        Raises
+        ------
+        BeamdaeError
+            If one is not periodic; the message names the part, and the period if it is within 5 %
+            of this one, or that of a full turn.
+        """
+        e, (k, row, ratio) = self.equations, self._find_mismatch(self.period)
+        if ratio <= _TOLERANCE:
+            return
+        name = self._form.names[row].removeprefix("velocity of ").removeprefix("correction of ")
+        time, turn = float(self._times[k]), None
+        parts = e.mechanism.parts if e.mechanism else {}
+        part = parts.get(name.rpartition(".")[0]) if row >= 2 * e.n else None
+        difference = f"{ratio:.2g} of the range of the loads"
+        if row >= 2 * e.n:
+            unit = "rad" if np.tile(e.constraint_is_angle, 2)[row - 2 * e.n] else "m"
+            change = ratio * self._sizes[row]
+            difference = f"{change:.3g} {unit}{'/s' * (row >= 2 * e.n + e.m)}"
+        if isinstance(part, Driver):
+            drifts, halves = (
+                (self._at(self._times + x * self.period) - self._at(self._times))[:, row]
+                for x in (1.0, 0.5)
+            )
+            rate = abs(float(np.mean(drifts))) / self.period
+            is_uniform = abs(2.0 * halves[0] - drifts[0]) <= _TOLERANCE
+            if np.ptp(drifts) <= _TOLERANCE and not is_uniform:
+                raise BeamdaeError(
+                    f"{name}: this driver vibrates about a rotation at {rate:.6g} rad/s, which "
+                    f"makes no whole number of turns in the period of {self.period:g} s, so that "
+                    "no motion repeats; for small vibrations about the rotation, use "
+                    "bd.linearize(..., about=bd.rotation(speed)) and its frequency_response."
+                )
+            turn = FULL_TURN / rate if rate else None
+
+        def change_after(period: float) -> float:
+            now, later = self._at(np.array([time, time + period]))
+            return float(self._remove_turns((later - now)[None])[0, row])
+
+        roots = find_nearby_root(change_after, self.period)
+        advice = "".join(f", {x:.9g} s" for x in roots if self.repeat_after(x))
+        if not advice and turn is not None and self.repeat_after(turn):
+            advice = f": a full turn takes {turn:.9g} s, use a multiple of it"
+        raise BeamdaeError(
+            f"{part.name if part else self._find_load(name)}: loads or drivers at t = {time:.6g} s "
+            f"differ by {difference} and do not repeat after the period of {self.period:g} s; set "
+            f"period to the period of the loads and drivers{advice}."
+        )
+
+    def _find_load(self, name: str) -> str:
+        """Return the name of the part whose law changes most after the period, or `name`."""
+        mechanism, found = self.equations.mechanism, {name: _TOLERANCE}
+        for other, part in mechanism.parts.items() if mechanism else ():
+            for law in () if isinstance(part, DrivenJoint) else part.laws:
+                if not find_signals(law(SX.zeros(2))):
+                    values = [[law.at(t), law.at(t + self.period)] for t in self._times.tolist()]
+                    size = max(float(np.max(np.abs(values))), np.finfo(float).tiny)
+                    change = float(np.max(np.abs(np.diff(values)))) / size
+                    found[other] = max(found.get(other, 0.0), change)
+        return max(found, key=lambda x: found[x])
+
+
+def find_nearby_root(function: Callable[[float], float], start: float) -> list[float]:
+    """Return the root within 5 % of `start`, by the secant method, as list with up to one entry."""
+    a, b = start, start * (1.0 + _PERIOD_STEP)
+    f_a, f_b = function(a), function(b)
+    for _ in range(_MAX_SECANT_STEPS):
+        if f_a == f_b:
+            break
+        a, b, f_a = b, b - f_b * (b - a) / (f_b - f_a), f_b
+        if not abs(b / start - 1.0) < _MAX_PERIOD_CHANGE:
+            return []
+        f_b = function(b)
+    return [float(f"{b:.9g}")]
