@@ -12,13 +12,13 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.slow_motions import (
     quadratic_form_rounding,
     solve_damped,
     solve_undamped,
     solve_undamped_without_states,
 )
-from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.equations.formulations.tangents import LinearizedCoordinates, Tangent
 from beamdae.errors import BeamdaeError
 from beamdae.linear.blas_threads import single_threaded

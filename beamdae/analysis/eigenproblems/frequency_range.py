@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdae.analysis.eigenproblems.slow_motions import MasslessError, solve_undamped_without_states
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.eigenproblems.slow_motions import MasslessError, solve_undamped_without_states
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
 

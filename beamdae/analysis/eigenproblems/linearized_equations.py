@@ -105,6 +105,20 @@ class LinearizedEquations:
         matrices = (self.tangent.damping, self.tangent.velocity_jacobian)
         return len(self.equations.states) > 0 or any(np.any(matrix.data) for matrix in matrices)
 
+    def symmetrized(self) -> LinearizedEquations:
+        """Return undamped equations with the symmetric parts of M and K, and reactions along G."""
+        tangent, rows = self.tangent, self.rows
+        mass, stiffness = (sp.csc_array(0.5 * (x + x.T)) for x in (tangent.mass, tangent.stiffness))
+        undamped = tangent._replace(
+            mass=mass,
+            damping=sp.csc_array(mass.shape),
+            stiffness=stiffness,
+            reactions=sp.csc_array(rows.T),
+            position_jacobian=rows,
+            velocity_jacobian=sp.csc_array(rows.shape),
+        )
+        return replace(self, tangent=undamped)
+
     @cached_property
     def condensed_stiffness(self) -> sp.csc_array:
         """Stiffness (n, n) that contains compliant constraints, for fast motions and scales."""

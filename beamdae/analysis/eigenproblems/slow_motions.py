@@ -3,8 +3,8 @@
 The modes x exp(l t) solve (l^2 M + l D + K) x + H mu = 0 and (J + l V) x - C mu = 0, where C are
 the compliances of the constraints. They are the largest eigenvalues of the flexibility, the inverse
 of the saddle-point matrix [[K, H], [J, -C]] at a shift (Ericsson & Ruhe, Math. Comput. 35 (1980)
-1251; Tisseur & Meerbergen, SIAM Rev. 43 (2001) 235). Small problems use all columns of the
-flexibility, large ones a block Krylov space.
+1251; Tisseur & Meerbergen, SIAM Rev. 43 (2001) 235). Small problems use all admissible motions,
+large ones an invariant space found by ARPACK.
 
 Quantities below the rounding error of the saddle-point matrix in their motion are zero.
 """
@@ -17,11 +17,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
-from beamdae.analysis.eigenproblems.block_krylov import (
-    BlockKrylov,
-    takes_longer_than_dense,
-)
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.errors import BeamdaeError
 from beamdae.linear.saddle_point import factorize_saddle_point
@@ -29,30 +26,29 @@ from beamdae.linear.saddle_point import factorize_saddle_point
 Array = np.ndarray
 
 # Largest number of coordinates for dense matrices: of problems with few wanted modes, and of those
-# whose Krylov spaces do not converge.
+# whose slowest motions ARPACK does not find.
 _MAX_DENSE_COORDINATES, _MAX_FALLBACK_COORDINATES = 250, 800
 # Bound on the rounding error of y^T A y, relative to |y|^T |A| |y|.
 _ROUNDING_RATIO = 1e-15
-# The first shift -s^2 of K is this multiple of the largest ratio of stiffness to inertia; if there
-# are free motions, or if it exceeds the smallest square that is not zero by the second factor, this
-# square times the third number is the shift.
-_FIRST_SQUARE, _MAX_EXCESS, _SQUARE_RATIO = 2e-14, 1e4, 0.4
-_MIN_SQUARE_SHARE = 1e-3
-_MAX_SHIFTS = 6
+# The first shift -s^2 of K is this multiple of the largest ratio of stiffness to inertia. Above the
+# smallest square that is not zero, or below its second multiple, it becomes its third multiple.
+_FIRST_SQUARE, _MIN_SQUARE_SHARE, _SQUARE_RATIO = 2e-14, 1e-6, 0.4
+# Numbers of shifts, and of vectors and iterations of the estimates; squares that are zero, relative
+# to the shift.
+_MAX_SHIFTS, _BLOCK_SIZE, _ITERATIONS, _ZERO_RATIO = 8, 8, 3, 1e-11
 # Shift relative to the geometric mean of the lowest and highest frequency of interest; a factor of
 # one would hit the frequency of a single mode. If all modes are requested, the lowest ten count.
 _SHIFT_RATIO, _DEFAULT_COUNT = 0.6, 10
-# Numbers of blocks of first Krylov spaces, and number of vectors of a block beyond the wanted ones.
-_FIRST_BLOCKS, _EXTRA_VECTORS = 3, 2
-# Relative residual that suffices to know on which side of a circle an eigenvalue lies.
-_LOCATION_ACCURACY = 1e-3
-# Relative residuals from which inverse iteration takes over and at which it ends, and its largest
-# number of steps.
-_REFINABLE_ACCURACY, _ACCURACY, _REFINEMENTS = 1e-5, 1e-11, 2
+# Relative accuracy of ARPACK, and in clusters; numbers of eigenvalues beyond the wanted ones, and
+# of searches and their restarts.
+_ARPACK_TOLERANCE, _CLUSTER_TOLERANCE, _CLUSTER_VECTORS = 1e-12, 1e-3, 80
+_EXTRA_VALUES, _FIRST_VALUES, _MAX_SEARCHES, _MAX_RESTARTS = 2, 6, 30, 10
+# Directions of found motions below this fraction of the others depend on them.
+_DEPENDENCE_RATIO = 1e-10
 # Eigenvalues of the inverse below this fraction of the largest are lost in rounding.
 _MIN_INVERSE_RATIO = 1e-13
-# Rounding errors of the stiffness in the metric of the energy, relative to its inertia.
-_ENERGY_ROUNDING = 1e-6
+# Images under the flexibility replace shapes if this share of their kinetic energy is not parallel.
+_MAX_IMAGE_DEVIATION = 1e-6
 # Imaginary and real parts up to these fractions of the eigenvalue are rounding errors.
 _IMAGINARY_TOLERANCE, _REAL_TOLERANCE = 1e-9, 1e-12
 # Free motions are dependent if their singular value is below this fraction of the largest one.
@@ -87,39 +83,12 @@ class UndampedModes(NamedTuple):
     shapes: Array
 
 
-class _Saddle:
-    """Factorized saddle-point matrix [[A, H], [J, -C]].
+class _Motions(NamedTuple):
+    """Motions (N, k), the rows (k, N) of a left inverse, and their images under the flexibility."""
 
-    Raises
-    ------
-    BeamdaeError
-        If the matrix is singular.
-    """
-
-    def __init__(
-        self, block: sp.csc_array, reactions: sp.csc_array, rows: sp.csc_array, compliance: Array
-    ) -> None:
-        solve = factorize_saddle_point(block, reactions, rows, compliance)
-        if solve is None:
-            raise BeamdaeError(
-                "modes: the linearized equations are singular; add mass or stiffness to the parts "
-                "that can move."
-            )
-        self._solve, self._compliance = solve, compliance
-        self._sizes = abs(block), abs(reactions), abs(rows)
-
-    def solve(self, force: Array, gap: Array | None = None) -> Array:
-        """Return (x, mu), (n + m, k), for columns (n, k) of forces and (m, k) of gaps."""
-        gap = np.zeros((len(self._compliance), force.shape[1])) if gap is None else gap
-        return self._solve(np.vstack([force, gap]))
-
-    def rounding(self, y: Array) -> Array:
-        """Return a bound (k,) on the rounding error of y^H A y for columns y = (x, mu)."""
-        n = self._sizes[0].shape[0]
-        x, mu = np.abs(y[:n]), np.abs(y[n:])
-        block, reactions, rows = self._sizes
-        terms = np.sum(x * (block @ x + reactions @ mu), axis=0) + np.sum(mu * (rows @ x), axis=0)
-        return _ROUNDING_RATIO * (terms + self._compliance @ mu**2)
+    basis: Array
+    left: Array
+    images: Array
 
 
 def quadratic_form_rounding(matrix: sp.csc_array, shapes: Array) -> Array:
@@ -131,7 +100,7 @@ def quadratic_form_rounding(matrix: sp.csc_array, shapes: Array) -> Array:
 def solve_undamped(lin: LinearizedEquations, count: int | None) -> UndampedModes:
     """Return the modes of the symmetric parts of M and K under G x - C mu = 0.
 
-    All modes or, with sparse matrices, the `count` modes with the smallest |squares|.
+    All modes or, of large problems, the `count` modes with the smallest |squares|.
 
     Raises
     ------
@@ -140,175 +109,268 @@ def solve_undamped(lin: LinearizedEquations, count: int | None) -> UndampedModes
     BeamdaeError
         If many eigenvalues are too close to each other to be separated.
     """
-    n, rows, compliance = lin.equations.n, lin.rows, lin.compliance
-    mass, stiffness = (0.5 * (x + x.T) for x in (lin.tangent.mass, lin.tangent.stiffness))
-    available = n - int(np.sum(compliance == 0.0))
-    if available <= 0:
-        return UndampedModes(np.zeros(0), np.zeros((n, 0)))
-    is_dense = count is None or n <= _MAX_DENSE_COORDINATES or count >= available // 2
-    # Random motions contain all modes.
-    number = 0 if is_dense else count + _EXTRA_VECTORS
-    start = lin.equations.position_scales[:, None] * _random(n, number)
-    basis = _admissible_motions(lin, mass) if is_dense else start
-    inertia = mass.diagonal()
-    ratios = np.abs(stiffness.diagonal()[inertia > 0.0]) / inertia[inertia > 0.0]
+    lin = lin.symmetrized()
+    square = _choose_shift(lin)
+
+    def find_missing(inverses: Array, bound: float) -> float:
+        return (count or 0) - np.sum(np.abs(1.0 / inverses - square) <= 1.0 / bound - square)
+
+    motions = _find_motions(lin, np.sqrt(square), count, find_missing)
+    squares, shapes = _solve_symmetric(lin, motions, square, count)
+    order = np.argsort(squares, kind="stable")
+    return UndampedModes(squares[order], shapes[:, order])
+
+
+def _choose_shift(lin: LinearizedEquations) -> float:
+    """Return s^2 near the smallest square that is not zero, by inverse iteration."""
+    inertia, stiffness = lin.tangent.mass.diagonal(), lin.condensed_stiffness.diagonal()
+    ratios = np.abs(stiffness[inertia > 0.0]) / inertia[inertia > 0.0]
     square = _FIRST_SQUARE * float(np.max(ratios, initial=0.0)) or 1.0
+    first, scales = square, _find_scales(lin, 0.0)[:, None]
+    block = np.random.default_rng(0).standard_normal((len(scales), _BLOCK_SIZE))
     for _ in range(_MAX_SHIFTS):
-        saddle = _Saddle(stiffness + square * mass, sp.csc_array(rows.T), rows, compliance)
-        if is_dense:
-            modes = _solve_dense(lin, saddle, basis, mass, square, count)
-        else:
-            krylov = BlockKrylov(
-                lambda x, saddle=saddle: saddle.solve(mass @ x)[:n],
-                start,
-                mass,
-                is_symmetric=True,
-                blocks=_FIRST_BLOCKS,
-            )
-            start, modes = _lowest(lin, saddle, krylov, mass, square, number)
-        sizes = np.sort(np.abs(modes.squares))[:count]
-        slowest = np.min(sizes[sizes > 0.0], initial=np.inf)
-        has_free = bool(np.any(sizes == 0.0))
-        is_low = square <= _MAX_EXCESS * slowest
-        if is_low and not (has_free and square < _MIN_SQUARE_SHARE * slowest < np.inf):
-            break
-        square = _SQUARE_RATIO * slowest
-    if not is_dense:
-
-        def required_accuracy(inverses: Array) -> Array:
-            accuracy = np.full(len(inverses), np.inf)
-            accuracy[np.argsort(np.abs(1.0 / inverses - square), kind="stable")[:count]] = 0.0
-            return accuracy
-
-        if not krylov.converge(required_accuracy):
-            if n > _MAX_FALLBACK_COORDINATES:
-                raise _convergence_error(count)
-            return solve_undamped(lin, None)
-        modes = _lowest(lin, saddle, krylov, mass, square, count)[1]
-    order = np.argsort(modes.squares, kind="stable")
-    return UndampedModes(modes.squares[order], modes.shapes[:, order])
+        invert = _invert(lin, np.sqrt(square))
+        for _ in range(_ITERATIONS):
+            basis = la.orth(block)
+            block = invert(scales * basis) / scales
+        inverses, vectors = la.eig(basis.T @ block)
+        sizes, shapes = np.abs(1.0 / inverses - square), scales * (basis @ vectors.real)
+        is_zero = sizes <= _bound_rounding(lin, shapes, square)
+        slowest = float(np.min(sizes[~is_zero], initial=np.inf))
+        min_square = _MIN_SQUARE_SHARE * slowest if np.any(is_zero) else 0.0
+        if min_square <= square <= slowest < np.inf:
+            return square
+        # A shift that is too large hides all squares.
+        square *= _MIN_SQUARE_SHARE if np.isinf(slowest) else _SQUARE_RATIO * slowest / square
+    return square if np.isfinite(slowest) else first
 
 
-def _solve_dense(
-    lin: LinearizedEquations,
-    saddle: _Saddle,
-    basis: Array,
-    mass: sp.csc_array,
-    square: float,
-    count: int | None,
-) -> UndampedModes:
-    """Return all modes: slow ones from the flexibility, fast ones from the stiffness.
+def _solve_symmetric(
+    lin: LinearizedEquations, motions: _Motions, square: float, count: int | None
+) -> tuple[Array, Array]:
+    """Return squares (k,) and shapes (n, k): fast ones from the stiffness, others from images.
 
     Errors of the flexibility are relative to the slowest mode, those of the stiffness to the
-    fastest one. `basis` (n, k) spans the admissible motions, with X^T M X = I.
+    fastest one.
     """
-    weighted = mass @ basis
-    images = saddle.solve(weighted)
-    flexibility, reduced = (
-        weighted.T @ images[: len(basis)],
-        basis.T @ (lin.condensed_stiffness @ basis),
-    )
-    flexibility, reduced = (0.5 * (x + x.T) for x in (flexibility, reduced))
-    inverses, vectors = la.eigh(flexibility)
-    largest = np.max(np.abs(inverses))
-    is_slow = np.abs(inverses) >= np.sqrt(largest / max(la.norm(reduced), 1.0 / largest))
-    slow = _decide_zeros(
-        lin,
-        saddle,
-        square,
-        inverses[is_slow],
-        basis @ vectors[:, is_slow],
-        images @ vectors[:, is_slow],
-    )
-    if count is not None and count <= np.sum(is_slow):
-        return slow
-    rest = vectors[:, ~is_slow]
-    squares, combinations = la.eigh(rest.T @ reduced @ rest)
-    return UndampedModes(
-        np.append(slow.squares, squares), np.hstack([slow.shapes, basis @ rest @ combinations])
-    )
-
-
-def _lowest(
-    lin: LinearizedEquations,
-    saddle: _Saddle,
-    krylov: BlockKrylov,
-    mass: sp.csc_array,
-    square: float,
-    count: int,
-) -> tuple[Array, UndampedModes]:
-    """Return the vectors of the `count` smallest |squares| in a Krylov space, and their modes."""
-    order = np.argsort(np.abs(1.0 / krylov.values - square), kind="stable")[:count]
-    vectors, inverses = krylov.vectors(order), krylov.values[order]
-    images = saddle.solve(mass @ vectors)
-    return vectors, _decide_zeros(lin, saddle, square, inverses, vectors, images)
-
-
-def _decide_zeros(
-    lin: LinearizedEquations,
-    saddle: _Saddle,
-    square: float,
-    inverses: Array,
-    estimates: Array,
-    images: Array,
-) -> UndampedModes:
-    """Return modes, and zeros for squares below rounding.
-
-    Images (x, mu) of orthonormal estimates (n, k) have more accurate small motions of stiff parts,
-    but rounding adds slower motions.
-    """
-    squares, n, mass = 1.0 / inverses - square, lin.equations.n, lin.tangent.mass
-    order = np.argsort(np.abs(squares), kind="stable")
-    squares, images = squares[order], images[:, order] / inverses[order]
-    (upper,) = la.qr(estimates[:, order].T @ (mass @ images[:n]), mode="r")
-    images = la.solve_triangular(upper, images.T, trans=1).T
-    inertia = np.einsum("ij,ij->j", images[:n], mass @ images[:n])
-    stiffness = np.einsum("ij,ij->j", images[:n], lin.tangent.stiffness @ images[:n])
-    squares = (stiffness + lin.compliance @ images[n:] ** 2) / inertia
-    rounding = saddle.rounding(images) / inertia + _flexibility_rounding(lin, square)
-    is_zero = np.abs(squares) <= np.maximum(rounding, lin.zero_square)
-    return UndampedModes(np.where(is_zero, 0.0, squares), images[:n] / np.sqrt(inertia))
-
-
-def _flexibility_rounding(lin: LinearizedEquations, square: float) -> float:
-    """Return a bound on the rounding error of squares near zero, as eigenvalues at a shift."""
-    return lin.equations.n * float(np.finfo(float).eps) * square
-
-
-def _admissible_motions(lin: LinearizedEquations, mass: sp.csc_array) -> Array:
-    """Return a basis (n, k) of the motions that rigid constraints allow, with X^T M X = I.
-
-    Coordinates are scaled by their inertia, so that small parts count as much as large ones.
-    """
-    inertia, scales = mass.diagonal(), lin.equations.position_scales
-    largest = float(np.max(inertia * scales**2, initial=0.0)) or 1.0
-    sizes = np.sqrt(
-        np.where(inertia > 0.0, 1.0 / np.where(inertia > 0.0, inertia, 1.0), scales**2 / largest)
-    )
-    rows = sp.csc_array(lin.rows[lin.compliance == 0.0]).toarray()
-    basis = sizes[:, None] * _null_space(rows * sizes)
+    mass, stiffness = lin.tangent.mass, lin.condensed_stiffness
+    basis, _, images = motions
     gram = basis.T @ (mass @ basis)
     try:
         lower = la.cholesky(gram, lower=True)
-        is_massless = np.min(lower.diagonal()) ** 2 <= np.finfo(float).eps * len(lower)
+        is_massless = np.min(lower.diagonal() ** 2, initial=1.0) <= np.finfo(float).eps * len(gram)
     except la.LinAlgError:
         is_massless = True
     if is_massless:
-        massless = basis @ la.eigh(gram)[1][:, 0] / scales
+        massless = basis @ la.eigh(gram)[1][:, 0] / lin.equations.position_scales
         raise MasslessError(lin.equations.q_names[int(np.argmax(np.abs(massless)))])
-    return np.asarray(la.solve_triangular(lower, basis.T, lower=True).T)
+    basis, images = (la.solve_triangular(lower, x.T, lower=True).T for x in (basis, images))
+    flexibility, reduced = basis.T @ (mass @ images), basis.T @ (stiffness @ basis)
+    inverses, vectors = la.eigh(0.5 * (flexibility + flexibility.T))
+    largest = np.max(np.abs(inverses), initial=0.0) or 1.0
+    is_fast = np.abs(inverses) < np.sqrt(largest / max(la.norm(reduced), 1.0 / largest))
+    is_fast[np.argsort(-np.abs(inverses), kind="stable")[:count]] &= count is None
+    rest, slow = vectors[:, is_fast], vectors[:, ~is_fast]
+    estimates, images = basis @ slow, images @ slow
+    # Rayleigh quotients of the images.
+    products, sizes = (np.einsum("ij,ij->j", images, mass @ x) for x in (estimates, images))
+    squares = products / sizes - square
+    order = np.argsort(np.abs(squares), kind="stable")
+    squares, shapes = squares[order], _combine(images, estimates, mass)[:, order]
+    upper = la.cholesky(shapes.T @ (mass @ shapes))
+    shapes = la.solve_triangular(upper, shapes.T, trans=1).T
+    squares = np.where(np.abs(squares) <= _bound_rounding(lin, shapes, square), 0.0, squares)
+    fast, combinations = la.eigh(rest.T @ (0.5 * (reduced + reduced.T)) @ rest)
+    return np.append(squares, fast), np.hstack([shapes, basis @ rest @ combinations])
 
 
-def _random(size: int, count: int) -> Array:
-    return np.random.default_rng(0).standard_normal((count, size)).T
+def _bound_rounding(lin: LinearizedEquations, shapes: Array, square: float) -> Array:
+    """Return the squared frequencies (k,) up to which those of shapes (n, k) are zero."""
+    inertia = np.einsum("ij,ij->j", shapes.conj(), lin.tangent.mass @ shapes).real
+    rounding = quadratic_form_rounding(lin.tangent.stiffness, shapes)
+    rounding = rounding / np.where(inertia > 0.0, inertia, 1.0) + _ZERO_RATIO * square
+    return np.maximum(rounding, lin.zero_square)
 
 
-def _convergence_error(count: int | None) -> BeamdaeError:
-    return BeamdaeError(
-        f"modes: the {count} lowest modes were not found, because many eigenvalues are close to "
-        "each other; request fewer modes, or use fewer elements: up to "
-        f"{_MAX_FALLBACK_COORDINATES} coordinates, all modes are computed."
+def _combine(images: Array, shapes: Array, mass: sp.csc_array) -> Array:
+    """Return images (n, k) of mode shapes scaled to x^H M x = 1, or the shapes, if more accurate.
+
+    Images have more accurate small motions of stiff parts. Those of fast modes contain rounding
+    errors of slow ones; they are not parallel to the shapes.
+    """
+    products, image_squares, squares = (
+        np.abs(np.einsum("ij,ij->j", x.conj(), mass @ y))
+        for x, y in ((images, shapes), (images, images), (shapes, shapes))
     )
+    is_parallel = products**2 >= (1.0 - _MAX_IMAGE_DEVIATION) * image_squares * squares
+    sizes = np.sqrt(np.where(is_parallel, image_squares, squares))
+    return np.where(is_parallel, images, shapes) / np.where(sizes > 0.0, sizes, 1.0)
+
+
+def _find_motions(
+    lin: LinearizedEquations,
+    s: float,
+    count: int | None,
+    find_missing: Callable[[Array, float], float],
+    free: Array | None = None,
+    which: str = "LM",
+) -> _Motions:
+    """Return motions that span the slowest modes, or all admissible ones.
+
+    Parameters
+    ----------
+    lin, s
+        Equations and shift.
+    count
+        Number of modes of interest. None for all.
+    find_missing
+        Function from eigenvalues of the flexibility to the number of missing modes, if all that are
+        larger than the second argument are known.
+    free
+        Motions (n, k) without stiffness and damping that are left out, with x^T M x = 1.
+    which
+        Measure of eigenvalues of the flexibility, see `scipy.sparse.linalg.eigs`.
+    """
+    mass, n = lin.tangent.mass, lin.equations.n
+    free = np.zeros((n, 0)) if free is None else free
+    momenta, invert = (mass @ free).T, _invert(lin, s)
+
+    def apply(y: Array) -> Array:
+        parts = np.split(invert(y), len(y) // n)
+        return np.vstack([x - free @ (momenta @ x) for x in parts])
+
+    scales = _find_scales(lin, s)
+    if count is not None and n > _MAX_DENSE_COORDINATES and 2 * count + 6 < n:
+        motions = _search(apply, scales, (1 + lin.has_rates) * count, find_missing, which)
+        if motions is not None:
+            return motions
+        if n > _MAX_FALLBACK_COORDINATES:
+            raise BeamdaeError(
+                f"modes: the {count} lowest modes were not found, because many eigenvalues are "
+                "close to each other; request fewer modes, or use fewer elements: up to "
+                f"{_MAX_FALLBACK_COORDINATES} coordinates, all modes are computed."
+            )
+    basis = scales[:, None] * _null_space(_constraint_rows(lin, momenta) * scales)
+    return _Motions(basis, (basis / scales[:, None] ** 2).T, apply(basis))
+
+
+def _search(
+    apply: Callable[[Array], Array],
+    scales: Array,
+    number: int,
+    find_missing: Callable[[Array, float], float],
+    which: str,
+) -> _Motions | None:
+    """Return motions that span the slowest modes, or None if ARPACK does not find them.
+
+    Found motions are removed from the flexibility, and the largest eigenvalue of the rest tells
+    which modes are complete. So copies of multiple eigenvalues are found, too.
+    """
+    size = len(scales)
+    basis, images = np.zeros((2, size, 0))
+
+    def remove(y: Array) -> Array:
+        return y - basis @ (basis.T @ y)
+
+    def multiply(y: Array) -> Array:
+        return remove(apply(scales[:, None] * remove(y.reshape(-1, 1))) / scales[:, None])
+
+    # Growing motions are among the slowest ones, whatever is sought.
+    number = number + _EXTRA_VALUES if which == "LM" else _FIRST_VALUES
+    tolerance, bound = _ARPACK_TOLERANCE, np.inf
+    for k in range(_MAX_SEARCHES):
+        if basis.shape[1] + number > size // 2:
+            return None
+        operator = LinearOperator((size, size), multiply, dtype=float)
+        start = np.random.default_rng(k).standard_normal(size)
+        settings = {"v0": start, "tol": tolerance, "maxiter": _MAX_RESTARTS}
+        if tolerance > _ARPACK_TOLERANCE:
+            number, settings["ncv"] = _EXTRA_VALUES, _CLUSTER_VECTORS
+        try:
+            found, vectors = eigs(operator, number, which=which if k else "LM", **settings)
+        except ArpackNoConvergence as error:
+            found, vectors = error.eigenvalues, error.eigenvectors
+            if not len(found) and tolerance > _ARPACK_TOLERANCE:
+                return None
+            tolerance = _CLUSTER_TOLERANCE
+        if k and len(found):
+            bound = float(np.max(np.abs(found.imag if which == "LI" else found)))
+        new = la.orth(remove(np.hstack([vectors.real, vectors.imag])), _DEPENDENCE_RATIO)
+        basis = np.hstack([basis, new])
+        images = np.hstack([images, apply(scales[:, None] * new) / scales[:, None]])
+        inverses = la.eigvals(basis.T @ images)
+        missing = int(np.ceil(find_missing(inverses, (1.0 - tolerance) * bound)))
+        if missing <= 0:
+            return _Motions(scales[:, None] * basis, basis.T / scales, scales[:, None] * images)
+        number = _EXTRA_VALUES + (2 * missing if k or which == "LI" else 0)
+    return None
+
+
+def _find_scales(lin: LinearizedEquations, s: float) -> Array:
+    """Return sizes of the coordinates, and of their rates, that have equal inertia."""
+    inertia, scales = lin.tangent.mass.diagonal(), lin.equations.position_scales
+    has_inertia = inertia > 0.0
+    largest = float(np.max(inertia * scales**2, initial=0.0)) or 1.0
+    squares = np.where(has_inertia, 1.0 / np.where(has_inertia, inertia, 1.0), scales**2 / largest)
+    sizes = np.sqrt(squares)
+    return np.append(sizes, s * sizes) if lin.has_rates else sizes
+
+
+def _constraint_rows(lin: LinearizedEquations, momenta: Array) -> Array:
+    """Return rows whose null space contains the admissible x, or (x, x').
+
+    Constraints on speeds, J x + V x' = 0, do not constrain x. States have no inertia.
+    """
+    e, tangent, rolling = lin.equations, lin.tangent, lin.nonholonomic
+    rigid = lin.compliance == 0.0
+    if not lin.has_rates:
+        return np.vstack([tangent.position_jacobian[rigid].toarray(), momenta])
+    position, velocity = (
+        x.toarray() for x in (tangent.position_jacobian, tangent.velocity_jacobian)
+    )
+    fixed, states = np.vstack([position[~rolling & rigid], momenta]), np.eye(e.n)[e.states]
+    return np.vstack(
+        [
+            la.block_diag(fixed, np.vstack([fixed, states])),
+            np.hstack([position, velocity])[rolling],
+        ]
+    )
+
+
+def _null_space(rows: Array) -> Array:
+    """Return an orthonormal basis (n, k) of the null space of independent rows (m, n)."""
+    lengths = la.norm(rows, axis=1)[:, None]
+    return la.qr((rows / lengths).T)[0][:, len(rows) :] if len(rows) else np.eye(rows.shape[1])
+
+
+def _invert(lin: LinearizedEquations, s: float) -> Callable[[Array], Array]:
+    """Return the inverse of the linearization about a shift.
+
+    With y = (x, l x), its eigenvalues are 1 / (l - s); without rates, those for y = x are
+    1 / (s^2 - l^2).
+    """
+    tangent, n, m = lin.tangent, lin.equations.n, lin.equations.m
+    solve = factorize_saddle_point(
+        tangent.stiffness + s * tangent.damping + s**2 * tangent.mass,
+        tangent.reactions,
+        tangent.position_jacobian + s * tangent.velocity_jacobian,
+        lin.compliance,
+    )
+    if solve is None:
+        raise BeamdaeError(
+            "modes: the linearized equations are singular; add mass or stiffness to the parts "
+            "that can move."
+        )
+
+    def apply(y: Array) -> Array:
+        x = y[:n]
+        if not lin.has_rates:
+            return solve(np.vstack([tangent.mass @ x, np.zeros((m, x.shape[1]))]))[:n]
+        force = tangent.mass @ (y[n:] + s * x) + tangent.damping @ x
+        image = -solve(np.vstack([force, tangent.velocity_jacobian @ x]))[:n]
+        return np.vstack([image, x + s * image])
+
+    return apply
 
 
 def solve_damped(
@@ -327,8 +389,8 @@ def solve_damped(
     count
         Number of modes of interest, or None for all modes.
     max_damping_ratio
-        If below 1, modes with a larger damping ratio do not count, and may be missing. Sparse
-        matrices then give the other modes up to the highest undamped frequency of interest, which
+        If below 1, modes with a larger damping ratio do not count, and may be missing. Large
+        problems then give the other modes up to the highest undamped frequency of interest, which
         may be fewer than `count`.
 
     Raises
@@ -336,23 +398,69 @@ def solve_damped(
     BeamdaeError
         If the equations are singular at the shift, or many eigenvalues are too close to each other.
     """
-    n = lin.equations.n
-    is_dense = count is None or n <= _MAX_DENSE_COORDINATES or 2 * count + 6 >= n
-    undamped = solve_undamped_without_states(lin, None if is_dense else count)
+    undamped = solve_undamped_without_states(lin, count or _DEFAULT_COUNT)
     sizes = np.abs(undamped.squares)
     rates = np.sqrt(np.sort(sizes[sizes > 0.0])[: count or _DEFAULT_COUNT])
     # In the middle of the modes of interest, low and high modes lose equal accuracy. Round numbers
     # may be eigenvalues.
-    shift = float(_SHIFT_RATIO * np.sqrt(rates[0] * rates[-1])) if len(rates) else np.pi
-    if count is not None and not is_dense:
-        limit = float(rates[-1]) if len(rates) and max_damping_ratio < 1.0 else np.inf
-        modes = _solve_sparse(lin, undamped, shift, count, max_damping_ratio, limit)
-        if modes is not None:
-            return _clean(lin, undamped, shift, *modes, 1.0)
-        if n > _MAX_FALLBACK_COORDINATES:
-            raise _convergence_error(count)
-        undamped = solve_undamped_without_states(lin, None)
-    return _clean(lin, undamped, shift, *_solve_all(lin, undamped, shift))
+    s = float(_SHIFT_RATIO * np.sqrt(rates[0] * rates[-1])) if len(rates) else np.pi
+    free, has_rates, mass = _undamped_free_motions(lin, undamped), lin.has_rates, lin.tangent.mass
+    is_selective = has_rates and max_damping_ratio < 1.0
+    limit = float(rates[-1]) if len(rates) and is_selective else np.inf
+    # Double zeros are one free motion.
+    needed = (count or 0) + int(np.sum(undamped.squares == 0.0)) - 2 * free.shape[1]
+
+    def find_values(inverses: Array) -> Array:
+        return s + 1.0 / inverses if has_rates else s**2 - 1.0 / inverses
+
+    def find_missing(inverses: Array, bound: float) -> float:
+        reach = 1.0 / bound - (s if has_rates else s**2)
+        if is_selective:
+            # The imaginary part of the inverse is at least c |l| / (|l| + s)^2.
+            c = np.sqrt(1.0 - max_damping_ratio**2) - 2.0 * s * bound
+            reach = (c + np.sqrt(max(c**2 - (2.0 * s * bound) ** 2, 0.0))) / (2.0 * bound)
+        values = find_values(inverses)
+        sizes = np.abs(values)
+        is_known = (sizes <= reach) & (
+            (values.real >= -max_damping_ratio * sizes) | (not has_rates)
+        )
+        # Either eigenvalue of a conjugate pair counts half.
+        weights = np.where(has_rates & (values.imag != 0.0), 0.5, 1.0)
+        return 0.0 if reach >= limit else needed - float(np.sum(weights[is_known]))
+
+    which = "LI" if is_selective else "LM"
+    basis, left, images = _find_motions(
+        lin, s, None if count is None else max(needed, 1), find_missing, free, which
+    )
+    inverses, vectors = la.eig(left @ images)
+    is_accurate = np.abs(inverses) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses), initial=0.0)
+    inverses, vectors = inverses[is_accurate], vectors[:, is_accurate]
+    n = lin.equations.n
+    shapes = _combine(images[:n] @ vectors / inverses, basis[:n] @ vectors, mass)
+    values = find_values(inverses)
+    if has_rates and lin.is_symmetric:
+        values = _refine_decays(lin, values, shapes)
+    if not has_rates:
+        values, shapes = _roots_of_squares(values, shapes)
+    values = np.append(np.zeros(free.shape[1]), values)
+    return _clean(lin, undamped, s, values, np.hstack([free, shapes]), 1.0)
+
+
+def _refine_decays(lin: LinearizedEquations, values: Array, shapes: Array) -> Array:
+    """Return values (k,), with real ones from quadratic forms of their shapes.
+
+    ARPACK does not separate modes that decay at nearly the same rate.
+    """
+    x, tangent = shapes.real, lin.tangent
+    m, d, k = (
+        np.einsum("ij,ij->j", x, matrix @ x)
+        for matrix in (tangent.mass, tangent.damping, lin.condensed_stiffness)
+    )
+    is_real = (np.abs(values.imag) <= _IMAGINARY_TOLERANCE * np.abs(values)) & (d**2 > 4.0 * m * k)
+    root = d + np.sqrt(np.where(is_real, d**2 - 4.0 * m * k, 1.0))
+    slow, fast = -2.0 * k / root, -0.5 * root / np.where(m > 0.0, m, 1.0)
+    nearest = np.where(np.abs(slow - values) < np.abs(fast - values), slow, fast)
+    return np.where(is_real, nearest, values)
 
 
 def solve_undamped_without_states(lin: LinearizedEquations, count: int | None) -> UndampedModes:
@@ -364,226 +472,6 @@ def solve_undamped_without_states(lin: LinearizedEquations, count: int | None) -
     padded = np.zeros((lin.equations.n, len(squares)))
     padded[moving] = shapes
     return UndampedModes(squares, padded)
-
-
-def _solve_all(
-    lin: LinearizedEquations, undamped: UndampedModes, shift: float
-) -> tuple[Array, Array, float]:
-    """Return all eigenvalues, shapes and the amplification of rounding from dense matrices.
-
-    Symmetric reactions permit the coordinates of undamped modes, whose stiffness is accurate.
-    Without damping, l^2 is computed, which is twice as accurate near coalescing modes.
-    """
-    tangent, e, shapes = lin.tangent, lin.equations, undamped.shapes
-    is_special = not lin.has_gradient_reactions or len(e.states) + len(e.nonholonomic_rows) > 0
-    if lin.has_rates and is_special:
-        basis, left = _motions_and_speeds(lin, shift)
-        inverse = left @ _invert(lin, shift)(basis)[: len(basis)]
-    else:
-        stiffness = np.diag(undamped.squares)
-        if not lin.is_symmetric:
-            skew = tangent.stiffness - tangent.stiffness.T
-            stiffness += 0.5 * _project(shapes, skew, shapes)
-        identity = np.eye(len(stiffness))
-        if not lin.has_rates:
-            inverses, vectors = la.eig(np.linalg.inv(stiffness + shift**2 * identity))
-            return *_roots_of_squares(shift**2 - 1.0 / inverses, shapes @ vectors), 1.0
-        # Coordinates of unit energy.
-        sizes = np.sqrt(np.abs(undamped.squares) + shift**2)
-        damping = _project(shapes, tangent.damping, shapes)
-        matrix = np.block(
-            [
-                [-shift * identity, np.diag(sizes)],
-                [-stiffness / sizes, -damping - shift * identity],
-            ]
-        )
-        weights = 1.0 / np.max(np.abs(matrix), axis=1)
-        inverse = np.linalg.solve(weights[:, None] * matrix, np.diag(weights))
-        basis = np.hstack([shapes / sizes, np.zeros_like(shapes)])
-    # Rounding splits double zeros by this factor times the root of the machine precision.
-    amplification = max(1.0, shift * float(la.norm(inverse)))
-    inverses, vectors = la.eig(inverse)
-    accurate = np.abs(inverses) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses), initial=0.0)
-    values, shapes = shift + 1.0 / inverses[accurate], basis[: e.n] @ vectors[:, accurate]
-    return values, shapes, amplification
-
-
-def _motions_and_speeds(lin: LinearizedEquations, shift: float) -> tuple[Array, Array]:
-    """Return a basis (2 n, k) of the admissible (x, x'), and its left inverse.
-
-    Constraints on speeds, J x + V x' = 0, do not constrain x. States have no inertia.
-    """
-    e, tangent, rolling = lin.equations, lin.tangent, lin.nonholonomic
-    position, velocity = (
-        x.toarray() for x in (tangent.position_jacobian, tangent.velocity_jacobian)
-    )
-    rigid = position[~rolling & (lin.compliance == 0.0)]
-    states = np.eye(e.n)[e.states]
-    scales = np.concatenate([e.position_scales, shift * e.position_scales])
-    rows = np.vstack(
-        [
-            la.block_diag(rigid, np.vstack([rigid, states])),
-            np.hstack([position, velocity])[rolling],
-        ]
-    )
-    basis = _null_space(rows * scales)
-    return scales[:, None] * basis, basis.T / scales
-
-
-def _null_space(rows: Array) -> Array:
-    """Return an orthonormal basis (n, k) of the null space of independent rows (m, n)."""
-    lengths = la.norm(rows, axis=1)[:, None]
-    return la.qr((rows / lengths).T)[0][:, len(rows) :] if len(rows) else np.eye(rows.shape[1])
-
-
-def _project(left: Array, matrix: sp.csc_array, right: Array) -> Array:
-    """Return L^T A R with zeros in place of rounding errors."""
-    product = left.T @ (matrix @ right)
-    rounding = _ROUNDING_RATIO * (np.abs(left).T @ (abs(matrix) @ np.abs(right)))
-    return np.where(np.abs(product) <= rounding, 0.0, product)
-
-
-def _roots_of_squares(squares: Array, shapes: Array) -> tuple[Array, Array]:
-    """Return the eigenvalues with these squares, and their shapes.
-
-    Either sign of a root is an eigenvalue; complex ones are represented by the upper of each pair.
-    """
-    is_real = np.abs(squares.imag) <= _IMAGINARY_TOLERANCE * np.abs(squares)
-    values = np.sqrt(np.where(is_real, squares.real, squares).astype(complex))
-    values = np.where(values.imag < 0.0, -values, values)
-    decaying = values.imag == 0.0
-    return np.append(values, -values[decaying]), np.hstack([shapes, shapes[:, decaying]])
-
-
-def _solve_sparse(
-    lin: LinearizedEquations,
-    undamped: UndampedModes,
-    s: float,
-    count: int,
-    max_damping_ratio: float,
-    limit: float,
-) -> tuple[Array, Array] | None:
-    """Return the `count` modes with the smallest |l|, or None.
-
-    With y = (x, l x), the eigenvalues of the inverse about the shift s are 1 / (l - s); without
-    damping, those of the inverse with y = x are 1 / (s^2 - l^2). Conjugate eigenvalues count once;
-    for `max_damping_ratio`, see `solve_damped`. The Krylov space begins with the undamped modes, as
-    displacements and as velocities, and with random motions, because strong dampers slow down
-    other motions. The result is None if it does not converge.
-    """
-    n, shapes, mass = lin.equations.n, undamped.shapes, lin.tangent.mass
-    free = _undamped_free_motions(lin, undamped)
-    weighted_free, invert = (mass @ free).T, _invert(lin, s)
-    # Double zeros are one free motion.
-    count += int(np.sum(undamped.squares == 0.0)) - 2 * free.shape[1]
-    if count <= 0:
-        return np.zeros(free.shape[1], complex), free
-    scales, has_rates = lin.equations.position_scales, lin.has_rates
-
-    def apply(y: Array, invert: Callable[[Array], Array] = invert) -> Array:
-        parts = np.split(invert(y)[: len(y)], len(y) // n)
-        return np.vstack([x - free @ (weighted_free @ x) for x in parts])
-
-    if has_rates:
-        scales, shapes = np.concatenate([scales, s * scales]), la.block_diag(shapes, s * shapes)
-    start = np.hstack([shapes, scales[:, None] * _random(len(scales), max(count, 2))])
-    work = (_FIRST_BLOCKS * start.shape[1]) ** 3
-    if n <= _MAX_FALLBACK_COORDINATES and takes_longer_than_dense(work, len(start)):
-        return None
-    metric = _energy(lin, undamped, s) if has_rates else sp.csr_array(mass)
-    krylov = BlockKrylov(apply, apply(start), metric, is_symmetric=False, blocks=_FIRST_BLOCKS)
-
-    def find_values(inverses: Array) -> Array:
-        return s + 1.0 / inverses if has_rates else s**2 - 1.0 / inverses
-
-    def find_wanted(values: Array) -> tuple[Array, float]:
-        """Return a mask of the wanted eigenvalues, and the largest size of interest."""
-        sizes = np.abs(values)
-        is_candidate = (values.real >= -max_damping_ratio * sizes) | (not has_rates)
-        # Either eigenvalue of a conjugate pair counts half.
-        numbers = is_candidate * np.where(has_rates & (values.imag != 0.0), 0.5, 1.0)
-        order = np.argsort(sizes, kind="stable")
-        last = min(int(np.searchsorted(np.cumsum(numbers[order]), count)), len(order) - 1)
-        highest = min(float(sizes[order[last]]), limit if has_rates else np.inf)
-        return is_candidate & (sizes <= highest), highest
-
-    def required_accuracy(inverses: Array) -> Array:
-        values, center = find_values(inverses), s if has_rates else s**2
-        is_wanted, highest = find_wanted(values)
-        # No eigenvalue outside this circle about the shift is smaller.
-        is_near = np.abs(values - center) <= highest + center
-        if has_rates:
-            is_near &= -values.real <= 0.5 * (1.0 + max_damping_ratio) * np.abs(values)
-        others = np.where(is_near, _LOCATION_ACCURACY, np.inf)
-        return np.where(is_wanted, _REFINABLE_ACCURACY, others)
-
-    if not krylov.converge(required_accuracy, 1 if max_damping_ratio < 1.0 else 0):
-        return None
-    for is_last in (*[False] * _REFINEMENTS, True):
-        values = find_values(krylov.values)
-        is_wanted = find_wanted(values)[0]
-        is_inexact = (krylov.residuals > _ACCURACY) & (values.imag >= 0.0)
-        (wanted,), (inexact,) = np.nonzero(is_wanted), np.nonzero(is_wanted & is_inexact)
-        if is_last or not len(inexact):
-            break
-        # Inverse iteration extends the space. It does not separate modes of a cluster.
-        shifts = values[inexact] if has_rates else np.sqrt(values[inexact].astype(complex))
-        directions = [
-            apply(y[:, None], _invert(lin, shift))
-            for y, shift in zip(krylov.vectors(inexact).T, shifts.tolist(), strict=True)
-        ]
-        krylov.extend(np.hstack([part for x in directions for part in (x.real, x.imag)]))
-    # Rounding of the stiffness in the metric does not enter quotients of inertia.
-    vectors = krylov.vectors(wanted)
-    real, imaginary = np.split(invert(np.hstack([vectors.real, vectors.imag])), 2, axis=1)
-    images, momenta = real + 1j * imaginary, (mass @ vectors[:n]).conj()
-    quotients = np.sum(momenta * images[:n], axis=0) / np.sum(momenta * vectors[:n], axis=0)
-    values, images = find_values(quotients), images / quotients
-    shapes = images[:n] - free @ (weighted_free @ images[:n])
-    if has_rates and lin.is_symmetric:
-        values = _refine_values(lin, values, shapes, images[2 * n :])
-    if not has_rates:
-        values, shapes = _roots_of_squares(values, shapes)
-    return np.append(np.zeros(free.shape[1]), values), np.hstack([free, shapes])
-
-
-def _refine_values(lin: LinearizedEquations, values: Array, x: Array, mu: Array) -> Array:
-    """Return the roots l of x^H (l^2 M + l D + K) x + mu^H C mu = 0 nearest to the values."""
-    tangent = lin.tangent
-    m, c, k = (
-        np.einsum("ij,ij->j", x.conj(), matrix @ x)
-        for matrix in (tangent.mass, tangent.damping, tangent.stiffness)
-    )
-    m, k = m.real, k.real + lin.compliance @ np.abs(mu) ** 2
-    root = np.sqrt(c**2 - 4.0 * m * k + 0j)
-    # The larger sum, and its partner from the product of the roots, do not cancel.
-    larger = -0.5 * (c + np.where((c.conj() * root).real >= 0.0, root, -root))
-    roots = np.stack([larger / m, k / np.where(larger == 0.0, 1.0, larger)])
-    return roots[np.argmin(np.abs(roots - values), axis=0), np.arange(len(values))]
-
-
-def _invert(lin: LinearizedEquations, s: complex) -> Callable[[Array], Array]:
-    """Return the inverse of the linearization about a shift; see `_solve_sparse`.
-
-    Images of y are followed by multipliers.
-    """
-    tangent, n = lin.tangent, lin.equations.n
-    saddle = _Saddle(
-        tangent.stiffness + s * tangent.damping + s**2 * tangent.mass,
-        tangent.reactions,
-        tangent.position_jacobian + s * tangent.velocity_jacobian,
-        lin.compliance,
-    )
-
-    def apply(y: Array) -> Array:
-        x = y[:n]
-        if not lin.has_rates:
-            return saddle.solve(tangent.mass @ x)
-        force = tangent.mass @ (y[n:] + s * x) + tangent.damping @ x
-        image = saddle.solve(-force, -(tangent.velocity_jacobian @ x))
-        return np.vstack([image[:n], x + s * image[:n], image[n:]])
-
-    return apply
 
 
 def _undamped_free_motions(lin: LinearizedEquations, undamped: UndampedModes) -> Array:
@@ -601,18 +489,16 @@ def _undamped_free_motions(lin: LinearizedEquations, undamped: UndampedModes) ->
     return free[:, np.all(forces <= _FREE_ROUNDING * rounding, axis=0)]
 
 
-def _energy(lin: LinearizedEquations, undamped: UndampedModes, s: float) -> sp.csr_array:
-    """Return the metric of the energy, in which undamped problems have orthogonal modes.
+def _roots_of_squares(squares: Array, shapes: Array) -> tuple[Array, Array]:
+    """Return the eigenvalues with these squares, and their shapes.
 
-    Inertia exceeds rounding errors and negative stiffness.
+    Either sign of a root is an eigenvalue; complex ones are represented by the upper of each pair.
     """
-    stiffness, mass = lin.tangent.stiffness, lin.tangent.mass
-    bounds = quadratic_form_rounding(stiffness, undamped.shapes) / _ENERGY_ROUNDING
-    square = max(s**2, float(np.max(bounds, initial=0.0)))
-    square += 2.0 * float(np.max(-undamped.squares, initial=0.0))
-    states = sp.diags_array(1.0 * np.isin(np.arange(lin.equations.n), lin.equations.states))
-    weight = 0.5 * (stiffness + stiffness.T) + square * (mass + states)
-    return sp.csr_array(sp.block_diag([weight, mass]))
+    is_real = np.abs(squares.imag) <= _IMAGINARY_TOLERANCE * np.abs(squares)
+    values = np.sqrt(np.where(is_real, squares.real, squares).astype(complex))
+    values = np.where(values.imag < 0.0, -values, values)
+    decaying = values.imag == 0.0
+    return np.append(values, -values[decaying]), np.hstack([shapes, shapes[:, decaying]])
 
 
 def _clean(
@@ -631,11 +517,7 @@ def _clean(
     inertia = np.einsum("ij,ij->j", shapes.conj(), tangent.mass @ shapes).real
     inertia += np.sum(np.abs(shapes[states]) ** 2, axis=0)
     shapes = shapes / np.sqrt(np.where(inertia > 0.0, inertia, 1.0))
-    matrix = tangent.stiffness + shift * tangent.damping + shift**2 * tangent.mass
-    rounding = quadratic_form_rounding(matrix, shapes) + _flexibility_rounding(
-        lin, (amplification * shift) ** 2
-    )
-    rounding = np.maximum(rounding, lin.zero_square)
+    rounding = _bound_rounding(lin, shapes, shift**2)
     real = np.where(np.abs(values.real) <= _REAL_TOLERANCE * size, 0.0, values.real)
     imaginary = np.where(np.abs(values.imag) <= _IMAGINARY_TOLERANCE * size, 0.0, values.imag)
     if lin.is_symmetric and not len(states):

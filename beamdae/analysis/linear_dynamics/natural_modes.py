@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.eigenproblems.slow_motions import quadratic_form_rounding
 from beamdae.analysis.eigenproblems.eigensolution import (
     DECAY,
     RIGID,
@@ -21,6 +20,7 @@ from beamdae.analysis.eigenproblems.eigensolution import (
     classify_modes,
     solve_eigenproblem,
 )
+from beamdae.analysis.eigenproblems.slow_motions import quadratic_form_rounding
 from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
