@@ -11,7 +11,7 @@ import numpy as np
 from beamdae.accuracy.errors import FACTOR, Errors, Refined, Split
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import describe_refinement
-from beamdae.analysis.continuation.engine import CurveError, correct, prescribe_parameter
+from beamdae.analysis.continuation.engine import CurveError, prescribe_parameter
 from beamdae.analysis.eigenproblems.eigensolution import EigenSolution, solve_eigenproblem
 from beamdae.analysis.linear_dynamics.linearization import (
     Linearization,
@@ -225,7 +225,7 @@ def _linearize_path_end(
     problem = StaticProblem(held)
     begin = problem.start(q)
     begin[: len(x)] = x
-    x = correct(problem, prescribe_parameter, factor, begin, factor).x[: len(x)]
+    x = problem.correct(prescribe_parameter, factor, begin, factor).x[: len(x)]
     e = replace(e, q0=x[: e.n], v0=np.zeros(e.n))
     rest = linearize_at_rest(e, system.loaded.time, lambda x: system.motion_tangent(x, factor))
     return Linearization(e, fine, lin.about, system.loaded.time, *rest)

@@ -17,7 +17,6 @@ from beamdae.analysis.continuation.engine import (
     Control,
     CurveError,
     Point,
-    correct,
     prescribe_parameter,
 )
 from beamdae.analysis.statics.linear_buckling import Buckling, repeat_buckling
@@ -301,7 +300,7 @@ def _correct_end(
     begin = problem.start(x[: system.equations.n])
     begin[: len(x)] = x
     try:
-        return correct(problem, control, target, begin, mu)
+        return problem.correct(control, target, begin, mu)
     except CurveError:
         return None
 

@@ -214,7 +214,7 @@ class SplitStiffness:
 
     layout: ElementDataLayout
 
-    def __call__(self, data: Array) -> tuple[Array, Array, Array, Array]:
+    def __call__(self, data: Array) -> tuple[Array, Array, Array, Array, Array]:
         """Return the arrays of `CompliantForm.split`: the compliances are those of the rest."""
         rest = data.copy()
         values, first = self.layout.stiffness_values(data), len(self.layout.stiffness_point)
@@ -227,7 +227,7 @@ class SplitStiffness:
         rest[self.layout.stiffness_rows] = soft.reshape(data.shape[1], -1).T
         compliance = weight[..., None] / (whole - share)
         retardation = np.broadcast_to(values[..., -1:], compliance.shape)
-        return rest, values[..., :first], compliance, retardation
+        return rest, values[..., :first], compliance, retardation, share / weight[..., None]
 
 
 @cache

@@ -29,10 +29,10 @@ P = ParamSpec("P")
 T = TypeVar("T")
 K = TypeVar("K", bound=CacheOwner)
 
-# Largest total number of entries in the operators of the structures cached for later models. With
-# everything derived from them, they take about 6 kB per entry after an equilibrium and 10 kB after
-# a run. An equilibrium caches two structures of full size: those with and without its loads.
-_MAX_CACHED_ENTRIES = 13_000
+# Largest total number of local coordinates in the terms of the structures cached for later models.
+# With everything derived from them, they take 2 to 6 kB each after an equilibrium and 10 kB after a
+# run. An equilibrium caches those with and without its loads, and with its resultants.
+_MAX_CACHED_COORDINATES = 16_000
 # Larger structures are not cached: their sums need memory in proportion to their size, while the
 # time to build them becomes negligible compared with the run.
 _MAX_COORDINATES = 5000
@@ -162,14 +162,12 @@ def intern_structure(structure: Structure) -> Structure:
     return _intern_equal(structure)
 
 
-def _count_entries(structure: Structure) -> int:
-    """Return the number of entries in the operators: terms of loads alone have few."""
-    terms = (*structure.forces, *structure.joints)
-    operators = (x for term in terms for x in vars(term).values() if isinstance(x, sp.csr_array))
-    return 1 + sum(x.nnz for x in operators)
+def _count_coordinates(structure: Structure) -> int:
+    """Return the number of local coordinates of all terms: terms of loads alone have few."""
+    return 1 + sum(term.operator.shape[0] for term in (*structure.forces, *structure.joints))
 
 
-@bounded_cache(_MAX_CACHED_ENTRIES, _count_entries)
+@bounded_cache(_MAX_CACHED_COORDINATES, _count_coordinates)
 def _intern_equal(structure: Structure) -> Structure:
     return structure
 

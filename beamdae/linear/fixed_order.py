@@ -1,9 +1,8 @@
-"""Elimination of sparse matrices in a fixed order, with diagonal pivots.
+"""Elimination of sparse symmetric matrices in a fixed order, with diagonal pivots.
 
-The order depends on the pattern only, so that no search for pivots is needed, and a symmetric
-matrix has as many negative eigenvalues as negative pivots (Sylvester's law of inertia). Solutions
-may be inaccurate: the caller refines and checks them. `eliminate` and `substitute` are plain loops
-over arrays that numba can compile.
+The order depends on the pattern only, so that no search for pivots is needed, and the matrix has as
+many negative eigenvalues as negative pivots (Sylvester's law of inertia). `eliminate` is a plain
+loop over arrays that numba can compile.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from beamdae.linear.elimination import eliminate_columns, substitute_triangles
 from beamdae.linear.pivots import compute_fill, flatten_columns
 
 Array = np.ndarray
@@ -66,8 +64,10 @@ class FixedOrderFactors:
     ----------
     plan
         Order and pattern.
-    upper, lower, inverse
-        Entries of the factors above and below the diagonal, and the reciprocals of the pivots.
+    lower, pivots
+        Entries of the unit factor below the diagonal, and the pivots.
+    first
+        First entry of each column of `lower` that has not been used yet.
     x
         Work array by position.
     smallest_pivot
@@ -75,53 +75,53 @@ class FixedOrderFactors:
     """
 
     plan: FixedOrder
-    upper: Array
     lower: Array
-    inverse: Array
+    pivots: Array
+    first: Array
     x: Array
     smallest_pivot: float = 0.0
 
     @classmethod
     def of(cls, plan: FixedOrder) -> FixedOrderFactors:
         """Return the arrays of the factors, filled with zeros."""
-        size = len(plan.order)
-        upper, lower = np.zeros(len(plan.upper_rows)), np.zeros(len(plan.lower_rows))
-        return cls(plan, upper, lower, np.zeros(size), np.zeros(size))
+        pivots, x = np.zeros((2, len(plan.order)))
+        return cls(plan, np.zeros(len(plan.lower_rows)), pivots, plan.lower_starts.copy(), x)
 
 
-def eliminate(factors: FixedOrderFactors, nonzeros: Array) -> int:
-    """Factorize the matrix with these CSC non-zeros.
+def eliminate(run: FixedOrderFactors, nonzeros: Array) -> int:
+    """Factorize the symmetric matrix with these CSC non-zeros.
 
     Return the number of negative pivots, or -1 if a pivot or its reciprocal is not finite.
     """
-    if not eliminate_columns(factors.plan, factors, nonzeros):
-        return -1
-    count, largest = 0, 0.0
-    for inverse in factors.inverse:
-        if inverse < 0.0:
-            count += 1
-        largest = max(largest, abs(inverse))
-    factors.smallest_pivot = 1.0 / largest if largest > 0.0 else np.inf
+    plan, lower, pivots, first, x = run.plan, run.lower, run.pivots, run.first, run.x
+    starts, positions, sources = plan.starts, plan.positions, plan.sources
+    upper_starts, upper_rows = plan.upper_starts, plan.upper_rows
+    lower_starts, lower_rows = plan.lower_starts, plan.lower_rows
+    count, run.smallest_pivot = 0, np.inf
+    for j in range(len(x)):
+        x[j] = 0.0
+    for j in range(len(x)):
+        for e in range(starts[j], starts[j + 1]):
+            x[positions[e]] = nonzeros[sources[e]]
+        for p in range(upper_starts[j], upper_starts[j + 1]):
+            k = upper_rows[p]
+            x[k] = 0.0
+            # The rows of each column ascend, so that its first unused entry is in row j.
+            factor = lower[first[k]] * pivots[k]
+            for q in range(first[k], lower_starts[k + 1]):
+                x[lower_rows[q]] -= lower[q] * factor
+            first[k] += 1
+        pivot = x[j]
+        if pivot == 0.0 or not (np.isfinite(pivot) and np.isfinite(1.0 / pivot)):
+            return -1
+        pivots[j], first[j], x[j] = pivot, lower_starts[j], 0.0
+        count += pivot < 0.0
+        run.smallest_pivot = min(run.smallest_pivot, abs(pivot))
+        for q in range(lower_starts[j], lower_starts[j + 1]):
+            row = lower_rows[q]
+            lower[q] = x[row] / pivot
+            x[row] = 0.0
     return count
-
-
-def substitute(factors: FixedOrderFactors, right: Array) -> None:
-    """Replace `right` by the solution, without refinement."""
-    plan, order, x = factors.plan, factors.plan.order, factors.x
-    for k in range(len(x)):
-        x[k] = right[order[k]]
-    substitute_triangles(
-        plan.lower_starts,
-        plan.lower_rows,
-        factors.lower,
-        plan.upper_starts,
-        plan.upper_rows,
-        factors.upper,
-        factors.inverse,
-        x,
-    )
-    for k in range(len(x)):
-        right[order[k]] = x[k]
 
 
 def count_negative_pivots_by_scipy(plan: FixedOrder, nonzeros: Array) -> tuple[int, float]:

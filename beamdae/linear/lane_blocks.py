@@ -42,6 +42,8 @@ class BlockElimination(NamedTuple):
     ----------
     batches, block_unknowns, block_entries, corner_entries, n_entries
         See `EliminationPlan`.
+    counts
+        Numbers of successive batches that are independent of each other.
     unknowns
         Indices of the unknowns outside blocks, ascending.
     starts, indices
@@ -55,36 +57,44 @@ class BlockElimination(NamedTuple):
     block_entries: Array
     corner_entries: Array
     n_entries: Array
+    counts: Array
     unknowns: Array
     starts: Array
     indices: Array
     sources: Array
 
+    @np.errstate(all="ignore")
     def eliminate(self, nonzeros: Array) -> Array:
-        """Return the non-zeros of the remaining equations, as `elimination` computes them."""
+        """Return the non-zeros of the remaining equations.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If they are not finite.
+        """
         entries = np.zeros(int(self.n_entries[0]), nonzeros.dtype)
         entries[: len(nonzeros)] = nonzeros
         entries[len(entries) - N_EXTRA_ENTRIES + ONE_ENTRY] = 1.0
-        for interior, neighbors, _, _, first, first_corner in self.batches:
+        for batch, count in zip(np.cumsum(self.counts) - self.counts, self.counts, strict=True):
+            interior, neighbors, _, _, first, first_corner = self.batches[batch]
             size = interior + neighbors
-            count = interior * size
-            at = _split_lanes(self.block_entries, first, count + interior * neighbors)
-            left = entries[at[:count].reshape(interior, size, LANES)]
-            upper = entries[at[count:].reshape(neighbors, interior, LANES)]
-            at = _split_lanes(self.corner_entries, first_corner, neighbors * neighbors)
-            corner = np.zeros((neighbors, neighbors, LANES), nonzeros.dtype)
-            for k in range(interior):
-                lower = left[k, k + 1 :] / left[k, k]
-                left[k + 1 :, k + 1 :] -= left[k + 1 :, None, k] * lower
-                upper[:, k + 1 :] -= upper[:, None, k] * lower[: interior - k - 1]
-                corner -= upper[:, None, k] * lower[interior - k - 1 :]
-            np.add.at(entries, at.reshape(corner.shape), corner)
-        return entries[self.sources]
+            at = _split_lanes(self.block_entries, first, count, interior * (size + neighbors))
+            left, upper = np.split(entries[at], [interior * size], axis=1)
+            left = left.reshape(count, interior, size, LANES).transpose(0, 3, 2, 1)
+            upper = upper.reshape(count, neighbors, interior, LANES).transpose(0, 3, 2, 1)
+            inside, lower = np.split(left, [interior], axis=2)
+            corner = (lower @ np.linalg.solve(inside, upper)).transpose(0, 3, 2, 1)
+            at = _split_lanes(self.corner_entries, first_corner, count, neighbors * neighbors)
+            np.subtract.at(entries, at, corner.reshape(at.shape))
+        remainder = entries[self.sources]
+        if not np.isfinite(remainder).all():
+            raise np.linalg.LinAlgError
+        return remainder
 
 
-def _split_lanes(indices: Array, first: int, count: int) -> Array:
-    """Return the indices of `count` entries from `first` on, shape (count, LANES)."""
-    return indices[LANES * first : LANES * (first + count)].reshape(count, LANES)
+def _split_lanes(indices: Array, first: int, count: int, size: int) -> Array:
+    """Return the indices of `count` batches of `size` entries, shape (count, size, LANES)."""
+    return indices[LANES * first : LANES * (first + count * size)].reshape(count, size, LANES)
 
 
 def find_blocks(pattern: sp.csc_array) -> BlockElimination | None:
@@ -244,6 +254,7 @@ def _number_entries(pattern: sp.csc_array, groups: list[_Blocks]) -> BlockElimin
         block_entries=np.concatenate(block_entries).astype(np.uint32),
         corner_entries=np.concatenate(corner_entries).astype(np.uint32),
         n_entries=np.array([extra + N_EXTRA_ENTRIES]),
+        counts=np.array([-(-len(x.interior) // LANES) for x in groups]),
         unknowns=outside,
         starts=np.concatenate([[0], np.cumsum(counts)]),
         indices=position_outside[row[is_rest]],

@@ -72,11 +72,9 @@ def propose_plans(
     find = _cached_find_blocks if key.is_cached else _find_blocks
     blocks = find(key) if in_blocks else None
     if blocks is not None:
-        with np.errstate(all="ignore"):
+        with suppress(RuntimeError, np.linalg.LinAlgError):
             remainder = blocks.eliminate(scale[pattern.indices] * nonzeros)
-        if np.isfinite(remainder).all():
-            with suppress(RuntimeError):
-                yield _plan_blocks(key, blocks, remainder, scale)
+            yield _plan_blocks(key, blocks, remainder, scale)
     try:
         bordered = _choose_order(key)
         factors = factorize_in_order(_scale_matrix(bordered, nonzeros, scale))

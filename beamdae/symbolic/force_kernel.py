@@ -374,12 +374,13 @@ class CompliantForm(NamedTuple):
     split
         Function of the numbers of copies (n_data, count) that returns those of the rest of the
         force (n_data, count), those of the points (count, points, data), the compliances C and the
-        retardation times tau of g + tau g' - C lam = 0 (count, points, constraints of a point).
+        retardation times tau of g + tau g' - C lam = 0, and the multiple of g which that rest adds
+        to lam (count, points, constraints of a point).
     """
 
     kernel: ConstraintKernel
     operators: Array
-    split: Callable[[Array], tuple[Array, Array, Array, Array]]
+    split: Callable[[Array], tuple[Array, Array, Array, Array, Array]]
 
 
 class PointForce(NamedTuple):

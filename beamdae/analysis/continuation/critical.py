@@ -30,12 +30,9 @@ _ROOT_TOLERANCE, _MAX_SAMPLES = 1e-3, 60
 _WIDE = 100.0
 # At the most, relative to the resolution of clusters.
 _ROOT_RATIO = 0.1
-# Largest distance of both ends of a bracket, relative to that of ends of the segment times the
-# width, and motion along the critical mode by rounding in natural sizes: farther apart, they lie on
-# different curves.
-_MAX_GAP_RATIO, _ROUNDING = 10.0, 1e-5
-# Largest share of the derivative by the parameter along the critical mode where curves cross.
-_MAX_IMPERFECTION = 1e-4
+# Largest share of the derivative by the parameter along the critical mode where curves cross: it is
+# larger between two curves that pass each other.
+_MAX_IMPERFECTION = 1e-5
 
 
 class Count(NamedTuple):
@@ -105,8 +102,9 @@ def _explain(
     segment: Segment, low: _Sample, high: _Sample, resolution: float
 ) -> list[CriticalPoint]:
     turns = low.rate * high.rate < 0.0
-    names = ("divergent", "oscillating", "alternating")
-    change, flutter, doublings = (getattr(high.counts, x) - getattr(low.counts, x) for x in names)
+    change, flutter, doublings = (
+        getattr(high.counts, x) - getattr(low.counts, x) for x in Count._fields
+    )
     if not (turns or change or flutter or doublings):
         return []
     is_turn = not (change or flutter or doublings)
@@ -118,12 +116,15 @@ def _explain(
             position, point, mode = found
             kind = DOUBLING if doublings else LIMIT if turns else BRANCH
             return [CriticalPoint(position, kind, point, mode)]
-    if high.position - low.position > (_TURN_RESOLUTION if is_turn else resolution):
+    width = high.position - low.position
+    if width > (_TURN_RESOLUTION if is_turn else resolution):
         middle = _sample(segment, low, high, 0.5)
-        return [
-            *_explain(segment, low, middle, resolution),
-            *_explain(segment, middle, high, resolution),
-        ]
+        # Beside clusters, rounding lets counts change back and forth.
+        if width > _ROOT_TOLERANCE or _is_between(middle.counts, low.counts, high.counts):
+            return [
+                *_explain(segment, low, middle, resolution),
+                *_explain(segment, middle, high, resolution),
+            ]
     if is_turn:
         return [_find_turn(segment, low, high)]
     mode = critical_mode(low.point)
@@ -131,6 +132,11 @@ def _explain(
     kinds = kinds if flutter else [BRANCH] * abs(change)
     kinds += [DOUBLING] * abs(doublings)
     return [CriticalPoint(low.position, kind, low.point, mode) for kind in kinds]
+
+
+def _is_between(counts: Any, first: Any, last: Any) -> bool:
+    middle, *ends = ([getattr(x, name) for name in Count._fields] for x in (counts, first, last))
+    return all(min(pair) <= x <= max(pair) for x, *pair in zip(middle, *ends, strict=True))
 
 
 def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
@@ -176,7 +182,8 @@ def _find_root(
     samples, points = {a: low.position, b: high.position}, dict(ends)
     distance = tolerance
     for k in range(_MAX_SAMPLES):
-        root, left, right = _interpolate_inversely(samples), ends[0][0], ends[1][0]
+        left, right = ends[0][0], ends[1][0]
+        root = min(max(_interpolate_inversely(samples), left), right)
         # Long steps may pass a critical point at their very beginning.
         tolerance = distance * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
         # Closer to a crossing, rounding moves points along the critical mode.
@@ -204,9 +211,6 @@ def _find_root(
     else:
         return None
     (left, first), (right, last) = ends
-    gap, whole = first.distance(last), segment.begin.distance(segment.end)
-    if gap > _MAX_GAP_RATIO * (right - left) * whole + _ROUNDING:
-        raise CurveError("the stability changes abruptly")
     # Samples on both sides, so that the cubic is that of the neighborhood.
     sides = (
         ((low.position, low.point), ends[0], left - 2.0 * tolerance),

@@ -17,20 +17,19 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from beamdae.analysis.continuation.newton import (
+    CORRECTED,
+    FAILURES,
+    NEGLIGIBLE,
+    ROUNDING,
+    Corrections,
+    is_negligible,
+    judge,
+)
+from beamdae.native.return_codes import DONE
+
 Array = np.ndarray
 
-_MAX_ITERATIONS = 12
-# Corrections below this size, in natural sizes, are rounding errors of solutions.
-_TOLERANCE = 1e-10
-# If corrections stop decreasing, they are rounding errors up to this size.
-_ROUNDING = 1e-7
-# Convergence is quadratic if the last but one correction is below the first number: the next one is
-# then predicted, and need not be made if it is below the second one.
-_QUADRATIC, _NEGLIGIBLE = 1e-3, 1e-15
-# Largest correction of one iteration, in natural sizes: farther, the linearization says nothing.
-# It grows while the equations are linear: the next correction then has the predicted size.
-_MAX_CORRECTION = 0.5
-_CORRECTION_GROWTH, _MAX_PREDICTION_ERROR = 10.0, 0.3
 # Number of times a correction is halved if the equations cannot be evaluated after it.
 _MAX_HALVINGS = 5
 # Steps: factor after a failure, and smallest and largest growth.
@@ -94,15 +93,6 @@ class Linearization(Protocol):
             If the matrix is singular or not finite.
         """
 
-    def correction(self, row: Row, target: float) -> Array:
-        """Return the changes of x and p by Newton's method, where the control equals `target`.
-
-        Raises
-        ------
-        CurveError
-            If the bordered Jacobian is singular or not finite.
-        """
-
 
 @dataclass(frozen=True, eq=False)
 class SparseLinearization:
@@ -115,11 +105,6 @@ class SparseLinearization:
     def bordered(self, column: Array, row: Array, corner: float) -> Factors:
         """Return the factors of the bordered Jacobian."""
         return factorize_bordered(self.jacobian, column, row, corner)
-
-    def correction(self, row: Row, target: float) -> Array:
-        """Return the correction of Newton's method."""
-        factors = self.bordered(self.by_parameter, row.x, row.p)
-        return factors.solve(-np.append(self.residual, row.value - target))
 
 
 class Problem(ABC):
@@ -163,14 +148,56 @@ class Problem(ABC):
         """Return the size of a step in natural sizes: by default, the largest change."""
         return float(np.max(np.abs(step * self.weights), initial=0.0))
 
+    def correct(self, control: Control, target: float, x: Array, p: float) -> Point:
+        """Return the solution at which the control has the value `target`, by Newton's method.
+
+        Raises
+        ------
+        CurveError
+            If the method fails.
+        """
+        corrections, linear = Corrections(), self.linearize(x, p)
+        while True:
+            row = control(x, p)
+            factors = linear.bordered(linear.by_parameter, row.x, row.p)
+            step = factors.solve(-np.append(linear.residual, row.value - target))
+            size = self.measure(step[:-1])
+            code = judge(corrections, size, self.is_solved(linear, size, corrections.last))
+            if code == DONE:
+                return self.complete(Point(self, x, p, linear, corrections.count), step)
+            if code != CORRECTED:
+                error = CurveError(FAILURES[code])
+                error.nearest = linear
+                raise error
+            x, p, linear = self._move_along(x, p, corrections.share * step, linear)
+
+    def _move_along(
+        self, x: Array, p: float, step: Array, linear: Linearization
+    ) -> tuple[Array, float, Linearization]:
+        """Return the point after a correction, halved until the equations can be evaluated."""
+        for k in range(_MAX_HALVINGS + 1):
+            moved = self.move(x, step[:-1]), p + float(step[-1])
+            try:
+                return *moved, self.linearize(*moved, linear)
+            except CurveError as error:
+                if k == _MAX_HALVINGS:
+                    error.nearest = linear
+                    raise
+                step = 0.5 * step
+        raise AssertionError
+
+    def find_tangent(self, point: Point, row: Row) -> Tangent:
+        """Return the tangent at a solution along which the control with this row increases by 1."""
+        factors = point.bordered(point.linearization.by_parameter, row.x, row.p)
+        solution = factors.solve(np.append(np.zeros(len(point.x)), 1.0))
+        return Tangent(solution[:-1], float(solution[-1]))
+
     def is_solved(self, linear: Any, size: float, last: float) -> bool:
         """Return True if a point is a solution after its correction.
 
         `size` and `last` are the sizes of this and of the previous correction in natural sizes.
         """
-        if last <= _QUADRATIC and size**3 <= _NEGLIGIBLE * last**2:
-            return True
-        return size <= _TOLERANCE or (size <= _ROUNDING and size > 0.5 * last)
+        return is_negligible(size, last)
 
     def complete(self, point: Point, step: Array) -> Point:
         """Return a solution, given the point before its last correction `step` of (x, p)."""
@@ -194,11 +221,15 @@ class Tangent(NamedTuple):
 
 
 class Row(NamedTuple):
-    """Value of a control at a point, and its derivatives by x and p."""
+    """Value of a control at a point, and its derivatives by x and p.
+
+    `is_linear` is True if the derivatives are the same everywhere.
+    """
 
     value: float
     x: Array
     p: float
+    is_linear: bool = False
 
 
 Control = Callable[[Array, float], Row]
@@ -234,11 +265,10 @@ class Point:
 
     def tangent(self, row: Row) -> Tangent:
         """Return the tangent along which the control with this row increases by 1."""
-        factors = self.bordered(self.linearization.by_parameter, row.x, row.p)
-        solution = factors.solve(np.append(np.zeros(len(self.x)), 1.0))
-        if not np.isfinite(solution).all():
+        tangent = self.problem.find_tangent(self, row)
+        if not np.isfinite(np.append(tangent.x, tangent.p)).all():
             raise CurveError("the tangent is not unique")
-        return Tangent(solution[:-1], float(solution[-1]))
+        return tangent
 
 
 def factorize_bordered(jacobian: sp.csc_array, column: Array, row: Array, corner: float) -> Factors:
@@ -262,7 +292,7 @@ def factorize_bordered(jacobian: sp.csc_array, column: Array, row: Array, corner
 
 def prescribe_parameter(x: Array, p: float) -> Row:
     """Control by the parameter."""
-    return Row(p, np.zeros_like(x), 1.0)
+    return Row(p, np.zeros_like(x), 1.0, True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,57 +311,7 @@ class ArcLength:
         step = self.begin.problem.difference(x, self.begin.x)
         value = float(row @ step) + by_parameter * (p - self.begin.p)
         size = float(row @ self.tangent.x) + by_parameter * self.tangent.p
-        return Row(value / size, row / size, by_parameter / size)
-
-
-def correct(problem: Problem, control: Control, target: float, x: Array, p: float) -> Point:
-    """Return the solution at which the control has the value `target`, by Newton's method.
-
-    Raises
-    ------
-    CurveError
-        If the method fails.
-    """
-    last, earlier, share, bound = np.inf, np.inf, 1.0, _MAX_CORRECTION
-    linear = problem.linearize(x, p)
-    for iteration in range(1, _MAX_ITERATIONS + 1):
-        step = linear.correction(control(x, p), target)
-        size = problem.measure(step[:-1])
-        if not np.isfinite(size):
-            raise CurveError("the equations are not finite at the next point")
-        if problem.is_solved(linear, size, last):
-            return problem.complete(Point(problem, x, p, linear, iteration), step)
-        if iteration > 3 and size > 2.0 * max(last, earlier):
-            raise _fail("Newton's method diverges", linear)
-        is_linear = abs(size - (1.0 - share) * last) <= _MAX_PREDICTION_ERROR * share * last
-        if share < 1.0:
-            bound = bound * _CORRECTION_GROWTH if is_linear else _MAX_CORRECTION
-        share = min(1.0, bound / size) if size else 1.0
-        last, earlier = size, last
-        x, p, linear = _move(problem, x, p, share * step, linear)
-    raise _fail(f"Newton's method did not converge in {_MAX_ITERATIONS} iterations", linear)
-
-
-def _fail(reason: str, linear: Linearization) -> CurveError:
-    error = CurveError(reason)
-    error.nearest = linear
-    return error
-
-
-def _move(
-    problem: Problem, x: Array, p: float, step: Array, linear: Linearization
-) -> tuple[Array, float, Linearization]:
-    """Return the point after a correction, halved until the equations can be evaluated."""
-    for k in range(_MAX_HALVINGS + 1):
-        moved = problem.move(x, step[:-1]), p + float(step[-1])
-        try:
-            return *moved, problem.linearize(*moved, linear)
-        except CurveError as error:
-            if k == _MAX_HALVINGS:
-                error.nearest = linear
-                raise
-            step = 0.5 * step
-    raise AssertionError
+        return Row(value / size, row / size, by_parameter / size, True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,7 +344,7 @@ class Segment:
         """
         x, p = self.begin.between(self.end, position)
         value = self.values[0] + position * (self.values[1] - self.values[0])
-        return correct(self.begin.problem, self.control, value, x, p)
+        return self.begin.problem.correct(self.control, value, x, p)
 
     def rate(self, point: Point) -> float:
         """Return the derivative of the parameter by the control at a point of the segment."""
@@ -582,8 +562,8 @@ def _propose_size(
     problem: Problem, trial: _Trial, size: float, error: float, cosine: float
 ) -> float:
     """Return the size of the next step, from the correction and the change of angle of this one."""
-    aimed = _AIMED_CORRECTION * problem.measure(trial.change.x) + _ROUNDING
-    growth = np.sqrt(aimed / (error + _NEGLIGIBLE))
+    aimed = _AIMED_CORRECTION * problem.measure(trial.change.x) + ROUNDING
+    growth = np.sqrt(aimed / (error + NEGLIGIBLE))
     if trial.is_arc:
         growth = min(growth, _AIMED_ANGLE / np.arccos(cosine)) if cosine < 1.0 else growth
     taken = size if trial.is_arc else trial.reach
@@ -669,7 +649,7 @@ def _correct_trial(
     """
     problem, (first, last) = begin.problem, trial.values
     x, p = problem.move(begin.x, predicted.x), begin.p + predicted.p
-    end = correct(problem, trial.control, last, x, p)
+    end = problem.correct(trial.control, last, x, p)
     segment = Segment(begin, end, trial.control, trial.values, trial.unit)
     # A step between two curves is not seen from one of its ends alone.
     returned = segment.tangent.scale(first - last)
@@ -678,9 +658,9 @@ def _correct_trial(
     missed = problem.measure(problem.difference(back, begin.x))
     if is_corner:
         # Seen from the softer side, a corner shortens the step.
-        is_near = error <= moved + _ROUNDING or missed <= problem.measure(returned.x) + _ROUNDING
+        is_near = error <= moved + ROUNDING or missed <= problem.measure(returned.x) + ROUNDING
     else:
-        is_near = max(error, missed) <= _MAX_ERROR * moved + _ROUNDING
+        is_near = max(error, missed) <= _MAX_ERROR * moved + ROUNDING
     if not is_near:
         raise CurveError("the curve turns too sharply for the step")
     return segment, error
@@ -739,7 +719,7 @@ def switch(
         try:
             x, p = problem.move(branch.x, size * tangent.x), branch.p + size * tangent.p
             control = ArcLength(branch, tangent, weight)
-            first = correct(problem, control, size, x, p)
+            first = problem.correct(control, size, x, p)
             step = Tangent(problem.difference(first.x, branch.x), first.p - branch.p)
             row = control(first.x, first.p)
             after = first.tangent(row)

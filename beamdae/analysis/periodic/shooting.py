@@ -22,8 +22,6 @@ from beamdae.analysis.continuation.engine import (
     Factors,
     Point,
     Problem,
-    Row,
-    correct,
     prescribe_parameter,
 )
 from beamdae.analysis.periodic.load_periods import FULL_TURN
@@ -255,11 +253,6 @@ class PeriodLinearization:
             raise CurveError("the linearized equations are not finite")
         return _Factors(self, np.linalg.pinv(small, rcond=_NEUTRAL_RATIO), off, row)
 
-    def correction(self, row: Row, target: float) -> Array:
-        """Return the correction of Newton's method."""
-        factors = self.bordered(self.by_parameter, row.x, row.p)
-        return factors.solve(-np.append(self.residual, row.value - target))
-
     def _complement(self, change: Array) -> Array:
         """Return the part of a change of the unknowns that the joints do not allow."""
         return np.asarray(change - self.matrix.basis @ (self.matrix.projection @ change))
@@ -463,7 +456,7 @@ def solve_shooting(
     base = PeriodLinearization(problem, x, 0.0, run, kept)
     try:
         return linearization_at(
-            correct(replace(problem, base=base), prescribe_parameter, 0.0, x, 0.0)
+            replace(problem, base=base).correct(prescribe_parameter, 0.0, x, 0.0)
         )
     except CurveError as error:
         nearest = error.nearest

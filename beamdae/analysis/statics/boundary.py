@@ -14,7 +14,6 @@ from beamdae.analysis.continuation.engine import (
     Point,
     Segment,
     Steps,
-    correct,
     follow,
     prescribe_parameter,
 )
@@ -382,7 +381,7 @@ def _follow_curve(family: Family, kind: str, first: Point, step: float) -> _Poin
             found.append(BoundaryPoint(special, *at(one.point)[:2]))
         return found
 
-    end = correct(curve, prescribe_parameter, 0.0, curve.first, 0.0)
+    end = curve.correct(prescribe_parameter, 0.0, curve.first, 0.0)
     yield at(end), []
     tangent = end.tangent(prescribe_parameter(end.x, end.p))
     steps = Steps(CHANGE_SIZE * step, True, CHANGE_SIZE, step)
@@ -420,10 +419,10 @@ def _locate_flutter(problem: StaticProblem, x: Array, mu: float) -> tuple[Point,
         If the number of growing oscillations does not change near this load factor, or an
         equilibrium is not found.
     """
-    middle, width = correct(problem, prescribe_parameter, mu, x, mu), _WINDOW
+    middle, width = problem.correct(prescribe_parameter, mu, x, mu), _WINDOW
     while width <= _MAX_WINDOW:
         low, high = mu * (1.0 - width), mu * (1.0 + width)
-        begin = correct(problem, prescribe_parameter, low, middle.x, low)
+        begin = problem.correct(prescribe_parameter, low, middle.x, low)
         segments = list(
             follow(begin, prescribe_parameter, high, Steps(abs(high - low)), explain_counts)
         )

@@ -10,54 +10,29 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.linalg as la
-import scipy.sparse as sp
 
 from beamdae.analysis.eigenproblems.eigensolution import locate_largest
 from beamdae.analysis.statics.load_scaling import LoadedEquations
-from beamdae.equations.starts.rigid_motions import compute_rigid_motions
+from beamdae.equations.starts.rigid_motions import compute_rigid_motions, move_rigidly
 
 Array = np.ndarray
 
-# Entries of the scaled tangent up to this fraction of the largest one are rounding errors.
-_TANGENT_ROUNDING = 1e-12
-# The same for changes of the scaled forces.
-_FORCE_ROUNDING = 1e-13
-# Displacements, in natural sizes, at which tangent and forces must be the same.
-_DISPLACEMENTS = (0.13, -0.07)
+# Forces, powers and gaps of joints up to this fraction of their sizes are rounding errors.
+_ROUNDING = 1e-12
+# Displacements, in natural sizes, after which the mechanism must still be in equilibrium.
+_DISPLACEMENTS = (0.0, 0.13, -0.07)
+# Step of central differences, which have the direction of a finite rotation.
+_STEP = 0.01
 
 
 def hold_neutral_motions(system: LoadedEquations, x: Array) -> LoadedEquations:
     """Return the system with its neutral motions held at the equilibrium x = (q, lam).
 
-    Neutral motions are combinations of rigid motions of bodies, linear in the coordinates, along
-    which neither forces with and without loads nor joints change. Loads must not act along them.
-    Each is held by a spring on one of its coordinates.
+    Neutral motions are rigid motions of bodies along which the mechanism stays in equilibrium, and
+    on which loads do no work. Each is held by a spring on one of its coordinates.
     """
-    e, n = system.equations, system.equations.n
-    scale = e.position_scales
-    motions = compute_rigid_motions(e, x[:n])
-    size = 0.0
-    for displacement in (0.0, *_DISPLACEMENTS):
-        if not motions.shape[1]:
-            return system
-        weights = displacement * np.cos(1.0 + np.arange(motions.shape[1]))
-        displaced = x.copy()
-        displaced[:n] += scale * (motions @ weights)
-        for mu in system.ends:
-            tangent = system.matrix(displaced, mu)
-            stiffness = sp.csc_array(tangent[:n, :n]) * scale * scale[:, None]
-            gradients = sp.csr_array(tangent[n:, :n]) * scale
-            size = max(size, float(np.max(np.abs(stiffness.data), initial=0.0)))
-            joint_size = float(np.max(np.abs(gradients.data), initial=0.0)) or 1.0
-            changes = np.vstack(
-                [stiffness @ motions / (size or 1.0), gradients @ motions / joint_size]
-            )
-            if not np.all(np.isfinite(changes)):
-                return system
-            motions = la.qr(motions @ _null_space(changes), mode="economic")[0]
-    if size == 0.0:
-        return system
-    if not all(_is_neutral(system, x, scale * motion, size) for motion in motions.T):
+    motions = _find_motions_without_stiffness(system, x)
+    if not all(_is_neutral(system, x, motion) for motion in motions.T):
         return system
     indices = []
     for _ in range(motions.shape[1]):
@@ -69,26 +44,59 @@ def hold_neutral_motions(system: LoadedEquations, x: Array) -> LoadedEquations:
     return replace(system, held_coordinates=tuple(sorted(indices)))
 
 
-def _null_space(matrix: Array) -> Array:
+def _find_motions_without_stiffness(system: LoadedEquations, x: Array) -> Array:
+    """Return the rigid motions that joints allow without a change of forces, (n, k).
+
+    Columns are orthonormal after division by `position_scales`; reactions may change.
+    """
+    e, n = system.equations, system.equations.n
+    scale = e.position_scales
+    tangent = system.matrix(x, system.ends[0])
+    gradients = (tangent[n:, :n] * scale).toarray()
+    motions = compute_rigid_motions(e, x[:n])
+    motions = motions @ _null_space(gradients @ motions, _size(gradients))
+    if motions.shape[1]:
+        stiffness = (tangent[:n, :n] * scale * scale[:, None]).tocsc()
+        changes = _without_reactions(gradients, stiffness @ motions)
+        motions = motions @ _null_space(changes, _size(stiffness.data))
+    return la.qr(motions, mode="economic")[0]
+
+
+def _null_space(matrix: Array, size: float) -> Array:
     _, values, right = la.svd(matrix, full_matrices=True)
-    rank = int(np.sum(values > _TANGENT_ROUNDING))
-    return right[rank:].T
+    return right[int(np.sum(values > _ROUNDING * size)) :].T
 
 
-def _is_neutral(system: LoadedEquations, x: Array, motion: Array, size: float) -> bool:
-    """Return True if no load acts along a motion (n,) and forces do not change along it."""
-    n, scale = len(motion), system.equations.position_scales
-    last = system.ends[1]
-    before, load = system.residual(x, last)
-    power = abs(motion @ load[:n])
-    if power > _TANGENT_ROUNDING * np.sum(np.abs(scale * load[:n])):
-        return False
+def _size(entries: Array) -> float:
+    return float(np.max(np.abs(entries), initial=0.0))
+
+
+def _without_reactions(gradients: Array, forces: Array) -> Array:
+    """Return the part of forces (n, ...) that no reactions balance, given the gradients (m, n)."""
+    return forces - gradients.T @ la.lstsq(gradients.T, forces)[0]
+
+
+def _is_neutral(system: LoadedEquations, x: Array, motion: Array) -> bool:
+    """Return True if forces stay in equilibrium, and loads do no work, along a scaled motion."""
+    e, n = system.equations, system.equations.n
+    scale, lam = e.position_scales, np.zeros(len(x) - system.equations.n)
+
+    def move(displacement: float) -> Array:
+        return move_rigidly(e, x[:n], displacement * scale * motion)
+
     for displacement in _DISPLACEMENTS:
-        displaced = x.copy()
-        displaced[:n] += displacement * motion
-        change = system.residual(displaced, last)[0] - before
-        if not np.max(np.abs(scale * change[:n]), initial=0.0) <= _FORCE_ROUNDING * size:
-            return False
-        if not np.max(np.abs(change[n:]), initial=0.0) <= _TANGENT_ROUNDING:
+        moved = np.append(move(displacement), lam)
+        velocity = move(displacement + _STEP) - move(displacement - _STEP)
+        tangent = system.matrix(moved, system.ends[0])
+        gradients = (tangent[n:, :n] * scale).toarray()
+        forces, load = system.residual(moved, system.ends[0])
+        unbalanced = _without_reactions(gradients, scale * forces[:n])
+        stiffness = _size((tangent[:n, :n] * scale * scale[:, None]).data)
+        power, largest = abs(velocity @ load[:n]), _size(velocity / scale)
+        if (
+            _size(forces[n:]) > _ROUNDING * e.length
+            or _size(unbalanced) > _ROUNDING * stiffness
+            or power > _ROUNDING * largest * float(np.sum(np.abs(scale * load[:n])))
+        ):
             return False
     return True

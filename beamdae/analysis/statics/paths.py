@@ -22,7 +22,6 @@ from beamdae.analysis.continuation.engine import (
     Segment,
     Steps,
     Tangent,
-    correct,
     follow,
     prescribe_parameter,
     switch,
@@ -284,7 +283,7 @@ def find_unloaded_equilibrium(
     first, last = problem.system.ends
     x = problem.start(q)
     try:
-        point = correct(problem, prescribe_parameter, first, x, first)
+        point = problem.correct(prescribe_parameter, first, x, first)
         motion = np.abs(problem.difference(point.x, x)) * problem.weights
         if np.max(motion, initial=0.0) <= _MAX_INITIAL_MOTION:
             return point
@@ -298,7 +297,7 @@ def _relax(problem: StaticProblem, q: Array, mu: float, passed: list[Array] | No
     x = problem.start(q)
     x[len(q) : len(q) + len(lam)] = lam
     try:
-        return correct(problem, prescribe_parameter, mu, x, mu)
+        return problem.correct(prescribe_parameter, mu, x, mu)
     except CurveError:
         return Point(problem, x, mu, problem.linearize(x, mu))
 
@@ -494,7 +493,7 @@ def _leave_free_position(
     first = float(np.clip(reach, -1.0, 1.0) if by_load else reach) * _LOAD_STEP_RATIO
     small = _MIN_FIRST_LOAD * first
     try:
-        point = correct(problem, prescribe_parameter, begin.p + small, begin.x, begin.p + small)
+        point = problem.correct(prescribe_parameter, begin.p + small, begin.x, begin.p + small)
         motion = np.abs(problem.difference(point.x, begin.x)) * problem.weights
         if np.max(motion, initial=0.0) <= _MAX_INITIAL_MOTION and not stability_of(point).free:
             tangent = point.tangent(prescribe_parameter(point.x, point.p))
@@ -526,11 +525,7 @@ def _begin_under_load(
                 del targets[:k]
                 return True
             if not by_load:
-                free = free_coordinate(point)
-                path.fail(
-                    f"{free} is free to move under the loads, which do not change it; choose its "
-                    f"value with start={{{free!r}: ...}}, and set to= to a load factor"
-                )
+                path.fail(_describe_freedom(free_coordinate(point)))
                 return False
             path.points.append(_relax(problem, path.end.x[: problem.n], target))
     except BeamdaeError as error:
@@ -576,7 +571,7 @@ def _end_status(path: StagePath, settings: PathSettings, control: Control, quant
     if path.is_stuck and (jump := _find_jump(path)) is not None:
         sentence += f"; the loads jump at t = {jump:g} s, so begin another path there with from_="
     elif path.is_stuck:
-        sentence += _remedy(path, settings.control)
+        sentence += f"; {remedy}" if (remedy := _remedy(path, settings.control)) else ""
         if isinstance(control, PrescribedColumn):
             sentence += _describe_far_target(control, path, settings)
     return Status(path.status.kind, sentence)
@@ -608,15 +603,25 @@ def _describe_far_target(control: PrescribedColumn, path: StagePath, settings: P
     )
 
 
+def _describe_freedom(coordinate: str) -> str:
+    return (
+        f"{coordinate} is free to move under the loads, which do not change it; choose its value "
+        f"with start={{{coordinate!r}: ...}}, and set to= to a load factor"
+    )
+
+
 def _remedy(path: StagePath, control: str) -> str:
     """Return the end of a message: why steps probably fail, and a remedy; "" if unknown."""
     is_first = len(path.points) == 1
     if control == DISPLACEMENT and is_first:
-        return "; check that the loads move the prescribed column"
+        free = free_coordinate(path.end)
+        return (
+            _describe_freedom(free) if free else "check that the loads move the prescribed column"
+        )
     if control == DISPLACEMENT:
-        return "; use control='arc length' to continue where a displacement reverses"
+        return "use control='arc length' to continue where a displacement reverses"
     if control == LOAD and is_first:
-        return "; even 1e-8 of the largest step fails, so check the size of the loads"
+        return "even 1e-8 of the largest step fails, so check the size of the loads"
     if control == LOAD:
-        return "; use control='arc length' to continue past the maximum of a load"
+        return "use control='arc length' to continue past the maximum of a load"
     return ""

@@ -14,8 +14,19 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.analysis.continuation.newton import CORRECTED, Corrections, is_negligible, judge
 from beamdae.analysis.statics.pivot_signs import SaddlePoint, count_signs, scale_by_reference
-from beamdae.native.loop_functions import add, combine, factorize, multiply, pick, solve
+from beamdae.native.loop_functions import (
+    add,
+    combine,
+    factorize,
+    fill,
+    inner_product,
+    max_norm,
+    multiply,
+    pick,
+    solve,
+)
 from beamdae.native.return_codes import DONE
 from beamdae.symbolic.sums.kernel_sums import Sum, evaluate_sum
 
@@ -25,10 +36,11 @@ Array = np.ndarray
 EVALUATE_FORCES = 0
 EVALUATE_TANGENT = 1
 COUNT_SIGNS = 2
-SOLVE = 3
-SOLVE_AGAIN = 4
+FACTORIZE = 3
+SOLVE = 4
 SET_SIZES = 5
 CORRECT = 6
+FIND_TANGENT = 7
 
 
 @dataclass(slots=True)
@@ -78,20 +90,34 @@ class StaticWorkspace:
         Right-hand side, (n + m + 1,), and then the solution.
     compliance, compliance_rate
         Diagonal C of g - C lam = 0, (m,), and its derivative by `mu`.
+    remainder
+        Multiples of g that the forces add to lam, (m,).
     added_targets, added
         Constants of the tangent: nonzeros[added_targets] += added. They are springs that hold
         coordinates in the tangent alone, and the compliances.
+    weights
+        Inverse natural sizes by which corrections are measured, (n + m,).
+    corrections
+        Corrections of `CORRECT`.
     deviation
         Value of the control minus its target.
     mu, center, scale
         Load factor; that of the parts U and L is (mu - center) * scale.
     task
         `EVALUATE_FORCES`; `EVALUATE_TANGENT` to evaluate also the tangent; `COUNT_SIGNS` to count
-        also its negative pivots; `SOLVE` to solve with the given border and right-hand side;
-        `SOLVE_AGAIN` to do so with the last factors; `SET_SIZES` to set natural sizes;
-        `CORRECT` to find the correction of Newton's method for `row` and `deviation`.
+        also its negative pivots; `FACTORIZE` to factorize it with the given border; `SOLVE` to
+        solve for `right` with the last factors; `SET_SIZES` to set natural sizes; `CORRECT` to
+        correct the point by Newton's method until it is a solution or, if the control is not
+        linear, once; `FIND_TANGENT` to find the derivatives by the control.
+    is_linear
+        1 if derivatives of the control are the same everywhere, else 0.
     has_forces, has_tangent
         1 if forces and tangent have been evaluated at `inputs` and `mu`, else 0.
+    has_factors
+        1 if the last factors are those for the tangent and `row`, with F_mu as column, else 0.
+    is_near
+        1 if all this holds for the point before the last correction of `CORRECT`, whose factors are
+        used again for the tangent of the path; else 0.
     """
 
     common: LoadPart
@@ -113,45 +139,113 @@ class StaticWorkspace:
     right: Array
     compliance: Array
     compliance_rate: Array
+    remainder: Array
     added_targets: Array
     added: Array
+    weights: Array
+    corrections: Corrections
     column_start: int
     deviation: float = 0.0
     mu: float = 0.0
     center: float = 0.0
     scale: float = 1.0
     task: int = EVALUATE_FORCES
+    is_linear: int = 1
     has_forces: int = 0
     has_tangent: int = 0
+    has_factors: int = 0
+    is_near: int = 0
 
 
 def perform_task(run: StaticWorkspace) -> int:
-    """Perform the task; return DONE or the code of the linear solver."""
-    if run.task == SOLVE_AGAIN:
+    """Perform the task; return DONE, a code of `judge` or the code of the linear solver."""
+    task, size = run.task, run.forces.size
+    if task == SOLVE:
         _solve(run)
         return DONE
+    if run.is_near == 1 and (task != FIND_TANGENT or run.has_factors == 0):
+        run.has_forces = 0
+    if task == CORRECT:
+        return _correct(run)
     _evaluate_forces(run)
-    if run.task == EVALUATE_FORCES:
+    if task == EVALUATE_FORCES:
         return DONE
     _evaluate_tangent(run)
-    if run.task == COUNT_SIGNS:
+    if task == COUNT_SIGNS:
         count_signs(run.saddle, run.nonzeros)
-    if run.task == SET_SIZES:
+    if task == SET_SIZES:
         scale_by_reference(run.saddle, run.nonzeros)
-    if run.task != SOLVE and run.task != CORRECT:
-        return DONE
-    if run.task == CORRECT:
-        combine(run.column, (1.0,), (run.by_factor,))
-        combine(run.right[: run.forces.size], (-1.0,), (run.forces,))
-        run.right[run.forces.size] = -run.deviation
+    if task == FACTORIZE:
+        run.has_factors = 0
+        return _factorize(run, run.column)
+    if task == FIND_TANGENT:
+        fill(run.right[:size], 0.0)
+        run.right[size] = 1.0
+        return _solve_newton(run)
+    return DONE
+
+
+def _correct(run: StaticWorkspace) -> int:
+    """Correct a point as `Problem.correct` does; return a code of `judge`."""
+    size, m = run.forces.size, run.compliance.size
+    code = CORRECTED
+    while code == CORRECTED:
+        if run.has_forces == 0:
+            _evaluate_forces(run)
+            _determine_resultants(run)
+        _evaluate_tangent(run)
+        combine(run.right[:size], (-1.0,), (run.forces,))
+        run.right[size] = -run.deviation
+        solver_code = _solve_newton(run)
+        if solver_code != DONE:
+            return solver_code
+        change, q = max_norm(run.right[:size], run.weights), run.inputs[: size - m]
+        last = run.corrections.last
+        code = judge(run.corrections, change, is_negligible(change, last))
+        share, lam = run.corrections.share, run.inputs[run.inputs.size - m :]
+        combine(q, (1.0, share), (q, run.right[: size - m]))
+        combine(lam, (1.0, share), (lam, run.right[size - m : size]))
+        run.mu += share * run.right[size]
+        run.deviation += share * inner_product(run.row, run.right)
+        if code == DONE:
+            run.is_near = 1
+        else:
+            run.has_forces = 0
+        if run.is_linear == 0:
+            return code
+    return code
+
+
+def _determine_resultants(run: StaticWorkspace) -> None:
+    """Let axial and shear forces depend on the multipliers alone, until the strains follow them.
+
+    Strains of other points are much larger than those of equilibria.
+    """
+    m = run.remainder.size
+    multipliers, constraints = run.inputs[run.inputs.size - m :], run.forces[run.forces.size - m :]
+    for k in range(m):
+        multipliers[k] -= run.remainder[k] * constraints[k]
+    run.has_forces = 0
+    _evaluate_forces(run)
+
+
+def _solve_newton(run: StaticWorkspace) -> int:
+    """Solve with F_mu and `row` as border; return DONE or the code of the linear solver."""
+    if run.has_factors == 0:
+        code = _factorize(run, run.by_factor)
+        if code != DONE:
+            return code
+        run.has_factors = 1
+    _solve(run)
+    return DONE
+
+
+def _factorize(run: StaticWorkspace, column: Array) -> int:
     size, first = run.forces.size, run.column_start
     pick(run.nonzeros, run.row_targets, run.row, run.counting, 0, size + 1)
-    combine(run.nonzeros[first : first + size], (1.0,), (run.column,))
+    combine(run.nonzeros[first : first + size], (1.0,), (column,))
     multiply(run.scaled, run.nonzeros, run.products)
-    code = factorize(run.linear, run.scaled)
-    if code == DONE:
-        _solve(run)
-    return code
+    return factorize(run.linear, run.scaled)
 
 
 def _solve(run: StaticWorkspace) -> None:
@@ -178,7 +272,7 @@ def _evaluate_forces(run: StaticWorkspace) -> None:
     constraints = run.forces[size - m :]
     for k in range(m):
         constraints[k] -= run.compliance[k] * multipliers[k]
-    run.has_forces, run.has_tangent = 1, 0
+    run.has_forces, run.has_tangent, run.has_factors, run.is_near = 1, 0, 0, 0
 
 
 def _evaluate_tangent(run: StaticWorkspace) -> None:

@@ -14,7 +14,15 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from beamdae.analysis.continuation.engine import CurveError, Point, Problem, Row
+from beamdae.analysis.continuation.engine import (
+    Control,
+    CurveError,
+    Point,
+    Problem,
+    Row,
+    Tangent,
+)
+from beamdae.analysis.continuation.newton import CORRECTED, FAILURES, Corrections
 from beamdae.analysis.continuation.spectrum import Flexibility, count_growing, has_potential
 from beamdae.analysis.statics.load_scaling import LoadedEquations, interpolate_tangents
 from beamdae.analysis.statics.pivot_signs import (
@@ -28,9 +36,10 @@ from beamdae.analysis.statics.static_loop import (
     COUNT_SIGNS,
     EVALUATE_FORCES,
     EVALUATE_TANGENT,
+    FACTORIZE,
+    FIND_TANGENT,
     SET_SIZES,
     SOLVE,
-    SOLVE_AGAIN,
     LoadPart,
     StaticWorkspace,
     perform_task,
@@ -51,7 +60,7 @@ from beamdae.equations.structure import (
 )
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.native.object_code import is_native_enabled
-from beamdae.native.return_codes import DONE
+from beamdae.native.return_codes import DONE, SINGULAR
 from beamdae.symbolic.sparse_operators import column_indices
 from beamdae.symbolic.sums.kernel_sums import Kernel, SumPlan, set_matrix_factors, set_time
 
@@ -65,6 +74,9 @@ _OTHER_COORDINATES = 100
 _KERNEL_SECONDS = 0.01
 _INSTRUCTION_SECONDS = 6e-5
 _LOOP_SECONDS = 3.0
+
+# Number of solutions with the same factors, each with the residual of the one before.
+_SOLUTIONS = 2
 
 # Distance of a parameter from the value about which equations are linearized, in steps.
 _CENTER_TOLERANCE = 1e-6
@@ -264,10 +276,6 @@ class StaticLinearization:
         """Return the factors of the bordered tangent."""
         return BorderedFactors(self.problem, (self.x, self.p), (column, row, corner))
 
-    def correction(self, row: Row, target: float) -> Array:
-        """Return the correction of Newton's method."""
-        return self.problem.correction((self.x, self.p), row, target)
-
 
 @dataclass(frozen=True, eq=False)
 class BorderedFactors:
@@ -317,7 +325,7 @@ class StaticProblem(Problem):
         first, last = (x.equations for x in forms)
         self._time, self._n, self._varied = loaded.time, last.n, varied
         self._initial_q, self._part_scales = last.q0, last.part_scales
-        self._compliance = forms[1].compliance
+        self._compliance, self._remainder = forms[1].compliance, forms[1].remainder
         if varied is None:
             common, only_unloaded, only_loaded = _split_structures(first, last)
         else:
@@ -334,7 +342,6 @@ class StaticProblem(Problem):
         size = plan.pattern.shape[0]
         self._weights = np.append(1.0 / last.group_scales, np.zeros(size - last.n))
         self._rigid = last.m - len(compliant)
-        self._evaluated_x = np.full(size, np.nan)
         self._compilation_seconds = np.inf
         self._set_loop(self._take_idle_loop() or self._make_loop(compiles=False))
         self._compilation_seconds = np.inf if self.is_native else self._estimate_compilation()
@@ -360,9 +367,10 @@ class StaticProblem(Problem):
             for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
                 plan.set_data(total, p)
                 set_time(total, *self._time)
-        run.saddle.part_scales[:] = self._part_scales
+        run.saddle.part_scales[:], run.weights[:] = self._part_scales, self._weights
         run.center, run.scale = 0.0, 1.0
         run.compliance[:], run.compliance_rate[:] = self._compliance, 0.0
+        run.remainder[:] = self._remainder
         run.added[:] = np.append(np.zeros(self._held), -self._compliance[self._compliance != 0.0])
         if self._varied is not None:
             run.scale = 0.0
@@ -374,7 +382,7 @@ class StaticProblem(Problem):
     def _scale(self) -> None:
         """Set the natural sizes by the tangent in the reference configuration, without loads."""
         run, m = self._loop.work, len(self._compliance)
-        self._evaluated_x[:] = np.nan
+        run.has_forces = 0
         at_start = np.append(self._initial_q, np.zeros(m))
         mu = 0.0 if self._varied is None else self._varied.begin
         run = self._run(at_start, mu, SET_SIZES)
@@ -427,8 +435,11 @@ class StaticProblem(Problem):
                 right=np.zeros(size + 1),
                 compliance=np.zeros(size - self._n),
                 compliance_rate=np.zeros(size - self._n),
+                remainder=np.zeros(size - self._n),
                 added_targets=plan.added_targets,
                 added=np.zeros(len(plan.added_targets)),
+                weights=np.zeros(size),
+                corrections=Corrections(),
                 column_start=int(plan.bordered.indptr[size]),
             )
 
@@ -532,12 +543,34 @@ class StaticProblem(Problem):
         count_signs_by_scipy(run.saddle, run.nonzeros)
         return run.saddle
 
-    def correction(self, point: tuple[Array, float], row: Row, target: float) -> Array:
-        """Return the changes of x and mu by Newton's method at a point."""
-        self._compile_if_used()
+    def correct(self, control: Control, target: float, x: Array, p: float) -> Point:
+        """Return the solution at which the control has the value `target`, by Newton's method."""
+        run, n, code = self._loop.work, self._n, CORRECTED
+        run.corrections.restart()
+        while code == CORRECTED:
+            row = control(x, p)
+            self._set_row(row)
+            self._set_point(x, p)
+            run.deviation = row.value - target
+            run.is_linear = int(row.is_linear and self._varied is None)
+            code = self._perform(CORRECT)
+            x, p = np.append(run.inputs[:n], run.inputs[2 * n :]), run.mu
+        count = run.corrections.count
+        self._compile_if_used(count)
+        if code != DONE:
+            raise CurveError(FAILURES[code])
+        return Point(self, x, p, self.linearize(x, p), count)
+
+    def find_tangent(self, point: Point, row: Row) -> Tangent:
+        """Return the tangent at a solution along which the control with this row increases by 1."""
+        self._set_row(row)
+        solution = self._run(point.x, point.p, FIND_TANGENT).right.copy()
+        return Tangent(solution[:-1], float(solution[-1]))
+
+    def _set_row(self, row: Row) -> None:
         run = self._loop.work
-        run.row[:-1], run.row[-1], run.deviation = row.x, row.p, row.value - target
-        return self._run(*point, CORRECT).right.copy()
+        if not (run.row[-1] == row.p and np.array_equal(run.row[:-1], row.x)):
+            run.row[:-1], run.row[-1], run.has_factors = row.x, row.p, 0
 
     def solve(self, factors: BorderedFactors, right: Array) -> Array:
         """Return the solution with factors for a right-hand side (n + m + 1,).
@@ -547,28 +580,36 @@ class StaticProblem(Problem):
         CurveError
             If the bordered matrix is singular or not finite.
         """
-        run = self._loop.work
-        run.right[:] = right
-        if self._factors() is factors:
-            run.task = SOLVE_AGAIN
-            self._call()
-            return run.right.copy()
-        column, row, corner = factors.border
-        run.column[:], run.row[:-1], run.row[-1] = column, row, corner
-        self._run(*factors.point, SOLVE)
-        self._factors = weakref.ref(factors)
-        return run.right.copy()
+        run, pattern = self._loop.work, self._plan.bordered
+        if self._factors() is not factors:
+            column, row, corner = factors.border
+            run.column[:], run.row[:-1], run.row[-1] = column, row, corner
+            self._run(*factors.point, FACTORIZE)
+            self._factors = weakref.ref(factors)
+        matrix = sp.csc_array((run.nonzeros, pattern.indices, pattern.indptr), pattern.shape)
+        solution = np.zeros_like(right)
+        # Small changes of tests for critical points count more than the accuracy of a correction.
+        for _ in range(_SOLUTIONS):
+            run.right[:] = right - matrix @ solution
+            self._perform(SOLVE)
+            solution += run.right
+        return solution
 
     def _run(self, x: Array, mu: float, task: int) -> StaticWorkspace:
-        run = self._loop.work
         self._set_point(x, mu)
+        self._perform(task)
+        return self._loop.work
+
+    def _perform(self, task: int) -> int:
+        run = self._loop.work
         run.task = task
-        if task in (SOLVE, CORRECT):
+        if task != SOLVE:
             self._factors = lambda: None
-        if self._call() != DONE:
+        code = self._call()
+        if code == SINGULAR:
             run.linear.singular = 0
             raise CurveError("the tangent stiffness is singular at the next point")
-        return run
+        return code
 
     def _call(self) -> int:
         """Run the loop; return its code."""
@@ -579,11 +620,9 @@ class StaticProblem(Problem):
 
     def _set_point(self, x: Array, mu: float) -> None:
         run, n = self._loop.work, self._n
-        if not (mu == run.mu and np.array_equal(x, self._evaluated_x)):
-            self._evaluated_x[:] = x
-            run.inputs[:n], run.inputs[2 * n :] = x[:n], x[n:]
-            run.has_forces = run.has_tangent = 0
-        run.mu = mu
+        q, lam = run.inputs[:n], run.inputs[2 * n :]
+        if not (mu == run.mu and np.array_equal(x[:n], q) and np.array_equal(x[n:], lam)):
+            q[:], lam[:], run.mu, run.has_forces = x[:n], x[n:], mu, 0
         is_off = self._varied is not None and abs(mu - run.center) * run.scale > _CENTER_TOLERANCE
         if is_off:
             self._center(mu)
@@ -607,15 +646,14 @@ class StaticProblem(Problem):
             (forms[1].compliance - compliance) / step,
         )
         run.added[self._held :] = -compliance[self._compliance != 0.0]
-        run.center, run.scale = value, 1.0 / step
-        run.has_forces = run.has_tangent = 0
+        run.center, run.scale, run.has_forces = value, 1.0 / step, 0
 
-    def _compile_if_used(self) -> None:
-        """Count evaluations; compile kernels, then the loop, when this takes less time."""
+    def _compile_if_used(self, count: int) -> None:
+        """Add `count` evaluations; compile kernels, then the loop, when this takes less time."""
         if self.is_native:
             return
         usage = self._usage
-        usage.seconds += _COORDINATE_SECONDS * (_OTHER_COORDINATES + self._n)
+        usage.seconds += count * _COORDINATE_SECONDS * (_OTHER_COORDINATES + self._n)
         if usage.seconds <= self._compilation_seconds:
             return
         usage.seconds -= self._compilation_seconds

@@ -33,29 +33,31 @@ class CompliantEquations(NamedTuple):
         Equations whose last constraints are compliant.
     compliance, retardation
         Diagonals of C and of the retardation times tau [s], (m,); 0 for joints.
+    remainder
+        Multiples of g that F adds to lam, (m,).
     """
 
     equations: EquationsOfMotion
     compliance: Array
     retardation: Array
+    remainder: Array
 
 
 def introduce_resultants(e: EquationsOfMotion) -> CompliantEquations:
     """Return the equations with the stiff forces of all terms as unknowns."""
     p, numbers, rotations = e.p.copy(), [], []
-    compliance, retardation = [np.zeros(e.m)], [np.zeros(e.m)]
+    diagonals = [np.zeros((3, e.m))]
     for term in e.forces:
         form = term.kernel.compliant
         if form is None:
             continue
         size = term.kernel.local.n_data
         columns = p[term.data].reshape((-1, term.count), order="F")
-        columns[:size], points, compliances, times = form.split(columns[:size])
+        columns[:size], points, *parts = form.split(columns[:size])
         p[term.data] = columns.ravel(order="F")
         rotations.append(columns[size:].tobytes())
         numbers.append(points.ravel())
-        compliance.append(compliances.ravel())
-        retardation.append(times.ravel())
+        diagonals.append(np.reshape(parts, (3, -1)))
     structure = _add_constraints(e.structure, len(p), tuple(rotations))
     multipliers = tuple(Variable(f"resultant {k}", "N") for k in range(structure.m - e.m))
     equations = replace(
@@ -64,7 +66,7 @@ def introduce_resultants(e: EquationsOfMotion) -> CompliantEquations:
         p=np.concatenate([p, *numbers]),
         multipliers=(*e.multipliers, *multipliers),
     )
-    return CompliantEquations(equations, np.concatenate(compliance), np.concatenate(retardation))
+    return CompliantEquations(equations, *np.concatenate(diagonals, axis=1))
 
 
 @cache_on_owner

@@ -115,6 +115,20 @@ def _rigid_motions_of_nodes(e: EquationsOfMotion, q: Array, nodes: Array) -> Arr
     return motions / e.position_scales[:, None]
 
 
+def move_rigidly(e: EquationsOfMotion, q: Array, motion: Array) -> Array:
+    """Return q after a finite rigid motion (n,): bodies rotate about their centers of rotation."""
+    moved = q + motion
+    for body in collect_bodies(e):
+        if body.position is None or body.angle is None or motion[body.angle] == 0.0:
+            continue
+        points = body.nodes[:, :2] if body.nodes is not None else np.array([body.position])
+        angle, (x, y), (dx, dy) = motion[body.angle], q[points[0]], motion[points[0]]
+        center = np.array([x - dy / angle, y + dx / angle])
+        cos, sin = np.cos(angle), np.sin(angle)
+        moved[points] = center + (q[points] - center) @ np.array([[cos, sin], [-sin, cos]])
+    return moved
+
+
 def _motion_sizes(
     e: EquationsOfMotion, q: Array, body: Body, motion: Array
 ) -> tuple[float, float, float]:
