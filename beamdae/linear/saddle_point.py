@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.linear.orderings import invert_to_power_of_two
 from beamdae.linear.factorizations import SingularMatrixError, create_factorization
 
 Array = np.ndarray
@@ -38,9 +39,13 @@ def factorize_saddle_point(
         matrix = sp.block_array([[block, reactions], [rows, corner]])
     saddle_point = sp.csc_array(matrix)
     saddle_point.sort_indices()
+    # Pivots of rows that are not scaled would come from stiff parts, not from constraints.
+    scale = invert_to_power_of_two(abs(saddle_point).max(axis=1).toarray().ravel())
+    saddle_point.data *= scale[saddle_point.indices]
     solver = create_factorization(saddle_point, dtype=saddle_point.dtype.type)
     try:
         solver.factorize(saddle_point.data)
     except SingularMatrixError:
         return None
-    return solver.solve
+
+    return lambda right: solver.solve((right.T * scale).T)
