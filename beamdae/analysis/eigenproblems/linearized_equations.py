@@ -1,20 +1,33 @@
-"""Linearized equations as the eigenvalue solvers need them."""
+"""Linearized equations as the eigenvalue solvers need them.
+
+Axial and shear stiffnesses of thin beams exceed those of their slow motions by many digits. In
+mixed form, their forces are multipliers of compliant constraints, so that the slenderness does not
+enter rounding.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from beamdae.equations.equations_of_motion import PartCoordinates
-from beamdae.equations.formulations.tangents import LinearizedCoordinates, Tangent
+from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordinates, State
+from beamdae.equations.formulations.compliant_equations import introduce_resultants
+from beamdae.equations.formulations.tangents import Convert, LinearizedCoordinates, Tangent
+from beamdae.linear.blas_threads import single_threaded
+from beamdae.linear.saddle_point import SaddlePencil
 
 Array = np.ndarray
 
+# Bound on the rounding error of the stiffness over the inertia, relative to their largest ratio.
+_ROUNDING_RATIO = 2e-14
+# Share of it that holds free motions while forces are computed from equilibrium.
+_HOLDING_RATIO = 1e-6
 # Asymmetry up to which a matrix is treated as symmetric, relative to its largest entry: of exact
 # matrices, and of matrices with finite differences. The first is small because a follower load is
 # small compared with the axial stiffness of a thin beam.
@@ -40,9 +53,29 @@ class CoordinateSubset:
         return len(self.q_names)
 
 
+class MixedForm(NamedTuple):
+    """Matrices without stiff forces, and compliant constraints J (x + tau x') - C mu = 0.
+
+    Attributes
+    ----------
+    stiffness, damping
+        Sparse matrices (n, n).
+    rows
+        Derivatives J of the constraints, sparse (r, n).
+    compliance, retardation
+        Diagonals of C and tau, (r,).
+    """
+
+    stiffness: sp.csc_array
+    damping: sp.csc_array
+    rows: sp.csc_array
+    compliance: Array
+    retardation: Array
+
+
 @dataclass(frozen=True)
 class LinearizedEquations:
-    """Linearized equations M x'' + C x' + K x + H mu = 0, J x + V x' - c mu = 0.
+    """Linearized equations M x'' + C x' + K x + H mu = 0, J x + V x' = 0.
 
     Attributes
     ----------
@@ -55,12 +88,15 @@ class LinearizedEquations:
     has_differences
         True if the matrices contain errors of finite differences or of the transformation to a
         rotating frame, so that symmetry is tested with a larger tolerance.
+    mixed
+        Mixed form of the same equations, or None.
     """
 
     equations: LinearizedCoordinates
     tangent: Tangent
     zero_square: float = 0.0
     has_differences: bool = False
+    mixed: MixedForm | None = None
 
     @cached_property
     def rows(self) -> sp.csc_array:
@@ -68,10 +104,39 @@ class LinearizedEquations:
         return self.tangent.acceleration_jacobian(self.equations)
 
     @property
-    def compliance(self) -> Array:
-        """Compliances of the constraints, (m,)."""
-        compliance = self.tangent.compliance
-        return np.zeros(self.equations.m) if compliance is None else compliance
+    def stiffness(self) -> sp.csc_array:
+        """Stiffness (n, n) without the forces of compliant constraints."""
+        return (self.mixed or self.tangent).stiffness
+
+    @property
+    def rounding_square(self) -> float:
+        """Squared rate [1/s^2] near the rounding errors of the stiffness."""
+        inertia, stiffness = self.tangent.mass.diagonal(), self.tangent.stiffness.diagonal()
+        ratios = np.abs(stiffness[inertia > 0.0]) / inertia[inertia > 0.0]
+        return _ROUNDING_RATIO * float(np.max(ratios, initial=0.0)) or 1.0
+
+    @cached_property
+    def pencil(self) -> SaddlePencil:
+        """Matrix A(s) of (x, mu) for x exp(s t), or for (x, mu, forces of the mixed form)."""
+        tangent, n, size = self.tangent, self.equations.n, self.equations.n + self.equations.m
+        blocks = [
+            (0, 0, 0, self.stiffness),
+            (0, 0, n, tangent.reactions),
+            (0, n, 0, tangent.position_jacobian),
+            (1, 0, 0, (self.mixed or tangent).damping),
+            (1, n, 0, tangent.velocity_jacobian),
+            (2, 0, 0, tangent.mass),
+        ]
+        if self.mixed is not None:
+            _, _, rows, compliance, retardation = self.mixed
+            blocks += [
+                (0, 0, size, rows.T),
+                (0, size, 0, rows),
+                (1, size, 0, sp.diags_array(retardation) @ rows),
+                (0, size, size, -sp.diags_array(compliance)),
+            ]
+            size += len(compliance)
+        return SaddlePencil(size, blocks)
 
     @cached_property
     def is_symmetric(self) -> bool:
@@ -107,25 +172,55 @@ class LinearizedEquations:
 
     def symmetrized(self) -> LinearizedEquations:
         """Return undamped equations with the symmetric parts of M and K, and reactions along G."""
-        tangent, rows = self.tangent, self.rows
-        mass, stiffness = (sp.csc_array(0.5 * (x + x.T)) for x in (tangent.mass, tangent.stiffness))
+        tangent, rows, mixed = self.tangent, self.rows, self.mixed
         undamped = tangent._replace(
-            mass=mass,
-            damping=sp.csc_array(mass.shape),
-            stiffness=stiffness,
+            mass=_symmetric_part(tangent.mass),
+            damping=sp.csc_array(tangent.mass.shape),
+            stiffness=_symmetric_part(tangent.stiffness),
             reactions=sp.csc_array(rows.T),
             position_jacobian=rows,
             velocity_jacobian=sp.csc_array(rows.shape),
         )
-        return replace(self, tangent=undamped)
+        if mixed is not None:
+            mixed = mixed._replace(
+                stiffness=_symmetric_part(mixed.stiffness),
+                damping=undamped.damping,
+                retardation=np.zeros(len(mixed.compliance)),
+            )
+        return replace(self, tangent=undamped, mixed=mixed)
 
-    @cached_property
-    def condensed_stiffness(self) -> sp.csc_array:
-        """Stiffness (n, n) that contains compliant constraints, for fast motions and scales."""
-        tangent, (compliant,) = self.tangent, np.nonzero(self.compliance)
-        reactions, rows = tangent.reactions[:, compliant], tangent.position_jacobian[compliant]
-        weights = sp.diags_array(1.0 / self.compliance[compliant])
-        return sp.csc_array(tangent.stiffness + reactions @ weights @ rows)
+    @single_threaded
+    def introduce_forces(
+        self, state: State, tangent_at: Callable[[State, Convert], Tangent]
+    ) -> LinearizedEquations:
+        """Return the equations in mixed form about a `state` whose strains are constant.
+
+        `tangent_at` returns the tangent of converted equations at a state.
+        """
+        e, m = self.equations, self.equations.m
+        assert isinstance(e, EquationsOfMotion)
+        form = introduce_resultants(e)
+        r = form.equations.m - m
+        if not r:
+            return self
+
+        def convert(equations: EquationsOfMotion) -> EquationsOfMotion:
+            return introduce_resultants(equations).equations
+
+        def evaluate(state: State) -> tuple[LinearizedEquations, Array]:
+            tangent = tangent_at(state, convert)
+            compliance, retardation = form.compliance[m:], form.retardation[m:]
+            rows = sp.csc_array(tangent.position_jacobian[m:])
+            mixed = MixedForm(tangent.stiffness, tangent.damping, rows, compliance, retardation)
+            return replace(self, mixed=mixed), tangent.residual
+
+        # Strains are lost in the rounding of the positions: forces follow from equilibrium.
+        state = state._replace(lam=np.append(state.lam[:m], np.zeros(r)))
+        mixed, residual = evaluate(state)
+        solve = mixed.pencil.factorize(np.sqrt(_HOLDING_RATIO * self.rounding_square))
+        if solve is None:
+            return self
+        return evaluate(state._replace(lam=state.lam - solve(residual)[e.n :]))[0]
 
     @property
     def nonholonomic(self) -> Array:
@@ -181,6 +276,20 @@ class LinearizedEquations:
             position_jacobian=tangent.position_jacobian[g][:, q],
             velocity_jacobian=tangent.velocity_jacobian[g][:, q],
             residual=tangent.residual[np.append(q, e.n + g)],
-            compliance=None if tangent.compliance is None else tangent.compliance[g],
         )
-        return replace(self, equations=equations, tangent=part)
+        mixed = self.mixed
+        if mixed is not None:
+            rows = mixed.rows[:, q]
+            used = np.unique(rows.indices)
+            mixed = MixedForm(
+                mixed.stiffness[q][:, q],
+                mixed.damping[q][:, q],
+                rows[used],
+                mixed.compliance[used],
+                mixed.retardation[used],
+            )
+        return replace(self, equations=equations, tangent=part, mixed=mixed)
+
+
+def _symmetric_part(matrix: sp.csc_array) -> sp.csc_array:
+    return sp.csc_array(0.5 * (matrix + matrix.T))

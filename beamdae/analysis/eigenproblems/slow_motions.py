@@ -21,7 +21,6 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.errors import BeamdaeError
-from beamdae.linear.saddle_point import factorize_saddle_point
 
 Array = np.ndarray
 
@@ -30,9 +29,9 @@ Array = np.ndarray
 _MAX_DENSE_COORDINATES, _MAX_FALLBACK_COORDINATES = 250, 800
 # Bound on the rounding error of y^T A y, relative to |y|^T |A| |y|.
 _ROUNDING_RATIO = 1e-15
-# The first shift -s^2 of K is this multiple of the largest ratio of stiffness to inertia. Above the
-# smallest square that is not zero, or below its second multiple, it becomes its third multiple.
-_FIRST_SQUARE, _MIN_SQUARE_SHARE, _SQUARE_RATIO = 2e-14, 1e-6, 0.4
+# A shift -s^2 of K above the smallest square that is not zero, or below its first multiple, becomes
+# its second multiple.
+_MIN_SQUARE_SHARE, _SQUARE_RATIO = 1e-6, 0.4
 # Numbers of shifts, and of vectors and iterations of the estimates; squares that are zero, relative
 # to the shift.
 _MAX_SHIFTS, _BLOCK_SIZE, _ITERATIONS, _ZERO_RATIO = 8, 8, 3, 1e-11
@@ -110,6 +109,8 @@ def solve_undamped(lin: LinearizedEquations, count: int | None) -> UndampedModes
         If many eigenvalues are too close to each other to be separated.
     """
     lin = lin.symmetrized()
+    if lin.equations.n <= lin.equations.m:
+        return UndampedModes(np.zeros(0), np.zeros((lin.equations.n, 0)))
     square = _choose_shift(lin)
 
     def find_missing(inverses: Array, bound: float) -> float:
@@ -123,10 +124,8 @@ def solve_undamped(lin: LinearizedEquations, count: int | None) -> UndampedModes
 
 def _choose_shift(lin: LinearizedEquations) -> float:
     """Return s^2 near the smallest square that is not zero, by inverse iteration."""
-    inertia, stiffness = lin.tangent.mass.diagonal(), lin.condensed_stiffness.diagonal()
-    ratios = np.abs(stiffness[inertia > 0.0]) / inertia[inertia > 0.0]
-    square = _FIRST_SQUARE * float(np.max(ratios, initial=0.0)) or 1.0
-    first, scales = square, _find_scales(lin, 0.0)[:, None]
+    first = square = lin.rounding_square
+    scales = _find_scales(lin, 0.0)[:, None]
     block = np.random.default_rng(0).standard_normal((len(scales), _BLOCK_SIZE))
     for _ in range(_MAX_SHIFTS):
         invert = _invert(lin, np.sqrt(square))
@@ -153,7 +152,7 @@ def _solve_symmetric(
     Errors of the flexibility are relative to the slowest mode, those of the stiffness to the
     fastest one.
     """
-    mass, stiffness = lin.tangent.mass, lin.condensed_stiffness
+    mass, stiffness = lin.tangent.mass, lin.tangent.stiffness
     basis, _, images = motions
     gram = basis.T @ (mass @ basis)
     try:
@@ -187,7 +186,7 @@ def _solve_symmetric(
 def _bound_rounding(lin: LinearizedEquations, shapes: Array, square: float) -> Array:
     """Return the squared frequencies (k,) up to which those of shapes (n, k) are zero."""
     inertia = np.einsum("ij,ij->j", shapes.conj(), lin.tangent.mass @ shapes).real
-    rounding = quadratic_form_rounding(lin.tangent.stiffness, shapes)
+    rounding = quadratic_form_rounding(lin.stiffness, shapes)
     rounding = rounding / np.where(inertia > 0.0, inertia, 1.0) + _ZERO_RATIO * square
     return np.maximum(rounding, lin.zero_square)
 
@@ -322,13 +321,12 @@ def _constraint_rows(lin: LinearizedEquations, momenta: Array) -> Array:
     Constraints on speeds, J x + V x' = 0, do not constrain x. States have no inertia.
     """
     e, tangent, rolling = lin.equations, lin.tangent, lin.nonholonomic
-    rigid = lin.compliance == 0.0
     if not lin.has_rates:
-        return np.vstack([tangent.position_jacobian[rigid].toarray(), momenta])
+        return np.vstack([tangent.position_jacobian.toarray(), momenta])
     position, velocity = (
         x.toarray() for x in (tangent.position_jacobian, tangent.velocity_jacobian)
     )
-    fixed, states = np.vstack([position[~rolling & rigid], momenta]), np.eye(e.n)[e.states]
+    fixed, states = np.vstack([position[~rolling], momenta]), np.eye(e.n)[e.states]
     return np.vstack(
         [
             la.block_diag(fixed, np.vstack([fixed, states])),
@@ -349,13 +347,9 @@ def _invert(lin: LinearizedEquations, s: float) -> Callable[[Array], Array]:
     With y = (x, l x), its eigenvalues are 1 / (l - s); without rates, those for y = x are
     1 / (s^2 - l^2).
     """
-    tangent, n, m = lin.tangent, lin.equations.n, lin.equations.m
-    solve = factorize_saddle_point(
-        tangent.stiffness + s * tangent.damping + s**2 * tangent.mass,
-        tangent.reactions,
-        tangent.position_jacobian + s * tangent.velocity_jacobian,
-        lin.compliance,
-    )
+    n, pencil = lin.equations.n, lin.pencil
+    _, damping, mass = (x[:, :n] for x in pencil.matrices)
+    solve = pencil.factorize(s)
     if solve is None:
         raise BeamdaeError(
             "modes: the linearized equations are singular; add mass or stiffness to the parts "
@@ -365,9 +359,8 @@ def _invert(lin: LinearizedEquations, s: float) -> Callable[[Array], Array]:
     def apply(y: Array) -> Array:
         x = y[:n]
         if not lin.has_rates:
-            return solve(np.vstack([tangent.mass @ x, np.zeros((m, x.shape[1]))]))[:n]
-        force = tangent.mass @ (y[n:] + s * x) + tangent.damping @ x
-        image = -solve(np.vstack([force, tangent.velocity_jacobian @ x]))[:n]
+            return solve(mass @ x)[:n]
+        image = -solve(mass @ (y[n:] + s * x) + damping @ x)[:n]
         return np.vstack([image, x + s * image])
 
     return apply
@@ -454,7 +447,7 @@ def _refine_decays(lin: LinearizedEquations, values: Array, shapes: Array) -> Ar
     x, tangent = shapes.real, lin.tangent
     m, d, k = (
         np.einsum("ij,ij->j", x, matrix @ x)
-        for matrix in (tangent.mass, tangent.damping, lin.condensed_stiffness)
+        for matrix in (tangent.mass, tangent.damping, tangent.stiffness)
     )
     is_real = (np.abs(values.imag) <= _IMAGINARY_TOLERANCE * np.abs(values)) & (d**2 > 4.0 * m * k)
     root = d + np.sqrt(np.where(is_real, d**2 - 4.0 * m * k, 1.0))

@@ -63,7 +63,7 @@ class Pencil:
     def of(cls, e: EquationsOfMotion, tangent: Tangent, damped: bool) -> Pencil:
         """Return the matrices of `solve_eigenproblem`, see there for `damped`."""
         if damped:
-            return cls(*tangent[:6])
+            return cls(*tangent[:-1])
         rows = tangent.acceleration_jacobian(e)
         mass, stiffness = (sp.csc_array(0.5 * (x + x.T)) for x in (tangent.mass, tangent.stiffness))
         none = sp.csc_array

@@ -5,6 +5,7 @@ x and mu are increments of the coordinates and of the multipliers.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -28,6 +29,9 @@ from beamdae.symbolic.sums.kernel_sums import (
 )
 
 Array = np.ndarray
+
+
+Convert = Callable[[EquationsOfMotion], EquationsOfMotion]
 
 
 class LinearizedCoordinates(Protocol):
@@ -75,8 +79,6 @@ class Tangent(NamedTuple):
         constraints are zero.
     residual
         F + G^T lam and the constraints, (n + m,).
-    compliance
-        Compliances c of the constraints J x + V v - c mu = 0, (m,). None if all are zero.
     """
 
     mass: sp.csc_array
@@ -86,7 +88,6 @@ class Tangent(NamedTuple):
     position_jacobian: sp.csc_array
     velocity_jacobian: sp.csc_array
     residual: Array
-    compliance: Array | None = None
 
     def acceleration_jacobian(self, e: LinearizedCoordinates) -> sp.csc_array:
         """Return the matrix (m, n) that multiplies a in the differentiated constraints.
@@ -108,6 +109,13 @@ def compute_tangent(e: EquationsOfMotion, time: Array, state: State) -> Tangent:
     nonzeros = np.zeros(2 * form.pattern.nnz)
     evaluate_jacobian_parts(form.buffers(), time[0], time[1], y, rates, nonzeros)
     return _create_tangent(form, nonzeros, form.residual(time, y, rates))
+
+
+def tangent_of(
+    e: EquationsOfMotion, time: Array, state: State, convert: Convert | None = None
+) -> Tangent:
+    """Return the `Tangent` of converted equations."""
+    return compute_tangent(convert(e) if convert else e, time, state)
 
 
 def differentiate_tangent(
