@@ -31,10 +31,10 @@ _MAX_DENSE_COORDINATES, _MAX_FALLBACK_COORDINATES = 250, 800
 _ROUNDING_RATIO = 1e-15
 # A shift -s^2 of K above the smallest square that is not zero, or below its first multiple, becomes
 # its second multiple.
-_MIN_SQUARE_SHARE, _SQUARE_RATIO = 1e-6, 0.4
+_MIN_SQUARE_SHARE, _SQUARE_RATIO, _MIN_REDUCTION = 1e-6, 0.4, 1e-4
 # Numbers of shifts, and of vectors and iterations of the estimates; squares that are zero, relative
-# to the shift.
-_MAX_SHIFTS, _BLOCK_SIZE, _ITERATIONS, _ZERO_RATIO = 8, 8, 3, 1e-11
+# to a shift and to the last shift.
+_MAX_SHIFTS, _BLOCK_SIZE, _ITERATIONS, _SLOW_RATIO, _ZERO_RATIO = 12, 8, 3, 1e-9, 1e-11
 # Shift relative to the geometric mean of the lowest and highest frequency of interest; a factor of
 # one would hit the frequency of a single mode. If all modes are requested, the lowest ten count.
 _SHIFT_RATIO, _DEFAULT_COUNT = 0.6, 10
@@ -134,13 +134,14 @@ def _choose_shift(lin: LinearizedEquations) -> float:
             block = invert(scales * basis) / scales
         inverses, vectors = la.eig(basis.T @ block)
         sizes, shapes = np.abs(1.0 / inverses - square), scales * (basis @ vectors.real)
-        is_zero = sizes <= _bound_rounding(lin, shapes, square)
+        is_zero = sizes <= np.maximum(_bound_rounding(lin, shapes, square), _SLOW_RATIO * square)
         slowest = float(np.min(sizes[~is_zero], initial=np.inf))
         min_square = _MIN_SQUARE_SHARE * slowest if np.any(is_zero) else 0.0
         if min_square <= square <= slowest < np.inf:
             return square
-        # A shift that is too large hides all squares.
-        square *= _MIN_SQUARE_SHARE if np.isinf(slowest) else _SQUARE_RATIO * slowest / square
+        # A shift that is too large hides all squares, or distinguishes no free motions.
+        share = 0.0 if np.isinf(slowest) else _SQUARE_RATIO * slowest / square
+        square *= max(share, _MIN_REDUCTION)
     return square if np.isfinite(slowest) else first
 
 
