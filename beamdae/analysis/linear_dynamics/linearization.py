@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -115,7 +115,7 @@ class Linearization:
     rotation: Rotation | None = None
     companions: dict[bool, Any] = field(default_factory=dict, compare=False, repr=False)
 
-    @property
+    @cached_property
     def linearized_equations(self) -> LinearizedEquations:
         """Equations for the eigenvalue solvers."""
         has_differences = self.rotation is not None or self.zero_square > 0.0
