@@ -205,7 +205,7 @@ class LinearizedEquations:
             return self
 
         def convert(equations: EquationsOfMotion) -> EquationsOfMotion:
-            return introduce_resultants(equations).equations
+            return (form if equations is e else introduce_resultants(equations)).equations
 
         def evaluate(state: State) -> tuple[LinearizedEquations, Array]:
             tangent = tangent_at(state, convert)

@@ -381,10 +381,10 @@ def linearize_at_rest(
     q = solver.state(time, e.q0, np.zeros(e.n)).q
     state = _release(e, tangent_at, solver.rest_state(q))
     rest = state._replace(a=np.zeros(e.n))
-    tangent, unaccelerated = tangent_at(state), tangent_at(rest)
-    if not _is_unbalanced(e, tangent, state, unaccelerated.residual[: e.n]):
+    unaccelerated = tangent_at(rest)
+    if not _is_unbalanced(e, unaccelerated, state):
         return rest, unaccelerated, (), 0.0, tangent_at
-    inertial_stiffness = tangent.stiffness - unaccelerated.stiffness
+    inertial_stiffness = tangent_at(state).stiffness - unaccelerated.stiffness
     change = _covariant_change(e, tangent_at, state, inertial_stiffness)
     tangent_at = partial(_subtract_stiffness, tangent_at, change)
     acceleration = np.abs(state.a) / e.position_scales
@@ -435,12 +435,13 @@ def _release(e: EquationsOfMotion, tangent_at: TangentFunction, rest: State) -> 
     return rest._replace(a=solution[: e.n], lam=solution[e.n :])
 
 
-def _is_unbalanced(e: EquationsOfMotion, tangent: Tangent, state: State, force: Array) -> bool:
+def _is_unbalanced(e: EquationsOfMotion, tangent: Tangent, state: State) -> bool:
     """Return True if the state is not an equilibrium.
 
-    That is, an inertial force exceeds both rounding errors and 1e-6 of the largest force. `force`
-    is F + G^T lam at zero acceleration.
+    That is, an inertial force exceeds both rounding errors and 1e-6 of the largest force. `tangent`
+    is that at zero acceleration.
     """
+    force = tangent.residual[: e.n]
     inertia = np.abs(tangent.mass @ state.a)
     reactions = np.abs(tangent.reactions @ state.lam)
     largest_force = max(np.max(reactions, initial=0.0), np.max(np.abs(force), initial=0.0))
