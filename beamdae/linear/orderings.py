@@ -13,8 +13,8 @@ Array = np.ndarray
 
 # Rows with at most this many entries define one unknown by another, such as q' = v.
 _MAX_DEFINITION_ENTRIES = 2
-# Unknowns with more couplings than this many times the usual number, such as the floating frame of a beam
-# (coupled with all its nodes), fill the factors unless they are eliminated last.
+# Unknowns with more couplings than this many times the usual number, such as the floating frame of
+# a beam (coupled with all its nodes), fill the factors unless they are eliminated last.
 MAX_RELATIVE_COUPLINGS = 2.0
 # Share of the unknowns with at most as many couplings as is usual: multipliers have few.
 _USUAL_SHARE = 0.75

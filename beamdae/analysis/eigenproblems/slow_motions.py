@@ -114,7 +114,8 @@ def solve_undamped(lin: LinearizedEquations, count: int | None) -> UndampedModes
     square = _choose_shift(lin)
 
     def find_missing(inverses: Array, bound: float) -> float:
-        return (count or 0) - np.sum(np.abs(1.0 / inverses - square) <= 1.0 / bound - square)
+        is_known = np.abs(1.0 / inverses - square) <= 1.0 / bound - square
+        return (count or 0) - float(np.sum(is_known))
 
     motions = _find_motions(lin, np.sqrt(square), count, find_missing)
     squares, shapes = _solve_symmetric(lin, motions, square, count)

@@ -308,16 +308,16 @@ def linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Lin
 def _linearize_rest(full_equations: EquationsOfMotion, description: str, t: float) -> Linearization:
     equations, time = active_equations(full_equations, None, t)
     tangent_at = partial(tangent_of, equations, time)
-    state, tangent, warnings, *rest = linearize_at_rest(equations, time, tangent_at)
+    rest = linearize_at_rest(equations, time, tangent_at)
+    lin = Linearization(equations, full_equations, description, time, *rest)
     requested = full_equations
     if requested.start is None:
         # Given velocities have no effect on a state at rest.
         requested = replace(requested, v0=np.zeros(requested.n))
     if t == 0.0:  # Later, drivers have left their positions in the drawing.
-        warnings = (*filter(None, (compare_start(requested, state).warning,)), *warnings)
-    return Linearization(
-        equations, full_equations, description, time, state, tangent, warnings, *rest
-    )
+        change = compare_start(requested, lin.state).warning
+        lin = replace(lin, warnings=(*filter(None, [change]), *lin.warnings))
+    return lin
 
 
 def load_path_end(
