@@ -31,10 +31,10 @@ _MAX_DENSE_COORDINATES, _MAX_FALLBACK_COORDINATES = 250, 800
 _ROUNDING_RATIO = 1e-15
 # A shift -s^2 of K above the smallest square that is not zero, or below its first multiple, becomes
 # its second multiple.
-_MIN_SQUARE_SHARE, _SQUARE_RATIO, _MIN_REDUCTION = 1e-6, 0.4, 1e-4
+_MIN_SQUARE_SHARE, _SQUARE_RATIO, _MIN_REDUCTION = 1e-6, 0.4, 1e-2
 # Numbers of shifts, and of vectors and iterations of the estimates; squares that are zero, relative
 # to a shift and to the last shift.
-_MAX_SHIFTS, _BLOCK_SIZE, _ITERATIONS, _SLOW_RATIO, _ZERO_RATIO = 12, 8, 3, 1e-9, 1e-11
+_MAX_SHIFTS, _BLOCK_SIZE, _ITERATIONS, _SLOW_RATIO, _ZERO_RATIO = 20, 8, 4, 1e-9, 1e-11
 # Shift relative to the geometric mean of the lowest and highest frequency of interest; a factor of
 # one would hit the frequency of a single mode. If all modes are requested, the lowest ten count.
 _SHIFT_RATIO, _DEFAULT_COUNT = 0.6, 10
