@@ -18,7 +18,12 @@ from scipy.sparse.csgraph import connected_components
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordinates, State
 from beamdae.equations.formulations.compliant_equations import introduce_resultants
-from beamdae.equations.formulations.tangents import Convert, LinearizedCoordinates, Tangent
+from beamdae.equations.formulations.tangents import (
+    Convert,
+    LinearizedCoordinates,
+    Tangent,
+    compute_residual,
+)
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.linear.saddle_point import SaddlePencil
 
@@ -26,8 +31,8 @@ Array = np.ndarray
 
 # Bound on the rounding error of the stiffness over the inertia, relative to their largest ratio.
 _ROUNDING_RATIO = 2e-14
-# Share of it that holds free motions while forces are computed from equilibrium.
-_HOLDING_RATIO = 1e-6
+# The same without stiff forces, for motions of natural size.
+_HOLDING_RATIO = 1e-12
 # Asymmetry up to which a matrix is treated as symmetric, relative to its largest entry: of exact
 # matrices, and of matrices with finite differences. The first is small because a follower load is
 # small compared with the axial stiffness of a thin beam.
@@ -191,7 +196,7 @@ class LinearizedEquations:
 
     @single_threaded
     def introduce_forces(
-        self, state: State, tangent_at: Callable[[State, Convert], Tangent]
+        self, time: Array, state: State, tangent_at: Callable[[State, Convert], Tangent]
     ) -> LinearizedEquations:
         """Return the equations in mixed form about a `state` whose strains are constant.
 
@@ -200,27 +205,36 @@ class LinearizedEquations:
         e, m = self.equations, self.equations.m
         assert isinstance(e, EquationsOfMotion)
         form = introduce_resultants(e)
-        r = form.equations.m - m
-        if not r:
+        compliance, retardation = form.compliance[m:], form.retardation[m:]
+        if not len(compliance):
             return self
 
         def convert(equations: EquationsOfMotion) -> EquationsOfMotion:
             return (form if equations is e else introduce_resultants(equations)).equations
 
-        def evaluate(state: State) -> tuple[LinearizedEquations, Array]:
-            tangent = tangent_at(state, convert)
-            compliance, retardation = form.compliance[m:], form.retardation[m:]
+        def evaluate(lam: Array) -> tuple[LinearizedEquations, Array]:
+            tangent = tangent_at(state._replace(lam=lam), convert)
             rows = sp.csc_array(tangent.position_jacobian[m:])
             mixed = MixedForm(tangent.stiffness, tangent.damping, rows, compliance, retardation)
-            return replace(self, mixed=mixed), tangent.residual
+            residual = self.tangent._replace(residual=tangent.residual[: e.n + m])
+            return replace(self, tangent=residual, mixed=mixed), tangent.residual
 
-        # Strains are lost in the rounding of the positions: forces follow from equilibrium.
-        state = state._replace(lam=np.append(state.lam[:m], np.zeros(r)))
-        mixed, residual = evaluate(state)
-        solve = mixed.pencil.factorize(np.sqrt(_HOLDING_RATIO * self.rounding_square))
+        lam = np.append(state.lam[:m], np.zeros(len(compliance)))
+        strains = compute_residual(form.equations, time, state._replace(lam=lam))[e.n + m :]
+        lam[m:] = strains / compliance
+        # Rounding of the positions hides small strains: forces follow from equilibrium.
+        mixed, residual = evaluate(lam)
+        residual[e.n + m :] -= strains
+        scales, pencil = e.position_scales, mixed.symmetrized().pencil
+        inertia = float(scales @ (self.tangent.mass @ scales))
+        square = _HOLDING_RATIO * float(scales @ (abs(mixed.stiffness) @ scales)) / inertia
+        solve = pencil.factorize(np.sqrt(square))
         if solve is None:
             return self
-        return evaluate(state._replace(lam=state.lam - solve(residual)[e.n :]))[0]
+        change = solve(residual)
+        # Forces turn with free motions, which the residual does not determine.
+        change -= solve(square * (pencil.matrices[2] @ change))
+        return evaluate(lam - change[e.n :])[0]
 
     @property
     def nonholonomic(self) -> Array:

@@ -122,7 +122,7 @@ class Linearization:
         lin = LinearizedEquations(self.equations, self.tangent, self.zero_square, has_differences)
         if self.tangent_at is None:
             return lin
-        return lin.introduce_forces(self.state, self.tangent_at)
+        return lin.introduce_forces(self.time, self.state, self.tangent_at)
 
 
 def model_of_modes(model: Any, about: Any) -> Any:

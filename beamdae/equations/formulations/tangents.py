@@ -111,6 +111,12 @@ def compute_tangent(e: EquationsOfMotion, time: Array, state: State) -> Tangent:
     return _create_tangent(form, nonzeros, form.residual(time, y, rates))
 
 
+def compute_residual(e: EquationsOfMotion, time: Array, state: State) -> Array:
+    """Return the residual of the `Tangent`."""
+    form = _formulate(e)
+    return form.residual(time, *form.pack(state))[e.n :]
+
+
 def tangent_of(
     e: EquationsOfMotion, time: Array, state: State, convert: Convert | None = None
 ) -> Tangent:
