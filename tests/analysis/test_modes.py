@@ -497,8 +497,8 @@ def test_regression_modes_of_floating_frames_do_not_depend_on_the_stiffness_cont
 
 
 def test_regression_free_motions_that_deform_a_beam_are_announced():
-    """At a stiffness contrast of 3e7, the bound is below 5 % of the square of the second mode."""
-    modes = bd.modes(two_beams((1.0, 3e7), "exact"), n=4)
+    """At a stiffness contrast of 1e10, the bound is below 5 % of the square of the second mode."""
+    modes = bd.modes(two_beams((1.0, 1e10), "exact"), n=4)
     assert modes.kinds[0] == "free motion"
     assert any("rounding errors of the stiffest parts" in warning for warning in modes.warnings)
     free = bd.modes(free_strip(), n=4)

@@ -482,7 +482,10 @@ def _undamped_free_motions(lin: LinearizedEquations, undamped: UndampedModes) ->
         return free[:, :0]
     free = free @ la.inv(la.cholesky(free.T @ (lin.tangent.mass @ free))) if free.size else free
     free = free @ la.eigh(free.T @ (damping @ free))[1]
-    forces, rounding = np.abs(damping @ free), abs(damping) @ np.abs(free)
+    scales = lin.equations.position_scales[:, None]
+    # Coordinates without motion contain rounding errors of motions of natural size.
+    sizes = scales * np.max(np.abs(free) / scales, axis=0, initial=0.0)
+    forces, rounding = np.abs(damping @ free), abs(damping) @ sizes
     return free[:, np.all(forces <= _FREE_ROUNDING * rounding, axis=0)]
 
 
