@@ -1,77 +1,264 @@
-"""Slowest motions with compliant constraints."""
+"""Slowest motions of models of any slenderness and size."""
 
+import warnings
+
+import casadi as ca
 import numpy as np
 import pytest
-import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
+import beamdae as bd
+from beamdae.analysis.eigenproblems import slow_motions
 from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
-from beamdae.analysis.eigenproblems.linearized_equations import (
-    CoordinateSubset,
-    LinearizedEquations,
-)
-from beamdae.equations.formulations.tangents import Tangent
+from beamdae.analysis.linear_dynamics.linearization import linearize_about
+
+STEEL = bd.Material.of("steel")
 
 
-def strip(elements, slenderness, damping=0.0, is_clamped=True, load=0.0, follower=0.0):
-    """Return a straight strip whose axial and shear resultants are multipliers.
-
-    Two-node elements with linear displacements and rotation, EI = rho A = length = 1.
-    """
-    h, n = 1.0 / elements, 3 * (elements + 1)
-    stiffness, mass, rows, compliance = np.zeros((n, n)), np.zeros((n, n)), [], []
-    for k in range(elements):
-        u = 3 * k + np.arange(6)
-        bending = np.array([0.0, 0.0, -1.0, 0.0, 0.0, 1.0])
-        turning = np.array([0.0, -1.0, 0.0, 0.0, 1.0, 0.0])
-        block = np.outer(bending, bending) - load * np.outer(turning, turning)
-        stiffness[np.ix_(u, u)] += block / h
-        for i, inertia_ in enumerate((1.0, 1.0, 1.0 / 12.0 / slenderness**2)):
-            pair = u[[i, i + 3]]
-            mass[np.ix_(pair, pair)] += inertia_ * h / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
-        for strain in ([-1.0, 0.0, 0.0, 1.0, 0.0, 0.0], [0.0, -1.0, -h / 2, 0.0, 1.0, -h / 2]):
-            row = np.zeros(n)
-            row[u] = strain
-            rows.append(row)
-        compliance += [h / (12.0 * slenderness**2), h * 3.12 / (12.0 * slenderness**2)]
-    if is_clamped:
-        rows, compliance = [*rows, *np.eye(n)[:3]], [*compliance, 0.0, 0.0, 0.0]
-    m = len(rows)
-    material = damping * stiffness
-    stiffness[n - 2, n - 1] += follower
-    gradients = sp.csc_array(np.array(rows))
-    tangent = Tangent(
-        mass=sp.csc_array(mass),
-        damping=sp.csc_array(material),
-        stiffness=sp.csc_array(stiffness),
-        reactions=sp.csc_array(gradients.T),
-        position_jacobian=gradients,
-        velocity_jacobian=sp.csc_array((m, n)),
-        residual=np.zeros(n + m),
-        compliance=np.array(compliance),
-    )
-    names = tuple(f"q{k}" for k in range(n))
-    none = np.zeros(0, int)
-    return LinearizedEquations(CoordinateSubset(names, np.ones(n), none, none, m), tangent)
+def find_modes(mech, **settings):
+    """Return modes without the solutions for their errors."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        return bd.modes(mech, **settings)
 
 
-@pytest.mark.parametrize("is_clamped", [True, False])
-@pytest.mark.parametrize("damping", [0.0, 1e-3])
+def frame(shape, slenderness, formulation, elements, damping, height=1.0):
+    """Return a cantilever, a free strip, a ring or a bent strip between two hinges."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(STEEL, 0.02 * height, height / slenderness, damping=damping)
+    settings = {"elements": elements, "formulation": formulation}
+    if shape == "ring":
+        circle = bd.Arc(radius=height, length=2.0 * np.pi * height)
+        bd.welded_beams(mech, "ring", circle, section, 4, closed=True, **settings)
+        return mech
+    beam = mech.add(bd.Beam("post", bd.Line((0.0, 0.0), (0.0, height)), section, **settings))
+    if shape == "cantilever":
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    if shape == "portal":
+        line = bd.Line((0.0, height), (height, 0.5 * height))
+        other = mech.add(bd.Beam("rafter", line, section, **settings))
+        mech.add(bd.Weld("corner", beam.end, other.start))
+        for name, end in (("left", beam.start), ("right", other.end)):
+            mech.add(bd.Revolute(name, mech.ground.at(*end.point), end))
+    return mech
+
+
+# Free motions, and sqrt(rhoA L^4 / EI) times the lowest angular frequencies: roots of
+# cos(x) cosh(x) = -1 and 1 squared, and Hoppe's formula for rings.
+CLOSED_FORMS = {
+    "cantilever": (0, [3.516015269, 22.03449157, 61.69721442]),
+    "free": (3, [22.37328545, 61.67282287, 120.9033918]),
+    "ring": (3, [np.sqrt(36.0 / 5.0)] * 2),
+    "portal": (0, []),
+}
+
+
+@pytest.mark.parametrize("shape", CLOSED_FORMS)
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
 @pytest.mark.parametrize(
-    "elements", [8, pytest.param(120, marks=pytest.mark.slow(reason="sparse matrices"))]
+    ("elements", "damping", "height"),
+    [
+        (4, 0.0, 1.0),
+        *(
+            pytest.param(*x, marks=pytest.mark.slow(reason="many models"))
+            for x in ((4, 1e-5, 1.0), (4, 0.0, 1e-3), (48, 0.0, 1.0), (48, 1e-5, 30.0))
+        ),
+    ],
 )
-@pytest.mark.parametrize("follower", [0.0, 5.0])
-def test_slenderness_does_not_enter_rounding(elements, damping, is_clamped, follower):
-    """Shear and rotary inertia change frequencies by less than 1e-9 beyond L/h = 1e6."""
-    if follower and not is_clamped:
-        return
-    values = [
-        solve_eigenproblem(strip(elements, x, damping, is_clamped, 0.0, follower), 6).values
-        for x in (1e6, 1e7)
-    ]
-    assert_allclose(values[1], values[0], rtol=2e-9)
-    assert np.sum(values[0] == 0.0) == (0 if is_clamped else 3)
-    if not damping and not follower and is_clamped:
-        # Roots of cos(x) cosh(x) = -1; the error of linear elements is of second order.
-        expected = np.array([1.8751040687, 4.6940911330]) ** 2
-        assert_allclose(values[0][:2].imag, expected, rtol=5.0 / elements**2)
+def test_slenderness_does_not_enter_rounding(shape, formulation, elements, damping, height):
+    """At L/h = 1e5, rounding of the axial stiffness exceeded the stiffness of the lowest modes."""
+    count, expected = CLOSED_FORMS[shape]
+    frequencies = []
+    for slenderness in (1e4, 1e6):
+        mech = frame(shape, slenderness, formulation, elements, damping, height)
+        section = next(iter(mech.parts.values())).section
+        modes = find_modes(mech, n=count + 3, damping=damping > 0.0)
+        assert list(modes.kinds) == ["free motion"] * count + ["vibration"] * 3
+        unit = np.sqrt(section.EI / section.rhoA) / height**2
+        frequencies.append(np.abs(modes.eigenvalues[count:]) / unit)
+    # Shear and rotary inertia are of the order of (h / L)^2, damping of its square.
+    assert_allclose(frequencies[1], frequencies[0], rtol=1e-6)
+    if elements > 4:
+        assert_allclose(frequencies[1][: len(expected)], expected, rtol=1e-6)
+
+
+def chain(beams, damping, formulation="floating frame", joint=bd.Revolute):
+    """Return a cantilever of short beams in a row, with springs and dampers at its joints."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(STEEL, width=0.02, height=5e-3, damping=damping)
+    end = mech.ground.at(0.0, 0.0)
+    for k in range(beams):
+        line = bd.Line((0.1 * k, 0.0), (0.1 * (k + 1), 0.0))
+        beam = mech.add(bd.Beam(f"beam {k}", line, section, 1, formulation=formulation))
+        mech.add((bd.Weld if k == 0 else joint)(f"joint {k}", end, beam.start))
+        if k and joint is bd.Revolute:
+            mech.add(bd.TorsionSpring(f"spring {k}", end, beam.start, 5.0, damping=1e-3))
+        end = beam.end
+    return mech
+
+
+@pytest.mark.slow(reason="half a second")
+@pytest.mark.parametrize(
+    "beams", [32, pytest.param(192, marks=pytest.mark.slow(reason="192 beams"))]
+)
+@pytest.mark.parametrize("joint", [bd.Revolute, bd.Weld])
+def test_modes_of_chains_of_any_size(beams, joint):
+    modes = bd.modes(chain(beams, 1e-4, joint=joint))
+    undamped = bd.modes(chain(beams, 1e-4, joint=joint), damping=False)
+    assert_allclose(np.abs(modes.eigenvalues[:5]), np.abs(undamped.eigenvalues[:5]), rtol=1e-3)
+    assert np.all(modes.damping_ratios > 0.0)
+
+
+@pytest.mark.slow(reason="192 beams on a hinge")
+def test_free_chain_of_welded_beams_has_one_free_motion():
+    """The free motion dominates the inverse."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(STEEL, width=0.03, height=0.0025, damping=1e-4)
+    end, joint = mech.ground.at(0.0, 0.0), bd.Revolute
+    for k in range(192):
+        beam = mech.add(bd.Beam(f"beam {k}", bd.Line((0.4 * k, 0), (0.4 * k + 0.4, 0)), section, 1))
+        mech.add(joint(f"joint {k}", end, beam.start))
+        end, joint = beam.end, bd.Weld
+    modes = bd.modes(mech, n=6)
+    assert modes.kinds == ("free motion",) + ("vibration",) * 5
+    # Hinged and free: roots of tan(x) = tanh(x).
+    roots = np.array([3.926602312, 7.068582745, 10.210176122])
+    expected = (roots / (192 * 0.4)) ** 2 * np.sqrt(section.EI / section.rhoA)
+    assert_allclose(np.abs(modes.eigenvalues[1:4]), expected, rtol=1e-5)
+
+
+def damped_strip(elements, height=0.004):
+    """Return a clamped strip with Kelvin-Voigt damping of 1e-3 s: decays cluster at -1000 1/s."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=1e-3)
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("strip", line, section, elements, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    return mech
+
+
+@pytest.mark.slow(reason="many elements")
+def test_modes_of_strong_material_damping():
+    modes = bd.modes(damped_strip(32), n=6)
+    assert modes.kinds == ("vibration",) * 4 + ("decay",) * 2
+    assert_allclose(modes.eigenvalues[4:], -1000.0, rtol=1e-3)
+    assert_allclose(bd.modes(damped_strip(120), n=4).eigenvalues, modes.eigenvalues[:4], rtol=1e-6)
+
+
+@pytest.mark.slow(reason="many elements")
+@pytest.mark.parametrize("damping", [True, False])
+def test_problems_that_do_not_converge_use_dense_matrices_or_end_in_one_sentence(
+    damping, monkeypatch
+):
+    expected = bd.modes(damped_strip(32), n=3, damping=damping).eigenvalues
+    monkeypatch.setattr(slow_motions, "_search", lambda *arguments: None)
+    dense = bd.modes(damped_strip(32), n=3, damping=damping).eigenvalues
+    assert_allclose(dense, expected, rtol=1e-6)
+    monkeypatch.setattr(slow_motions, "_MAX_FALLBACK_COORDINATES", 0)
+    with pytest.raises(bd.BeamdaeError, match=r"3 lowest modes were not found, .* request fewer"):
+        bd.modes(damped_strip(32), n=3, damping=damping)
+
+
+@pytest.mark.slow(reason="many elements")
+@pytest.mark.parametrize(("elements", "count"), [(64, 100), (150, 12)])
+def test_modes_beyond_the_vibrations_of_strong_damping_are_found(elements, count):
+    mech = damped_strip(elements)
+    modes = bd.modes(mech, n=count)
+    assert modes.kinds == ("vibration",) * 4 + ("decay",) * (count - 4)
+    assert_allclose(modes.eigenvalues[4:], -1000.0, rtol=1e-3)
+    undamped = np.abs(bd.modes(mech, n=4, damping=False).eigenvalues)
+    # Kelvin-Voigt damping: l^2 + 1e-3 w^2 l + w^2 = 0.
+    exact = -0.5e-3 * undamped**2 + 1j * undamped * np.sqrt(1.0 - (0.5e-3 * undamped) ** 2)
+    assert_allclose(modes.eigenvalues[:4], exact, rtol=1e-7)
+
+
+@pytest.mark.slow(reason="many elements")
+@pytest.mark.parametrize(("height", "count"), [(0.004, 100), (0.001, 12)])
+def test_modes_in_a_cluster_of_decays(height, count):
+    mech = damped_strip(150, height)
+    undamped = np.abs(bd.modes(mech, n=12, damping=False).eigenvalues)
+    modes = find_modes(mech, n=count)
+    # Kelvin-Voigt damping: l^2 + 1e-3 w^2 l + w^2 = 0.
+    vibrations = undamped[undamped < 1e3]
+    exact = -0.5e-3 * vibrations**2 + 1j * vibrations * np.sqrt(1.0 - (0.5e-3 * vibrations) ** 2)
+    assert_allclose(modes.eigenvalues[: len(exact)], exact, rtol=1e-6)
+    assert_allclose(modes.eigenvalues[len(exact) :], np.full(count - len(exact), -1e3), rtol=1e-6)
+    # The shapes, also of equal eigenvalues, are different motions.
+    singular = np.linalg.svd(modes.shapes / np.linalg.norm(modes.shapes, axis=1)[:, None])[1]
+    assert singular[-1] > 1e-3
+
+
+@pytest.mark.slow(reason="a quarter of a second")
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+def test_regression_overdamped_modes_are_as_many_as_requested(formulation):
+    """Refined real eigenvalues with rounded imaginary parts below zero were lost: 11 of 20."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(STEEL, width=0.02, height=0.01, damping=0.03)
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("beam", line, section, 30, formulation=formulation))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    modes = bd.modes(mech, n=20)
+    assert set(modes.kinds) == {"decay"}
+    # Eigenvalues accumulate at minus the ratio of stiffness to damping.
+    assert_allclose(modes.eigenvalues, np.full(20, -1.0 / 0.03), rtol=1e-5)
+
+
+def spinning_blades(damping, elements=20, has_motor=True):
+    """Return two blades on a hub that turns freely, or that a motor turns at 20 rad/s."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(STEEL, width=0.03, height=0.01, damping=damping)
+    hub = mech.add(bd.RigidBody("hub", 1.0, inertia=0.1, center=(0.0, 0.0)))
+    center = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Revolute("axis", center, hub.at(0.0, 0.0)))
+    if has_motor:
+        mech.add(bd.Driver("motor", center, hub.at(0.0, 0.0), lambda t: 20.0 * t))
+    for k, tip in enumerate([(1.0, 0.0), (-0.8, 0.3)]):
+        line = bd.Line((0.0, 0.0), tip)
+        blade = mech.add(bd.Beam(f"blade {k}", line, section, elements, formulation="exact"))
+        mech.add(bd.Weld(f"root {k}", hub.at(0.0, 0.0), blade.start))
+    return mech
+
+
+@pytest.mark.slow(reason="half a second")
+@pytest.mark.parametrize("damping", [0.0, 1e-6])
+def test_gyroscopic_modes_of_large_models_are_those_of_all_motions(damping):
+    expected = bd.modes(spinning_blades(damping), about=bd.rotation(20.0), n=None).eigenvalues
+    modes = find_modes(spinning_blades(damping), about=bd.rotation(20.0), n=20)
+    # On meshes of 19 to 21 elements, rounding errors of the complete solution are 2e-10 to 2e-9.
+    assert_allclose(modes.eigenvalues, expected[:20], rtol=4e-9)
+
+
+@pytest.mark.slow(reason="half a second")
+@pytest.mark.parametrize("damping", [0.0, 1e-5])
+def test_regression_free_rotation_counts_as_one_mode(damping):
+    """Both eigenvalues of its double zero counted, so that one mode was missing.
+
+    The last mode is a conjugate pair, which counts as one.
+    """
+    mech = spinning_blades(damping, elements=15, has_motor=False)
+    lin = linearize_about("modes", mech, bd.rotation(20.0), 0.0).linearized_equations
+    more = solve_eigenproblem(lin, 20).values
+    for count in (2, 5, 10):
+        values = solve_eigenproblem(lin, count).values
+        assert values[0] == 0.0
+        assert np.all(values[1:].imag > 0.0)
+        assert_allclose(values, more[:count], rtol=2e-9)
+
+
+@pytest.mark.slow(reason="a fifth of a second")
+def test_slow_decays_of_stiff_parts_with_strong_dampers_are_found():
+    """The undamped modes do not contain them: x'' + c x' + k x = 0 with c >> sqrt(k) >> 1."""
+    stiffness = np.linspace(1.0, 500.0, 300)
+    damping = np.concatenate([np.zeros(290), np.geomspace(10.0, 1e5, 10)])
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 300), ca.SX.sym("v", 300)
+    zeros = np.zeros(300)
+    system = bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=zeros + 1.0, force=-stiffness * q - damping * v, q0=zeros, v0=zeros
+    )
+    roots = np.concatenate(
+        [np.roots([1.0, c, k]) for k, c in zip(stiffness, damping, strict=True)]
+    ).astype(complex)
+    roots = roots[roots.imag >= 0.0]
+    expected = roots[np.argsort(np.abs(roots))][:12]
+    assert np.sum(expected.imag == 0.0) == 7
+    assert_allclose(bd.modes(system, n=12).eigenvalues, expected, rtol=1e-9, atol=1e-12)
