@@ -113,6 +113,13 @@ class LinearizedEquations:
         """Stiffness (n, n) without the forces of compliant constraints."""
         return (self.mixed or self.tangent).stiffness
 
+    def stiffness_energies(self, shapes: Array) -> Array:
+        """Return x^T K x (k,) of shapes (n, k), as a sum of squares of compliant constraints."""
+        energies = np.einsum("ij,ij->j", shapes, self.stiffness @ shapes)
+        if self.mixed is not None:
+            energies += (1.0 / self.mixed.compliance) @ (self.mixed.rows @ shapes) ** 2
+        return energies
+
     @property
     def rounding_square(self) -> float:
         """Squared rate [1/s^2] near the rounding errors of the stiffness."""

@@ -1,10 +1,10 @@
 """Slowest motions of linearized equations.
 
 The modes x exp(l t) solve (l^2 M + l D + K) x + H mu = 0 and (J + l V) x - C mu = 0, where C are
-the compliances of the constraints. They are the largest eigenvalues of the flexibility, the inverse
-of the saddle-point matrix [[K, H], [J, -C]] at a shift (Ericsson & Ruhe, Math. Comput. 35 (1980)
-1251; Tisseur & Meerbergen, SIAM Rev. 43 (2001) 235). Small problems use all admissible motions,
-large ones an invariant space found by ARPACK.
+the compliances of the mixed form and zeros. They are the largest eigenvalues of the flexibility,
+the inverse of the saddle-point matrix [[K, H], [J, -C]] at a shift (Ericsson & Ruhe, Math. Comput.
+35 (1980) 1251; Tisseur & Meerbergen, SIAM Rev. 43 (2001) 235). Small problems use all admissible
+motions, large ones an invariant space found by ARPACK.
 
 Quantities below the rounding error of the saddle-point matrix in their motion are zero.
 """
@@ -30,7 +30,7 @@ _MAX_DENSE_COORDINATES, _MAX_FALLBACK_COORDINATES = 250, 800
 # Bound on the rounding error of y^T A y, relative to |y|^T |A| |y|.
 _ROUNDING_RATIO = 1e-15
 # A shift -s^2 of K above the smallest square that is not zero, or below its first multiple, becomes
-# its second multiple.
+# its second multiple, but at least the third multiple of itself.
 _MIN_SQUARE_SHARE, _SQUARE_RATIO, _MIN_REDUCTION = 1e-6, 0.4, 1e-2
 # Numbers of shifts, and of vectors and iterations of the estimates; squares that are zero, relative
 # to a shift and to the last shift.
@@ -149,10 +149,10 @@ def _choose_shift(lin: LinearizedEquations) -> float:
 def _solve_symmetric(
     lin: LinearizedEquations, motions: _Motions, square: float, count: int | None
 ) -> tuple[Array, Array]:
-    """Return squares (k,) and shapes (n, k): fast ones from the stiffness, others from images.
+    """Return squares (k,) and shapes (n, k): fast shapes from the stiffness, others from images.
 
     Errors of the flexibility are relative to the slowest mode, those of the stiffness to the
-    fastest one.
+    fastest one. Errors of squares are of second order in those of the shapes.
     """
     mass, stiffness = lin.tangent.mass, lin.tangent.stiffness
     basis, _, images = motions
@@ -173,13 +173,11 @@ def _solve_symmetric(
     is_fast[np.argsort(-np.abs(inverses), kind="stable")[:count]] &= count is None
     rest, slow = vectors[:, is_fast], vectors[:, ~is_fast]
     estimates, images = basis @ slow, images @ slow
-    # Rayleigh quotients of the images.
-    products, sizes = (np.einsum("ij,ij->j", images, mass @ x) for x in (estimates, images))
-    squares = products / sizes - square
-    order = np.argsort(np.abs(squares), kind="stable")
-    squares, shapes = squares[order], _combine(images, estimates, mass)[:, order]
+    order = np.argsort(-np.abs(inverses[~is_fast]), kind="stable")
+    shapes = _combine(images, estimates, mass)[:, order]
     upper = la.cholesky(shapes.T @ (mass @ shapes))
     shapes = la.solve_triangular(upper, shapes.T, trans=1).T
+    squares = lin.stiffness_energies(shapes)
     squares = np.where(np.abs(squares) <= _bound_rounding(lin, shapes, square), 0.0, squares)
     fast, combinations = la.eigh(rest.T @ (0.5 * (reduced + reduced.T)) @ rest)
     return np.append(squares, fast), np.hstack([shapes, basis @ rest @ combinations])
