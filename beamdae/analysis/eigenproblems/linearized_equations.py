@@ -166,11 +166,6 @@ class LinearizedEquations:
         rolling = tangent.position_jacobian[self.nonholonomic]
         if rolling.nnz and abs(rolling).max() > 0.0:
             return False
-        return self.has_gradient_reactions
-
-    @cached_property
-    def has_gradient_reactions(self) -> bool:
-        """True if reactions act along the gradients of the constraints."""
         difference = abs(self.tangent.reactions.T - self.rows)
         return not difference.nnz or bool(
             difference.max() <= _REACTION_TOLERANCE * abs(self.rows).max()
