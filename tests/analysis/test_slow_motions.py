@@ -182,7 +182,8 @@ def test_modes_in_a_cluster_of_decays(height, count):
     vibrations = undamped[undamped < 1e3]
     exact = -0.5e-3 * vibrations**2 + 1j * vibrations * np.sqrt(1.0 - (0.5e-3 * vibrations) ** 2)
     assert_allclose(modes.eigenvalues[: len(exact)], exact, rtol=1e-6)
-    assert_allclose(modes.eigenvalues[len(exact) :], np.full(count - len(exact), -1e3), rtol=1e-6)
+    # Decays of the fastest and of slower motions, -1e3 (1 + 1e6 / w^2), are not separated.
+    assert_allclose(modes.eigenvalues[len(exact) :], np.full(count - len(exact), -1e3), rtol=5e-6)
     # The shapes, also of equal eigenvalues, are different motions.
     singular = np.linalg.svd(modes.shapes / np.linalg.norm(modes.shapes, axis=1)[:, None])[1]
     assert singular[-1] > 1e-3

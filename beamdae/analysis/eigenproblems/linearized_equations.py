@@ -113,12 +113,17 @@ class LinearizedEquations:
         """Stiffness (n, n) without the forces of compliant constraints."""
         return (self.mixed or self.tangent).stiffness
 
-    def stiffness_energies(self, shapes: Array) -> Array:
-        """Return x^T K x (k,) of shapes (n, k), as a sum of squares of compliant constraints."""
-        energies = np.einsum("ij,ij->j", shapes, self.stiffness @ shapes)
+    def energies(self, x: Array) -> tuple[Array, Array]:
+        """Return x^T K x and x^T C x (k,) of shapes (n, k), with squares of stiff strains."""
+        form = self.mixed or self.tangent
+        stiffness, damping = (
+            np.einsum("ij,ij->j", x, matrix @ x) for matrix in (form.stiffness, form.damping)
+        )
         if self.mixed is not None:
-            energies += (1.0 / self.mixed.compliance) @ (self.mixed.rows @ shapes) ** 2
-        return energies
+            squares = (self.mixed.rows @ x) ** 2 / self.mixed.compliance[:, None]
+            stiffness = stiffness + np.sum(squares, axis=0)
+            damping = damping + self.mixed.retardation @ squares
+        return stiffness, damping
 
     @property
     def rounding_square(self) -> float:
@@ -159,9 +164,8 @@ class LinearizedEquations:
         """
         tangent = self.tangent
         tolerance = _DIFFERENCE_TOLERANCE if self.has_differences else _EXACT_TOLERANCE
-        for matrix in (tangent.stiffness, tangent.mass):
-            if matrix.nnz and abs(matrix - matrix.T).max() > tolerance * abs(matrix).max():
-                return False
+        if not all(is_symmetric_matrix(x, tolerance) for x in (tangent.stiffness, tangent.mass)):
+            return False
         # At rest, constraints on velocities constrain the shapes of vibrations.
         rolling = tangent.position_jacobian[self.nonholonomic]
         if rolling.nnz and abs(rolling).max() > 0.0:
@@ -305,6 +309,11 @@ class LinearizedEquations:
                 mixed.retardation[used],
             )
         return replace(self, equations=equations, tangent=part, mixed=mixed)
+
+
+def is_symmetric_matrix(matrix: sp.csc_array, tolerance: float = _EXACT_TOLERANCE) -> bool:
+    """Return True if the asymmetry is at most `tolerance` times the largest entry."""
+    return not matrix.nnz or bool(abs(matrix - matrix.T).max() <= tolerance * abs(matrix).max())
 
 
 def _symmetric_part(matrix: sp.csc_array) -> sp.csc_array:

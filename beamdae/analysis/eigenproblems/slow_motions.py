@@ -19,7 +19,10 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
-from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.eigenproblems.linearized_equations import (
+    LinearizedEquations,
+    is_symmetric_matrix,
+)
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
@@ -50,6 +53,8 @@ _MIN_INVERSE_RATIO = 1e-13
 _MAX_IMAGE_DEVIATION = 1e-6
 # Imaginary and real parts up to these fractions of the eigenvalue are rounding errors.
 _IMAGINARY_TOLERANCE, _REAL_TOLERANCE = 1e-9, 1e-12
+# Largest relative correction of eigenvalues.
+_MAX_CORRECTION = 1e-5
 # Free motions are dependent if their singular value is below this fraction of the largest one.
 _RANK_TOLERANCE = 1e-3
 # Forces of dampers on free motions up to this fraction of their terms are rounding errors.
@@ -177,7 +182,7 @@ def _solve_symmetric(
     shapes = _combine(images, estimates, mass)[:, order]
     upper = la.cholesky(shapes.T @ (mass @ shapes))
     shapes = la.solve_triangular(upper, shapes.T, trans=1).T
-    squares = lin.stiffness_energies(shapes)
+    squares = lin.energies(shapes)[0]
     squares = np.where(np.abs(squares) <= _bound_rounding(lin, shapes, square), 0.0, squares)
     fast, combinations = la.eigh(rest.T @ (0.5 * (reduced + reduced.T)) @ rest)
     return np.append(squares, fast), np.hstack([shapes, basis @ rest @ combinations])
@@ -433,29 +438,30 @@ def solve_damped(
     n = lin.equations.n
     shapes = _combine(images[:n] @ vectors / inverses, basis[:n] @ vectors, mass)
     values = find_values(inverses)
-    if has_rates and lin.is_symmetric:
-        values = _refine_decays(lin, values, shapes)
+    if has_rates and lin.is_symmetric and is_symmetric_matrix(lin.tangent.damping):
+        values = _refine_values(lin, values, shapes)
     if not has_rates:
         values, shapes = _roots_of_squares(values, shapes)
     values = np.append(np.zeros(free.shape[1]), values)
     return _clean(lin, undamped, s, values, np.hstack([free, shapes]), 1.0)
 
 
-def _refine_decays(lin: LinearizedEquations, values: Array, shapes: Array) -> Array:
-    """Return values (k,), with real ones from quadratic forms of their shapes.
+def _refine_values(lin: LinearizedEquations, values: Array, shapes: Array) -> Array:
+    """Return values (k,) from quadratic forms of their shapes; errors of shapes enter squared.
 
     ARPACK does not separate modes that decay at nearly the same rate.
     """
-    x, tangent = shapes.real, lin.tangent
-    m, d, k = (
-        np.einsum("ij,ij->j", x, matrix @ x)
-        for matrix in (tangent.mass, tangent.damping, tangent.stiffness)
-    )
-    is_real = (np.abs(values.imag) <= _IMAGINARY_TOLERANCE * np.abs(values)) & (d**2 > 4.0 * m * k)
-    root = d + np.sqrt(np.where(is_real, d**2 - 4.0 * m * k, 1.0))
-    slow, fast = -2.0 * k / root, -0.5 * root / np.where(m > 0.0, m, 1.0)
+    is_decay = np.abs(values.imag) <= _IMAGINARY_TOLERANCE * np.abs(values)
+    x = np.where(is_decay, shapes.real, shapes)
+    m = np.einsum("ij,ij->j", x, lin.tangent.mass @ x)
+    k, d = lin.energies(x)
+    root = np.sqrt(d**2 - 4.0 * m * k)
+    root = np.where((d * root.conj()).real < 0.0, -root, root)
+    slow, fast = -2.0 * k / (d + root), -0.5 * (d + root) / np.where(m != 0.0, m, 1.0)
     nearest = np.where(np.abs(slow - values) < np.abs(fast - values), slow, fast)
-    return np.where(is_real, nearest, values)
+    is_near = is_decay & (nearest.imag == 0.0)
+    is_near |= np.abs(nearest - values) <= _MAX_CORRECTION * np.abs(values)
+    return np.where(is_near, nearest, values)
 
 
 def solve_undamped_without_states(lin: LinearizedEquations, count: int | None) -> UndampedModes:
