@@ -376,6 +376,8 @@ class DeferredInterrupts:
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
+            # An interrupt that was discarded, or that waits for the end of an import.
+            self.received = acknowledge()
             for number in SIGNALS:
                 # Signals that are ignored, or that end the process by default, are left unchanged.
                 if callable(signal.getsignal(number)):

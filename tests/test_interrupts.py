@@ -14,7 +14,7 @@ import pytest
 
 import beamdae as bd
 from beamdae.integrators.integrator import AdaptiveIntegrator
-from beamdae.interrupts import Interrupted, interruptible
+from beamdae.interrupts import DeferredInterrupts, Interrupted, interruptible
 
 # Discarded interrupts are raised again after a quarter of a second; a lost one needs a limit.
 _MAX_WAIT = 60.0  # s
@@ -167,6 +167,18 @@ def test_an_interrupt_discarded_at_the_end_is_raised():
     with pytest.raises(Interrupted, match="after the last step") as caught:
         compute()
     assert caught.value.partial == 3
+
+
+def test_an_interrupt_discarded_before_a_study_is_received_by_it():
+    """Searches ran to their end, because a study that waits for processes has no repetitions."""
+
+    @interruptible
+    def compute():
+        discard_interrupt()
+        with DeferredInterrupts() as interrupts:
+            return interrupts.received
+
+    assert compute()
 
 
 def test_an_interrupt_that_becomes_another_exception_is_raised():

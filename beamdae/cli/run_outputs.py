@@ -173,11 +173,12 @@ def select_charts(run: Run, is_drawn: bool, has_page: bool, is_resumed: bool) ->
         )
 
 
-def can_resume(status: Status) -> bool:
-    """Return True if a run ended early, but not during its pilot run."""
+def can_resume(solution: Solution) -> bool:
+    """Return True if a run ended before its end time, but not during its pilot run."""
     from beamdae.results.outcome import PILOT_RUN_SUFFIX
 
-    return not status.success and PILOT_RUN_SUFFIX not in status.sentence
+    status, is_early = solution.status, solution.t[-1] < solution.model["t_end"]
+    return not status.success and is_early and PILOT_RUN_SUFFIX not in status.sentence
 
 
 def integrate_run(
@@ -239,7 +240,7 @@ def write_tables(run: Run, solution: Solution, checkpoint: Path | None) -> None:
         else:
             run.columns, files = run.parts.write(solution)
         run.files.paths += files
-        if checkpoint is not None or (run.accuracy is None and can_resume(solution.status)):
+        if checkpoint is not None or (run.accuracy is None and can_resume(solution)):
             default = run.table.with_name(f"{run.table.stem}_end.json")
             path = checkpoint or default
             run.files.write(path.name, lambda: [solution.checkpoint(path)])

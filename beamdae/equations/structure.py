@@ -164,7 +164,8 @@ def intern_structure(structure: Structure) -> Structure:
 
 def _count_coordinates(structure: Structure) -> int:
     """Return the number of local coordinates of all terms: terms of loads alone have few."""
-    return 1 + sum(term.operator.shape[0] for term in (*structure.forces, *structure.joints))
+    terms: tuple[ForceTerm | ConstraintTerm, ...] = (*structure.forces, *structure.joints)
+    return 1 + sum(term.operator.shape[0] for term in terms)
 
 
 @bounded_cache(_MAX_CACHED_COORDINATES, _count_coordinates)

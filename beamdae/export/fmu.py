@@ -620,11 +620,16 @@ def _compile(
 
 
 def _measure(program: Path, steps: int) -> StepTimes:
-    command = [str(program), str(steps)]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    if result.returncode:
-        raise BeamdaeError(
-            f"{PART}: steps cannot be timed ({result.stdout.strip()}); pass timed_steps=0 to "
-            "omit the measurement."
-        )
-    return StepTimes(**json.loads(result.stdout))
+    command, remedy = [str(program), str(steps)], ""
+    try:
+        result = subprocess.run(command, capture_output=True, text=True, check=False)
+        message = result.stdout.strip()
+        if not result.returncode:
+            return StepTimes(**json.loads(message))
+    except (OSError, ValueError) as problem:
+        message = str(problem)
+        remedy = "set the environment variable CC to a compiler for this machine, or "
+    raise BeamdaeError(
+        f"{PART}: steps cannot be timed ({message}); {remedy}pass timed_steps=0 to omit the "
+        "measurement."
+    )

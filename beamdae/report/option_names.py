@@ -93,7 +93,7 @@ def name_options(sentence: str) -> str:
         before = sentence[: match.start()]
         if option is None or _OPTION.search(before) or _OPEN_CALL.search(before):
             return match[0]
-        name, value = max(option.opts, key=len), match["value"]
+        name, value = _long_name(option), match["value"]
         # Flags without a value, such as "damping=", and formulations of beams belong to parts.
         is_of_part = option.is_flag if not value else option.name == "formulation"
         if is_of_part and value[1:-1] in ("", *_beam_formulations()):
@@ -116,6 +116,11 @@ def name_options(sentence: str) -> str:
             sentence = re.sub(pattern, form, sentence)
     checked = _CHECKED_ARGUMENT.match(sentence)
     if checked and checked["name"] in options:
-        name = max(options[checked["name"]].opts, key=len)
+        name = _long_name(options[checked["name"]])
         sentence = checked["call"] + name + sentence[checked.end() :]
     return _ARGUMENT.sub(replace, sentence)
+
+
+def _long_name(option: Any) -> str:
+    """Return the first name of an option in the help that is no single letter."""
+    return next(name for name in option.opts if name.startswith("--"))

@@ -465,9 +465,9 @@ class Equilibrium(HasPage):
                 )
             else:
                 free = (
-                    f"{self.free}: this coordinate can move without stiffness, so the "
-                    "equilibrium position is arbitrary; add a spring or a joint, or choose the "
-                    f"position with start={{{self.free!r}: ...}}."
+                    f"{self.free}: this coordinate can move without stiffness, so its value in "
+                    "equilibrium depends on the start; add a spring or a joint, or choose it with "
+                    f"start={{{self.free!r}: ...}}."
                 )
         strain_limits = deferred.module("model_checks.strain_limits")
         strains = strain_limits.strain_warnings(self.equations, self._checked_positions)

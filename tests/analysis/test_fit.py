@@ -231,6 +231,10 @@ def test_regression_estimates_of_noisy_data_at_a_bound_are_reported(exact):
         ({"bounds": {"mass": (0.5, 2.0)}}, "bounds contains 'mass', which is not in by"),
         ({"bounds": {"stiffness": (-1.0, 50.0)}, "log": ["stiffness"]}, "must not be negative"),
         ({"data": {"t [s]": [0.0, 11.0], "mass.x": [1.0] * 2}}, "the data end at 11 s, far after"),
+        (
+            {"data": {"t [s]": [1.7e9, 1.7e9 + 1.0], "mass.x": [1.0] * 2}},
+            "subtract the first time from all times",
+        ),
         ({"log": ["mass"]}, "log contains 'mass', which is not in by"),
         ({"integrator": bd.Ida()}, "GeneralizedAlpha"),
         ({"by": [["stiffness"]]}, "by must be a list of names of parameters"),

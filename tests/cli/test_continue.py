@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 
 import beamdae as bd
 from beamdae.cli.app import app
+from beamdae.results.outcome import Status
 
 BALL = '''
 """A ball that bounces on a floor, with a horizontal force."""
@@ -162,3 +164,18 @@ def test_regression_coordinates_are_not_plotted_of_resumed_runs(run):
     assert result.exit_code == 2
     assert "run: the coordinate ball.x [m] is not in the tables of the earlier" in result.output
     assert not Path("results/ball_part2.csv").exists()
+
+
+def test_a_run_interrupted_at_its_end_is_not_resumed(run, monkeypatch):
+    """The advice to resume led to an error: the end time must be later than the start."""
+    simulate = bd.simulate
+
+    def interrupted(*arguments, **options):
+        status = Status("interrupted", "interrupted after the last step")
+        return replace(simulate(*arguments, **options), status=status)
+
+    monkeypatch.setattr("beamdae.simulation.simulate", interrupted)
+    result = run("--t-end", "0.1", "--no-page")
+    assert "interrupted after the last step" in result.stderr
+    assert "--continue" not in result.output
+    assert not Path("results/ball_end.json").exists()

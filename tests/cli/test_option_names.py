@@ -42,6 +42,7 @@ COMMAND = ["periodic", "mass.py", "--settle", "1"]
         ("run", "show them with output_step=1e-05.", "show them with --output-step 1e-05."),
         ("run", "simulate: t_end must be positive.", "simulate: --t-end must be positive."),
         ("static", "equilibrium: to must name a", "equilibrium: --to must name a"),
+        ("sweep", "sweep: jobs must be", "sweep: --jobs must be"),
         (
             "optimize",
             "use Frequency(number, about='equilibrium').",

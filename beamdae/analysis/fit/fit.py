@@ -245,8 +245,8 @@ def fit(
                 checks=errors if table is None else None,
             )
         except Interrupted as interrupt:
-            if interrupt.partial is None:
-                raise
+            if not isinstance(interrupt.partial, SearchResult):
+                raise  # interrupted in the first run
             acknowledge()
             end = interrupt.partial
         if table is not None:

@@ -301,7 +301,8 @@ class FitProblem:
             end, advice = self._describe_end()
             raise BeamdaeError(
                 f"fit: the data end at {end}, far after the end time of {self.model.name}, "
-                f"{self.model.t_end:g} s; {advice}, or change t_end of the model."
+                f"{self.model.t_end:g} s; {advice}, subtract the "
+                "first time from all times, or change t_end of the model."
             )
         return ends
 

@@ -284,6 +284,7 @@ def search(
             gtol=_ZERO_GRADIENT,
             max_nfev=max_evaluations,
         )
+        last = evaluate(result.x)
     except _StalledError:
         assert best is not None
         status = Status("limited", "stopped without progress")
@@ -295,7 +296,6 @@ def search(
         status = Status("interrupted", reason)
         partial = SearchResult(best, evaluations, status, at_bounds)
         raise Interrupted(reason, partial) from None
-    last = evaluate(result.x)
     assert last is not None
     if np.any(last.projected_jacobian[:, given & ~free]) and max_evaluations > evaluations:
         # They have an effect elsewhere.
@@ -348,12 +348,7 @@ def _reject(
     checks: Checks, check: Callable[[Evaluation], str], end: SearchResult
 ) -> SearchResult | None:
     """Return the result of `reject_data` if a check of a search finds an error, otherwise None."""
-    try:
-        clause = check(end.evaluation)
-    except KeyboardInterrupt:
-        reason = "interrupted while the data were checked"
-        partial = replace(end, status=Status("interrupted", reason))
-        raise Interrupted(reason, partial) from None
+    clause = check(end.evaluation)
     if not clause:
         return None
     assert checks.first is not None
@@ -387,10 +382,6 @@ def robust_search(
     """
     end = search(problem, scaling, first, max_evaluations, checks=checks, can_stall=True)
     evaluations = end.evaluations
-    if checks is not None and not is_noise(end.evaluation.residuals):
-        rejected = _reject(checks, checks.check_scales, end)
-        if rejected is not None:
-            return rejected
 
     def repeat(
         begin: Array,
@@ -400,7 +391,7 @@ def robust_search(
         has_short_steps: bool = True,
         can_stall: bool = True,
     ) -> SearchResult | None:
-        nonlocal evaluations
+        nonlocal end, evaluations
         if evaluations >= max_evaluations:
             return None
         remaining = max_evaluations - evaluations
@@ -414,6 +405,12 @@ def robust_search(
                 has_short_steps=has_short_steps,
                 can_stall=can_stall,
             )
+        except Interrupted as interrupt:
+            # Otherwise, the partial result is that of a run.
+            if isinstance(found := interrupt.partial, SearchResult):
+                evaluations += found.evaluations
+                end = found if _is_better(problem, found, end) else end
+            raise
         except (ValueError, ArithmeticError):
             # BeamdaeError, or an error of the model function: first values of some parameters may
             # not go with the estimates of others.
@@ -421,62 +418,62 @@ def robust_search(
         evaluations += result.evaluations
         return replace(result, evaluations=evaluations, held=names)
 
-    if not is_explained(problem, end.evaluation):
-        remaining = max_evaluations - evaluations
-        try:
+    try:
+        if checks is not None and not is_noise(end.evaluation.residuals):
+            rejected = _reject(checks, checks.check_scales, end)
+            if rejected is not None:
+                return rejected
+        if not is_explained(problem, end.evaluation):
+            remaining = max_evaluations - evaluations
             values, count = _search_with_first_data(problem, scaling, first, remaining)
-        except KeyboardInterrupt:
-            reason = "interrupted in a search with a part of the data"
-            partial = replace(end, status=Status("interrupted", reason))
-            raise Interrupted(reason, partial) from None
-        evaluations += count
-        if values is not None:
-            other = repeat(scaling.start(values), has_short_steps=False)
-            if other is not None and _is_better(problem, other, end):
-                end = other
-    if not is_explained(problem, end.evaluation):
-        logarithmic = scaling.with_logarithms()
-        if not np.array_equal(logarithmic.is_log, scaling.is_log):
-            begin = logarithmic.start(scaling.values(first))
-            other = repeat(begin, scaling=logarithmic, has_short_steps=False)
-            if other is not None and _is_better(problem, other, end):
-                end = other
-    if checks is not None and not is_explained(problem, end.evaluation):
-        rejected = _reject(checks, checks.check_progress, replace(end, evaluations=evaluations))
-        if rejected is not None:
-            return rejected
-    is_runaway = _find_runaways(problem, scaling, end)
-    if not end.status.success or is_runaway.any():
-        short = repeat(first)
-        if short is not None and _is_better(problem, short, end):
-            end = short
-        # Models that lack an effect may not explain the data better.
-        is_hopeless = _unexplained_share(problem, end.evaluation) > _MAX_ACCEPTED_SHARE
-        if end.is_stalled and (end is short or not is_hopeless):
-            begin = scaling.start(end.evaluation.values)
-            again = repeat(begin, has_short_steps=False, can_stall=is_hopeless)
-            if again is not None and _is_better(problem, again, end):
-                end = again
+            evaluations += count
+            if values is not None:
+                other = repeat(scaling.start(values), has_short_steps=False)
+                if other is not None and _is_better(problem, other, end):
+                    end = other
+        if not is_explained(problem, end.evaluation):
+            logarithmic = scaling.with_logarithms()
+            if not np.array_equal(logarithmic.is_log, scaling.is_log):
+                begin = logarithmic.start(scaling.values(first))
+                other = repeat(begin, scaling=logarithmic, has_short_steps=False)
+                if other is not None and _is_better(problem, other, end):
+                    end = other
+        if checks is not None and not is_explained(problem, end.evaluation):
+            rejected = _reject(checks, checks.check_progress, replace(end, evaluations=evaluations))
+            if rejected is not None:
+                return rejected
         is_runaway = _find_runaways(problem, scaling, end)
-    # Where the model does not explain the data, held parameters do not help.
-    is_hopeless = _unexplained_share(problem, end.evaluation) > _MAX_ACCEPTED_SHARE
-    if is_runaway.any() and not (end.is_stalled and is_hopeless):
-        begin = np.where(is_runaway, scaling.first, scaling.variables(end.evaluation.values))
-        names = tuple(np.array(problem.variables)[is_runaway].tolist())
-        held = repeat(begin, ~is_runaway, names)
-        if held is not None and held.chi_square - end.chi_square <= _variance(problem, end):
-            end = held
-            released = repeat(scaling.variables(held.evaluation.values))
-            if released is not None and _is_better(problem, released, held):
-                end = released
-    end = replace(end, evaluations=evaluations)
-    if end.status.success and evaluations < max_evaluations:
-        try:
+        if not end.status.success or is_runaway.any():
+            short = repeat(first)
+            if short is not None and _is_better(problem, short, end):
+                end = short
+            # Models that lack an effect may not explain the data better.
+            is_hopeless = _unexplained_share(problem, end.evaluation) > _MAX_ACCEPTED_SHARE
+            if end.is_stalled and (end is short or not is_hopeless):
+                begin = scaling.start(end.evaluation.values)
+                again = repeat(begin, has_short_steps=False, can_stall=is_hopeless)
+                if again is not None and _is_better(problem, again, end):
+                    end = again
+            is_runaway = _find_runaways(problem, scaling, end)
+        # Where the model does not explain the data, held parameters do not help.
+        is_hopeless = _unexplained_share(problem, end.evaluation) > _MAX_ACCEPTED_SHARE
+        if is_runaway.any() and not (end.is_stalled and is_hopeless):
+            begin = np.where(is_runaway, scaling.first, scaling.variables(end.evaluation.values))
+            names = tuple(np.array(problem.variables)[is_runaway].tolist())
+            held = repeat(begin, ~is_runaway, names)
+            if held is not None and held.chi_square - end.chi_square <= _variance(problem, end):
+                end = held
+                released = repeat(scaling.variables(held.evaluation.values))
+                if released is not None and _is_better(problem, released, held):
+                    end = released
+        end = replace(end, evaluations=evaluations)
+        if end.status.success and evaluations < max_evaluations:
             end = _return_undetermined(problem, scaling.with_logarithms(), end)
-        except KeyboardInterrupt:
-            reason = "interrupted after the search"
-            partial = replace(end, status=Status("interrupted", reason))
-            raise Interrupted(reason, partial) from None
+    except KeyboardInterrupt:
+        reason = f"interrupted after {format_count(evaluations, 'evaluation')}"
+        status = Status("interrupted", reason)
+        partial = replace(end, evaluations=evaluations, status=status)
+        raise Interrupted(reason, partial) from None
     return _judge_explanation(problem, end)
 
 

@@ -41,7 +41,7 @@ from beamdae.errors import BeamdaeError
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
-    from beamdae.results.outcome import Status
+    from beamdae.results.solution import Solution
     from beamdae.results.storage.continued_runs import RunParts
 
 
@@ -211,7 +211,7 @@ def run_command(
                 run_outputs.write_page(run, solution)
             if picture:
                 run_outputs.draw_run(run, solution)
-    _report_end(run, solution.status)
+    _report_end(run, solution)
 
 
 def _find_parts(table: Path, checkpoint: Path) -> RunParts:
@@ -229,10 +229,11 @@ def _reject_combinations(option: str, value: Any, others: Mapping[str, Any]) -> 
         )
 
 
-def _report_end(run: Run, status: Status) -> None:
+def _report_end(run: Run, solution: Solution) -> None:
     """Print the written files and, if the run is incomplete, the reason; set the exit code."""
+    status = solution.status
     run.files.print_paths()
-    if run.checkpoint is not None and run_outputs.can_resume(status):
+    if run.checkpoint is not None and run_outputs.can_resume(solution):
         record_results(lambda: {"continue": run.checkpoint})
         create_console().print(
             f"to resume: --continue {run.checkpoint}", style="dim", soft_wrap=True
