@@ -13,7 +13,7 @@ import numpy as np
 
 from beamdae.accuracy.errors import Errors
 from beamdae.accuracy.runs import check_run
-from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
+from beamdae.analysis.eigenproblems.frequency_range import (
     FrequencyRange,
     compute_frequency_range,
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -227,7 +228,7 @@ def _linearize_path_end(
     begin[: len(x)] = x
     x = problem.correct(prescribe_parameter, factor, begin, factor).x[: len(x)]
     e = replace(e, q0=x[: e.n], v0=np.zeros(e.n))
-    rest = linearize_at_rest(e, system.loaded.time, lambda x: system.motion_tangent(x, factor))
+    rest = linearize_at_rest(e, system.loaded.time, partial(system.motion_tangent, factor))
     return Linearization(e, fine, lin.about, system.loaded.time, *rest)
 
 

@@ -13,9 +13,11 @@ Array = np.ndarray
 
 # Rows with at most this many entries define one unknown by another, such as q' = v.
 _MAX_DEFINITION_ENTRIES = 2
-# Unknowns with more couplings than this many times the median, such as the floating frame of a beam
-# (coupled with all its nodes), fill the factors unless they are eliminated last.
+# Unknowns with more couplings than this many times the usual number, such as the floating frame of
+# a beam (coupled with all its nodes), fill the factors unless they are eliminated last.
 MAX_RELATIVE_COUPLINGS = 2.0
+# Share of the unknowns with at most as many couplings as is usual: multipliers have few.
+_USUAL_SHARE = 0.75
 # Relative size of the rows of the border, so small that they provide pivots only if the band has
 # none.
 _BORDER_WEIGHT = 2.0**-60
@@ -118,7 +120,7 @@ def _find_border(rows: sp.csr_array, rest: Array, symmetric: sp.csr_array) -> Ar
     couplings = np.diff(symmetric.indptr)
     in_border = rows.diagonal()[rest] == 0.0
     if len(rest):
-        in_border |= couplings > MAX_RELATIVE_COUPLINGS * np.median(couplings)
+        in_border |= couplings > MAX_RELATIVE_COUPLINGS * np.quantile(couplings, _USUAL_SHARE)
     return in_border
 
 

@@ -181,7 +181,8 @@ def test_free_motions_of_models_with_states():
         warnings.simplefilter("error")
         modes = bd.modes(mech)
     values = np.sort(modes.eigenvalues.real)
-    np.testing.assert_allclose(values, [-2.0, 0.0, 0.0, 0.0, 0.0], atol=1e-12)
+    # The ball moves freely along two axes.
+    np.testing.assert_allclose(values, [-2.0, 0.0, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize("amplitude", [1.0, 1e7])

@@ -1,4 +1,4 @@
-"""Modes of the linearized equations: l^2 M x + l C x + K x + H mu = 0, J x + l V x = 0.
+"""Modes of the linearized equations: l^2 M x + l D x + K x + H mu = 0, J x + l V x - C mu = 0.
 
 Symmetric undamped problems are solved for squared frequencies, all others as quadratic eigenvalue
 problems.
@@ -6,7 +6,6 @@ problems.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,14 +13,13 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
-from beamdae.analysis.eigenproblems.quadratic_eigenproblem import QuadraticProblem
-from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
-    SymmetricProblem,
-    is_symmetric,
+from beamdae.analysis.eigenproblems.slow_motions import (
     quadratic_form_rounding,
+    solve_damped,
+    solve_undamped,
+    solve_undamped_without_states,
 )
 from beamdae.equations.formulations.tangents import LinearizedCoordinates, Tangent
-from beamdae.equations.starts.rank import scaled_null_space
 from beamdae.errors import BeamdaeError
 from beamdae.linear.blas_threads import single_threaded
 
@@ -37,17 +35,6 @@ _MIN_DAMPING_RATIO = 1e-12
 _DAMPED_GROWTH_TOLERANCE = 1e-6
 # Sizes that differ by less than this fraction are equal but for rounding.
 _EQUAL_SIZE_TOLERANCE = 1e-6
-# Modes of models with states are computed with dense matrices.
-_MAX_STATE_COORDINATES = 2000
-# The shift s of these problems is this multiple of the lowest natural frequency without states; its
-# square exceeds this fraction of the largest one. Results hardly depend on the shift.
-_STATE_SHIFT_RATIO = 0.7
-_FREE_SQUARE_RATIO = 1e-14
-# Without stiffness, it is this number [1/s]; round ones may be eigenvalues.
-_DEFAULT_SHIFT = np.pi
-# Errors of zero eigenvalues are up to a fifth of these multiples of sqrt(eps) w, with the highest
-# natural frequency w or the shift.
-_STIFF_ZERO_FACTOR, _ZERO_FACTOR = 0.03, 10.0
 
 
 class EigenSolution(NamedTuple):
@@ -61,14 +48,10 @@ class EigenSolution(NamedTuple):
         shape are represented by the growing one.
     shapes
         Mode shapes, (n, k), with x^H M x = 1.
-    others
-        Other motions, (n, j), whose stiffness is lost in rounding: of two slow modes of a thin beam
-        that nearly coincide, only one may be among the modes. None if there are no such motions.
     """
 
     values: Array
     shapes: Array
-    others: Array | None = None
 
 
 @single_threaded
@@ -85,16 +68,19 @@ def solve_eigenproblem(
     slows many stiff motions down to nearly the same rate of decay. If they are among the `count`
     slowest modes, they are returned or missing.
     """
-    if len(lin.equations.states):
-        return _normalize(lin, *_solve_with_states(lin, damped), count)
-    undamped = SymmetricProblem(lin).solve(count)
-    is_undamped = not lin.tangent.damping.nnz or abs(lin.tangent.damping).max() == 0.0
-    if not damped or (is_undamped and is_symmetric(lin)):
+    e = lin.equations
+    if len(e.states) and not damped:
+        raise BeamdaeError(
+            "modes: undamped modes are not supported with states such as "
+            f"{e.q_names[e.states[0]]}; use damping=True, or remove the states."
+        )
+    is_undamped = not np.any(lin.tangent.damping.data) and not len(e.states)
+    if not damped or (is_undamped and lin.is_symmetric):
+        undamped = solve_undamped(lin, count)
         values = np.where(undamped.squares < 0.0, 0j, 1j) * np.sqrt(np.abs(undamped.squares))
         values += np.sqrt(np.maximum(-undamped.squares, 0.0))
         return _normalize(lin, values, undamped.shapes.astype(complex), count)
-    problem = QuadraticProblem(lin, undamped, count)
-    values, shapes, others = problem.solve(count, max_damping_ratio)
+    values, shapes = solve_damped(lin, count, max_damping_ratio)
     if count is not None and max_damping_ratio < 1.0:
         # The slowest modes, whatever their damping, and `count` of those that count.
         order = np.argsort(np.abs(values), kind="stable")
@@ -103,7 +89,7 @@ def solve_eigenproblem(
         selected = is_counted & (np.cumsum(is_counted) <= count)
         selected[:count] = True
         values, shapes, count = values[selected], shapes[:, selected], None
-    return _normalize(lin, values, shapes, count)._replace(others=others)
+    return _normalize(lin, values, shapes, count)
 
 
 @single_threaded
@@ -111,86 +97,10 @@ def undamped_frequencies(lin: LinearizedEquations, count: int) -> Array:
     """Return the lowest undamped angular frequencies [rad/s], with first-order states held.
 
     The symmetric parts of M and K are used. The rates of growth of unstable motions count as
-    frequencies; free motions and states have frequency zero. At least `count` frequencies are
-    computed if there are as many.
+    frequencies; free motions have frequency zero. At least `count` frequencies are computed if
+    there are as many.
     """
-    e, tangent = lin.equations, lin.tangent
-    is_state = np.zeros(e.n)
-    is_state[e.states] = 1.0
-    moving = sp.diags_array(1.0 - is_state)
-    mass, stiffness = (sp.csc_array(moving @ x @ moving) for x in (tangent.mass, tangent.stiffness))
-    held = tangent._replace(mass=sp.csc_array(mass + sp.diags_array(is_state)), stiffness=stiffness)
-    problem = SymmetricProblem(replace(lin, tangent=held))
-    return np.sqrt(np.abs(problem.solve(count + len(e.states)).squares))
-
-
-def _solve_with_states(lin: LinearizedEquations, damped: bool) -> tuple[Array, Array]:
-    """Return all modes of equations with first-order states, from dense matrices.
-
-    With the admissible motions x = Z z and the states s, whose rows have no inertia, the equations
-    are M z'' + C z' + K z + B s = 0 and s' + D z' + E z + F s = 0.
-    """
-    e, tangent = lin.equations, lin.tangent
-    if not damped or lin.nonholonomic.any():
-        problem, remedy = (
-            ("constraints on velocities", "bd.linearize")
-            if damped
-            else ("undamped modes", "damping=True")
-        )
-        raise BeamdaeError(
-            f"modes: {problem} are not supported with states such as {e.q_names[e.states[0]]}; "
-            f"use {remedy}, or remove the states."
-        )
-    if e.n > _MAX_STATE_COORDINATES:
-        raise BeamdaeError(
-            f"modes: the model with states has {e.n} coordinates, more than the maximum of "
-            f"{_MAX_STATE_COORDINATES}; use fewer elements."
-        )
-    moving = np.setdiff1d(np.arange(e.n), e.states)
-    scales = e.position_scales[moving]
-    basis, left = (
-        scaled_null_space(sp.csc_array(rows[:, moving]), scales)
-        for rows in (tangent.position_jacobian, sp.csc_array(tangent.reactions.T))
-    )
-    count, n_states = basis.shape[1], len(e.states)
-    # Columns of (z, s) among the coordinates, and rows of the reduced equations.
-    columns, rows = np.zeros((2, e.n, count + n_states))
-    columns[moving, :count], rows[moving, :count] = basis, left
-    columns[e.states, count + np.arange(n_states)] = 1.0
-    rows[e.states, count + np.arange(n_states)] = 1.0
-    mass, damping, stiffness = (
-        rows.T @ (x @ columns) for x in (tangent.mass, tangent.damping, tangent.stiffness)
-    )
-    inertia = mass[:count, :count]
-    if count and not np.linalg.cond(inertia) < 1.0 / np.finfo(float).eps:
-        raise massless_error(e, tangent)
-    size = 2 * count + n_states
-    matrix, weights = np.zeros((size, size)), np.eye(size)
-    positions, velocities = slice(0, count + n_states), slice(count + n_states, size)
-    weights[velocities, velocities] = inertia
-    matrix[:count, velocities] = np.eye(count)
-    matrix[count : count + n_states, positions] = -stiffness[count:]
-    matrix[count : count + n_states, velocities] = -damping[count:, :count]
-    matrix[velocities, positions] = -stiffness[:count]
-    matrix[velocities, velocities] = -damping[:count, :count]
-    squares = np.zeros(1)
-    if count:
-        factors = la.lu_factor(inertia)
-        squares = np.abs(la.eigvals(la.lu_solve(factors, stiffness[:count, :count])))
-    # Free motions are omitted.
-    lowest = np.min(squares[squares > _FREE_SQUARE_RATIO * squares.max()], initial=np.inf)
-    shift = _STATE_SHIFT_RATIO * np.sqrt(lowest) if np.isfinite(lowest) else _DEFAULT_SHIFT
-    # Errors of the eigenvalues of the inverse are relative to the slow ones. Those of M^-1 K are
-    # relative to the square of the highest frequency, and reached 1 % of the slow ones.
-    inverse = la.lu_solve(la.lu_factor(matrix - shift * weights), weights)
-    inverses, vectors = la.eig(inverse)
-    values, shapes = shift + 1.0 / inverses, columns @ vectors[positions]
-    # The error of a double zero is the square root of rounding.
-    sizes = _STIFF_ZERO_FACTOR * np.sqrt(squares.max()), _ZERO_FACTOR * shift
-    zero = np.sqrt(np.finfo(float).eps) * max(sizes)
-    values = np.where(np.abs(values) <= zero, 0.0, values)
-    is_upper = values.imag >= 0.0
-    return values[is_upper], shapes[:, is_upper]
+    return np.sqrt(np.abs(solve_undamped_without_states(lin, count).squares))
 
 
 def massless_error(e: LinearizedCoordinates, tangent: Tangent) -> BeamdaeError:

@@ -1,18 +1,45 @@
-"""Linearized equations as the eigenvalue solvers need them."""
+"""Linearized equations as the eigenvalue solvers need them.
+
+Axial and shear stiffnesses of thin beams exceed those of their slow motions by many digits. In
+mixed form, their forces are multipliers of compliant constraints, so that the slenderness does not
+enter rounding.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from beamdae.equations.equations_of_motion import PartCoordinates
-from beamdae.equations.formulations.tangents import LinearizedCoordinates, Tangent
+from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordinates, State
+from beamdae.equations.formulations.compliant_equations import introduce_resultants
+from beamdae.equations.formulations.tangents import (
+    Convert,
+    LinearizedCoordinates,
+    Tangent,
+    compute_residual,
+)
+from beamdae.linear.blas_threads import single_threaded
+from beamdae.linear.saddle_point import SaddlePencil
 
 Array = np.ndarray
+
+# Bound on the rounding error of the stiffness over the inertia, relative to their largest ratio.
+_ROUNDING_RATIO = 2e-14
+# The same without stiff forces, for motions of natural size.
+_HOLDING_RATIO = 1e-12
+# Asymmetry up to which a matrix is treated as symmetric, relative to its largest entry: of exact
+# matrices, and of matrices with finite differences. The first is small because a follower load is
+# small compared with the axial stiffness of a thin beam.
+_EXACT_TOLERANCE, _DIFFERENCE_TOLERANCE = 1e-13, 1e-9
+# Deviation of the directions of reactions from the gradients of the constraints, relative to the
+# largest gradient.
+_REACTION_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -31,6 +58,26 @@ class CoordinateSubset:
         return len(self.q_names)
 
 
+class MixedForm(NamedTuple):
+    """Matrices without stiff forces, and compliant constraints J (x + tau x') - C mu = 0.
+
+    Attributes
+    ----------
+    stiffness, damping
+        Sparse matrices (n, n).
+    rows
+        Derivatives J of the constraints, sparse (r, n).
+    compliance, retardation
+        Diagonals of C and tau, (r,).
+    """
+
+    stiffness: sp.csc_array
+    damping: sp.csc_array
+    rows: sp.csc_array
+    compliance: Array
+    retardation: Array
+
+
 @dataclass(frozen=True)
 class LinearizedEquations:
     """Linearized equations M x'' + C x' + K x + H mu = 0, J x + V x' = 0.
@@ -46,12 +93,154 @@ class LinearizedEquations:
     has_differences
         True if the matrices contain errors of finite differences or of the transformation to a
         rotating frame, so that symmetry is tested with a larger tolerance.
+    mixed
+        Mixed form of the same equations, or None.
     """
 
     equations: LinearizedCoordinates
     tangent: Tangent
     zero_square: float = 0.0
     has_differences: bool = False
+    mixed: MixedForm | None = None
+
+    @cached_property
+    def rows(self) -> sp.csc_array:
+        """Matrix (m, n) that multiplies accelerations in the differentiated constraints."""
+        return self.tangent.acceleration_jacobian(self.equations)
+
+    @property
+    def stiffness(self) -> sp.csc_array:
+        """Stiffness (n, n) without the forces of compliant constraints."""
+        return (self.mixed or self.tangent).stiffness
+
+    def energies(self, x: Array) -> tuple[Array, Array]:
+        """Return x^T K x and x^T C x (k,) of shapes (n, k), with squares of stiff strains."""
+        form = self.mixed or self.tangent
+        stiffness, damping = (
+            np.einsum("ij,ij->j", x, matrix @ x) for matrix in (form.stiffness, form.damping)
+        )
+        if self.mixed is not None:
+            squares = (self.mixed.rows @ x) ** 2 / self.mixed.compliance[:, None]
+            stiffness = stiffness + np.sum(squares, axis=0)
+            damping = damping + self.mixed.retardation @ squares
+        return stiffness, damping
+
+    @property
+    def rounding_square(self) -> float:
+        """Squared rate [1/s^2] near the rounding errors of the stiffness."""
+        inertia, stiffness = self.tangent.mass.diagonal(), self.tangent.stiffness.diagonal()
+        ratios = np.abs(stiffness[inertia > 0.0]) / inertia[inertia > 0.0]
+        return _ROUNDING_RATIO * float(np.max(ratios, initial=0.0)) or 1.0
+
+    @cached_property
+    def pencil(self) -> SaddlePencil:
+        """Matrix A(s) of (x, mu) for x exp(s t), or for (x, mu, forces of the mixed form)."""
+        tangent, n, size = self.tangent, self.equations.n, self.equations.n + self.equations.m
+        blocks = [
+            (0, 0, 0, self.stiffness),
+            (0, 0, n, tangent.reactions),
+            (0, n, 0, tangent.position_jacobian),
+            (1, 0, 0, (self.mixed or tangent).damping),
+            (1, n, 0, tangent.velocity_jacobian),
+            (2, 0, 0, tangent.mass),
+        ]
+        if self.mixed is not None:
+            _, _, rows, compliance, retardation = self.mixed
+            blocks += [
+                (0, 0, size, rows.T),
+                (0, size, 0, rows),
+                (1, size, 0, sp.diags_array(retardation) @ rows),
+                (0, size, size, -sp.diags_array(compliance)),
+            ]
+            size += len(compliance)
+        return SaddlePencil(size, blocks)
+
+    @cached_property
+    def is_symmetric(self) -> bool:
+        """True if the eigenproblem without damping is symmetric.
+
+        That is, K and M are symmetric, reactions act along the gradients of the constraints, and
+        constraints on velocities do not depend on positions.
+        """
+        tangent = self.tangent
+        tolerance = _DIFFERENCE_TOLERANCE if self.has_differences else _EXACT_TOLERANCE
+        if not all(is_symmetric_matrix(x, tolerance) for x in (tangent.stiffness, tangent.mass)):
+            return False
+        # At rest, constraints on velocities constrain the shapes of vibrations.
+        rolling = tangent.position_jacobian[self.nonholonomic]
+        if rolling.nnz and abs(rolling).max() > 0.0:
+            return False
+        difference = abs(self.tangent.reactions.T - self.rows)
+        return not difference.nnz or bool(
+            difference.max() <= _REACTION_TOLERANCE * abs(self.rows).max()
+        )
+
+    @property
+    def has_rates(self) -> bool:
+        """True if an eigenvalue itself occurs in the eigenproblem, not only its square."""
+        matrices = (self.tangent.damping, self.tangent.velocity_jacobian)
+        return len(self.equations.states) > 0 or any(np.any(matrix.data) for matrix in matrices)
+
+    def symmetrized(self) -> LinearizedEquations:
+        """Return undamped equations with the symmetric parts of M and K, and reactions along G."""
+        tangent, rows, mixed = self.tangent, self.rows, self.mixed
+        undamped = tangent._replace(
+            mass=_symmetric_part(tangent.mass),
+            damping=sp.csc_array(tangent.mass.shape),
+            stiffness=_symmetric_part(tangent.stiffness),
+            reactions=sp.csc_array(rows.T),
+            position_jacobian=rows,
+            velocity_jacobian=sp.csc_array(rows.shape),
+        )
+        if mixed is not None:
+            mixed = mixed._replace(
+                stiffness=_symmetric_part(mixed.stiffness),
+                damping=undamped.damping,
+                retardation=np.zeros(len(mixed.compliance)),
+            )
+        return replace(self, tangent=undamped, mixed=mixed)
+
+    @single_threaded
+    def introduce_forces(
+        self, time: Array, state: State, tangent_at: Callable[[State, Convert], Tangent]
+    ) -> LinearizedEquations:
+        """Return the equations in mixed form about a `state` whose strains are constant.
+
+        `tangent_at` returns the tangent of converted equations at a state.
+        """
+        e, m = self.equations, self.equations.m
+        assert isinstance(e, EquationsOfMotion)
+        form = introduce_resultants(e)
+        compliance, retardation = form.compliance[m:], form.retardation[m:]
+        if not len(compliance):
+            return self
+
+        def convert(equations: EquationsOfMotion) -> EquationsOfMotion:
+            return (form if equations is e else introduce_resultants(equations)).equations
+
+        def evaluate(lam: Array) -> tuple[LinearizedEquations, Array]:
+            tangent = tangent_at(state._replace(lam=lam), convert)
+            rows = sp.csc_array(tangent.position_jacobian[m:])
+            mixed = MixedForm(tangent.stiffness, tangent.damping, rows, compliance, retardation)
+            residual = self.tangent._replace(residual=tangent.residual[: e.n + m])
+            return replace(self, tangent=residual, mixed=mixed), tangent.residual
+
+        lam = np.append(state.lam[:m], np.zeros(len(compliance)))
+        strains = compute_residual(form.equations, time, state._replace(lam=lam))[e.n + m :]
+        lam[m:] = strains / compliance
+        # Rounding of the positions hides small strains: forces follow from equilibrium.
+        mixed, residual = evaluate(lam)
+        residual[e.n + m :] -= strains
+        scales, pencil = e.position_scales, mixed.symmetrized().pencil
+        inertia = float(scales @ (self.tangent.mass @ scales))
+        square = _HOLDING_RATIO * float(scales @ (abs(mixed.stiffness) @ scales)) / inertia
+        solve = pencil.factorize(np.sqrt(square))
+        if solve is None:
+            return self
+        change = solve(residual)
+        # Forces turn with free motions, which the residual does not determine.
+        change -= solve(square * (pencil.matrices[2] @ change))
+        return evaluate(lam - change[e.n :])[0]
 
     @property
     def nonholonomic(self) -> Array:
@@ -86,10 +275,10 @@ class LinearizedEquations:
         groups = []
         for label in np.unique(columns):
             (q,), (g,) = np.nonzero(columns == label), np.nonzero(rows == label)
-            groups.append((self._select(q, g), q))
+            groups.append((self.select(q, g), q))
         return groups
 
-    def _select(self, q: Array, g: Array) -> LinearizedEquations:
+    def select(self, q: Array, g: Array) -> LinearizedEquations:
         """Return the equations of the coordinates `q` and the constraints `g`."""
         e, tangent = self.equations, self.tangent
         equations = CoordinateSubset(
@@ -108,4 +297,24 @@ class LinearizedEquations:
             velocity_jacobian=tangent.velocity_jacobian[g][:, q],
             residual=tangent.residual[np.append(q, e.n + g)],
         )
-        return replace(self, equations=equations, tangent=part)
+        mixed = self.mixed
+        if mixed is not None:
+            rows = mixed.rows[:, q]
+            used = np.unique(rows.indices)
+            mixed = MixedForm(
+                mixed.stiffness[q][:, q],
+                mixed.damping[q][:, q],
+                rows[used],
+                mixed.compliance[used],
+                mixed.retardation[used],
+            )
+        return replace(self, equations=equations, tangent=part, mixed=mixed)
+
+
+def is_symmetric_matrix(matrix: sp.csc_array, tolerance: float = _EXACT_TOLERANCE) -> bool:
+    """Return True if the asymmetry is at most `tolerance` times the largest entry."""
+    return not matrix.nnz or bool(abs(matrix - matrix.T).max() <= tolerance * abs(matrix).max())
+
+
+def _symmetric_part(matrix: sp.csc_array) -> sp.csc_array:
+    return sp.csc_array(0.5 * (matrix + matrix.T))

@@ -11,19 +11,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from beamdae.analysis.eigenproblems.eigensolution import massless_error
-from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.eigenproblems.linearized_equations import Convert, LinearizedEquations
 from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading, build_loading
 from beamdae.beams.remeshing import resolve_modes
 from beamdae.equations.commands import limit_warnings
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.tangents import Tangent, compute_tangent
+from beamdae.equations.formulations.tangents import Tangent, compute_tangent, tangent_of
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
@@ -32,6 +33,7 @@ from beamdae.equations.starts.steady_rotation import (
     Rotation,
     center_warning,
     find_steady_rotation,
+    rotating_tangent,
 )
 from beamdae.equations.table_arguments import list_arguments_outside
 from beamdae.errors import (
@@ -52,7 +54,7 @@ from beamdae.simulation import as_equations
 Array = np.ndarray
 
 _RPM = np.pi / 30.0  # rad/s
-TangentFunction = Callable[[State], Tangent]
+TangentFunction = Callable[..., Tangent]
 
 REFERENCE = "reference"
 # Load factors that differ from one by less than this are treated as one, because Newton's method
@@ -92,6 +94,9 @@ class Linearization:
         their limits.
     zero_square
         Squared frequencies up to this magnitude [1/s^2] are treated as zero.
+    tangent_at
+        Function of a state and a conversion of the equations that returns their matrices, or None
+        in motion.
     rotation
         Steady rotation, or None. If set, coordinates refer to the rotating frame.
     companions
@@ -106,14 +111,18 @@ class Linearization:
     tangent: Tangent
     warnings: tuple[str, ...] = ()
     zero_square: float = 0.0
+    tangent_at: TangentFunction | None = field(default=None, compare=False, repr=False)
     rotation: Rotation | None = None
     companions: dict[bool, Any] = field(default_factory=dict, compare=False, repr=False)
 
-    @property
+    @cached_property
     def linearized_equations(self) -> LinearizedEquations:
         """Equations for the eigenvalue solvers."""
         has_differences = self.rotation is not None or self.zero_square > 0.0
-        return LinearizedEquations(self.equations, self.tangent, self.zero_square, has_differences)
+        lin = LinearizedEquations(self.equations, self.tangent, self.zero_square, has_differences)
+        if self.tangent_at is None:
+            return lin
+        return lin.introduce_forces(self.time, self.state, self.tangent_at)
 
 
 def model_of_modes(model: Any, about: Any) -> Any:
@@ -220,11 +229,20 @@ def _linearize(name: str, model: Any, about: Any, t: float) -> Linearization:
         if isinstance(about, Instant):
             return linearize_motion(full_equations, about)
         equations, time = active_equations(full_equations, None, t)
-        state, tangent = find_steady_rotation(equations, time, about)
+        state = find_steady_rotation(equations, time, about)
+        tangent_at = partial(rotating_tangent, equations, time, about)
         description = f"rotation at {about.speed:g} rad/s about {about.center}"
         warnings = drawing_warnings(equations, time, state.q, description)
         return Linearization(
-            equations, full_equations, description, time, state, tangent, warnings, rotation=about
+            equations,
+            full_equations,
+            description,
+            time,
+            state,
+            tangent_at(state),
+            warnings,
+            tangent_at=tangent_at,
+            rotation=about,
         )
     word = about if isinstance(about, str) else None
     if word in (REFERENCE, AS_DRAWN):
@@ -289,18 +307,17 @@ def linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Lin
 
 def _linearize_rest(full_equations: EquationsOfMotion, description: str, t: float) -> Linearization:
     equations, time = active_equations(full_equations, None, t)
-    state, tangent, warnings, zero_square = linearize_at_rest(
-        equations, time, lambda state: compute_tangent(equations, time, state)
-    )
+    tangent_at = partial(tangent_of, equations, time)
+    rest = linearize_at_rest(equations, time, tangent_at)
+    lin = Linearization(equations, full_equations, description, time, *rest)
     requested = full_equations
     if requested.start is None:
         # Given velocities have no effect on a state at rest.
         requested = replace(requested, v0=np.zeros(requested.n))
     if t == 0.0:  # Later, drivers have left their positions in the drawing.
-        warnings = (*filter(None, (compare_start(requested, state).warning,)), *warnings)
-    return Linearization(
-        equations, full_equations, description, time, state, tangent, warnings, zero_square
-    )
+        change = compare_start(requested, lin.state).warning
+        lin = replace(lin, warnings=(*filter(None, [change]), *lin.warnings))
+    return lin
 
 
 def load_path_end(
@@ -328,7 +345,7 @@ def _linearize_path_end(name: str, model: Any, path: Equilibrium) -> Linearizati
     _, system, factor = load_path_end(model, full_equations, path)
     equations = replace(system.equations, q0=full_equations.q0, v0=full_equations.v0)
     time = system.loaded.time
-    rest = linearize_at_rest(equations, time, lambda state: system.motion_tangent(state, factor))
+    rest = linearize_at_rest(equations, time, partial(system.motion_tangent, factor))
     description = f"equilibrium at load factor {path.factor:g}" if path.loads else EQUILIBRIUM
     lin = Linearization(equations, full_equations, description, time, *rest)
     return replace(lin, warnings=(*filter(None, (path.end_warning,)), *lin.warnings))
@@ -336,7 +353,7 @@ def _linearize_path_end(name: str, model: Any, path: Equilibrium) -> Linearizati
 
 def linearize_at_rest(
     e: EquationsOfMotion, time: Array, tangent_at: TangentFunction
-) -> tuple[State, Tangent, tuple[str, ...], float]:
+) -> tuple[State, Tangent, tuple[str, ...], float, TangentFunction]:
     """Linearize at rest at the start positions of `e`, corrected to close the joints.
 
     Parameters
@@ -346,13 +363,13 @@ def linearize_at_rest(
     time
         (t, branch), at which laws are evaluated; drivers keep the values of this time.
     tangent_at
-        Function from a `State` to its `Tangent`.
+        Function of a state and a conversion of the equations that returns their matrices.
 
     Returns
     -------
     tuple
-        State, matrices, warnings, and the bound [1/s^2] up to which squared frequencies are treated
-        as zero.
+        State, matrices, warnings, the bound [1/s^2] up to which squared frequencies are treated as
+        zero, and the function of the matrices.
 
     Raises
     ------
@@ -364,12 +381,12 @@ def linearize_at_rest(
     q = solver.state(time, e.q0, np.zeros(e.n)).q
     state = _release(e, tangent_at, solver.rest_state(q))
     rest = state._replace(a=np.zeros(e.n))
-    tangent, unaccelerated = tangent_at(state), tangent_at(rest)
-    if not _is_unbalanced(e, tangent, state, unaccelerated.residual[: e.n]):
-        return rest, unaccelerated, (), 0.0
-    inertial_stiffness = tangent.stiffness - unaccelerated.stiffness
+    unaccelerated = tangent_at(rest)
+    if not _is_unbalanced(e, unaccelerated, state):
+        return rest, unaccelerated, (), 0.0, tangent_at
+    inertial_stiffness = tangent_at(state).stiffness - unaccelerated.stiffness
     change = _covariant_change(e, tangent_at, state, inertial_stiffness)
-    tangent = tangent._replace(stiffness=sp.csc_array(tangent.stiffness - change))
+    tangent_at = partial(_subtract_stiffness, tangent_at, change)
     acceleration = np.abs(state.a) / e.position_scales
     worst = int(np.argmax(acceleration))
     warning = (
@@ -378,7 +395,15 @@ def linearize_at_rest(
         "equilibrium; use about='equilibrium' unless the frequencies are meant to "
         "follow from the second derivatives of the potential at this state."
     )
-    return state, tangent, (warning,), _ZERO_SQUARE_RATIO * float(acceleration[worst])
+    zero_square = _ZERO_SQUARE_RATIO * float(acceleration[worst])
+    return state, tangent_at(state), (warning,), zero_square, tangent_at
+
+
+def _subtract_stiffness(
+    tangent_at: TangentFunction, change: sp.csc_array, state: State, convert: Convert | None = None
+) -> Tangent:
+    tangent = tangent_at(state, convert)
+    return tangent._replace(stiffness=sp.csc_array(tangent.stiffness - change))
 
 
 def solve_for_accelerations(e: EquationsOfMotion, tangent: Tangent) -> Callable[[Array], Array]:
@@ -410,12 +435,13 @@ def _release(e: EquationsOfMotion, tangent_at: TangentFunction, rest: State) -> 
     return rest._replace(a=solution[: e.n], lam=solution[e.n :])
 
 
-def _is_unbalanced(e: EquationsOfMotion, tangent: Tangent, state: State, force: Array) -> bool:
+def _is_unbalanced(e: EquationsOfMotion, tangent: Tangent, state: State) -> bool:
     """Return True if the state is not an equilibrium.
 
-    That is, an inertial force exceeds both rounding errors and 1e-6 of the largest force. `force`
-    is F + G^T lam at zero acceleration.
+    That is, an inertial force exceeds both rounding errors and 1e-6 of the largest force. `tangent`
+    is that at zero acceleration.
     """
+    force = tangent.residual[: e.n]
     inertia = np.abs(tangent.mass @ state.a)
     reactions = np.abs(tangent.reactions @ state.lam)
     largest_force = max(np.max(reactions, initial=0.0), np.max(np.abs(force), initial=0.0))

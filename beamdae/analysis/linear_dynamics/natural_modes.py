@@ -20,7 +20,7 @@ from beamdae.analysis.eigenproblems.eigensolution import (
     classify_modes,
     solve_eigenproblem,
 )
-from beamdae.analysis.eigenproblems.symmetric_eigenproblem import quadratic_form_rounding
+from beamdae.analysis.eigenproblems.slow_motions import quadratic_form_rounding
 from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
@@ -460,7 +460,7 @@ def _rounding_warnings(
     modes.
     """
     squares = np.abs(solution.values) ** 2
-    bounds = quadratic_form_rounding(lin.tangent.stiffness, solution.shapes)
+    bounds = quadratic_form_rounding(lin.linearized_equations.stiffness, solution.shapes)
     references = np.where(squares > 0.0, squares, np.min(squares[squares > 0.0], initial=np.inf))
     is_hidden = bounds > _MAX_SQUARE_ROUNDING * references
     if mechanism is not None:

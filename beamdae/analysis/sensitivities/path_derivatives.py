@@ -178,7 +178,7 @@ class FlutterPoint:
         along = constant.motion_tangent(x, self.mu, self._load_response)
         n, system = self.system.equations.n, self.system
         state = State(x[:n], np.zeros(n), np.zeros(n), x[n:])
-        ends = [system.motion_tangent(state, factor) for factor in (0.0, 1.0)]
+        ends = [system.motion_tangent(factor, state) for factor in (0.0, 1.0)]
         added = {
             name: getattr(along, name) + getattr(ends[1], name) - getattr(ends[0], name)
             for name in ("damping", "stiffness", "reactions")
@@ -192,7 +192,7 @@ class FlutterPoint:
     def _linearized(self) -> LinearizedEquations:
         e, x = self.system.equations, self.x
         state = State(x[: e.n], np.zeros(e.n), np.zeros(e.n), x[e.n :])
-        return LinearizedEquations(e, self.system.motion_tangent(state, self.mu))
+        return LinearizedEquations(e, self.system.motion_tangent(self.mu, state))
 
     @cached_property
     def _is_damped(self) -> bool:
@@ -240,11 +240,7 @@ def _solve_slowest_modes(
         modes = solve_eigenproblem(group, _MODE_COUNT, max_damping_ratio=_MAX_GROWTH_DAMPING)
         shapes = np.zeros((e.n, modes.shapes.shape[1]), complex)
         shapes[rows] = modes.shapes
-        others = None
-        if modes.others is not None:
-            others = np.zeros((e.n, modes.others.shape[1]))
-            others[rows] = modes.others
-        solutions.append(EigenSolution(modes.values, shapes, others))
+        solutions.append(EigenSolution(modes.values, shapes))
     return solutions
 
 

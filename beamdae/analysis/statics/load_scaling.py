@@ -15,7 +15,7 @@ from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.building import remove_forces
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.static_equations import StaticEquations
-from beamdae.equations.formulations.tangents import Tangent, compute_tangent
+from beamdae.equations.formulations.tangents import Convert, Tangent, tangent_of
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.reduced_equations import (
     ReducedEquations,
@@ -156,14 +156,15 @@ class LoadedEquations:
         first, last = (each.matrix(*np.split(x, [each.equations.n])) for each in pair)
         return sp.csc_array((1.0 - share) * first + share * last)
 
-    def motion_tangent(self, state: State, mu: float) -> Tangent:
-        """Return the equations of motion linearized about `state` at the load factor `mu`."""
+    def motion_tangent(self, mu: float, state: State, convert: Convert | None = None) -> Tangent:
+        """Return converted equations of motion linearized about `state` at the load factor `mu`."""
         first, last, share = self.interval_at(mu)
-        state = state._replace(lam=state.lam[: self.equations.m])
-        loaded = compute_tangent(last.equations, last.time, state)
+        if convert is None:
+            state = state._replace(lam=state.lam[: self.equations.m])
+        loaded = tangent_of(last.equations, last.time, state, convert)
         if first is last:
             return loaded
-        unloaded = compute_tangent(first.equations, first.time, state)
+        unloaded = tangent_of(first.equations, first.time, state, convert)
         return interpolate_tangents(unloaded, loaded, share)
 
     def at_factor(self, mu: float) -> FixedFactorEquations | StaticEquations:

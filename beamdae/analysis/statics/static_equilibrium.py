@@ -348,7 +348,7 @@ def _turning_notes(system: LoadedEquations, x: Array, factor: float) -> tuple[st
     state = State(x[: e.n], at_rest, at_rest, x[e.n : e.n + e.m])
 
     def linearize() -> LinearizedEquations:
-        return LinearizedEquations(e, system.motion_tangent(state, factor))
+        return LinearizedEquations(e, system.motion_tangent(factor, state))
 
     turning = find_turning(e, system.time_at(factor), state.q, linearize)
     if turning is None:

@@ -106,11 +106,13 @@ def _widen(term: ConstraintTerm, m: int) -> ConstraintTerm:
 def _locate_points(term: ForceTerm, rotation: bytes) -> sp.csr_array:
     """Return the operator from all coordinates to those of the points of a term."""
     assert term.kernel.compliant is not None
-    operators = np.concatenate(term.kernel.compliant.operators)
-    blocks = [sp.csr_array(operators)] * term.count
+    operators, count = np.concatenate(term.kernel.compliant.operators), term.count
+    blocks = np.broadcast_to(operators, (count, *operators.shape))
     if term.rotation is not None:
-        numbers = np.frombuffer(rotation).reshape(-1, term.count)
+        numbers = np.frombuffer(rotation).reshape(-1, count)
         ones, others = term.rotation.arrays
-        values = np.vstack([np.zeros(term.count), numbers])
-        blocks = [sp.csr_array(operators @ (ones + values[others, k])) for k in range(term.count)]
-    return sp.csr_array(sp.block_diag(blocks, format="csr") @ term.operator)
+        values = np.vstack([np.zeros(count), numbers])
+        blocks = operators @ (ones + np.moveaxis(values[others], -1, 0))
+    diagonal = sp.bsr_array((blocks, np.arange(count), np.arange(count + 1))).tocsr()
+    diagonal.eliminate_zeros()
+    return sp.csr_array(diagonal @ term.operator)

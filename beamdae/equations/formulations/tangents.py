@@ -5,6 +5,7 @@ x and mu are increments of the coordinates and of the multipliers.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -28,6 +29,9 @@ from beamdae.symbolic.sums.kernel_sums import (
 )
 
 Array = np.ndarray
+
+
+Convert = Callable[[EquationsOfMotion], EquationsOfMotion]
 
 
 class LinearizedCoordinates(Protocol):
@@ -105,6 +109,19 @@ def compute_tangent(e: EquationsOfMotion, time: Array, state: State) -> Tangent:
     nonzeros = np.zeros(2 * form.pattern.nnz)
     evaluate_jacobian_parts(form.buffers(), time[0], time[1], y, rates, nonzeros)
     return _create_tangent(form, nonzeros, form.residual(time, y, rates))
+
+
+def compute_residual(e: EquationsOfMotion, time: Array, state: State) -> Array:
+    """Return the residual of the `Tangent`."""
+    form = _formulate(e)
+    return form.residual(time, *form.pack(state))[e.n :]
+
+
+def tangent_of(
+    e: EquationsOfMotion, time: Array, state: State, convert: Convert | None = None
+) -> Tangent:
+    """Return the `Tangent` of converted equations."""
+    return compute_tangent(convert(e) if convert else e, time, state)
 
 
 def differentiate_tangent(

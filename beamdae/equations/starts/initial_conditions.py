@@ -118,7 +118,7 @@ def _rotate_steadily(
     if driven and abs(driven - rotation.speed) <= _MAX_SPEED_ROUNDING * abs(driven):
         rotation = replace(rotation, speed=driven)
     _require_rotation(solver, time, rotation, q, rotation_velocities(e, q, rotation), driven)
-    state, _ = find_steady_rotation(e, time, rotation, q, frozen_forces=True)
+    state = find_steady_rotation(e, time, rotation, q, frozen_forces=True)
     _require_rotation(solver, time, rotation, state.q, state.v, driven)
     return q, state.q, state.v
 

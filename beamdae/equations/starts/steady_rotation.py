@@ -23,7 +23,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.tangents import Tangent, compute_tangent
+from beamdae.equations.formulations.tangents import Convert, Tangent, compute_tangent, tangent_of
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.mobility import find_free_groups
 from beamdae.errors import BeamdaeError, list_first
@@ -146,8 +146,8 @@ def find_steady_rotation(
     rotation: Rotation,
     guess: Array | None = None,
     frozen_forces: bool = False,
-) -> tuple[State, Tangent]:
-    """Return the state of steady rotation and the equations linearized in the rotating frame.
+) -> State:
+    """Return the state of steady rotation.
 
     If Newton's method does not converge at the full speed, the speed is increased from zero.
 
@@ -209,8 +209,19 @@ def find_steady_rotation(
     state = _rotating_state(frame, rotation, rotation.speed, q, lam)
     if not frozen_forces:
         _require_rotating_forces(e, time, frame, rotation, state)
-    tangent = compute_tangent(e, time, state)
-    return state, _to_rotating_frame(tangent, frame, rotation.speed)
+    return state
+
+
+def rotating_tangent(
+    e: EquationsOfMotion,
+    time: Array,
+    rotation: Rotation,
+    state: State,
+    convert: Convert | None = None,
+) -> Tangent:
+    """Return the matrices of converted equations in the rotating frame."""
+    frame = RotatingCoordinates.from_equations(e)
+    return _to_rotating_frame(tangent_of(e, time, state, convert), frame, rotation.speed)
 
 
 def center_warning(e: EquationsOfMotion, rotation: Rotation) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from beamdae.analysis.eigenproblems.symmetric_eigenproblem import FrequencyRange
+from beamdae.analysis.eigenproblems.frequency_range import FrequencyRange
 from beamdae.equations.starts.dependent_constraints import describe_dependent_sets
 from beamdae.errors import list_first
 from beamdae.integrators.error_control import STABLE_DAMPING_RATIO
