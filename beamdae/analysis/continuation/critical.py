@@ -128,9 +128,12 @@ def _explain(
     if is_turn:
         return [_find_turn(segment, low, high)]
     mode = critical_mode(low.point)
-    kinds = [FLUTTER] * abs(flutter) if change + 2 * flutter else []
-    kinds = kinds if flutter else [BRANCH] * abs(change)
-    kinds += [DOUBLING] * abs(doublings)
+    # Growing motions that merge to a growing oscillation, or the reverse, are no critical point.
+    growing = abs(change + 2 * flutter)
+    limits = int(turns and growing > 0)
+    oscillations = min(abs(flutter), (growing - limits) // 2)
+    kinds = [LIMIT] * limits + [FLUTTER] * oscillations
+    kinds += [BRANCH] * (growing - limits - 2 * oscillations) + [DOUBLING] * abs(doublings)
     return [CriticalPoint(low.position, kind, low.point, mode) for kind in kinds]
 
 
