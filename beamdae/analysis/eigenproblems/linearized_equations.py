@@ -59,7 +59,7 @@ class CoordinateSubset:
 
 
 class MixedForm(NamedTuple):
-    """Matrices without stiff forces, and compliant constraints J (x + tau x') - C mu = 0.
+    """Matrices without stiff forces, and compliant constraints J (x + tau x') - mu = 0.
 
     Attributes
     ----------
@@ -67,14 +67,13 @@ class MixedForm(NamedTuple):
         Sparse matrices (n, n).
     rows
         Derivatives J of the constraints, sparse (r, n).
-    compliance, retardation
-        Diagonals of C and tau, (r,).
+    retardation
+        Diagonal of tau, (r,).
     """
 
     stiffness: sp.csc_array
     damping: sp.csc_array
     rows: sp.csc_array
-    compliance: Array
     retardation: Array
 
 
@@ -120,7 +119,7 @@ class LinearizedEquations:
             np.einsum("ij,ij->j", x, matrix @ x) for matrix in (form.stiffness, form.damping)
         )
         if self.mixed is not None:
-            squares = (self.mixed.rows @ x) ** 2 / self.mixed.compliance[:, None]
+            squares = (self.mixed.rows @ x) ** 2
             stiffness = stiffness + np.sum(squares, axis=0)
             damping = damping + self.mixed.retardation @ squares
         return stiffness, damping
@@ -145,14 +144,14 @@ class LinearizedEquations:
             (2, 0, 0, tangent.mass),
         ]
         if self.mixed is not None:
-            _, _, rows, compliance, retardation = self.mixed
+            _, _, rows, retardation = self.mixed
             blocks += [
                 (0, 0, size, rows.T),
                 (0, size, 0, rows),
                 (1, size, 0, sp.diags_array(retardation) @ rows),
-                (0, size, size, -sp.diags_array(compliance)),
+                (0, size, size, -sp.eye_array(len(retardation))),
             ]
-            size += len(compliance)
+            size += len(retardation)
         return SaddlePencil(size, blocks)
 
     @cached_property
@@ -196,7 +195,7 @@ class LinearizedEquations:
             mixed = mixed._replace(
                 stiffness=_symmetric_part(mixed.stiffness),
                 damping=undamped.damping,
-                retardation=np.zeros(len(mixed.compliance)),
+                retardation=np.zeros(len(mixed.retardation)),
             )
         return replace(self, tangent=undamped, mixed=mixed)
 
@@ -211,8 +210,8 @@ class LinearizedEquations:
         e, m = self.equations, self.equations.m
         assert isinstance(e, EquationsOfMotion)
         form = introduce_resultants(e)
-        compliance, retardation = form.compliance[m:], form.retardation[m:]
-        if not len(compliance):
+        retardation = form.retardation[m:]
+        if not len(retardation):
             return self
 
         def convert(equations: EquationsOfMotion) -> EquationsOfMotion:
@@ -221,13 +220,13 @@ class LinearizedEquations:
         def evaluate(lam: Array) -> tuple[LinearizedEquations, Array]:
             tangent = tangent_at(state._replace(lam=lam), convert)
             rows = sp.csc_array(tangent.position_jacobian[m:])
-            mixed = MixedForm(tangent.stiffness, tangent.damping, rows, compliance, retardation)
+            mixed = MixedForm(tangent.stiffness, tangent.damping, rows, retardation)
             residual = self.tangent._replace(residual=tangent.residual[: e.n + m])
             return replace(self, tangent=residual, mixed=mixed), tangent.residual
 
-        lam = np.append(state.lam[:m], np.zeros(len(compliance)))
+        lam = np.append(state.lam[:m], np.zeros(len(retardation)))
         strains = compute_residual(form.equations, time, state._replace(lam=lam))[e.n + m :]
-        lam[m:] = strains / compliance
+        lam[m:] = strains
         # Rounding of the positions hides small strains: forces follow from equilibrium.
         mixed, residual = evaluate(lam)
         residual[e.n + m :] -= strains
@@ -305,7 +304,6 @@ class LinearizedEquations:
                 mixed.stiffness[q][:, q],
                 mixed.damping[q][:, q],
                 rows[used],
-                mixed.compliance[used],
                 mixed.retardation[used],
             )
         return replace(self, equations=equations, tangent=part, mixed=mixed)

@@ -26,7 +26,7 @@ _STEP = 0.01
 
 
 def hold_neutral_motions(system: LoadedEquations, x: Array) -> LoadedEquations:
-    """Return the system with its neutral motions held at the equilibrium x = (q, lam).
+    """Return the system with its neutral motions held at x = (q, lam), near an equilibrium.
 
     Neutral motions are rigid motions of bodies along which the mechanism stays in equilibrium, and
     on which loads do no work. Each is held by a spring on one of its coordinates.
@@ -93,9 +93,12 @@ def _is_neutral(system: LoadedEquations, x: Array, motion: Array) -> bool:
         unbalanced = _without_reactions(gradients, scale * forces[:n])
         stiffness = _size((tangent[:n, :n] * scale * scale[:, None]).data)
         power, largest = abs(velocity @ load[:n]), _size(velocity / scale)
+        if displacement == 0.0:
+            # Components of forces that turn with the mechanism change.
+            bound = max(2.0 * float(la.norm(unbalanced)), _ROUNDING * stiffness)
         if (
             _size(forces[n:]) > _ROUNDING * e.length
-            or _size(unbalanced) > _ROUNDING * stiffness
+            or _size(unbalanced) > bound
             or power > _ROUNDING * largest * float(np.sum(np.abs(scale * load[:n])))
         ):
             return False
