@@ -58,6 +58,7 @@ from beamdae.equations.structure import (
     cache_on_owner,
     comparison_key,
 )
+from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.native.object_code import is_native_enabled
 from beamdae.native.return_codes import DONE, SINGULAR
@@ -632,7 +633,10 @@ class StaticProblem(Problem):
         """Evaluate the equations, and their derivative by the parameter, about a value of it."""
         assert self._varied is not None
         run, step = self._loop.work, self._varied.step
-        pair = self._varied.at(value), self._varied.at(value + step)
+        try:
+            pair = self._varied.at(value), self._varied.at(value + step)
+        except BeamdaeError as error:
+            raise CurveError(f"the model cannot be built ({str(error).rstrip('.')})") from None
         forms = [introduce_resultants(x.equations) for x in pair]
         # The step must not lead into the next piece of a law.
         branch = float(pair[0].time[1])
