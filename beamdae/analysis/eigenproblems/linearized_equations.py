@@ -29,8 +29,9 @@ from beamdae.linear.saddle_point import SaddlePencil
 
 Array = np.ndarray
 
-# Bound on the rounding error of the stiffness over the inertia, relative to their largest ratio.
-_ROUNDING_RATIO = 2e-14
+# Bound on the rounding errors of y^T A y, relative to that of all magnitudes, and of the stiffness
+# over the inertia, relative to their largest ratio.
+ROUNDING_RATIO = 2e-14
 # The same without stiff forces, for motions of natural size.
 _HOLDING_RATIO = 1e-12
 # Asymmetry up to which a matrix is treated as symmetric, relative to its largest entry: of exact
@@ -129,7 +130,7 @@ class LinearizedEquations:
         """Squared rate [1/s^2] near the rounding errors of the stiffness."""
         inertia, stiffness = self.tangent.mass.diagonal(), self.tangent.stiffness.diagonal()
         ratios = np.abs(stiffness[inertia > 0.0]) / inertia[inertia > 0.0]
-        return _ROUNDING_RATIO * float(np.max(ratios, initial=0.0)) or 1.0
+        return ROUNDING_RATIO * float(np.max(ratios, initial=0.0)) or 1.0
 
     @cached_property
     def pencil(self) -> SaddlePencil:
@@ -217,29 +218,27 @@ class LinearizedEquations:
         def convert(equations: EquationsOfMotion) -> EquationsOfMotion:
             return (form if equations is e else introduce_resultants(equations)).equations
 
-        def evaluate(lam: Array) -> tuple[LinearizedEquations, Array]:
+        def evaluate(lam: Array) -> LinearizedEquations:
             tangent = tangent_at(state._replace(lam=lam), convert)
             rows = sp.csc_array(tangent.position_jacobian[m:])
             mixed = MixedForm(tangent.stiffness, tangent.damping, rows, retardation)
-            residual = self.tangent._replace(residual=tangent.residual[: e.n + m])
-            return replace(self, tangent=residual, mixed=mixed), tangent.residual
+            unmixed = self.tangent._replace(residual=tangent.residual[: e.n + m])
+            return replace(self, tangent=unmixed, mixed=mixed)
 
         lam = np.append(state.lam[:m], np.zeros(len(retardation)))
-        strains = compute_residual(form.equations, time, state._replace(lam=lam))[e.n + m :]
-        lam[m:] = strains
+        lam[m:] = compute_residual(form.equations, time, state._replace(lam=lam))[e.n + m :]
         # Rounding of the positions hides small strains: forces follow from equilibrium.
-        mixed, residual = evaluate(lam)
-        residual[e.n + m :] -= strains
-        scales, pencil = e.position_scales, mixed.symmetrized().pencil
+        lin = evaluate(lam)
+        scales, pencil = e.position_scales, lin.symmetrized().pencil
         inertia = float(scales @ (self.tangent.mass @ scales))
-        square = _HOLDING_RATIO * float(scales @ (abs(mixed.stiffness) @ scales)) / inertia
+        square = _HOLDING_RATIO * float(scales @ (abs(lin.stiffness) @ scales)) / inertia
         solve = pencil.factorize(np.sqrt(square))
         if solve is None:
             return self
-        change = solve(residual)
+        change = solve(np.append(lin.tangent.residual, np.zeros(len(retardation))))
         # Forces turn with free motions, which the residual does not determine.
         change -= solve(square * (pencil.matrices[2] @ change))
-        return evaluate(lam - change[e.n :])[0]
+        return evaluate(lam - change[e.n :])
 
     @property
     def nonholonomic(self) -> Array:

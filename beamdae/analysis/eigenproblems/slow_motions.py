@@ -20,6 +20,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from beamdae.analysis.eigenproblems.linearized_equations import (
+    ROUNDING_RATIO,
     LinearizedEquations,
     is_symmetric_matrix,
 )
@@ -30,8 +31,6 @@ Array = np.ndarray
 # Largest number of coordinates for dense matrices: of problems with few wanted modes, and of those
 # whose slowest motions ARPACK does not find.
 _MAX_DENSE_COORDINATES, _MAX_FALLBACK_COORDINATES = 250, 800
-# Bound on the rounding error of y^T A y, relative to |y|^T |A| |y|.
-_ROUNDING_RATIO = 1e-15
 # A shift -s^2 of K above the smallest square that is not zero, or below its first multiple, becomes
 # its second multiple, but at least the third multiple of itself.
 _MIN_SQUARE_SHARE, _SQUARE_RATIO, _MIN_REDUCTION = 1e-6, 0.4, 1e-2
@@ -98,7 +97,7 @@ class _Motions(NamedTuple):
 def quadratic_form_rounding(matrix: sp.csc_array, shapes: Array) -> Array:
     """Return a bound (k,) on the rounding error of x^H A x for each column x of `shapes`."""
     sizes = np.abs(shapes)
-    return _ROUNDING_RATIO * np.einsum("ij,ij->j", sizes, abs(matrix) @ sizes)
+    return ROUNDING_RATIO * np.einsum("ij,ij->j", sizes, abs(matrix) @ sizes)
 
 
 def solve_undamped(lin: LinearizedEquations, count: int | None) -> UndampedModes:
@@ -439,29 +438,36 @@ def solve_damped(
     shapes = _combine(images[:n] @ vectors / inverses, basis[:n] @ vectors, mass)
     values = find_values(inverses)
     if has_rates and lin.is_symmetric and is_symmetric_matrix(lin.tangent.damping):
-        values = _refine_values(lin, values, shapes)
+        values, shapes = _refine_values(lin, values, shapes)
     if not has_rates:
         values, shapes = _roots_of_squares(values, shapes)
     values = np.append(np.zeros(free.shape[1]), values)
     return _clean(lin, undamped, s, values, np.hstack([free, shapes]), 1.0)
 
 
-def _refine_values(lin: LinearizedEquations, values: Array, shapes: Array) -> Array:
-    """Return values (k,) from quadratic forms of their shapes; errors of shapes enter squared.
+def _refine_values(lin: LinearizedEquations, values: Array, shapes: Array) -> tuple[Array, Array]:
+    """Return values (k,) from quadratic forms of their shapes, and real shapes of decays.
 
-    ARPACK does not separate modes that decay at nearly the same rate.
+    Errors of shapes enter values squared. ARPACK does not separate modes that decay at nearly the
+    same rate, and gives complex pairs of them.
     """
-    is_decay = np.abs(values.imag) <= _IMAGINARY_TOLERANCE * np.abs(values)
-    x = np.where(is_decay, shapes.real, shapes)
-    m = np.einsum("ij,ij->j", x, lin.tangent.mass @ x)
-    k, d = lin.energies(x)
+
+    def forms(x: Array) -> tuple[Array, Array, Array]:
+        return np.einsum("ij,ij->j", x, lin.tangent.mass @ x), *lin.energies(x)
+
+    # An eigenvalue solves l^2 m + l d + k = 0 with the Hermitian forms of its shape.
+    m, k, d = (sum(pair) for pair in zip(forms(shapes.real), forms(shapes.imag), strict=True))
+    is_decay = d**2 >= 4.0 * m * k
+    parts = np.where(values.imag < 0.0, shapes.imag, shapes.real)
+    shapes = np.where(is_decay, parts, shapes)
+    m, k, d = forms(shapes)
     root = np.sqrt(d**2 - 4.0 * m * k)
     root = np.where((d * root.conj()).real < 0.0, -root, root)
     slow, fast = -2.0 * k / (d + root), -0.5 * (d + root) / np.where(m != 0.0, m, 1.0)
     nearest = np.where(np.abs(slow - values) < np.abs(fast - values), slow, fast)
     is_near = is_decay & (nearest.imag == 0.0)
     is_near |= np.abs(nearest - values) <= _MAX_CORRECTION * np.abs(values)
-    return np.where(is_near, nearest, values)
+    return np.where(is_near, nearest, values), shapes
 
 
 def solve_undamped_without_states(lin: LinearizedEquations, count: int | None) -> UndampedModes:
