@@ -96,7 +96,7 @@ def test_regression_errors_of_commands_name_their_options(tmp_path, monkeypatch)
     Path("mass.py").write_text(MODEL, encoding="utf-8")
     result = CliRunner().invoke(app, COMMAND)
     assert result.exit_code == 2
-    assert "pass --period-guess, a longer end time" in result.stderr
+    assert "pass their period with --period." in result.stderr
     document = json.loads(CliRunner().invoke(app, [*COMMAND, "--json"]).stdout)
     assert document["errors"] == [result.stderr.strip()]
     result = CliRunner().invoke(app, [*COMMAND, "--set", "step=-1"])
