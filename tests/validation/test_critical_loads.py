@@ -9,11 +9,9 @@ from benchmarks.critical_loads.cases import CASES
 from benchmarks.critical_loads.column_dynamics import Column, divergence_loads
 from benchmarks.critical_loads.frame_stability import BeamStiffness
 from benchmarks.critical_loads.run import SUMMARY
-from benchmarks.critical_loads.structures import FORMULATIONS, stiffness
+from benchmarks.critical_loads.structures import stiffness
 from scipy.optimize import brentq
 from scipy.special import jv, yv
-
-import beamdae as bd
 
 STORED = pd.read_csv(SUMMARY, keep_default_na=False)
 BY_NAME = {f"{case.group}, {case.name}": case for case in CASES}
