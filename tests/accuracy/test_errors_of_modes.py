@@ -124,6 +124,9 @@ def test_stated_errors_are_true_errors(build, elements, settings, about):
     count = 2 if build is heated_column else 3  # The third one of one element is axial.
     modes, values = frequencies_of(build(elements, **settings), about, count)
     _, exact = frequencies_of(build(max(4 * elements, 8), **EXACT), about, count)
+    if build is stretched_band:
+        # With exact strains, the axial mode lies below the second bending mode.
+        exact = exact[[0, 2, 1]]
     errors = np.abs(values / exact - 1.0)
     stated = modes.errors.total
     assert list(modes.errors.headers) == [f"frequency {k} [Hz]" for k in range(1, count + 1)]
