@@ -222,7 +222,7 @@ def _linearize_path_end(
     e = system.equations
     multipliers = dict(zip(lin.equations.lam_names, lin.state.lam, strict=True))
     x = np.append(q, [multipliers.get(name, 0.0) for name in e.lam_names])
-    held = hold_neutral_motions(system, x)
+    held = hold_neutral_motions(system, x, factor)
     problem = StaticProblem(held)
     begin = problem.start(q)
     begin[: len(x)] = x

@@ -287,7 +287,7 @@ def _correct_end(
         [lam.get(name, 0.0) for name in system.equations.lam_names],
     )
     if path.free and system.has_scaled_loads:
-        system = hold_neutral_motions(system, x)
+        system = hold_neutral_motions(system, x, mu)
     control: Control = prescribe_parameter
     target = mu
     if settings.column:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-from scipy.sparse.linalg import LinearOperator, eigs
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from beamdae.analysis.continuation.critical import Count
 
@@ -28,8 +28,8 @@ _ROUNDING, _ROUNDING_OF_GROWTH = 1e-6, 1e-13
 # Motions that are faster by the reciprocal of this ratio are rounding errors of the slowest ones.
 _NEGLIGIBLE = 1e-7
 # Largest number of coordinates for dense matrices; beyond, number of the slowest motions that are
-# sought and relative tolerance of their eigenvalues.
-_MAX_DENSE, _SLOW_COUNT, _LANCZOS_TOLERANCE = 300, 20, 1e-12
+# sought, relative tolerance of their eigenvalues, and number of restarts.
+_MAX_DENSE, _SLOW_COUNT, _LANCZOS_TOLERANCE, _MAX_RESTARTS = 300, 20, 1e-12, 20
 # Eigenvalues of the mass, with ones on its diagonal, up to this size are rounding errors.
 _NEGLIGIBLE_MASS = 1e-12
 
@@ -111,12 +111,26 @@ def _find_slowest(
     size = 2 * n if is_damped else n
     matvec = respond if is_damped else respond_to_squares
     operator = LinearOperator((size, size), matvec, dtype=float)
-    settings: dict[str, Any] = {"v0": np.cos(np.arange(size) ** 2.0), "tol": _LANCZOS_TOLERANCE}
-    values = eigs(operator, _SLOW_COUNT, return_eigenvectors=False, **settings)
+    settings: dict[str, Any] = {
+        "v0": np.cos(np.arange(size) ** 2.0),
+        "tol": _LANCZOS_TOLERANCE,
+        "maxiter": _MAX_RESTARTS,
+    }
+
+    def search(which: str) -> Array:
+        try:
+            return np.asarray(
+                eigs(operator, _SLOW_COUNT, which=which, return_eigenvectors=False, **settings)
+            )
+        except ArpackNoConvergence as error:
+            # Decays at nearly the same rate are not separated.
+            return np.asarray(error.eigenvalues)
+
+    values = search("LM")
     if not is_damped:
         return values
     # Strong damping slows many motions down to nearly the same decay: oscillations are sought, too.
-    vibrations = eigs(operator, _SLOW_COUNT, which="LI", return_eigenvectors=False, **settings)
+    vibrations = search("LI")
     distances = np.abs(vibrations[:, None] - values)
     is_new = np.all(distances > _ROUNDING * np.abs(vibrations[:, None]), axis=1)
     return np.append(values, vibrations[is_new])

@@ -17,22 +17,23 @@ from beamdae.equations.starts.rigid_motions import compute_rigid_motions, move_r
 
 Array = np.ndarray
 
-# Forces, powers and gaps of joints up to this fraction of their sizes are rounding errors.
-_ROUNDING = 1e-12
+# Forces up to the first fraction of their sizes are rounding errors, powers and gaps of joints up to
+# the second one: motions contain parts of soft ones.
+_ROUNDING, _ROUNDING_OF_MOTIONS = 1e-12, 1e-9
 # Displacements, in natural sizes, after which the mechanism must still be in equilibrium.
 _DISPLACEMENTS = (0.0, 0.13, -0.07)
 # Step of central differences, which have the direction of a finite rotation.
 _STEP = 0.01
 
 
-def hold_neutral_motions(system: LoadedEquations, x: Array) -> LoadedEquations:
-    """Return the system with its neutral motions held at x = (q, lam), near an equilibrium.
+def hold_neutral_motions(system: LoadedEquations, x: Array, mu: float) -> LoadedEquations:
+    """Return the system with its neutral motions held at x = (q, lam), near an equilibrium at `mu`.
 
     Neutral motions are rigid motions of bodies along which the mechanism stays in equilibrium, and
     on which loads do no work. Each is held by a spring on one of its coordinates.
     """
-    motions = _find_motions_without_stiffness(system, x)
-    if not all(_is_neutral(system, x, motion) for motion in motions.T):
+    motions = _find_motions_without_stiffness(system, x, mu)
+    if not all(_is_neutral(system, x, mu, motion) for motion in motions.T):
         return system
     indices = []
     for _ in range(motions.shape[1]):
@@ -44,14 +45,14 @@ def hold_neutral_motions(system: LoadedEquations, x: Array) -> LoadedEquations:
     return replace(system, held_coordinates=tuple(sorted(indices)))
 
 
-def _find_motions_without_stiffness(system: LoadedEquations, x: Array) -> Array:
+def _find_motions_without_stiffness(system: LoadedEquations, x: Array, mu: float) -> Array:
     """Return the rigid motions that joints allow without a change of forces, (n, k).
 
     Columns are orthonormal after division by `position_scales`; reactions may change.
     """
     e, n = system.equations, system.equations.n
     scale = e.position_scales
-    tangent = system.matrix(x, system.ends[0])
+    tangent = system.matrix(x, mu)
     gradients = (tangent[n:, :n] * scale).toarray()
     motions = compute_rigid_motions(e, x[:n])
     motions = motions @ _null_space(gradients @ motions, _size(gradients))
@@ -76,7 +77,7 @@ def _without_reactions(gradients: Array, forces: Array) -> Array:
     return forces - gradients.T @ la.lstsq(gradients.T, forces)[0]
 
 
-def _is_neutral(system: LoadedEquations, x: Array, motion: Array) -> bool:
+def _is_neutral(system: LoadedEquations, x: Array, mu: float, motion: Array) -> bool:
     """Return True if forces stay in equilibrium, and loads do no work, along a scaled motion."""
     e, n = system.equations, system.equations.n
     scale, lam = e.position_scales, np.zeros(len(x) - system.equations.n)
@@ -87,9 +88,9 @@ def _is_neutral(system: LoadedEquations, x: Array, motion: Array) -> bool:
     for displacement in _DISPLACEMENTS:
         moved = np.append(move(displacement), lam)
         velocity = move(displacement + _STEP) - move(displacement - _STEP)
-        tangent = system.matrix(moved, system.ends[0])
+        tangent = system.matrix(moved, mu)
         gradients = (tangent[n:, :n] * scale).toarray()
-        forces, load = system.residual(moved, system.ends[0])
+        forces, load = system.residual(moved, mu)
         unbalanced = _without_reactions(gradients, scale * forces[:n])
         stiffness = _size((tangent[:n, :n] * scale * scale[:, None]).data)
         power, largest = abs(velocity @ load[:n]), _size(velocity / scale)
@@ -97,9 +98,9 @@ def _is_neutral(system: LoadedEquations, x: Array, motion: Array) -> bool:
             # Components of forces that turn with the mechanism change.
             bound = max(2.0 * float(la.norm(unbalanced)), _ROUNDING * stiffness)
         if (
-            _size(forces[n:]) > _ROUNDING * e.length
+            _size(forces[n:]) > _ROUNDING_OF_MOTIONS * e.length
             or _size(unbalanced) > bound
-            or power > _ROUNDING * largest * float(np.sum(np.abs(scale * load[:n])))
+            or power > _ROUNDING_OF_MOTIONS * largest * float(np.sum(np.abs(scale * load[:n])))
         ):
             return False
     return True

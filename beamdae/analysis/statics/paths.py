@@ -324,14 +324,19 @@ def _find_again(system: LoadedEquations, end: Point) -> Point:
 
 def _begin_stage(system: LoadedEquations, begin: Point) -> StagePath:
     """Return the path that begins at a point, with neutral motions held."""
-    problem = problem_of(begin)
     if stability_of(begin).free and system.has_scaled_loads:
-        x = begin.x[: system.equations.n + system.equations.m]
-        held = hold_neutral_motions(system, x)
-        if held.held_coordinates:
-            problem = StaticProblem(held)
-            begin = Point(problem, begin.x, begin.p, problem.linearize(begin.x, begin.p))
-    return StagePath(problem, [begin])
+        begin = _hold_neutral_motions(begin)
+    return StagePath(problem_of(begin), [begin])
+
+
+def _hold_neutral_motions(point: Point) -> Point:
+    system = problem_of(point).system
+    size = system.equations.n + system.equations.m
+    held = hold_neutral_motions(system, point.x[:size], point.p)
+    if not held.held_coordinates:
+        return point
+    problem = StaticProblem(held)
+    return Point(problem, point.x, point.p, problem.linearize(point.x, point.p))
 
 
 def _follow_stage(path: StagePath, settings: PathSettings, control: Control) -> None:
@@ -520,7 +525,11 @@ def _begin_under_load(
             size = min(abs(way), _LOAD_STEP_RATIO * abs(targets[0] - begin.p) or abs(way))
             mu = path.end.p + float(np.sign(way)) * (size if by_load else abs(way))
             point = _relax(problem, path.end.x[: problem.n], mu)
+            if stability_of(point).free:
+                # Loads have given the other motions a stiffness.
+                point = _hold_neutral_motions(point)
             if not stability_of(point).free:
+                path.problem = problem_of(point)
                 path.points[len(path.points) - is_free :] = [point]
                 del targets[:k]
                 return True

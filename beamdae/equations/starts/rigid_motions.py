@@ -119,13 +119,17 @@ def move_rigidly(e: EquationsOfMotion, q: Array, motion: Array) -> Array:
     """Return q after a finite rigid motion (n,): bodies rotate about their centers of rotation."""
     moved = q + motion
     for body in collect_bodies(e):
-        if body.position is None or body.angle is None or motion[body.angle] == 0.0:
+        if body.position is None or body.angle is None:
             continue
         points = body.nodes[:, :2] if body.nodes is not None else np.array([body.position])
-        angle, (x, y), (dx, dy) = motion[body.angle], q[points[0]], motion[points[0]]
-        center = np.array([x - dy / angle, y + dx / angle])
+        angle, first, (dx, dy) = motion[body.angle], q[points[0]], motion[points[0]]
         cos, sin = np.cos(angle), np.sin(angle)
-        moved[points] = center + (q[points] - center) @ np.array([[cos, sin], [-sin, cos]])
+        # Mean velocities of the first point along and across its first velocity.
+        along = np.sinc(angle / np.pi)
+        across = 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2
+        shift = np.array([along * dx - across * dy, along * dy + across * dx])
+        turned = (q[points] - first) @ np.array([[cos, sin], [-sin, cos]])
+        moved[points] = first + shift + turned
     return moved
 
 
