@@ -17,8 +17,8 @@ from beamdae.equations.starts.rigid_motions import compute_rigid_motions, move_r
 
 Array = np.ndarray
 
-# Forces up to the first fraction of their sizes are rounding errors, powers and gaps of joints up to
-# the second one: motions contain parts of soft ones.
+# Forces up to the first fraction of their sizes are rounding errors, and powers and gaps of joints
+# up to the second one: motions contain parts of soft ones.
 _ROUNDING, _ROUNDING_OF_MOTIONS = 1e-12, 1e-9
 # Displacements, in natural sizes, after which the mechanism must still be in equilibrium.
 _DISPLACEMENTS = (0.0, 0.13, -0.07)
