@@ -540,7 +540,13 @@ def _clean(
         loss = np.where(is_lossless, 0.0, power.real) * imaginary
         real = np.where(is_regular, -loss / np.where(is_regular, momentum, 1.0), real)
         real[is_lossless & (imaginary != 0.0) & (real**2 <= rounding)] = 0.0
-    is_zero = size**2 <= rounding
+    kinetic, power = (
+        np.einsum("ij,ij->j", shapes.conj(), x @ shapes) for x in (tangent.mass, tangent.damping)
+    )
+    # The stiffness of a slow decay is that of its damper.
+    stiffness = size * np.abs(power + values * kinetic)
+    inertia = np.where(kinetic.real > 0.0, kinetic.real, 1.0)
+    is_zero = (size**2 <= rounding) & (stiffness <= rounding * inertia)
     if lin.is_symmetric and not len(states) + len(lin.equations.nonholonomic_rows):
         # The same motions are free with and without dampers.
         momenta = (tangent.mass @ undamped.shapes[:, undamped.squares == 0.0]).T
