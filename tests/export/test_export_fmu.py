@@ -961,8 +961,8 @@ def test_fixed_iterations_are_measured(tmp_path):
     times = export(tmp_path, newton_tolerance=1e-6, **settings).step_times
     assert times.steps == 200
     assert 0.0 < times.median <= times.percentile <= times.worst
-    # Two clocks: interrupts between their readings count in one of them.
-    assert 0.5 * times.median < times.processor <= times.worst + 1e-4
+    # Two clocks, read at slightly different times.
+    assert 0.5 * times.median < times.processor <= times.worst + 1e-5
     # A loose tolerance leaves an error that three iterations in every step remove.
     assert times.error > 1e-6
     assert export(tmp_path, real_time=3, **settings).step_times.error < 1e-7
