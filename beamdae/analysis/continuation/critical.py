@@ -28,8 +28,6 @@ _TURN_RESOLUTION = 1e-2
 _ROOT_TOLERANCE, _MAX_SAMPLES = 1e-3, 60
 # Wider brackets, relative to this distance, are bisected at times.
 _WIDE = 100.0
-# At the most, relative to the resolution of clusters.
-_ROOT_RATIO = 0.1
 # Largest share of the derivative by the parameter along the critical mode where curves cross: it is
 # larger between two curves that pass each other.
 _MAX_IMPERFECTION = 1e-5
@@ -101,6 +99,7 @@ def _point_between(
 def _explain(
     segment: Segment, low: _Sample, high: _Sample, resolution: float
 ) -> list[CriticalPoint]:
+    """Return the critical points between two samples: a root, those of halves, or a cluster."""
     turns = low.rate * high.rate < 0.0
     change, flutter, doublings = (
         getattr(high.counts, x) - getattr(low.counts, x) for x in Count._fields
@@ -110,8 +109,7 @@ def _explain(
     is_turn = not (change or flutter or doublings)
     is_single = abs(change) + abs(doublings) == 1 and not flutter and not (doublings and turns)
     if is_single or is_turn:
-        tolerance = max(_ROOT_TOLERANCE, _ROOT_RATIO * resolution)
-        found = _find_root(segment, low, high, bool(doublings), tolerance)
+        found = _find_root(segment, low, high, bool(doublings))
         if found is not None:
             position, point, mode = found
             kind = DOUBLING if doublings else LIMIT if turns else BRANCH
@@ -156,9 +154,11 @@ def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
 
 
 def _find_root(
-    segment: Segment, low: _Sample, high: _Sample, alternates: bool, tolerance: float
+    segment: Segment, low: _Sample, high: _Sample, alternates: bool
 ) -> tuple[float, Point, Array] | None:
-    """Return position, point and mode where the Jacobian is singular; None without a sign change.
+    """Return position, point and mode where the Jacobian is singular.
+
+    Return None without a sign change, at a pole, or if the samples do not suffice.
 
     The root is that of the bordered test function g: [[J, b], [b^T, 0]] (v, g) = (0, 1). For
     motions that alternate, J is that of the sum of monodromy matrix and identity.
@@ -183,12 +183,11 @@ def _find_root(
         return None
     ends, largest = [low[:2], high[:2]], max(abs(a), abs(b))
     samples, points = {a: low.position, b: high.position}, dict(ends)
-    distance = tolerance
     for k in range(_MAX_SAMPLES):
         left, right = ends[0][0], ends[1][0]
         root = min(max(_interpolate_inversely(samples), left), right)
         # Long steps may pass a critical point at their very beginning.
-        tolerance = distance * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
+        tolerance = _ROOT_TOLERANCE * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
         # Closer to a crossing, rounding moves points along the critical mode.
         is_left_far, is_right_far = root - left > 2.0 * tolerance, right - root > 2.0 * tolerance
         if not (is_left_far or is_right_far):

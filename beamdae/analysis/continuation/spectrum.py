@@ -25,7 +25,8 @@ _MIN_ASYMMETRY = 1e-3
 # Imaginary parts below this fraction of the eigenvalue are rounding errors; and real parts below
 # this fraction of the largest eigenvalue.
 _ROUNDING, _ROUNDING_OF_GROWTH = 1e-6, 1e-13
-# Motions that are faster by the reciprocal of this ratio are rounding errors of the slowest ones.
+# Reciprocal eigenvalues, or their squares without damping, below this fraction of the largest one
+# are rounding errors.
 _NEGLIGIBLE = 1e-7
 # Largest number of coordinates for dense matrices; beyond, number of the slowest motions that are
 # sought, relative tolerance of their eigenvalues, and number of restarts.
@@ -70,21 +71,8 @@ def count_growing(flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_
     large systems, growing motions are those among the slowest ones.
     """
     is_damped = damping.nnz > 0 and abs(damping).max() > 0.0
-    if len(damping.indptr) - 1 > _MAX_DENSE:
-        values = _find_slowest(flexibility, mass, damping, is_damped)
-    elif is_damped:
-        root = _take_root(mass.toarray())
-        none = np.zeros((root.shape[1], root.shape[1]))
-        by_mass = flexibility.respond_to_forces(root, damping.shape[0] - damping.shape[1])
-        # Reciprocal eigenvalues of the motion q and the momenta L^T q', M = L L^T: with velocities
-        # in place of momenta, zeros would be defective where mass vanishes.
-        by_velocity = -flexibility.respond(damping.toarray())
-        values = la.eigvals(np.block([[by_velocity, -by_mass], [root.T, none]]))
-    else:
-        root = _take_root(mass.toarray())
-        by_mass = flexibility.respond_to_forces(root, damping.shape[0] - damping.shape[1])
-        values = la.eigvals(-root.T @ by_mass)
-    values = _select_slow(values)
+    find = _find_slowest if flexibility.size > _MAX_DENSE else _find_all
+    values = _select_slow(find(flexibility, mass, damping, is_damped))
     is_real = np.abs(values.imag) <= _ROUNDING * np.abs(values)
     if is_damped:
         growing = values.real > _ROUNDING_OF_GROWTH * np.abs(values).max(initial=0.0)
@@ -93,10 +81,24 @@ def count_growing(flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_
     return Count(int(np.sum(is_real & (values.real > 0.0))), int(np.sum(~is_real)) // 2)
 
 
+def _find_all(
+    flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_array, is_damped: bool
+) -> Array:
+    """Return the reciprocal eigenvalues, or their squares without damping."""
+    root = _take_root(mass.toarray())
+    by_mass = -flexibility.respond_to_forces(root, damping.shape[0] - flexibility.size)
+    if not is_damped:
+        return la.eigvals(root.T @ by_mass)
+    # Matrix of the motion q and the momenta L^T q', M = L L^T: with velocities in place of momenta,
+    # zeros would be defective where mass vanishes.
+    by_velocity, none = -flexibility.respond(damping.toarray()), np.zeros((root.shape[1],) * 2)
+    return la.eigvals(np.block([[by_velocity, by_mass], [root.T, none]]))
+
+
 def _find_slowest(
     flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_array, is_damped: bool
 ) -> Array:
-    """Return the largest reciprocal eigenvalues, or their squares without damping."""
+    """Return the largest of `_find_all`."""
     n, m = flexibility.size, damping.shape[0] - flexibility.size
 
     def respond_to_squares(q: Array) -> Array:

@@ -226,6 +226,7 @@ class LinearizedEquations:
             return replace(self, tangent=unmixed, mixed=mixed)
 
         lam = np.append(state.lam[:m], np.zeros(len(retardation)))
+        # Without forces, the constraints are the deformations.
         lam[m:] = compute_residual(form.equations, time, state._replace(lam=lam))[e.n + m :]
         # Rounding of the positions hides small strains: forces follow from equilibrium.
         lin = evaluate(lam)
@@ -236,7 +237,7 @@ class LinearizedEquations:
         if solve is None:
             return self
         change = solve(np.append(lin.tangent.residual, np.zeros(len(retardation))))
-        # Forces turn with free motions, which the residual does not determine.
+        # Free motions, which the residual does not determine, are removed: forces turn with them.
         change -= solve(square * (pencil.matrices[2] @ change))
         return evaluate(lam - change[e.n :])
 

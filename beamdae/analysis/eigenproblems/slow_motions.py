@@ -1,10 +1,10 @@
 """Slowest motions of linearized equations.
 
-The modes x exp(l t) solve (l^2 M + l D + K) x + H mu = 0 and (J + l V) x - C mu = 0, where C are
-the compliances of the mixed form and zeros. They are the largest eigenvalues of the flexibility,
-the inverse of the saddle-point matrix [[K, H], [J, -C]] at a shift (Ericsson & Ruhe, Math. Comput.
-35 (1980) 1251; Tisseur & Meerbergen, SIAM Rev. 43 (2001) 235). Small problems use all admissible
-motions, large ones an invariant space found by ARPACK.
+The modes x exp(l t) solve (l^2 M + l D + K) x + H mu = 0 and (J + l V) x - C mu = 0, where C is
+diagonal, with ones for the constraints of the mixed form and zeros for others. They are the largest
+eigenvalues of the flexibility, the inverse of the saddle-point matrix [[K, H], [J, -C]] at a shift
+(Ericsson & Ruhe, Math. Comput. 35 (1980) 1251; Tisseur & Meerbergen, SIAM Rev. 43 (2001) 235).
+Small problems use all admissible motions, large ones an invariant space found by ARPACK.
 
 Quantities below the rounding error of the saddle-point matrix in their motion are zero.
 """
@@ -31,8 +31,8 @@ Array = np.ndarray
 # Largest number of coordinates for dense matrices: of problems with few wanted modes, and of those
 # whose slowest motions ARPACK does not find.
 _MAX_DENSE_COORDINATES, _MAX_FALLBACK_COORDINATES = 250, 800
-# A shift -s^2 of K above the smallest square that is not zero, or below its first multiple, becomes
-# its second multiple, but at least the third multiple of itself.
+# A shift s^2 is kept between the first multiple of the smallest square that is not zero (0 if none
+# is zero) and this square. Otherwise, it becomes the second multiple, at least the third of itself.
 _MIN_SQUARE_SHARE, _SQUARE_RATIO, _MIN_REDUCTION = 1e-6, 0.4, 1e-2
 # Numbers of shifts, and of vectors and iterations of the estimates; squares that are zero, relative
 # to a shift and to the last shift.
@@ -442,7 +442,7 @@ def solve_damped(
     if not has_rates:
         values, shapes = _roots_of_squares(values, shapes)
     values = np.append(np.zeros(free.shape[1]), values)
-    return _clean(lin, undamped, s, values, np.hstack([free, shapes]), 1.0)
+    return _clean(lin, undamped, s, values, np.hstack([free, shapes]))
 
 
 def _refine_values(lin: LinearizedEquations, values: Array, shapes: Array) -> tuple[Array, Array]:
@@ -460,14 +460,15 @@ def _refine_values(lin: LinearizedEquations, values: Array, shapes: Array) -> tu
     is_decay = d**2 >= 4.0 * m * k
     parts = np.where(values.imag < 0.0, shapes.imag, shapes.real)
     shapes = np.where(is_decay, parts, shapes)
+    # x^T and not x^H: the left eigenvectors of symmetric matrices are conjugate.
     m, k, d = forms(shapes)
     root = np.sqrt(d**2 - 4.0 * m * k)
     root = np.where((d * root.conj()).real < 0.0, -root, root)
     slow, fast = -2.0 * k / (d + root), -0.5 * (d + root) / np.where(m != 0.0, m, 1.0)
     nearest = np.where(np.abs(slow - values) < np.abs(fast - values), slow, fast)
-    is_near = is_decay & (nearest.imag == 0.0)
-    is_near |= np.abs(nearest - values) <= _MAX_CORRECTION * np.abs(values)
-    return np.where(is_near, nearest, values), shapes
+    is_accepted = is_decay & (nearest.imag == 0.0)
+    is_accepted |= np.abs(nearest - values) <= _MAX_CORRECTION * np.abs(values)
+    return np.where(is_accepted, nearest, values), shapes
 
 
 def solve_undamped_without_states(lin: LinearizedEquations, count: int | None) -> UndampedModes:
@@ -517,7 +518,6 @@ def _clean(
     shift: float,
     values: Array,
     shapes: Array,
-    amplification: float,
 ) -> tuple[Array, Array]:
     """Return upper eigenvalues and shapes, with zeros in place of rounding errors.
 
@@ -528,11 +528,13 @@ def _clean(
     inertia += np.sum(np.abs(shapes[states]) ** 2, axis=0)
     shapes = shapes / np.sqrt(np.where(inertia > 0.0, inertia, 1.0))
     rounding = _bound_rounding(lin, shapes, shift**2)
+    kinetic, power = (
+        np.einsum("ij,ij->j", shapes.conj(), x @ shapes) for x in (tangent.mass, tangent.damping)
+    )
     real = np.where(np.abs(values.real) <= _REAL_TOLERANCE * size, 0.0, values.real)
     imaginary = np.where(np.abs(values.imag) <= _IMAGINARY_TOLERANCE * size, 0.0, values.imag)
     if lin.is_symmetric and not len(states):
         # The imaginary part of x^H (l^2 M + l D + K) x = 0 contains no stiffness.
-        power = np.einsum("ij,ij->j", shapes.conj(), tangent.damping @ shapes)
         is_lossless = np.abs(power.real) <= quadratic_form_rounding(tangent.damping, shapes)
         momentum = 2.0 * imaginary + power.imag
         is_regular = np.abs(momentum) > _MIN_MOMENTUM * np.abs(imaginary)
@@ -540,10 +542,7 @@ def _clean(
         loss = np.where(is_lossless, 0.0, power.real) * imaginary
         real = np.where(is_regular, -loss / np.where(is_regular, momentum, 1.0), real)
         real[is_lossless & (imaginary != 0.0) & (real**2 <= rounding)] = 0.0
-    kinetic, power = (
-        np.einsum("ij,ij->j", shapes.conj(), x @ shapes) for x in (tangent.mass, tangent.damping)
-    )
-    # The stiffness of a slow decay is that of its damper.
+    # |x^H K x| = |l^2 m + l d|: that of a slow decay comes from its damper.
     stiffness = size * np.abs(power + values * kinetic)
     inertia = np.where(kinetic.real > 0.0, kinetic.real, 1.0)
     is_zero = (size**2 <= rounding) & (stiffness <= rounding * inertia)

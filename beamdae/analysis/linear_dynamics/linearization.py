@@ -18,13 +18,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.analysis.eigenproblems.eigensolution import massless_error
-from beamdae.analysis.eigenproblems.linearized_equations import Convert, LinearizedEquations
+from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading, build_loading
 from beamdae.beams.remeshing import resolve_modes
 from beamdae.equations.commands import limit_warnings
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.tangents import Tangent, compute_tangent, tangent_of
+from beamdae.equations.formulations.tangents import Convert, Tangent, compute_tangent, tangent_of
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.equations.starts.reduced_equations import remove_redundant_constraints

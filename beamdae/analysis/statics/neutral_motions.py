@@ -30,7 +30,8 @@ def hold_neutral_motions(system: LoadedEquations, x: Array, mu: float) -> Loaded
     """Return the system with its neutral motions held at x = (q, lam), near an equilibrium at `mu`.
 
     Neutral motions are rigid motions of bodies along which the mechanism stays in equilibrium, and
-    on which loads do no work. Each is held by a spring on one of its coordinates.
+    on which loads do no work. Each is held by a spring on one of its coordinates, but none if there
+    is another motion without stiffness.
     """
     motions = _find_motions_without_stiffness(system, x, mu)
     if not all(_is_neutral(system, x, mu, motion) for motion in motions.T):
@@ -80,7 +81,7 @@ def _without_reactions(gradients: Array, forces: Array) -> Array:
 def _is_neutral(system: LoadedEquations, x: Array, mu: float, motion: Array) -> bool:
     """Return True if forces stay in equilibrium, and loads do no work, along a scaled motion."""
     e, n = system.equations, system.equations.n
-    scale, lam = e.position_scales, np.zeros(len(x) - system.equations.n)
+    scale, lam = e.position_scales, np.zeros(len(x) - n)
 
     def move(displacement: float) -> Array:
         return move_rigidly(e, x[:n], displacement * scale * motion)

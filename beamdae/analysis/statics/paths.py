@@ -185,7 +185,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
     if settings.column:
         time = loading.systems[0].loaded.time
         last_control = PrescribedColumn.from_name(loading.full_equations, settings.column, time)
-    status = Status("ok", "reached the end")
+    status = REACHED_END
     for k, system in enumerate(loading.systems):
         is_last = k == len(loading.systems) - 1
         begin = (
@@ -348,7 +348,7 @@ def _follow_stage(path: StagePath, settings: PathSettings, control: Control) -> 
         return
     steps = _choose_steps(begin, settings, control)
     targets = list(settings.targets)
-    if stability_of(begin).free and not _leave_free_position(path, settings, control, targets):
+    if stability_of(begin).free and not _leave_free_position(path, control, targets):
         return
     try:
         for number in settings.switch:
@@ -368,7 +368,7 @@ def _follow_stage(path: StagePath, settings: PathSettings, control: Control) -> 
     if path.is_stuck and path.end is begin and control is prescribe_parameter:
         # The mechanism moves far under the smallest load, until it is stretched or rests.
         stuck, path.status, path.is_stuck = path.status, REACHED_END, False
-        if _begin_under_load(path, settings, control, targets):
+        if _begin_under_load(path, control, targets):
             _follow(path, control, targets, _choose_steps(path.end, settings, control), settings)
         elif len(path.points) == 1:
             path.status, path.is_stuck = stuck, True
@@ -484,9 +484,7 @@ def _choose_steps(begin: Point, settings: PathSettings, control: Control) -> Ste
     return Steps(settings.step or step, True, weight, largest, load_step)
 
 
-def _leave_free_position(
-    path: StagePath, settings: PathSettings, control: Control, targets: list[float]
-) -> bool:
+def _leave_free_position(path: StagePath, control: Control, targets: list[float]) -> bool:
     """Begin a path where a motion has no stiffness; return True if it can be followed.
 
     The motion may get stiffness by a small load, near the begin; otherwise the mechanism moves far
@@ -495,7 +493,7 @@ def _leave_free_position(
     problem, begin = path.problem, path.end
     by_load = control is prescribe_parameter
     reach = targets[0] - begin.p if by_load else 1.0
-    first = float(np.clip(reach, -1.0, 1.0) if by_load else reach) * _LOAD_STEP_RATIO
+    first = float(np.clip(reach, -1.0, 1.0)) * _LOAD_STEP_RATIO
     small = _MIN_FIRST_LOAD * first
     try:
         point = problem.correct(prescribe_parameter, begin.p + small, begin.x, begin.p + small)
@@ -506,16 +504,14 @@ def _leave_free_position(
             return True
     except CurveError:
         pass
-    return _begin_under_load(path, settings, control, targets)
+    return _begin_under_load(path, control, targets)
 
 
-def _begin_under_load(
-    path: StagePath, settings: PathSettings, control: Control, targets: list[float]
-) -> bool:
+def _begin_under_load(path: StagePath, control: Control, targets: list[float]) -> bool:
     """Begin a path at the first load step, found by relaxation; return True if it can be followed.
 
     The position without load is arbitrary if it has a motion without stiffness; the path then
-    begins under load.
+    begins under load. Targets that are passed are removed.
     """
     problem, begin = path.problem, path.end
     by_load, is_free = control is prescribe_parameter, bool(stability_of(begin).free)

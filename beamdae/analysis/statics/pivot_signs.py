@@ -132,7 +132,7 @@ class SaddlePoint:
         Largest entry of the stiffness at the start, see `scale_by_reference`. The stiffness may
         vanish at a critical point, where rounding is that of its terms.
     joint_size
-        Size of the entries of G, which is 1 / r.
+        Size r of the entries of G.
     size, asymmetry
         Largest entry of the stiffness or `reference`, and largest difference of opposite entries.
     below, above
@@ -265,7 +265,7 @@ def scale_by_reference(run: SaddlePoint, tangent: Array) -> None:
     sizes = size / np.where(largest > 0.0, largest, 1.0)
     scales[n:] = np.where(is_compliant, np.minimum(sizes, math.sqrt(0.5 * size)), sizes)[n:]
     run.joint_weights[:] = scales[run.joint_columns] * scales[run.joint_rows]
-    # The sizes of compliances are known now.
+    # Compliances beside a share G^T G / r, -C, become -C / (1 - C / r).
     _scale_stiffness(run, tangent)
     is_split = np.isin(run.rows, run.joint_rows[run.product_left])
     run.weights[is_split] /= 1.0 - run.weights[is_split] / size

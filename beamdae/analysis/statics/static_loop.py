@@ -182,7 +182,10 @@ def perform_task(run: StaticWorkspace) -> int:
 
 
 def _correct(run: StaticWorkspace) -> int:
-    """Correct a point as `Problem.correct` does; return a code of `judge`."""
+    """Correct a point by the law of `Problem.correct`, once if the control is not linear.
+
+    Return a code of `judge`. After DONE, the factors are those before the last correction.
+    """
     size = run.forces.size
     n, code = run.inputs.size - size, CORRECTED
     while code == CORRECTED:
