@@ -133,6 +133,19 @@ def test_results_write_tables_and_plots(results, name, tmp_path):
             result.to_csv(wrong)
 
 
+def test_pictures_show_all_rows_of_the_tables(results):
+    for name in CHEAP:
+        result = results[name]
+        axes = result.plot(*(["hub.x"] if name == "FrequencyResponse" else [])).figure.axes
+        if name == "Modes":
+            titles = [axis.get_title() for axis in axes]
+            assert titles == [result.describe(k) for k in range(len(result.table()))]
+        else:
+            curves = [line.get_xydata().T for axis in axes for line in axis.lines]
+            first, *others = result.table().select_dtypes("number").to_numpy().T
+            assert any(np.array_equal(x, (first, y)) for x in curves for y in others), name
+
+
 @pytest.mark.parametrize("name", CHEAP)
 def test_tables_for_spreadsheets_have_the_same_values(results, name, tmp_path):
     result = results[name]
