@@ -218,6 +218,16 @@ def test_the_spoke_of_a_rolling_disk_rotates():
     assert_allclose(spoke, np.stack([np.cos(angle), np.sin(angle)], axis=-1), atol=1e-12)
 
 
+def test_pitch_circles_of_gears_touch():
+    mech = bd.Mechanism()
+    a, b = (mech.add(bd.RigidBody(str(x), 1.0, 1.0, (x, 0.0))) for x in (0.0, 3.0))
+    mech.add(bd.Gear("gear", a.at(0.0, 0.0), b.at(3.0, 0.0), ratio=-0.5))
+    scene = build_scene(mech, reference_poses, np.zeros(1))
+    _, *circles = (line[0] for glyph, line in scene.lines() if glyph.kind == "gear")
+    ends = [(np.nanmin(x[:, 0]), np.nanmax(x[:, 0])) for x in circles]
+    assert_allclose(ends, [(-1.0, 1.0), (1.0, 5.0)], atol=1e-12)
+
+
 def test_arrows_have_the_direction_and_the_relative_size_of_the_load():
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))

@@ -159,20 +159,6 @@ def test_tables_for_spreadsheets_have_the_same_values(results, name, tmp_path):
             result.to_csv(tmp_path / "table.csv", **signs)
 
 
-def test_files_for_spreadsheets_are_read_again(tmp_path):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
-    mech.observe("ball", ball.point)
-    run = bd.simulate(mech, t_end=0.1)
-    path = run.to_csv(tmp_path / "run.csv", sep=";", decimal=",")
-    assert (
-        run.plot("ball.y", data=path).figure.axes[0].lines[1].get_ydata()[-1]
-        == run["ball.y"].iloc[-1]
-    )
-    law = bd.table_from_csv(path, "t", "ball.y")
-    np.testing.assert_array_equal(law.values, run["ball.y"])
-
-
 @pytest.mark.parametrize("name", ["Solution", "Modes", "Boundary", "KnockDown"])
 def test_pages_are_written(results, name, tmp_path):
     path = results[name].page(tmp_path / "page.html")
