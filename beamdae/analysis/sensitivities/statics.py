@@ -9,23 +9,28 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.analysis.continuation.critical import FLUTTER
+from beamdae.analysis.continuation.critical import BRANCH, LIMIT
+from beamdae.analysis.continuation.engine import Control, CurveError, prescribe_parameter
+from beamdae.analysis.sensitivities.implicit import (
+    Direction,
+    FlutterPoint,
+    MixedStatics,
+    RegularPoint,
+    SingularPoint,
+    combine,
+    find_regular_point,
+)
 from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_observable
-from beamdae.analysis.sensitivities.path_derivatives import (
-    FlutterPoint,
-    PrescribedPoint,
-    SingularPoint,
-)
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     complete_parameters,
     require_parameters,
 )
-from beamdae.analysis.sensitivities.static_derivatives import LoadDerivatives
-from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading, build_loading
+from beamdae.analysis.statics.load_scaling import Loading, active_stage, build_loading
 from beamdae.analysis.statics.prescribed_column import PrescribedColumn
 from beamdae.analysis.statics.static_equilibrium import equilibrium
+from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import (
     BeamdaeError,
@@ -52,11 +57,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Array = np.ndarray
-PathPoint = PrescribedPoint | SingularPoint | FlutterPoint
+PathPoint = RegularPoint | SingularPoint | FlutterPoint
 
 _NAME = "equilibrium_sensitivities"
-# Stages of loads are complete if their factors differ from one by less than this.
-_FACTOR_TOLERANCE = 1e-9
 
 
 @read_only_data
@@ -185,28 +188,20 @@ class EquilibriumSensitivities(SensitivityResult):
                 f"{short_repr(function)}."
             )
         difference, path = self._differences[parameter], self.equilibrium
-        neighbors = {
-            id(equations): replace(
-                path,
-                equations=equations,
-                factors=path.factors + step * self.factors[parameter],
-                q=path.q + step * self.q[parameter],
-                lam=path.lam + step * self.lam[parameter],
-            )
-            for equations, step in zip(difference.equations, difference.steps, strict=True)
-        }
-
-        def evaluate(e: EquationsOfMotion) -> Array:
+        factors, q, lam = (x[parameter] for x in (self.factors, self.q, self.lam))
+        values = []
+        for e, step in zip(difference.equations, difference.steps, strict=True):
+            moved = {"factors": factors, "q": q, "lam": lam}
+            moved = {name: getattr(path, name) + step * rate for name, rate in moved.items()}
             try:
-                return np.asarray(function(neighbors[id(e)]), float)
+                values.append(np.asarray(function(replace(path, equations=e, **moved)), float))
             except BeamdaeError:
                 raise
             except Exception as problem:
                 raise BeamdaeError(
                     f"derivative: the function failed: {format_exception(problem)}."
                 ) from problem
-
-        return difference.derivative(evaluate)
+        return combine(difference.weights, values)
 
     @cached_property
     def _columns(self) -> dict[str, dict[str, Array]]:
@@ -238,150 +233,94 @@ class _PathPoints:
     loading: Loading
 
     def differentiate(
-        self, difference: Difference, neighbors: Sequence[Loading]
-    ) -> tuple[Array, Array, Array]:
-        """Return the derivatives of the load factors, coordinates and multipliers of all rows.
+        self, differences: Mapping[str, Difference], neighbors: Mapping[str, Sequence[Loading]]
+    ) -> dict[str, tuple[Array, Array, Array]]:
+        """Return the derivatives of load factors, coordinates and multipliers by parameter.
 
-        `neighbors` are the loadings of the models of `difference`. Derivatives that do not exist
+        `neighbors` are the loadings of the models of `differences`. Derivatives that do not exist
         are NaN.
         """
-        path, loading = self.path, self.loading
-        stages = [
-            LoadDerivatives.of(difference, system, [x.systems[k] for x in neighbors])
-            for k, system in enumerate(loading.systems)
-        ]
-        factors, q = np.full_like(path.factors, np.nan), np.full_like(path.q, np.nan)
-        lam = np.full_like(self._multipliers, np.nan)
-        rates = self._column_rates(difference)
-        for row in range(len(path.q)):
-            if path.free_coordinates[row]:
-                continue
-            stage = self._stage(row)
-            point = self._point(row, stages[stage].system)
-            change = (
-                point.derivative(stages[stage], rates[row])
-                if isinstance(point, PrescribedPoint)
-                else point.derivative(stages[stage])
+        path, (count, n), m = self.path, self.path.q.shape, len(self.loading.multiplier_rows)
+        multipliers = np.zeros((count, m))
+        shapes = path.factors.shape, path.q.shape, multipliers.shape
+        rates = {name: [np.full(shape, np.nan) for shape in shapes] for name in differences}
+        for stage, system in enumerate(self.loading.systems):
+            problem = StaticProblem(system)
+            here = MixedStatics(system, self._control(path.equations))
+            directions = {
+                name: Direction(
+                    [
+                        MixedStatics(x.systems[stage], self._control(e), here.idle)
+                        for e, x in zip(difference.equations, neighbors[name], strict=True)
+                    ],
+                    difference.steps,
+                    difference.weights,
+                )
+                for name, difference in differences.items()
+            }
+            for row, free in enumerate(path.free_coordinates):
+                if free or active_stage(path.factors[row]) != stage:
+                    continue
+                point = self._find_point(row, stage, problem, here)
+                multipliers[row] = point.point.x[n : n + m]
+                for name, (factors, q, lam) in rates.items():
+                    change = point.derivative(directions[name])
+                    if change is not None:
+                        factors[row], factors[row, stage : stage + 1] = 0.0, change.p
+                        q[row], lam[row] = change.x[:n], change.x[n : n + m]
+        return {
+            name: (
+                factors + 0.0,  # no negative zeros in tables
+                q + 0.0,
+                self._restore(differences[name], neighbors[name], q, multipliers, lam) + 0.0,
             )
-            if change is not None:
-                factors[row] = 0.0
-                dx, factors[row, stage : stage + 1] = change
-                q[row], lam[row] = np.split(dx, [path.q.shape[1]])
-        # No negative zeros in tables.
-        return factors + 0.0, q + 0.0, self._restore(difference, neighbors, q, lam) + 0.0
+            for name, (factors, q, lam) in rates.items()
+        }
 
-    @cached_property
-    def _multipliers(self) -> Array:
-        """Multipliers of the constraints that are not redundant, (k, m)."""
-        path, loading = self.path, self.loading
-        if loading.reduction is None:
-            return path.lam[:, loading.multiplier_rows]
-        rows = []
-        for row, q in enumerate(path.q):
-            system, n = loading.systems[self._stage(row)], len(q)
-            x, mu = np.append(q, np.zeros(len(loading.multiplier_rows))), self._factor(row)
-            forces = system.residual(x, mu)[0][:n]
-            reactions = system.matrix(x, mu).toarray()[:n, n:]
-            rows.append(-np.linalg.lstsq(reactions, forces)[0])
-        return np.array(rows)
+    def _find_point(
+        self, row: int, stage: int, problem: StaticProblem, system: MixedStatics
+    ) -> PathPoint:
+        path, q = self.path, self.path.q[row]
+        mu = float(path.factors[row, stage]) if path.factors.shape[1] else 1.0
+        kind = {point.row: point.kind for point in path.critical}.get(row)
+        if kind in (LIMIT, BRANCH):
+            return SingularPoint.find(problem, q, mu, system, kind == LIMIT)
+        # The path begins at the load factor zero.
+        is_controlled = stage == path.factors.shape[1] - 1 and mu != 0.0 and kind is None
+        control = system.control if is_controlled else prescribe_parameter
+        point = find_regular_point(problem, q, mu, control)
+        if kind is not None:
+            return FlutterPoint(point, control, system)
+        return RegularPoint(point, control)
+
+    def _control(self, equations: EquationsOfMotion) -> Control:
+        """Return the quantity that the path prescribes at the end."""
+        to = self.path.settings["to"]
+        if not isinstance(to, Mapping):
+            return prescribe_parameter
+        time = self.loading.systems[0].loaded.time
+        return PrescribedColumn.from_name(equations, next(iter(to)), time)
 
     def _restore(
-        self, difference: Difference, neighbors: Sequence[Loading], q: Array, lam: Array
+        self,
+        difference: Difference,
+        neighbors: Sequence[Loading],
+        q: Array,
+        multipliers: Array,
+        lam: Array,
     ) -> Array:
         """Return the derivatives of all multipliers from those of independent constraints.
 
         The reactions of redundant constraints are differenced along the derivatives.
         """
-        path, loading = self.path, self.loading
-        result = np.full_like(path.lam, np.nan)
+        path, result = self.path, np.full_like(self.path.lam, np.nan)
         (rows,) = np.nonzero(np.isfinite(q).all(axis=1))
-        if loading.reduction is None:
-            result[rows] = 0.0
-            result[np.ix_(rows, loading.multiplier_rows)] = lam[rows]
-            return result
-        multipliers = {
-            id(e): neighbor.full_multipliers(
-                path.q[rows] + step * q[rows], self._multipliers[rows] + step * lam[rows]
-            )
-            for e, neighbor, step in zip(
-                difference.equations, neighbors, difference.steps, strict=True
-            )
-        }
-        result[rows] = difference.derivative(lambda e: multipliers[id(e)])
+        values = [
+            x.full_multipliers(path.q[rows] + s * q[rows], multipliers[rows] + s * lam[rows])
+            for x, s in zip(neighbors, difference.steps, strict=True)
+        ]
+        result[rows] = combine(difference.weights, values)
         return result
-
-    def lost(self, derivatives: tuple[Array, Array, Array]) -> list[int]:
-        """Return the numbers of the critical points whose derivatives do not exist."""
-        points = enumerate(self.path.critical)
-        return [k for k, point in points if np.any(np.isnan(derivatives[0][point.row]))]
-
-    def _stage(self, row: int) -> int:
-        factors = self.path.factors[row]
-        (unfinished,) = np.nonzero(np.abs(factors - 1.0) > _FACTOR_TOLERANCE)
-        return int(unfinished[0]) if len(unfinished) else max(len(factors) - 1, 0)
-
-    def _factor(self, row: int) -> float:
-        factors = self.path.factors[row]
-        return float(factors[self._stage(row)]) if len(factors) else 1.0
-
-    def _point(self, row: int, system: LoadedEquations) -> PathPoint:
-        """Return the point in a row; parameters with the same `system` share its factors."""
-        key = (row, id(system))
-        if key not in self._points:
-            self._points[key] = self._create_point(row, system)
-        return self._points[key]
-
-    @cached_property
-    def _points(self) -> dict[tuple[int, int], PathPoint]:
-        return {}
-
-    def _create_point(self, row: int, system: LoadedEquations) -> PathPoint:
-        path = self.path
-        x, mu = np.append(path.q[row], self._multipliers[row]), self._factor(row)
-        kinds = {point.row: point.kind for point in path.critical}
-        if row in kinds:
-            if kinds[row] == FLUTTER:
-                return FlutterPoint(system, x, mu)
-            return SingularPoint(system, x, mu, kinds[row]).refine()
-        gradient = np.zeros_like(x), 1.0
-        if self._control is not None and self._is_column_prescribed(row):
-            gradient = self._control.gradient(x), 0.0
-        return PrescribedPoint(system, x, mu, gradient)
-
-    def _is_column_prescribed(self, row: int) -> bool:
-        # The path begins at the load factor zero.
-        is_last = self._stage(row) == self.path.factors.shape[1] - 1
-        return is_last and bool(self.path.factors[row, -1] != 0.0)
-
-    @cached_property
-    def _control(self) -> PrescribedColumn | None:
-        """Prescribed observed position; None if load factors are prescribed."""
-        to = self.path.settings["to"]
-        if not isinstance(to, Mapping):
-            return None
-        time = self.loading.systems[0].loaded.time
-        return PrescribedColumn.from_name(self.path.equations, next(iter(to)), time)
-
-    def _column_rates(self, difference: Difference) -> Array:
-        """Return the derivative of the prescribed quantity at constant (x, mu) in each row."""
-        path, control = self.path, self._control
-        rates = np.zeros(len(path.q))
-        if control is None:
-            return rates
-        rest, none = np.zeros_like(path.q), np.zeros_like(path.lam)
-        number = [o is control.observable for o in path.equations.observables].index(True)
-        times = np.full((len(path.q), 2), path.t)
-        along = {difference.name: State(rest, rest, rest, none)}
-        columns = differentiate_observable(
-            path.observed_equations,
-            number,
-            times,
-            State(path.q, rest, rest, path.lam),
-            along,
-            {difference.name: difference},
-        )[difference.name]
-        is_prescribed = [self._is_column_prescribed(row) for row in range(len(path.q))]
-        return np.where(is_prescribed, columns[:, control.column], 0.0)
 
 
 @interruptible
@@ -493,24 +432,41 @@ def equilibrium_sensitivities(
         source = equations if mechanism is None else mechanism
         return build_loading(source, equations, stages, path.t)
 
-    points = _PathPoints(path, load(path.equations))
     differences = {
         name: difference_model(model, name, values, path.equations, assemble, moves_operators=True)
         for name in names
     }
-    derivatives = {}
     with single_threaded:
-        for name, difference in differences.items():
-            derivatives[name] = points.differentiate(
-                difference, [load(equations) for equations in difference.equations]
-            )
-            for point in points.lost(derivatives[name]):
-                warn_user(
-                    f"{_NAME}: {name} does not preserve the {path.critical[point].kind} at load "
-                    f"factor {path.critical[point].factor:g}, so its derivative does not exist "
-                    "(NaN); differentiate limit points of the path with an imperfection instead."
-                )
+        points = _PathPoints(path, load(path.equations))
+        neighbors = {name: list(map(load, x.equations)) for name, x in differences.items()}
+        for name in names:
+            _require_same_multipliers(name, points.loading, neighbors[name])
+        try:
+            derivatives = points.differentiate(differences, neighbors)
+        except CurveError as error:
+            raise BeamdaeError(
+                f"{_NAME}: an equilibrium of the path of {model.name} has no derivative, because "
+                f"{error}; add a spring or a joint, or end the path before this equilibrium."
+            ) from None
     factors, q, lam = ({name: x[k] for name, x in derivatives.items()} for k in range(3))
+    for name in names:
+        for point in path.critical:
+            if np.any(np.isnan(factors[name][point.row])):
+                warn_user(
+                    f"{_NAME}: {name} does not preserve the {point.kind} at load factor "
+                    f"{point.factor:g}, so its derivative does not exist (NaN); differentiate "
+                    "limit points of the path with an imperfection instead."
+                )
     return EquilibriumSensitivities(
         path, {name: float(values[name]) for name in names}, factors, q, lam, differences
     )
+
+
+def _require_same_multipliers(name: str, loading: Loading, neighbors: Sequence[Loading]) -> None:
+    """Reject a parameter that changes which constraints are independent."""
+    names = [x.equations.lam_names for x in loading.systems]
+    if any([x.equations.lam_names for x in other.systems] != names for other in neighbors):
+        raise BeamdaeError(
+            f"{_NAME}: {name} changes the structure of the equations; use differences of results "
+            "for this parameter."
+        )
