@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.continuation.engine import CurveError, factorize_bordered
+from beamdae.analysis.continuation.engine import CurveError, Factors, factorize_bordered
 from beamdae.analysis.eigenproblems.linearized_equations import (
     LinearizedEquations,
     linearize_in_mixed_form,
@@ -108,7 +108,7 @@ class Eigenpair:
         return np.append(row, np.zeros(self.lin.pencil.matrices[0].shape[0] - len(row)))
 
     @cached_property
-    def _bordered(self) -> tuple[Array, object]:
+    def _bordered(self) -> tuple[Array, Factors]:
         """Scales of the rows of A, and factors of the bordered matrix."""
         matrix = sp.csc_array(
             sum(self.value**k * x.astype(complex) for k, x in enumerate(self.lin.pencil.matrices))
@@ -116,10 +116,12 @@ class Eigenpair:
         sizes = abs(matrix).max(axis=1).toarray().ravel()
         scales = invert_to_power_of_two(sizes)
         scaled = sp.csc_array(sp.diags_array(scales) @ matrix)
-        # The left vector is not orthogonal to the second column.
-        first = factorize_bordered(scaled, scales * self._row.conj(), self._row, 0.0)
-        left = first.solve(np.append(np.zeros(len(scales)), 1.0 + 0j), "T")[:-1]
-        return scales, factorize_bordered(scaled, left.conj() / np.linalg.norm(left), self._row, 0.0)
+        # The second column is not orthogonal to the left vector, even where eigenvalues coalesce.
+        border, transposed = scales * self._row.conj(), sp.csc_array(scaled.T)
+        unit = np.append(np.zeros(len(scales)), 1.0 + 0j)
+        left = factorize_bordered(transposed, self._row, border, 0.0).solve(unit)[:-1]
+        column = left.conj() / np.linalg.norm(left)
+        return scales, factorize_bordered(scaled, column, self._row, 0.0)
 
     def _solve(self, right: Array, last: float = 0.0) -> tuple[Array, complex]:
         """Return u and s with [A b; c^H 0] (u, s) = (right, last)."""

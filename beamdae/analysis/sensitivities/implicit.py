@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -41,11 +42,18 @@ from beamdae.analysis.continuation.engine import (
 from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.sensitivities.eigenpairs import Eigenpair, apply_pencil, linearize_at
+from beamdae.analysis.sensitivities.model_differences import (
+    Difference,
+    forms_of,
+    with_structure,
+)
+from beamdae.analysis.sensitivities.operator_changes import directional_plan_along
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.static_problem import StaticProblem
-from beamdae.equations.equations_of_motion import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.compliant_equations import introduce_resultants
 from beamdae.equations.formulations.static_equations import StaticEquations
+from beamdae.equations.formulations.tangents import differentiate_residual, plan_tangent_residual
 
 Array = np.ndarray
 
@@ -90,7 +98,7 @@ class MixedStatics:
             for x in (system.unloaded, system.loaded)
         )
         self.system, self.control = system, control
-        self._mixed = replace(system, unloaded=unloaded, loaded=loaded)
+        self.mixed = replace(system, unloaded=unloaded, loaded=loaded)
         if idle is None:
             e, first = loaded.equations, system.equations.n + system.equations.m
             rows = loaded.matrix(e.q0, np.zeros(e.m))[first:]
@@ -99,14 +107,14 @@ class MixedStatics:
 
     def residual(self, x: Array, mu: float) -> Array:
         """Return F, (n + m,)."""
-        result = self._mixed.residual(self._deform(x, mu), mu)[0]
+        result = self.mixed.residual(self._deform(x, mu), mu)[0]
         result[self.idle] = 0.0
         return result
 
     def product(self, x: Array, mu: float, along: Tangent) -> Array:
         """Return F_x along.x + F_mu along.p."""
         x, dx = self._deform(x, mu), along.x.copy()
-        matrix, by_parameter = self._mixed.matrix(x, mu), self._mixed.residual(x, mu)[1]
+        matrix, by_parameter = self.mixed.matrix(x, mu), self.mixed.residual(x, mu)[1]
         dx[self.idle] = 0.0
         dx[self.idle] = (matrix @ dx)[self.idle]
         result = matrix @ dx + along.p * by_parameter
@@ -121,7 +129,7 @@ class MixedStatics:
     def _deform(self, x: Array, mu: float) -> Array:
         if self.idle.size:
             x = x.copy()
-            x[self.idle] = self._mixed.residual(x, mu)[0][self.idle]
+            x[self.idle] = self.mixed.residual(x, mu)[0][self.idle]
         return x
 
 
@@ -141,13 +149,14 @@ class Direction(NamedTuple):
     systems: Sequence[MixedStatics]
     steps: Sequence[float]
     weights: Sequence[float]
-    along: Tangent = Tangent(np.zeros(1), 0.0)
+    along: Tangent
 
     @classmethod
     def of_unknowns(cls, point: Point, system: MixedStatics, along: Tangent) -> Direction:
         """Return a direction of x and mu at a point of a system."""
         step = _MOTION / (point.problem.measure(along.x) or 1.0)
-        return cls([system] * len(_STEPS), _STEPS * step, _WEIGHTS / step, along)
+        steps, weights = (_STEPS * step).tolist(), (_WEIGHTS / step).tolist()
+        return cls([system] * len(steps), steps, weights, along)
 
     def differentiate(
         self, point: Point, function: Callable[[MixedStatics, Array, float], Array]
@@ -158,6 +167,81 @@ class Direction(NamedTuple):
             for system, step in zip(self.systems, self.steps, strict=True)
         ]
         return combine(self.weights, values)
+
+
+class ParameterDirection:
+    """Direction of a parameter.
+
+    Derivatives of F are exact: differences of small deformations would contain rounding errors that
+    observed axial and shear forces enlarge.
+
+    Parameters
+    ----------
+    difference
+        Neighboring models.
+    here, neighbors
+        Equations of the model and of these models.
+    """
+
+    def __init__(
+        self, difference: Difference, here: MixedStatics, neighbors: Sequence[MixedStatics]
+    ) -> None:
+        self.reach = max(map(abs, difference.steps))
+        self._models, self._here = (neighbors, difference.steps, difference.weights), here
+        self._parts = [
+            _derive_statics(
+                difference,
+                getattr(here.mixed, part),
+                [getattr(x.mixed, part).equations for x in neighbors],
+            )
+            for part in ("unloaded", "loaded")
+        ]
+
+    def along(self, x: Array, mu: float = 0.0) -> Direction:
+        """Return the direction with these derivatives of the unknowns."""
+        return Direction(*self._models, Tangent(x, mu))
+
+    def forces(self, point: Point) -> Array:
+        """Return F_p."""
+        with np.errstate(invalid="ignore"):
+            unloaded, loaded = (part(point.x) for part in self._parts)
+            change = unloaded + point.p * (loaded - unloaded)
+        if self._here.idle.size:
+            # The root of a stiffness has no derivative at zero.
+            at = self.along(np.zeros_like(point.x))
+            differences = at.differentiate(point, MixedStatics.residual)
+            change = np.where(np.isfinite(change), change, differences)
+        return change
+
+    def control_rate(self, point: Point) -> float:
+        """Return the derivative of the prescribed quantity at constant x and mu."""
+
+        def evaluate(system: MixedStatics, x: Array, mu: float) -> Array:
+            return np.array(system.control(x, mu).value)
+
+        return float(self.along(np.zeros_like(point.x)).differentiate(point, evaluate))
+
+
+def _derive_statics(
+    difference: Difference, here: StaticEquations, neighbors: Sequence[EquationsOfMotion]
+) -> Callable[[Array], Array]:
+    """Return the derivative of static equations along a parameter, as a function of (q, lam)."""
+    base, first = here.equations, neighbors[0]
+    is_moved = any(e.structure != first.structure for e in neighbors)
+    if not is_moved and (base.structure, forms_of(base)) != (first.structure, forms_of(first)):
+        # The base contains all forces of the neighboring models.
+        base = with_structure(base, neighbors, difference.steps)
+    part = replace(difference, base=base, equations=tuple(neighbors))
+    dp, rest, plan = part.derivative(lambda e: e.p), np.zeros(base.n), None
+    if is_moved or base.structure != first.structure:
+        size = plan_tangent_residual(base.structure)[1]
+        plan = directional_plan_along(part, lambda e: plan_tangent_residual(e.structure)[0], size)
+
+    def differentiate(x: Array) -> Array:
+        state = State(x[: base.n], rest, rest, x[base.n :])
+        return differentiate_residual(base, here.time, state, dp, plan)
+
+    return differentiate
 
 
 def combine(weights: Sequence[float], values: Sequence[Array]) -> Array:
@@ -187,15 +271,11 @@ class RegularPoint:
     point: Point
     control: Control
 
-    def derivative(self, direction: Direction) -> Tangent | None:
-        """Return dx and dmu along the direction of a parameter."""
+    def derivative(self, direction: ParameterDirection) -> Tangent | None:
+        """Return dx and dmu."""
         is_load = self.control is prescribe_parameter
-
-        def evaluate(system: MixedStatics, x: Array, mu: float) -> Array:
-            value = mu if is_load else system.control(x, mu).value
-            return np.append(system.residual(x, mu), value)
-
-        return self.respond(direction.differentiate(self.point, evaluate))
+        rate = 0.0 if is_load else direction.control_rate(self.point)
+        return self.respond(np.append(direction.forces(self.point), rate))
 
     def respond(self, change: Array) -> Tangent:
         """Return the change of the unknowns that balances a change of the equations and control.
@@ -254,13 +334,13 @@ class SingularPoint:
             found = found._move(found._change(direction, h, (found._by_xi, found._by_mu)))
         return found
 
-    def derivative(self, direction: Direction) -> Tangent | None:
+    def derivative(self, direction: ParameterDirection) -> Tangent | None:
         """Return dx and dmu; None if the parameter does not preserve a branch point."""
-        response, h = self._solve(-direction.differentiate(self.point, MixedStatics.residual))
-        reach, by_load = max(map(abs, direction.steps)), self._hessian[0, 1] * self.point.p
-        if not self._is_limit and abs(h) * reach > _MAX_IMPERFECTION * abs(by_load):
+        response, h = self._solve(-direction.forces(self.point))
+        by_load = self._hessian[0, 1] * self.point.p
+        if not self._is_limit and abs(h) * direction.reach > _MAX_IMPERFECTION * abs(by_load):
             return None
-        return self._change(direction._replace(along=Tangent(response, 0.0)), h)
+        return self._change(direction.along(response), h)
 
     def _change(
         self, direction: Direction, h: float, slopes: tuple[float, float] = (0.0, 0.0)
@@ -316,14 +396,13 @@ class FlutterPoint(RegularPoint):
 
     system: MixedStatics
 
-    def derivative(self, direction: Direction) -> Tangent | None:
-        """Return dx and dmu along the direction of a parameter."""
-        response = super().derivative(direction)
-        assert response is not None
+    def derivative(self, direction: ParameterDirection) -> Tangent | None:
+        """Return dx and dmu."""
         load = self.respond(np.append(np.zeros_like(self.point.x), -1.0))
-        by_parameter = self._growth(direction._replace(along=response))
+        response = direction.along(self.respond(np.append(direction.forces(self.point), 0.0)).x)
+        by_parameter = self._growth(response)
         by_load = self._growth(Direction.of_unknowns(self.point, self.system, load))
-        return response.plus(load, -float(np.real(by_parameter / by_load)))
+        return response.along.plus(load, -float(np.real(by_parameter / by_load)))
 
     def _growth(self, direction: Direction) -> complex:
         """Return the change of the growth rate, or of the work without damping."""
@@ -353,7 +432,7 @@ class FlutterPoint(RegularPoint):
     @cached_property
     def _pair(self) -> Eigenpair:
         """Critical eigenpair with damping, and the mean of the two that coalesce without."""
-        found = []
+        found: list[tuple[complex, Array]] = []
         for group, rows in self._motion.split(self.system.system.equations.parts):
             # All modes of a small structure may be faster than as many modes of a large one.
             modes = solve_eigenproblem(group, _MODE_COUNT, max_damping_ratio=_MAX_GROWTH_DAMPING)
@@ -364,5 +443,5 @@ class FlutterPoint(RegularPoint):
         if self._is_damped:
             return Eigenpair(self._motion, *min(found, key=lambda x: abs(x[0].real / x[0])))
         found.sort(key=lambda x: abs(x[0]))
-        near = min(zip(found, found[1:]), key=lambda x: abs(1.0 - x[0][0] / x[1][0]))
+        near = min(pairwise(found), key=lambda x: abs(1.0 - x[0][0] / x[1][0]))
         return Eigenpair(self._motion, sum(value for value, _ in near) / 2.0, near[0][1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -24,31 +24,29 @@ from beamdae.analysis.sensitivities.eigenpairs import Eigenpair, apply_pencil, l
 from beamdae.analysis.sensitivities.implicit import combine
 from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
 from beamdae.analysis.sensitivities.sensitivity_result import (
-    SensitivityResult,
+    ColumnSensitivities,
     complete_parameters,
     require_parameters,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.tangents import tangent_of
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.equations.starts.steady_rotation import rotating_tangent
-from beamdae.errors import BeamdaeError, record_warnings, require_choice, short_repr, warn_user
+from beamdae.errors import BeamdaeError, record_warnings, short_repr, warn_user
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.parts.rotation import Rotation
 from beamdae.read_only import read_only_data
-from beamdae.results.column_derivatives import derivative_columns, select_derivative
-from beamdae.results.columns import remove_unit
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant
 from beamdae.simulation import as_equations
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 Array = np.ndarray
 
@@ -59,7 +57,6 @@ _FREQUENCY, _DAMPING_RATIO, _GROWTH_RATE = (
     "damping ratio [-]",
     "growth rate [1/s]",
 )
-_HEADERS = (_FREQUENCY, _DAMPING_RATIO, _GROWTH_RATE)
 # Eigenvalues with a smaller relative distance are repeated: their shapes are arbitrary up to
 # rounding errors divided by this distance.
 _MIN_GAP = 1e-6
@@ -75,7 +72,7 @@ _FORCE_ROUNDING = 1e-11
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class ModeSensitivities(SensitivityResult):
+class ModeSensitivities(ColumnSensitivities):
     """Natural modes and their derivatives; see `mode_sensitivities`.
 
     Attributes
@@ -104,51 +101,23 @@ class ModeSensitivities(SensitivityResult):
     def _summary(self) -> str:
         return repr(self.modes)
 
-    def sensitivity(self, column: str, parameter: str) -> pd.Series:
-        """Return the derivative of a property of the modes with respect to a parameter.
+    @property
+    def _index(self) -> tuple[str, Array]:
+        return _MODE, np.arange(1, len(self.modes) + 1)
 
-        Parameters
-        ----------
-        column
-            "frequency", "damping ratio" or "growth rate", with or without the unit.
-        parameter
-            Name of the parameter.
-
-        Returns
-        -------
-        pandas.Series
-            Derivative (k,) in the unit of the column per unit of the parameter, indexed by the
-            number of the mode; NaN for free motions and repeated eigenvalues.
-
-        Raises
-        ------
-        BeamdaeError
-            If the parameter is not one of `parameters`, or there is no such column.
-        """
-        parameter = self._require_parameter("sensitivity", parameter)
-        headers = {name: header for header in _HEADERS for name in (remove_unit(header), header)}
-        header = headers[require_choice("sensitivity", "column", column, list(headers))]
-        index = _MODE, np.arange(1, len(self.modes) + 1)
-        return select_derivative(self._columns(parameter), header, parameter, index)
-
-    def table(self) -> pd.DataFrame:
-        """Return the properties of the modes and their derivatives, one row per mode.
-
-        The header of the derivative of the frequency with respect to "E" is "d(frequency)/d(E) [Hz
-        per unit of E]".
-        """
-        import pandas as pd
-
-        columns = {
-            _MODE: np.arange(1, len(self.modes) + 1),
+    @property
+    def _values(self) -> dict[str, Array]:
+        return {
             _FREQUENCY: self.modes.frequencies,
             _DAMPING_RATIO: self.modes.damping_ratios,
             _GROWTH_RATE: self.modes.growth_rates,
         }
-        by_parameter = {name: self._columns(name) for name in self.parameters}
-        return pd.DataFrame({**columns, **derivative_columns(by_parameter)})
 
-    def _columns(self, parameter: str) -> dict[str, Array]:
+    @property
+    def _columns(self) -> dict[str, dict[str, Array]]:
+        return {name: self._differentiate_properties(name) for name in self.parameters}
+
+    def _differentiate_properties(self, parameter: str) -> dict[str, Array]:
         value, rate = self.modes.eigenvalues, self.eigenvalues[parameter]
         size = np.where(value == 0.0, 1.0, np.abs(value))
         growth = np.real(value.conj() * rate) / size
@@ -175,16 +144,15 @@ def mode_sensitivities(
 ) -> ModeSensitivities:
     """Compute natural modes and differentiate them with respect to parameters of the model.
 
-    With the mode z = (x, mu) of the eigenvalue l, P(l) z = 0 for P = [[l^2 M + l C + K, H],
-    [J + l V, 0]], and its left vector w, P^T w = 0, the derivatives are
+    With the mode z of the eigenvalue l, A(l; p) z = 0 with A = l^2 M + l C + K bordered by the
+    constraints, the derivatives solve
 
-        dl = -w^T dP z / (w^T P'(l) z),    P dz = -(dP + dl P') z
+        A dz + A'(l) z dl + dA z = 0
 
-    (Fox & Kapoor 1968, doi:10.2514/3.5008; Nelson 1976, doi:10.2514/3.7211; here with constraints
-    and damping, and with a bordered matrix in place of P without one equation). dP contains the
-    changes of the numbers of the model and of the state about which it is linearized, which moves
-    with the parameters. Matrices are differentiated exactly; only the model function is
-    differenced, see `sensitivities`. Shapes keep their normalization x^H M x = 1.
+    together with the normalization x^H M x = 1 (Fox & Kapoor 1968, doi:10.2514/3.5008; Nelson 1976,
+    doi:10.2514/3.7211). dA contains the changes of the numbers of the model and of the state about
+    which it is linearized, which moves with the parameters. It is differenced along the model
+    function, see `sensitivities`.
 
     Parameters
     ----------
@@ -194,9 +162,9 @@ def mode_sensitivities(
         Names of the parameters with respect to which the modes are differentiated. They must be
         floats.
     about
-        "reference", "equilibrium", positions by name, or an `Equilibrium` of the model with the
-        same `parameters`, whose load factors remain constant; see `modes`. The state must be an
-        equilibrium for all values of the parameters.
+        "reference", "equilibrium", positions by name, `bd.rotation(...)`, or an `Equilibrium` of
+        the model with the same `parameters`, whose load factors remain constant; see `modes`. The
+        state must be an equilibrium, in the rotating frame, for all values of the parameters.
     n, damping, t
         See `modes`.
     parameters
@@ -210,7 +178,7 @@ def mode_sensitivities(
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, the state is not an equilibrium or rotates or moves, or a
+        If an argument is invalid, the state is not an equilibrium or moves, or a
         parameter changes the structure of the equations or is at a kink of the model function.
     Interrupted
         If Ctrl-C ends the call.

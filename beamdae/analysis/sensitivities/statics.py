@@ -12,9 +12,9 @@ import numpy as np
 from beamdae.analysis.continuation.critical import BRANCH, LIMIT
 from beamdae.analysis.continuation.engine import Control, CurveError, prescribe_parameter
 from beamdae.analysis.sensitivities.implicit import (
-    Direction,
     FlutterPoint,
     MixedStatics,
+    ParameterDirection,
     RegularPoint,
     SingularPoint,
     combine,
@@ -23,7 +23,7 @@ from beamdae.analysis.sensitivities.implicit import (
 from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_observable
 from beamdae.analysis.sensitivities.sensitivity_result import (
-    SensitivityResult,
+    ColumnSensitivities,
     complete_parameters,
     require_parameters,
 )
@@ -44,11 +44,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
-from beamdae.results.column_derivatives import (
-    derivative_columns,
-    derivative_header,
-    select_derivative,
-)
+from beamdae.results.column_derivatives import derivative_columns, derivative_header
 from beamdae.results.equilibrium import FACTOR, KIND, Equilibrium
 from beamdae.simulation import as_equations
 
@@ -64,7 +60,7 @@ _NAME = "equilibrium_sensitivities"
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class EquilibriumSensitivities(SensitivityResult):
+class EquilibriumSensitivities(ColumnSensitivities):
     """An equilibrium path and its derivatives; see `equilibrium_sensitivities`.
 
     Attributes
@@ -94,53 +90,26 @@ class EquilibriumSensitivities(SensitivityResult):
     def _summary(self) -> str:
         return f"{len(self.equilibrium.q)} rows to load factor {self.equilibrium.factor:g}"
 
-    def sensitivity(self, column: str, parameter: str) -> pd.Series:
-        """Return the derivative of a column with respect to a parameter, along the path.
+    @property
+    def _index(self) -> tuple[str, Array]:
+        return FACTOR, self.equilibrium.factors.sum(axis=1)
 
-        Parameters
-        ----------
-        column
-            Header of a load factor, observed column, coordinate or multiplier, with or without its
-            unit, as in `equilibrium["tip.y"]`.
-        parameter
-            Name of the parameter.
-
-        Returns
-        -------
-        pandas.Series
-            Derivative (k,) in the unit of the column per unit of the parameter, indexed by the load
-            factor.
-
-        Raises
-        ------
-        BeamdaeError
-            If the parameter is not one of `parameters`, or the name selects no column or several
-            columns.
-        """
-        parameter = self._require_parameter("sensitivity", parameter)
-        observed = self._columns[parameter]
-        headers = self.equilibrium.coordinate_columns()
-        values = np.hstack([self.q[parameter], self.lam[parameter]]).T
-        columns: dict[str, Array] = dict(zip(headers, values, strict=True))
-        columns |= observed
-        index = FACTOR, self.equilibrium.factors.sum(axis=1)
-        return select_derivative(columns, column, parameter, index, "Equilibrium", observed)
+    def _further_columns(self, parameter: str) -> dict[str, Array]:
+        """Return the derivatives of coordinates and multipliers."""
+        rates = np.hstack([self.q[parameter], self.lam[parameter]]).T
+        return dict(zip(self.equilibrium.coordinate_columns(), rates, strict=True))
 
     def table(self) -> pd.DataFrame:
         """Return the load factors and the derivatives of all observed columns, one row per point.
 
-        The header of the derivative of "tip.y [m]" with respect to "E" is "d(tip.y)/d(E) [m per
-        unit of E]". Load factors are differentiated where they are not prescribed.
+        Load factors are differentiated where they are not prescribed.
         """
         import pandas as pd
 
-        columns = {
-            header: column
-            for header, column in self.equilibrium.all_columns().items()
-            if header.startswith("load factor") or header == KIND
-        }
-        kinds = columns.pop(KIND)
-        return pd.DataFrame({**columns, **derivative_columns(self._columns), KIND: kinds})
+        columns = self.equilibrium.all_columns()
+        factors = {x: y for x, y in columns.items() if x.startswith("load factor")}
+        derivatives = derivative_columns(self._columns)
+        return pd.DataFrame({**factors, **derivatives, KIND: columns[KIND]})
 
     def critical_table(self) -> pd.DataFrame:
         """Return the critical points of the path and the derivatives of their load factors.
@@ -188,13 +157,17 @@ class EquilibriumSensitivities(SensitivityResult):
                 f"{short_repr(function)}."
             )
         difference, path = self._differences[parameter], self.equilibrium
-        factors, q, lam = (x[parameter] for x in (self.factors, self.q, self.lam))
         values = []
         for e, step in zip(difference.equations, difference.steps, strict=True):
-            moved = {"factors": factors, "q": q, "lam": lam}
-            moved = {name: getattr(path, name) + step * rate for name, rate in moved.items()}
+            neighbor = replace(
+                path,
+                equations=e,
+                factors=path.factors + step * self.factors[parameter],
+                q=path.q + step * self.q[parameter],
+                lam=path.lam + step * self.lam[parameter],
+            )
             try:
-                values.append(np.asarray(function(replace(path, equations=e, **moved)), float))
+                values.append(np.asarray(function(neighbor), dtype=float))
             except BeamdaeError:
                 raise
             except Exception as problem:
@@ -214,14 +187,12 @@ class EquilibriumSensitivities(SensitivityResult):
         rest = np.zeros_like(path.q)
         at = State(path.q, rest, rest, path.lam)
         along = {name: State(self.q[name], rest, rest, self.lam[name]) for name in self.q}
-        times = np.full((len(path.q), 2), path.t)
-        equations = path.observed_equations
+        times, equations = np.full((len(path.q), 2), path.t), path.observed_equations
         for number, observable in enumerate(equations.observables):
-            for name, rows in differentiate_observable(
-                equations, number, times, at, along, self._differences
-            ).items():
-                derivatives = dict(zip(observable.headers, rows.T, strict=True))
-                result[name] |= {x: y for x, y in derivatives.items() if x in path.columns}
+            rates = differentiate_observable(equations, number, times, at, along, self._differences)
+            for name, rows in rates.items():
+                derivatives = zip(observable.headers, rows.T, strict=True)
+                result[name] |= {x: y for x, y in derivatives if x in path.columns}
         return result
 
 
@@ -248,13 +219,13 @@ class _PathPoints:
             problem = StaticProblem(system)
             here = MixedStatics(system, self._control(path.equations))
             directions = {
-                name: Direction(
+                name: ParameterDirection(
+                    difference,
+                    here,
                     [
                         MixedStatics(x.systems[stage], self._control(e), here.idle)
                         for e, x in zip(difference.equations, neighbors[name], strict=True)
                     ],
-                    difference.steps,
-                    difference.weights,
                 )
                 for name, difference in differences.items()
             }
@@ -341,21 +312,15 @@ def equilibrium_sensitivities(
 ) -> EquilibriumSensitivities:
     """Compute an equilibrium path and differentiate it with respect to parameters of the model.
 
-    With the static equations R(x; mu, p) = 0 in x = (q, lam), where p are the numbers in the
-    equations, each point of the path and each parameter take one solution of
+    With the static equations F(x, mu; p) = 0 in x = (q, lam), each point of the path and each
+    parameter take one solution of
 
-        R_x dx + R_mu dmu + R_p dp = 0
+        F_x dx + F_mu dmu + F_p dp = 0
 
-    with the exact tangent and directional derivatives of the kernels; only the model function is
-    differenced, see `sensitivities`. What `to` prescribes is constant: load factors, or an observed
-    position; then, the load factors have derivatives. Critical points move with the parameters:
-    the derivative of the load factor at a limit point is
-
-        dmu = -w^T R_p dp / w^T R_mu
-
-    with the left null vector w of R_x. At a branch point, w^T R_mu and, if the parameter preserves
-    the branch point, w^T R_p are zero, and the derivatives of the condition w^T R_x v = 0 are used,
-    with the right null vector v. See Godoy, Theory of Elastic Stability: Analysis and Sensitivity,
+    with the exact tangent; F_p is differenced along the model function, see `sensitivities`. What
+    `to` prescribes is constant: load factors, or an observed position; then, the load factors have
+    derivatives. In the rows of critical points, the derivatives are those of these points, which
+    move with the parameters. See Godoy, Theory of Elastic Stability: Analysis and Sensitivity,
     Taylor & Francis (1999), and Wriggers & Simo, Int. J. Numer. Meth. Eng. 30 (1990) 155,
     doi:10.1002/nme.1620300110.
 
