@@ -390,8 +390,8 @@ class FlutterPoint(RegularPoint):
     """Point of a path at which oscillations begin to grow.
 
     With damping, the real part of the critical eigenvalue is zero. Without damping, two eigenvalues
-    coalesce, where A is singular for a range of values: the change w^T (A_mu dmu + A_p dp) z is
-    zero there. It is evaluated between both, because the point is located up to a small error.
+    coalesce, where w^T A'(l) z is zero: the change w^T (A_mu dmu + A_p dp) z is zero there. The
+    result is averaged over both, because the point is located up to a small error.
     """
 
     system: MixedStatics
@@ -402,19 +402,23 @@ class FlutterPoint(RegularPoint):
         response = direction.along(self.respond(np.append(direction.forces(self.point), 0.0)).x)
         by_parameter = self._growth(response)
         by_load = self._growth(Direction.of_unknowns(self.point, self.system, load))
-        return response.along.plus(load, -float(np.real(by_parameter / by_load)))
+        return response.along.plus(load, -float(np.mean(np.real(by_parameter / by_load))))
 
-    def _growth(self, direction: Direction) -> complex:
-        """Return the change of the growth rate, or of the work without damping."""
-        pair = self._pair
+    def _growth(self, direction: Direction) -> Array:
+        """Return the changes of the growth rates, or of the works without damping."""
 
         def apply(system: MixedStatics, x: Array, mu: float) -> Array:
-            return apply_pencil(system.motion(x, mu), pair.value, pair.vector, system.idle)
+            lin = system.motion(x, mu)
+            return np.array(
+                [apply_pencil(lin, pair.value, pair.vector, system.idle) for pair in self._pairs]
+            )
 
-        change = direction.differentiate(self.point, apply)
+        changes = zip(self._pairs, direction.differentiate(self.point, apply), strict=True)
         if not self._is_damped:
-            return pair.work(change)
-        return pair.derivative(change, np.zeros_like(pair.shape))[0].real + 0j
+            return np.array([pair.work(change) for pair, change in changes])
+        return np.array(
+            [pair.derivative(x, np.zeros_like(pair.shape))[0].real for pair, x in changes]
+        )
 
     @cached_property
     def _motion(self) -> LinearizedEquations:
@@ -430,18 +434,20 @@ class FlutterPoint(RegularPoint):
         return bool(damping.nnz) and abs(damping).max() > 0.0
 
     @cached_property
-    def _pair(self) -> Eigenpair:
-        """Critical eigenpair with damping, and the mean of the two that coalesce without."""
-        found: list[tuple[complex, Array]] = []
+    def _pairs(self) -> list[Eigenpair]:
+        """Critical eigenpair with damping, and the two that coalesce without."""
+        found: list[Eigenpair] = []
         for group, rows in self._motion.split(self.system.system.equations.parts):
             # All modes of a small structure may be faster than as many modes of a large one.
             modes = solve_eigenproblem(group, _MODE_COUNT, max_damping_ratio=_MAX_GROWTH_DAMPING)
             shapes = np.zeros((len(modes.values), self._motion.equations.n), complex)
             shapes[:, rows] = modes.shapes.T
-            found += zip(modes.values.tolist(), shapes, strict=True)
-        found = [x for x in found if abs(x[0].imag) > _MIN_OSCILLATION * abs(x[0])]
+            pairs = zip(modes.values.tolist(), shapes, strict=True)
+            found += [Eigenpair(self._motion, *pair) for pair in pairs]
+        found = [x for x in found if abs(x.value.imag) > _MIN_OSCILLATION * abs(x.value)]
         if self._is_damped:
-            return Eigenpair(self._motion, *min(found, key=lambda x: abs(x[0].real / x[0])))
-        found.sort(key=lambda x: abs(x[0]))
-        near = min(pairwise(found), key=lambda x: abs(1.0 - x[0][0] / x[1][0]))
-        return Eigenpair(self._motion, sum(value for value, _ in near) / 2.0, near[0][1])
+            return [min(found, key=lambda x: abs(x.value.real / x.value))]
+        found.sort(key=lambda x: abs(x.value))
+        ratios = [one.value / other.value for one, other in pairwise(found)]
+        first = int(np.argmin(np.abs(1.0 - np.array(ratios))))
+        return found[first : first + 2]
