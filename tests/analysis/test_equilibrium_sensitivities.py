@@ -97,8 +97,8 @@ def post(stiffness=5.0, length=0.4, extra=0.0, side=0.0, tilt=0.0):
 
 @pytest.mark.slow(reason="a fifth of a second")
 def test_branch_point_of_a_post_has_a_closed_form():
+    names = ["stiffness", "length", "extra", "side", "tilt"]
     with pytest.warns(bd.BeamdaeWarning, match="tilt does not preserve the branch point"):
-        names = ["stiffness", "length", "extra", "side", "tilt"]
         result = bd.equilibrium_sensitivities(post, names, to=15.0)
     ((kind, load, *rates),) = result.critical_table().to_numpy()
     assert kind == "branch point"
