@@ -109,6 +109,31 @@ def test_branch_point_of_a_post_has_a_closed_form():
     assert np.isnan(rates[-1])
 
 
+@bd.model(t_end=1.0)
+def twin_posts(stiffness=5.0, other=5.0):
+    """Two posts, which buckle at the same load."""
+    mech = bd.Mechanism()
+    for name, x, spring in (("one", 0.0, stiffness), ("two", 1.0, other)):
+        rod = mech.add(bd.RigidBody(name, 1.0, 0.1, (x, 0.2)))
+        foot = mech.ground.at(x, 0.0)
+        mech.add(bd.Revolute(f"foot {name}", foot, rod.at(x, 0.0)))
+        mech.add(bd.TorsionSpring(f"spring {name}", foot, rod.at(x, 0.0), spring))
+        mech.add(bd.Force(f"press {name}", rod.at(x, 0.4), (0.0, -1.0)))
+    return mech
+
+
+@pytest.mark.slow(reason="a fifth of a second")
+@pytest.mark.filterwarnings("ignore:equilibrium:beamdae.BeamdaeWarning")
+def test_branch_points_with_two_critical_modes_have_no_derivative():
+    with pytest.warns(bd.BeamdaeWarning, match="several modes are critical there"):
+        result = bd.equilibrium_sensitivities(twin_posts, "stiffness", to=15.0)
+    assert result.critical_table().iloc[:, 2].isna().all()
+    single = bd.equilibrium_sensitivities(
+        twin_posts, "stiffness", to=13.0, parameters={"other": 6.0}
+    )
+    assert single.critical_table().iloc[0, 2] == pytest.approx(2.5, rel=1e-9)
+
+
 def limit_point(rise, stiffness, span):
     """Return load and height at the limit point, where the bars have the length (L0 s^2)^(1/3)."""
     length = (np.sqrt(span**2 + rise**2) * span**2) ** (1.0 / 3.0)

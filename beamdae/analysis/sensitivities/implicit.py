@@ -16,8 +16,9 @@ point, an eigenvalue of the linearized motion has no real part, or coalesces wit
 `eigenpairs`. Cf. Godoy, Theory of Elastic Stability: Analysis and Sensitivity, Taylor & Francis
 (1999); Wriggers & Simo, Int. J. Numer. Meth. Eng. 30 (1990) 155, doi:10.1002/nme.1620300110.
 
-Only explicit functions are differenced: F, s and products with F_x, along the neighboring models of
-a parameter or along a direction of x and mu.
+F_p follows from the numbers of neighboring models and the exact derivatives of F by these numbers.
+s and products with the matrices of F are differenced along the neighboring models, or along a
+direction of x and mu.
 """
 
 from __future__ import annotations
@@ -354,7 +355,10 @@ class SingularPoint:
         if self._is_limit:
             matrix = np.array([(self._by_xi, self._by_mu), matrix[0]])
             right = np.array([h, right[0]])
-        shares = np.linalg.solve(matrix, -right).tolist()
+        try:
+            shares = np.linalg.solve(matrix, -right).tolist()
+        except np.linalg.LinAlgError:
+            raise CurveError("its critical mode is not unique") from None
         change = direction.along
         for share, along in zip(shares, self._basis, strict=True):
             change = change.plus(along, share)

@@ -73,7 +73,7 @@ class EquilibriumSensitivities(ColumnSensitivities):
         Derivatives of the load factors (k, number of stages), coordinates (k, n) and multipliers
         (k, m) of the path with respect to each parameter, by its name, per unit of the parameter;
         NaN where they do not exist: in rows in which the mechanism can move without stiffness, and
-        at branch points that the parameter does not preserve.
+        at branch points that the parameter does not preserve or with several critical modes.
     warnings
         Warnings that the call issued.
     """
@@ -213,6 +213,7 @@ class _PathPoints:
         """
         path, (count, n), m = self.path, self.path.q.shape, len(self.loading.multiplier_rows)
         multipliers = np.zeros((count, m))
+        singular = {point.row for point in path.critical if point.kind in (LIMIT, BRANCH)}
         shapes = path.factors.shape, path.q.shape, multipliers.shape
         rates = {name: [np.full(shape, np.nan) for shape in shapes] for name in differences}
         for stage, system in enumerate(self.loading.systems):
@@ -232,11 +233,17 @@ class _PathPoints:
             for row, free in enumerate(path.free_coordinates):
                 if free or active_stage(path.factors[row]) != stage:
                     continue
-                point = self._find_point(row, stage, problem, here)
+                try:
+                    point = self._find_point(row, stage, problem, here)
+                    changes = {name: point.derivative(x) for name, x in directions.items()}
+                except CurveError:
+                    if row in singular:
+                        continue  # several modes are critical
+                    raise
                 multipliers[row] = point.point.x[n : n + m]
-                for name, (factors, q, lam) in rates.items():
-                    change = point.derivative(directions[name])
+                for name, change in changes.items():
                     if change is not None:
+                        factors, q, lam = rates[name]
                         factors[row], factors[row, stage : stage + 1] = 0.0, change.p
                         q[row], lam[row] = change.x[:n], change.x[n : n + m]
         return {
@@ -419,8 +426,9 @@ def equilibrium_sensitivities(
             if np.any(np.isnan(factors[name][point.row])):
                 warn_user(
                     f"{_NAME}: {name} does not preserve the {point.kind} at load factor "
-                    f"{point.factor:g}, so its derivative does not exist (NaN); differentiate "
-                    "limit points of the path with an imperfection instead."
+                    f"{point.factor:g}, or several modes are critical there, so its derivative "
+                    "does not exist (NaN); differentiate limit points of the path with an "
+                    "imperfection instead."
                 )
     return EquilibriumSensitivities(
         path, {name: float(values[name]) for name in names}, factors, q, lam, differences
