@@ -204,7 +204,6 @@ def test_regression_states_of_large_values_do_not_loosen_the_tolerance_of_bodies
     ("analysis", "sentence"),
     [
         (lambda: bd.modes(pid_stage, damping=False), "undamped modes are not supported with stat"),
-        (lambda: bd.mode_sensitivities(pid_stage, ["kp"]), "modes of models with states such as"),
     ],
 )
 def test_analyses_that_exclude_states_are_refused(analysis, sentence):

@@ -70,12 +70,15 @@ class MixedForm(NamedTuple):
         Derivatives J of the constraints, sparse (r, n).
     retardation
         Diagonal of tau, (r,).
+    multipliers
+        Multipliers of the state, then its stiff forces; of all parts.
     """
 
     stiffness: sp.csc_array
     damping: sp.csc_array
     rows: sp.csc_array
     retardation: Array
+    multipliers: Array
 
 
 @dataclass(frozen=True)
@@ -145,7 +148,7 @@ class LinearizedEquations:
             (2, 0, 0, tangent.mass),
         ]
         if self.mixed is not None:
-            _, _, rows, retardation = self.mixed
+            rows, retardation = self.mixed.rows, self.mixed.retardation
             blocks += [
                 (0, 0, size, rows.T),
                 (0, size, 0, rows),
@@ -215,15 +218,10 @@ class LinearizedEquations:
         if not len(retardation):
             return self
 
-        def convert(equations: EquationsOfMotion) -> EquationsOfMotion:
-            return (form if equations is e else introduce_resultants(equations)).equations
-
         def evaluate(lam: Array) -> LinearizedEquations:
-            tangent = tangent_at(state._replace(lam=lam), convert)
-            rows = sp.csc_array(tangent.position_jacobian[m:])
-            mixed = MixedForm(tangent.stiffness, tangent.damping, rows, retardation)
-            unmixed = self.tangent._replace(residual=tangent.residual[: e.n + m])
-            return replace(self, tangent=unmixed, mixed=mixed)
+            lin = linearize_in_mixed_form(e, state._replace(lam=lam), tangent_at)
+            unmixed = self.tangent._replace(residual=lin.tangent.residual[: e.n + m])
+            return replace(self, tangent=unmixed, mixed=lin.mixed)
 
         lam = np.append(state.lam[:m], np.zeros(len(retardation)))
         # Without forces, the constraints are the deformations.
@@ -305,8 +303,34 @@ class LinearizedEquations:
                 mixed.damping[q][:, q],
                 rows[used],
                 mixed.retardation[used],
+                mixed.multipliers,
             )
         return replace(self, equations=equations, tangent=part, mixed=mixed)
+
+
+def linearize_in_mixed_form(
+    e: EquationsOfMotion, state: State, tangent_at: Callable[[State, Convert], Tangent]
+) -> LinearizedEquations:
+    """Return the linearized equations about a state whose multipliers include the stiff forces.
+
+    Their residual includes the compliant constraints without these forces. `tangent_at` returns the
+    tangent of converted equations at a state.
+    """
+    m, form = e.m, introduce_resultants(e)
+
+    def convert(equations: EquationsOfMotion) -> EquationsOfMotion:
+        return (form if equations is e else introduce_resultants(equations)).equations
+
+    tangent = tangent_at(state, convert)
+    rows = sp.csc_array(tangent.position_jacobian[m:])
+    retardation = form.retardation[m:]
+    mixed = MixedForm(tangent.stiffness, tangent.damping, rows, retardation, state.lam)
+    own = tangent._replace(
+        reactions=sp.csc_array(tangent.reactions[:, :m]),
+        position_jacobian=sp.csc_array(tangent.position_jacobian[:m]),
+        velocity_jacobian=sp.csc_array(tangent.velocity_jacobian[:m]),
+    )
+    return LinearizedEquations(e, own, mixed=mixed if len(retardation) else None)
 
 
 def is_symmetric_matrix(matrix: sp.csc_array, tolerance: float = _EXACT_TOLERANCE) -> bool:

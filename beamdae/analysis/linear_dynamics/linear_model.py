@@ -22,8 +22,8 @@ from beamdae.analysis.linear_dynamics.linearization import (
 from beamdae.equations.assembly.building import build_equations
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.assembly.statement_checks import collect_statements
-from beamdae.equations.equations_of_motion import EquationsOfMotion, InputTerm, Observable, State
-from beamdae.equations.formulations.tangents import compute_tangent, differentiate_tangent
+from beamdae.equations.equations_of_motion import EquationsOfMotion, InputTerm, Observable
+from beamdae.equations.formulations.tangents import compute_tangent, differentiate_residual
 from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
@@ -579,8 +579,7 @@ def _differentiate_input(term: InputTerm, lin: Linearization) -> ModelInput:
     """Return an input of the mechanism, with exact derivatives of all formulas that contain it."""
     e, dp = lin.equations, np.zeros(len(lin.equations.p))
     dp[[k for x in e.inputs if x.name == term.name for k in x.indices]] = 1.0
-    at_rest = State(*map(np.zeros_like, lin.state))
-    change = differentiate_tangent(e, lin.time, lin.state, at_rest, dp).residual
+    change = differentiate_residual(e, lin.time, lin.state, dp)
     force, constraints = change[: e.n], _name_constraints(e, change[e.n :])
     if constraints and np.any(force):
         raise BeamdaeError(

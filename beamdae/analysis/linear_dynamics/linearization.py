@@ -20,7 +20,12 @@ import scipy.sparse as sp
 from beamdae.analysis.eigenproblems.eigensolution import massless_error
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.turning import find_turning
-from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading, build_loading
+from beamdae.analysis.statics.load_scaling import (
+    LoadedEquations,
+    Loading,
+    active_stage,
+    build_loading,
+)
 from beamdae.beams.remeshing import resolve_modes
 from beamdae.equations.commands import limit_warnings
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -57,9 +62,6 @@ _RPM = np.pi / 30.0  # rad/s
 TangentFunction = Callable[..., Tangent]
 
 REFERENCE = "reference"
-# Load factors that differ from one by less than this are treated as one, because Newton's method
-# does not reach one exactly.
-_FACTOR_TOLERANCE = 1e-9
 # Net forces above rounding and above this fraction of the largest force mean that the state is not
 # an equilibrium.
 _UNBALANCED_FORCE_RATIO = 1e-6
@@ -334,9 +336,7 @@ def load_path_end(
         return loading, loading.systems[0], 1.0
     stages = [list(stage) for stage in path.loads] or None
     loading = build_loading(model, full_equations, stages, path.t)
-    factors = path.factors[-1].tolist() or [1.0]
-    unfinished = (k for k, factor in enumerate(factors) if abs(factor - 1.0) > _FACTOR_TOLERANCE)
-    stage = next(unfinished, len(factors) - 1)
+    stage, factors = active_stage(path.factors[-1]), path.factors[-1].tolist() or [1.0]
     return loading, loading.systems[stage], factors[stage]
 
 

@@ -20,14 +20,13 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
 )
 from beamdae.analysis.sensitivities.run_derivatives import RunDerivatives
 from beamdae.analysis.sensitivities.sensitivity_result import (
-    SensitivityResult,
+    ColumnSensitivities,
     complete_parameters,
     require_parameters,
 )
-from beamdae.analysis.sensitivities.static_derivatives import plan_tangent_along
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.tangents import differentiate_tangent
+from beamdae.equations.formulations.tangents import compute_residual
 from beamdae.errors import (
     BeamdaeError,
     format_exception,
@@ -41,14 +40,13 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
-from beamdae.results.column_derivatives import derivative_columns, select_derivative
 from beamdae.results.periodic_motion import PeriodicMotion
 from beamdae.results.trajectory import Trajectory
 from beamdae.simulation import as_equations
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 Array = np.ndarray
 
@@ -67,7 +65,7 @@ _COMPARED_TIMES = 7
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class PeriodicSensitivities(SensitivityResult):
+class PeriodicSensitivities(ColumnSensitivities):
     """A periodic motion and its derivatives; see `periodic_sensitivities`.
 
     Attributes
@@ -95,38 +93,9 @@ class PeriodicSensitivities(SensitivityResult):
     def _summary(self) -> str:
         return repr(self.motion)
 
-    def sensitivity(self, column: str, parameter: str) -> pd.Series:
-        """Return the derivative of a column with respect to a parameter, over one period.
-
-        Parameters
-        ----------
-        column
-            Header of an observed column, with or without its unit.
-        parameter
-            Name of the parameter.
-
-        Returns
-        -------
-        pandas.Series
-            Derivative (k,) at fixed phases (t - t_start) / period, in the unit of the column per
-            unit of the parameter, indexed by time [s].
-
-        Raises
-        ------
-        BeamdaeError
-            If the parameter is not one of `parameters`, or the name selects no column or several
-            columns.
-        """
-        parameter = self._require_parameter("sensitivity", parameter)
-        index = measures.TIME, self.motion.solution.t
-        return select_derivative(self._columns[parameter], column, parameter, index)
-
-    def table(self) -> pd.DataFrame:
-        """Return time and the derivatives of all observed columns at fixed phases."""
-        import pandas as pd
-
-        times = {measures.TIME: self.motion.solution.t}
-        return pd.DataFrame({**times, **derivative_columns(self._columns)})
+    @property
+    def _index(self) -> tuple[str, Array]:
+        return measures.TIME, self.motion.solution.t
 
     @cached_property
     def _columns(self) -> dict[str, dict[str, Array]]:
@@ -247,7 +216,18 @@ def periodic_sensitivities(
             f"{_NAME}: {model.name} permits redundant constraints, which are not supported; remove "
             "redundant='minimum norm' and the redundant joints."
         )
-    problem = _ShootingDerivatives.of(model.name, motion, method, period is None)
+    period_map = PeriodMap.from_equations(
+        equations, method, float(motion.solution.t[0]), motion.period
+    )
+    run = PeriodRun(period_map, motion.solution)
+    matrix = ShootingMatrix.of(run, period is None, directions=run.rates, tolerance=EXACT_RANK)
+    singular_values = np.linalg.svd(matrix.values[:, :-1], compute_uv=False)
+    if not singular_values[-1] > _MIN_SINGULAR_VALUE * singular_values[0]:
+        raise BeamdaeError(
+            f"{_NAME}: neighboring motions of {model.name} are periodic, too, so the motion has no "
+            f"derivative with respect to {names[0]}; add damping, or omit period= for a "
+            "self-excited motion."
+        )
 
     def assemble(mechanism: Any) -> EquationsOfMotion:
         return as_equations(_NAME, mechanism, AS_DRAWN)
@@ -263,8 +243,8 @@ def periodic_sensitivities(
             lengths = [_evaluate_period(period, x) for x in changed]
             stretch = float(np.dot(difference.weights, lengths))
         elif period is not None:
-            problem.require_constant_period(difference)
-        periods[name], trajectories[name] = problem.differentiate(difference, stretch)
+            _require_constant_period(model.name, run, difference)
+        periods[name], trajectories[name] = _differentiate(matrix, method, difference, stretch)
         differences[name] = difference
     return PeriodicSensitivities(
         motion, {name: float(values[name]) for name in names}, periods, trajectories, differences
@@ -283,87 +263,47 @@ def _evaluate_period(period: Callable[..., Any], values: Mapping[str, Any]) -> f
     return require_positive(_NAME, "period", value)
 
 
-@dataclass(frozen=True)
-class _ShootingDerivatives:
-    """Derivatives of the solution of the shooting equations of a periodic motion.
+def _differentiate(
+    matrix: ShootingMatrix, method: Radau, difference: Difference, stretch: float
+) -> tuple[float, Trajectory]:
+    """Return the derivatives of the period and of the states at fixed times.
 
-    `matrix` is that of the derivatives of the state in terms of the basis of `run` and, if
-    `is_free`, of the relative period.
+    `stretch` is the derivative of a prescribed period.
     """
+    run, name, jacobian = matrix.run, difference.name, matrix.values[:, :-1]
+    last, count = run.solution.trajectory.intervals[-1].state, run.basis.shape[1]
+    end_rate = np.concatenate([last.v[-1], last.a[-1]])
+    phase, change = jacobian[count:, :count], np.zeros(len(run.scales))
+    for _ in range(_CORRECTIONS):
+        dq, dv = np.split(change, 2)
+        derivatives = RunDerivatives(run.solution, method, {name: difference}, {name: (dq, dv)})
+        along = derivatives.trajectories()[name]
+        first, end = along.intervals[0].state, along.intervals[-1].state
+        change = np.concatenate([first.q[0], first.v[0]])
+        defect = np.concatenate([end.q[-1], end.v[-1]]) + stretch * end_rate - change
+        inner = [run.projection @ defect, phase @ (run.projection @ change)]
+        correction = -np.linalg.solve(jacobian, np.concatenate(inner))
+        change = change + run.basis @ correction[:count]
+        stretch += run.period_map.period * float(np.sum(correction[count:]))
+    return stretch, along
 
-    model: str
-    run: PeriodRun
-    method: Radau
-    is_free: bool
-    matrix: Array
 
-    @classmethod
-    def of(
-        cls, model: str, motion: PeriodicMotion, method: Radau, is_free: bool
-    ) -> _ShootingDerivatives:
-        solution = motion.solution
-        start = float(solution.t[0])
-        period_map = PeriodMap.from_equations(solution.equations, method, start, motion.period)
-        run = PeriodRun(period_map, solution)
-        matrix = ShootingMatrix.of(run, is_free, directions=run.rates, tolerance=EXACT_RANK)
-        return cls(model, run, method, is_free, matrix.values[:, :-1])
+def _require_constant_period(model: str, run: PeriodRun, difference: Difference) -> None:
+    """Reject parameters that change the period of the loads."""
+    interval = run.solution.trajectory.intervals[0]
+    times = np.linspace(interval.t[0], interval.t[-1], _COMPARED_TIMES + 2)[1:-1]
 
-    def differentiate(self, difference: Difference, stretch: float) -> tuple[float, Trajectory]:
-        """Return the derivatives of the period and of the states at fixed times.
+    def evaluate(e: EquationsOfMotion) -> Array:
+        rows = []
+        for t, *state in zip(times.tolist(), *interval.at(times), strict=True):
+            branches = np.array([t, interval.branch]), np.full(2, t + run.period_map.period)
+            rows.append([compute_residual(e, branch, State(*state)) for branch in branches])
+        return np.array(rows)
 
-        `stretch` is the derivative of a prescribed period.
-        """
-        run, name = self.run, difference.name
-        values = np.linalg.svd(self.matrix, compute_uv=False)
-        if not values[-1] > _MIN_SINGULAR_VALUE * values[0]:
-            raise BeamdaeError(
-                f"{_NAME}: neighboring motions of {self.model} are periodic, too, so the motion "
-                f"has no derivative with respect to {name}; add damping, or omit period= for a "
-                "self-excited motion."
-            )
-        last = run.solution.trajectory.intervals[-1].state
-        end_rate = np.concatenate([last.v[-1], last.a[-1]])
-        first_rate = run.rates[0]
-        change = np.zeros(len(run.scales))
-        for _ in range(_CORRECTIONS):
-            dq, dv = np.split(change, 2)
-            starts = {name: (dq, dv)}
-            derivatives = RunDerivatives(run.solution, self.method, {name: difference}, starts)
-            along = derivatives.trajectories()[name]
-            change, end = (
-                np.concatenate([x.state.q[k], x.state.v[k]])
-                for x, k in ((along.intervals[0], 0), (along.intervals[-1], -1))
-            )
-            defect = run.projection @ (end + stretch * end_rate - change)
-            if self.is_free:
-                phase = first_rate @ (run.projection @ change) / np.linalg.norm(first_rate)
-                defect = np.append(defect, phase)
-            correction = -np.linalg.solve(self.matrix, defect)
-            count = run.basis.shape[1]
-            change = change + run.basis @ correction[:count]
-            stretch += run.period_map.period * float(np.sum(correction[count:]))
-        return stretch, along
-
-    def require_constant_period(self, difference: Difference) -> None:
-        """Reject parameters that change the period of the loads."""
-        run, e = self.run, difference.base
-        dp, plans = difference.derivative(lambda e: e.p), plan_tangent_along(difference)
-        interval = run.solution.trajectory.intervals[0]
-        times = np.linspace(interval.t[0], interval.t[-1], _COMPARED_TIMES + 2)[1:-1]
-        state = interval.at(times)
-        rest = State(np.zeros(e.n), np.zeros(e.n), np.zeros(e.n), np.zeros(e.m))
-        change, largest = 0.0, 0.0
-        for k, t in enumerate(times.tolist()):
-            at = State(*(x[k] for x in state))
-            branches = (np.array([t, interval.branch]), np.full(2, t + run.period_map.period))
-            now, later = (
-                differentiate_tangent(e, x, at, rest, dp, plans).residual for x in branches
-            )
-            change = max(change, float(np.max(np.abs(later - now))))
-            largest = max(largest, float(np.max(np.abs(now))))
-        if change > _MAX_LOAD_CHANGE * largest:
-            raise BeamdaeError(
-                f"{_NAME}: {difference.name} of {self.model} changes the period of loads or "
-                "drivers; pass period= as a function of the parameters, such as "
-                "lambda **values: 1.0 / values['frequency']."
-            )
+    now, later = np.moveaxis(difference.derivative(evaluate), 1, 0)
+    if np.max(np.abs(later - now)) > _MAX_LOAD_CHANGE * np.max(np.abs(now)):
+        raise BeamdaeError(
+            f"{_NAME}: {difference.name} of {model} changes the period of loads or drivers; pass "
+            "period= as a function of the parameters, such as "
+            "lambda **values: 1.0 / values['frequency']."
+        )

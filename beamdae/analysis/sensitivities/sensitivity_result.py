@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from beamdae.errors import (
     BeamdaeError,
     require_choice,
@@ -16,11 +18,14 @@ from beamdae.errors import (
     suggest,
 )
 from beamdae.model_functions import Model, require_model_function
+from beamdae.results.column_derivatives import derivative_columns, select_derivative
 from beamdae.results.displays import HasTable
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
     import pandas as pd
+
+Array = np.ndarray
 
 
 class SensitivityResult(HasTable, ABC):
@@ -44,6 +49,68 @@ class SensitivityResult(HasTable, ABC):
     def _require_parameter(self, caller: str, parameter: str) -> str:
         name: str = require_choice(caller, "parameter", parameter, list(self.parameters))
         return name
+
+
+class ColumnSensitivities(SensitivityResult):
+    """Derivatives of columns of a table with respect to parameters."""
+
+    @property
+    @abstractmethod
+    def _index(self) -> tuple[str, Array]:
+        """Name and values (k,) of the index of the columns."""
+
+    @property
+    @abstractmethod
+    def _columns(self) -> Mapping[str, Mapping[str, Array]]:
+        """Derivatives (k,) by parameter and header of the column."""
+
+    def _further_columns(self, parameter: str) -> Mapping[str, Array]:
+        """Return derivatives by header that the table omits."""
+        return {}
+
+    def sensitivity(self, column: str, parameter: str) -> pd.Series:
+        """Return the derivative of a column with respect to a parameter.
+
+        Parameters
+        ----------
+        column
+            Header of a column, with or without its unit, such as "tip.y".
+        parameter
+            Name of the parameter.
+
+        Returns
+        -------
+        pandas.Series
+            Derivative (k,) in the unit of the column per unit of the parameter; NaN where it does
+            not exist. The index is that of the analysis: load factors, numbers of modes, or times
+            [s] at fixed phases (t - t_start) / period.
+
+        Raises
+        ------
+        BeamdaeError
+            If the parameter is not one of `parameters`, or the name selects no column or several
+            columns.
+        """
+        parameter = self._require_parameter("sensitivity", parameter)
+        columns, name = self._columns[parameter], type(self).__name__
+        everything = {**self._further_columns(parameter), **columns}
+        return select_derivative(everything, column, parameter, self._index, name, columns)
+
+    def table(self) -> pd.DataFrame:
+        """Return the index and the derivatives of all columns, one row per value of the index.
+
+        The header of the derivative of "tip.y [m]" with respect to "E" is "d(tip.y)/d(E) [m per
+        unit of E]".
+        """
+        import pandas as pd
+
+        name, values = self._index
+        return pd.DataFrame({name: values, **self._values, **derivative_columns(self._columns)})
+
+    @property
+    def _values(self) -> Mapping[str, Array]:
+        """Columns of the table beside the derivatives."""
+        return {}
 
 
 def require_parameter_names(

@@ -9,23 +9,28 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.analysis.continuation.critical import FLUTTER
+from beamdae.analysis.continuation.critical import BRANCH, LIMIT
+from beamdae.analysis.continuation.engine import Control, CurveError, prescribe_parameter
+from beamdae.analysis.sensitivities.implicit import (
+    FlutterPoint,
+    MixedStatics,
+    ParameterDirection,
+    RegularPoint,
+    SingularPoint,
+    combine,
+    find_regular_point,
+)
 from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_observable
-from beamdae.analysis.sensitivities.path_derivatives import (
-    FlutterPoint,
-    PrescribedPoint,
-    SingularPoint,
-)
 from beamdae.analysis.sensitivities.sensitivity_result import (
-    SensitivityResult,
+    ColumnSensitivities,
     complete_parameters,
     require_parameters,
 )
-from beamdae.analysis.sensitivities.static_derivatives import LoadDerivatives
-from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading, build_loading
+from beamdae.analysis.statics.load_scaling import Loading, active_stage, build_loading
 from beamdae.analysis.statics.prescribed_column import PrescribedColumn
 from beamdae.analysis.statics.static_equilibrium import equilibrium
+from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import (
     BeamdaeError,
@@ -39,11 +44,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
-from beamdae.results.column_derivatives import (
-    derivative_columns,
-    derivative_header,
-    select_derivative,
-)
+from beamdae.results.column_derivatives import derivative_columns, derivative_header
 from beamdae.results.equilibrium import FACTOR, KIND, Equilibrium
 from beamdae.simulation import as_equations
 
@@ -52,16 +53,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Array = np.ndarray
-PathPoint = PrescribedPoint | SingularPoint | FlutterPoint
+PathPoint = RegularPoint | SingularPoint | FlutterPoint
 
 _NAME = "equilibrium_sensitivities"
-# Stages of loads are complete if their factors differ from one by less than this.
-_FACTOR_TOLERANCE = 1e-9
 
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class EquilibriumSensitivities(SensitivityResult):
+class EquilibriumSensitivities(ColumnSensitivities):
     """An equilibrium path and its derivatives; see `equilibrium_sensitivities`.
 
     Attributes
@@ -74,7 +73,7 @@ class EquilibriumSensitivities(SensitivityResult):
         Derivatives of the load factors (k, number of stages), coordinates (k, n) and multipliers
         (k, m) of the path with respect to each parameter, by its name, per unit of the parameter;
         NaN where they do not exist: in rows in which the mechanism can move without stiffness, and
-        at branch points that the parameter does not preserve.
+        at branch points that the parameter does not preserve or with several critical modes.
     warnings
         Warnings that the call issued.
     """
@@ -91,53 +90,26 @@ class EquilibriumSensitivities(SensitivityResult):
     def _summary(self) -> str:
         return f"{len(self.equilibrium.q)} rows to load factor {self.equilibrium.factor:g}"
 
-    def sensitivity(self, column: str, parameter: str) -> pd.Series:
-        """Return the derivative of a column with respect to a parameter, along the path.
+    @property
+    def _index(self) -> tuple[str, Array]:
+        return FACTOR, self.equilibrium.factors.sum(axis=1)
 
-        Parameters
-        ----------
-        column
-            Header of a load factor, observed column, coordinate or multiplier, with or without its
-            unit, as in `equilibrium["tip.y"]`.
-        parameter
-            Name of the parameter.
-
-        Returns
-        -------
-        pandas.Series
-            Derivative (k,) in the unit of the column per unit of the parameter, indexed by the load
-            factor.
-
-        Raises
-        ------
-        BeamdaeError
-            If the parameter is not one of `parameters`, or the name selects no column or several
-            columns.
-        """
-        parameter = self._require_parameter("sensitivity", parameter)
-        observed = self._columns[parameter]
-        headers = self.equilibrium.coordinate_columns()
-        values = np.hstack([self.q[parameter], self.lam[parameter]]).T
-        columns: dict[str, Array] = dict(zip(headers, values, strict=True))
-        columns |= observed
-        index = FACTOR, self.equilibrium.factors.sum(axis=1)
-        return select_derivative(columns, column, parameter, index, "Equilibrium", observed)
+    def _further_columns(self, parameter: str) -> dict[str, Array]:
+        """Return the derivatives of coordinates and multipliers."""
+        rates = np.hstack([self.q[parameter], self.lam[parameter]]).T
+        return dict(zip(self.equilibrium.coordinate_columns(), rates, strict=True))
 
     def table(self) -> pd.DataFrame:
         """Return the load factors and the derivatives of all observed columns, one row per point.
 
-        The header of the derivative of "tip.y [m]" with respect to "E" is "d(tip.y)/d(E) [m per
-        unit of E]". Load factors are differentiated where they are not prescribed.
+        Load factors are differentiated where they are not prescribed.
         """
         import pandas as pd
 
-        columns = {
-            header: column
-            for header, column in self.equilibrium.all_columns().items()
-            if header.startswith("load factor") or header == KIND
-        }
-        kinds = columns.pop(KIND)
-        return pd.DataFrame({**columns, **derivative_columns(self._columns), KIND: kinds})
+        columns = self.equilibrium.all_columns()
+        factors = {x: y for x, y in columns.items() if x.startswith("load factor")}
+        derivatives = derivative_columns(self._columns)
+        return pd.DataFrame({**factors, **derivatives, KIND: columns[KIND]})
 
     def critical_table(self) -> pd.DataFrame:
         """Return the critical points of the path and the derivatives of their load factors.
@@ -185,28 +157,24 @@ class EquilibriumSensitivities(SensitivityResult):
                 f"{short_repr(function)}."
             )
         difference, path = self._differences[parameter], self.equilibrium
-        neighbors = {
-            id(equations): replace(
+        values = []
+        for e, step in zip(difference.equations, difference.steps, strict=True):
+            neighbor = replace(
                 path,
-                equations=equations,
+                equations=e,
                 factors=path.factors + step * self.factors[parameter],
                 q=path.q + step * self.q[parameter],
                 lam=path.lam + step * self.lam[parameter],
             )
-            for equations, step in zip(difference.equations, difference.steps, strict=True)
-        }
-
-        def evaluate(e: EquationsOfMotion) -> Array:
             try:
-                return np.asarray(function(neighbors[id(e)]), float)
+                values.append(np.asarray(function(neighbor), dtype=float))
             except BeamdaeError:
                 raise
             except Exception as problem:
                 raise BeamdaeError(
                     f"derivative: the function failed: {format_exception(problem)}."
                 ) from problem
-
-        return difference.derivative(evaluate)
+        return combine(difference.weights, values)
 
     @cached_property
     def _columns(self) -> dict[str, dict[str, Array]]:
@@ -219,14 +187,12 @@ class EquilibriumSensitivities(SensitivityResult):
         rest = np.zeros_like(path.q)
         at = State(path.q, rest, rest, path.lam)
         along = {name: State(self.q[name], rest, rest, self.lam[name]) for name in self.q}
-        times = np.full((len(path.q), 2), path.t)
-        equations = path.observed_equations
+        times, equations = np.full((len(path.q), 2), path.t), path.observed_equations
         for number, observable in enumerate(equations.observables):
-            for name, rows in differentiate_observable(
-                equations, number, times, at, along, self._differences
-            ).items():
-                derivatives = dict(zip(observable.headers, rows.T, strict=True))
-                result[name] |= {x: y for x, y in derivatives.items() if x in path.columns}
+            rates = differentiate_observable(equations, number, times, at, along, self._differences)
+            for name, rows in rates.items():
+                derivatives = zip(observable.headers, rows.T, strict=True)
+                result[name] |= {x: y for x, y in derivatives if x in path.columns}
         return result
 
 
@@ -238,150 +204,101 @@ class _PathPoints:
     loading: Loading
 
     def differentiate(
-        self, difference: Difference, neighbors: Sequence[Loading]
-    ) -> tuple[Array, Array, Array]:
-        """Return the derivatives of the load factors, coordinates and multipliers of all rows.
+        self, differences: Mapping[str, Difference], neighbors: Mapping[str, Sequence[Loading]]
+    ) -> dict[str, tuple[Array, Array, Array]]:
+        """Return the derivatives of load factors, coordinates and multipliers by parameter.
 
-        `neighbors` are the loadings of the models of `difference`. Derivatives that do not exist
+        `neighbors` are the loadings of the models of `differences`. Derivatives that do not exist
         are NaN.
         """
-        path, loading = self.path, self.loading
-        stages = [
-            LoadDerivatives.of(difference, system, [x.systems[k] for x in neighbors])
-            for k, system in enumerate(loading.systems)
-        ]
-        factors, q = np.full_like(path.factors, np.nan), np.full_like(path.q, np.nan)
-        lam = np.full_like(self._multipliers, np.nan)
-        rates = self._column_rates(difference)
-        for row in range(len(path.q)):
-            if path.free_coordinates[row]:
-                continue
-            stage = self._stage(row)
-            point = self._point(row, stages[stage].system)
-            change = (
-                point.derivative(stages[stage], rates[row])
-                if isinstance(point, PrescribedPoint)
-                else point.derivative(stages[stage])
+        path, (count, n), m = self.path, self.path.q.shape, len(self.loading.multiplier_rows)
+        multipliers = np.zeros((count, m))
+        singular = {point.row for point in path.critical if point.kind in (LIMIT, BRANCH)}
+        shapes = path.factors.shape, path.q.shape, multipliers.shape
+        rates = {name: [np.full(shape, np.nan) for shape in shapes] for name in differences}
+        for stage, system in enumerate(self.loading.systems):
+            problem = StaticProblem(system)
+            here = MixedStatics(system, self._control(path.equations))
+            directions = {
+                name: ParameterDirection(
+                    difference,
+                    here,
+                    [
+                        MixedStatics(x.systems[stage], self._control(e), here.idle)
+                        for e, x in zip(difference.equations, neighbors[name], strict=True)
+                    ],
+                )
+                for name, difference in differences.items()
+            }
+            for row, free in enumerate(path.free_coordinates):
+                if free or active_stage(path.factors[row]) != stage:
+                    continue
+                try:
+                    point = self._find_point(row, stage, problem, here)
+                    changes = {name: point.derivative(x) for name, x in directions.items()}
+                except CurveError:
+                    if row in singular:
+                        continue  # several modes are critical
+                    raise
+                multipliers[row] = point.point.x[n : n + m]
+                for name, change in changes.items():
+                    if change is not None:
+                        factors, q, lam = rates[name]
+                        factors[row], factors[row, stage : stage + 1] = 0.0, change.p
+                        q[row], lam[row] = change.x[:n], change.x[n : n + m]
+        return {
+            name: (
+                factors + 0.0,  # no negative zeros in tables
+                q + 0.0,
+                self._restore(differences[name], neighbors[name], q, multipliers, lam) + 0.0,
             )
-            if change is not None:
-                factors[row] = 0.0
-                dx, factors[row, stage : stage + 1] = change
-                q[row], lam[row] = np.split(dx, [path.q.shape[1]])
-        # No negative zeros in tables.
-        return factors + 0.0, q + 0.0, self._restore(difference, neighbors, q, lam) + 0.0
+            for name, (factors, q, lam) in rates.items()
+        }
 
-    @cached_property
-    def _multipliers(self) -> Array:
-        """Multipliers of the constraints that are not redundant, (k, m)."""
-        path, loading = self.path, self.loading
-        if loading.reduction is None:
-            return path.lam[:, loading.multiplier_rows]
-        rows = []
-        for row, q in enumerate(path.q):
-            system, n = loading.systems[self._stage(row)], len(q)
-            x, mu = np.append(q, np.zeros(len(loading.multiplier_rows))), self._factor(row)
-            forces = system.residual(x, mu)[0][:n]
-            reactions = system.matrix(x, mu).toarray()[:n, n:]
-            rows.append(-np.linalg.lstsq(reactions, forces)[0])
-        return np.array(rows)
+    def _find_point(
+        self, row: int, stage: int, problem: StaticProblem, system: MixedStatics
+    ) -> PathPoint:
+        path, q = self.path, self.path.q[row]
+        mu = float(path.factors[row, stage]) if path.factors.shape[1] else 1.0
+        kind = {point.row: point.kind for point in path.critical}.get(row)
+        if kind in (LIMIT, BRANCH):
+            return SingularPoint.find(problem, q, mu, system, kind == LIMIT)
+        # The path begins at the load factor zero.
+        is_controlled = stage == path.factors.shape[1] - 1 and mu != 0.0 and kind is None
+        control = system.control if is_controlled else prescribe_parameter
+        point = find_regular_point(problem, q, mu, control)
+        if kind is not None:
+            return FlutterPoint(point, control, system)
+        return RegularPoint(point, control)
+
+    def _control(self, equations: EquationsOfMotion) -> Control:
+        """Return the quantity that the path prescribes at the end."""
+        to = self.path.settings["to"]
+        if not isinstance(to, Mapping):
+            return prescribe_parameter
+        time = self.loading.systems[0].loaded.time
+        return PrescribedColumn.from_name(equations, next(iter(to)), time)
 
     def _restore(
-        self, difference: Difference, neighbors: Sequence[Loading], q: Array, lam: Array
+        self,
+        difference: Difference,
+        neighbors: Sequence[Loading],
+        q: Array,
+        multipliers: Array,
+        lam: Array,
     ) -> Array:
         """Return the derivatives of all multipliers from those of independent constraints.
 
         The reactions of redundant constraints are differenced along the derivatives.
         """
-        path, loading = self.path, self.loading
-        result = np.full_like(path.lam, np.nan)
+        path, result = self.path, np.full_like(self.path.lam, np.nan)
         (rows,) = np.nonzero(np.isfinite(q).all(axis=1))
-        if loading.reduction is None:
-            result[rows] = 0.0
-            result[np.ix_(rows, loading.multiplier_rows)] = lam[rows]
-            return result
-        multipliers = {
-            id(e): neighbor.full_multipliers(
-                path.q[rows] + step * q[rows], self._multipliers[rows] + step * lam[rows]
-            )
-            for e, neighbor, step in zip(
-                difference.equations, neighbors, difference.steps, strict=True
-            )
-        }
-        result[rows] = difference.derivative(lambda e: multipliers[id(e)])
+        values = [
+            x.full_multipliers(path.q[rows] + s * q[rows], multipliers[rows] + s * lam[rows])
+            for x, s in zip(neighbors, difference.steps, strict=True)
+        ]
+        result[rows] = combine(difference.weights, values)
         return result
-
-    def lost(self, derivatives: tuple[Array, Array, Array]) -> list[int]:
-        """Return the numbers of the critical points whose derivatives do not exist."""
-        points = enumerate(self.path.critical)
-        return [k for k, point in points if np.any(np.isnan(derivatives[0][point.row]))]
-
-    def _stage(self, row: int) -> int:
-        factors = self.path.factors[row]
-        (unfinished,) = np.nonzero(np.abs(factors - 1.0) > _FACTOR_TOLERANCE)
-        return int(unfinished[0]) if len(unfinished) else max(len(factors) - 1, 0)
-
-    def _factor(self, row: int) -> float:
-        factors = self.path.factors[row]
-        return float(factors[self._stage(row)]) if len(factors) else 1.0
-
-    def _point(self, row: int, system: LoadedEquations) -> PathPoint:
-        """Return the point in a row; parameters with the same `system` share its factors."""
-        key = (row, id(system))
-        if key not in self._points:
-            self._points[key] = self._create_point(row, system)
-        return self._points[key]
-
-    @cached_property
-    def _points(self) -> dict[tuple[int, int], PathPoint]:
-        return {}
-
-    def _create_point(self, row: int, system: LoadedEquations) -> PathPoint:
-        path = self.path
-        x, mu = np.append(path.q[row], self._multipliers[row]), self._factor(row)
-        kinds = {point.row: point.kind for point in path.critical}
-        if row in kinds:
-            if kinds[row] == FLUTTER:
-                return FlutterPoint(system, x, mu)
-            return SingularPoint(system, x, mu, kinds[row]).refine()
-        gradient = np.zeros_like(x), 1.0
-        if self._control is not None and self._is_column_prescribed(row):
-            gradient = self._control.gradient(x), 0.0
-        return PrescribedPoint(system, x, mu, gradient)
-
-    def _is_column_prescribed(self, row: int) -> bool:
-        # The path begins at the load factor zero.
-        is_last = self._stage(row) == self.path.factors.shape[1] - 1
-        return is_last and bool(self.path.factors[row, -1] != 0.0)
-
-    @cached_property
-    def _control(self) -> PrescribedColumn | None:
-        """Prescribed observed position; None if load factors are prescribed."""
-        to = self.path.settings["to"]
-        if not isinstance(to, Mapping):
-            return None
-        time = self.loading.systems[0].loaded.time
-        return PrescribedColumn.from_name(self.path.equations, next(iter(to)), time)
-
-    def _column_rates(self, difference: Difference) -> Array:
-        """Return the derivative of the prescribed quantity at constant (x, mu) in each row."""
-        path, control = self.path, self._control
-        rates = np.zeros(len(path.q))
-        if control is None:
-            return rates
-        rest, none = np.zeros_like(path.q), np.zeros_like(path.lam)
-        number = [o is control.observable for o in path.equations.observables].index(True)
-        times = np.full((len(path.q), 2), path.t)
-        along = {difference.name: State(rest, rest, rest, none)}
-        columns = differentiate_observable(
-            path.observed_equations,
-            number,
-            times,
-            State(path.q, rest, rest, path.lam),
-            along,
-            {difference.name: difference},
-        )[difference.name]
-        is_prescribed = [self._is_column_prescribed(row) for row in range(len(path.q))]
-        return np.where(is_prescribed, columns[:, control.column], 0.0)
 
 
 @interruptible
@@ -402,21 +319,15 @@ def equilibrium_sensitivities(
 ) -> EquilibriumSensitivities:
     """Compute an equilibrium path and differentiate it with respect to parameters of the model.
 
-    With the static equations R(x; mu, p) = 0 in x = (q, lam), where p are the numbers in the
-    equations, each point of the path and each parameter take one solution of
+    With the static equations F(x, mu; p) = 0 in x = (q, lam), each point of the path and each
+    parameter take one solution of
 
-        R_x dx + R_mu dmu + R_p dp = 0
+        F_x dx + F_mu dmu + F_p dp = 0
 
-    with the exact tangent and directional derivatives of the kernels; only the model function is
-    differenced, see `sensitivities`. What `to` prescribes is constant: load factors, or an observed
-    position; then, the load factors have derivatives. Critical points move with the parameters:
-    the derivative of the load factor at a limit point is
-
-        dmu = -w^T R_p dp / w^T R_mu
-
-    with the left null vector w of R_x. At a branch point, w^T R_mu and, if the parameter preserves
-    the branch point, w^T R_p are zero, and the derivatives of the condition w^T R_x v = 0 are used,
-    with the right null vector v. See Godoy, Theory of Elastic Stability: Analysis and Sensitivity,
+    with the exact tangent; F_p is differenced along the model function, see `sensitivities`. What
+    `to` prescribes is constant: load factors, or an observed position; then, the load factors have
+    derivatives. In the rows of critical points, the derivatives are those of these points, which
+    move with the parameters. See Godoy, Theory of Elastic Stability: Analysis and Sensitivity,
     Taylor & Francis (1999), and Wriggers & Simo, Int. J. Numer. Meth. Eng. 30 (1990) 155,
     doi:10.1002/nme.1620300110.
 
@@ -493,24 +404,42 @@ def equilibrium_sensitivities(
         source = equations if mechanism is None else mechanism
         return build_loading(source, equations, stages, path.t)
 
-    points = _PathPoints(path, load(path.equations))
     differences = {
         name: difference_model(model, name, values, path.equations, assemble, moves_operators=True)
         for name in names
     }
-    derivatives = {}
     with single_threaded:
-        for name, difference in differences.items():
-            derivatives[name] = points.differentiate(
-                difference, [load(equations) for equations in difference.equations]
-            )
-            for point in points.lost(derivatives[name]):
-                warn_user(
-                    f"{_NAME}: {name} does not preserve the {path.critical[point].kind} at load "
-                    f"factor {path.critical[point].factor:g}, so its derivative does not exist "
-                    "(NaN); differentiate limit points of the path with an imperfection instead."
-                )
+        points = _PathPoints(path, load(path.equations))
+        neighbors = {name: list(map(load, x.equations)) for name, x in differences.items()}
+        for name in names:
+            _require_same_multipliers(name, points.loading, neighbors[name])
+        try:
+            derivatives = points.differentiate(differences, neighbors)
+        except CurveError as error:
+            raise BeamdaeError(
+                f"{_NAME}: an equilibrium of the path of {model.name} has no derivative, because "
+                f"{error}; add a spring or a joint, or end the path before this equilibrium."
+            ) from None
     factors, q, lam = ({name: x[k] for name, x in derivatives.items()} for k in range(3))
+    for name in names:
+        for point in path.critical:
+            if np.any(np.isnan(factors[name][point.row])):
+                warn_user(
+                    f"{_NAME}: {name} does not preserve the {point.kind} at load factor "
+                    f"{point.factor:g}, or several modes are critical there, so its derivative "
+                    "does not exist (NaN); differentiate limit points of the path with an "
+                    "imperfection instead."
+                )
     return EquilibriumSensitivities(
         path, {name: float(values[name]) for name in names}, factors, q, lam, differences
     )
+
+
+def _require_same_multipliers(name: str, loading: Loading, neighbors: Sequence[Loading]) -> None:
+    """Reject a parameter that changes which constraints are independent."""
+    names = [x.equations.lam_names for x in loading.systems]
+    if any([x.equations.lam_names for x in other.systems] != names for other in neighbors):
+        raise BeamdaeError(
+            f"{_NAME}: {name} changes the structure of the equations; use differences of results "
+            "for this parameter."
+        )

@@ -28,6 +28,9 @@ from beamdae.results.section_forces.applied_loads import GRAVITY
 Array = np.ndarray
 Stages = tuple[tuple[str, ...], ...]
 
+# Load factors that differ from one by less than this are treated as one, because Newton's method
+# does not reach one exactly.
+_FACTOR_TOLERANCE = 1e-9
 _LOADS_DESCRIPTION = "names of loads (or 'gravity'), or lists of such names, one per stage"
 
 
@@ -170,6 +173,12 @@ class LoadedEquations:
     def at_factor(self, mu: float) -> FixedFactorEquations | StaticEquations:
         """Return the static equations under a fixed load factor."""
         return FixedFactorEquations(self, mu) if self.varied is None else self.varied.at(mu)
+
+
+def active_stage(factors: Array) -> int:
+    """Return the number of the stage of loads that a row of load factors (stages,) belongs to."""
+    (unfinished,) = np.nonzero(np.abs(factors - 1.0) > _FACTOR_TOLERANCE)
+    return int(unfinished[0]) if len(unfinished) else max(len(factors) - 1, 0)
 
 
 def interpolate_tangents(unloaded: Tangent, loaded: Tangent, mu: float) -> Tangent:

@@ -16,17 +16,11 @@ from beamdae.equations.formulations.first_order import (
     FirstOrderForm,
     evaluate_jacobian_parts,
     formulate_first_order,
-    plan_jacobian,
     plan_residual,
 )
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.symbolic.sums.directional_sums import directional_plan
-from beamdae.symbolic.sums.kernel_sums import (
-    SumPlan,
-    evaluate_sum,
-    set_matrix_factors,
-    set_time,
-)
+from beamdae.symbolic.sums.kernel_sums import SumPlan, evaluate_sum, set_time
 
 Array = np.ndarray
 
@@ -124,29 +118,20 @@ def tangent_of(
     return compute_tangent(convert(e) if convert else e, time, state)
 
 
-def differentiate_tangent(
-    e: EquationsOfMotion,
-    time: Array,
-    state: State,
-    along: State,
-    dp: Array,
-    plans: tuple[SumPlan, SumPlan] | None = None,
-) -> Tangent:
-    """Return the derivative of the `Tangent` along a direction of the state and of p.
+def differentiate_residual(
+    e: EquationsOfMotion, time: Array, state: State, dp: Array, plan: SumPlan | None = None
+) -> Array:
+    """Return the derivative of the residual of the `Tangent` along a direction of p.
 
-    The derivative is exact up to rounding: the kernels are differentiated. `plans` are directional
-    derivatives of `plan_tangent`, if operators depend on the direction.
+    It is exact up to rounding. `plan` is the directional derivative of `plan_tangent_residual`, if
+    operators depend on the direction.
     """
-    form = _formulate(e)
-    inputs = np.concatenate([*form.pack(state), *form.pack(along), dp])
-    residual, nonzeros = np.zeros(form.size), np.zeros(2 * form.pattern.nnz)
-    residual_plan, tangent_plan = plans or _plan_directional_sums(e.structure)
-    total = tangent_plan.sum(False, e.p)
-    set_matrix_factors(total, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-    for each, result in ((residual_plan.sum(False, e.p), residual), (total, nonzeros)):
-        set_time(each, *time)
-        evaluate_sum(each, inputs, result)
-    return _create_tangent(form, nonzeros, residual)
+    form, zeros = _formulate(e), State(*map(np.zeros_like, state))
+    inputs, result = np.concatenate([*form.pack(state), *form.pack(zeros), dp]), np.zeros(form.size)
+    total = (plan or _plan_directional_residual(e.structure)).sum(False, e.p)
+    set_time(total, *time)
+    evaluate_sum(total, inputs, result)
+    return result[e.n :]
 
 
 def _formulate(e: EquationsOfMotion) -> FirstOrderForm:
@@ -154,16 +139,13 @@ def _formulate(e: EquationsOfMotion) -> FirstOrderForm:
 
 
 @cache_on_owner
-def _plan_directional_sums(structure: Structure) -> tuple[SumPlan, SumPlan]:
-    """Return the directional derivatives of the residual and the Jacobian of the form."""
-    size = 2 * (2 * structure.n + structure.m)
-    residual, jacobian = plan_tangent(structure)
-    return directional_plan(residual, size), directional_plan(jacobian, size)
+def _plan_directional_residual(structure: Structure) -> SumPlan:
+    return directional_plan(*plan_tangent_residual(structure))
 
 
-def plan_tangent(structure: Structure) -> tuple[SumPlan, SumPlan]:
-    """Return the plans of the residual and of the matrices of `compute_tangent`."""
-    return plan_residual(structure, "index3"), plan_jacobian(structure, "index3", True)[1]
+def plan_tangent_residual(structure: Structure) -> tuple[SumPlan, int]:
+    """Return the plan of the residual of the `Tangent`, and the size of its inputs."""
+    return plan_residual(structure, "index3"), 2 * (2 * structure.n + structure.m)
 
 
 def _create_tangent(form: FirstOrderForm, nonzeros: Array, residual: Array) -> Tangent:

@@ -263,8 +263,13 @@ def center_warning(e: EquationsOfMotion, rotation: Rotation) -> str:
 
 def rotation_velocities(e: EquationsOfMotion, q: Array, rotation: Rotation) -> Array:
     """Return the velocities (n,) of a rigid rotation of the whole mechanism at positions q."""
+    return rotating_state(e, rotation, q, np.zeros(e.m)).v
+
+
+def rotating_state(e: EquationsOfMotion, rotation: Rotation, q: Array, lam: Array) -> State:
+    """Return the state at positions q that rotates with the mechanism."""
     frame = RotatingCoordinates.from_equations(e)
-    return _rotating_state(frame, rotation, rotation.speed, q, np.zeros(e.m)).v
+    return _rotating_state(frame, rotation, rotation.speed, q, lam)
 
 
 def _rotating_state(

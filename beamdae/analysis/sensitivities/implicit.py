@@ -1,0 +1,457 @@
+"""Derivatives of equilibria F(x, mu; p) = 0 by the implicit function theorem.
+
+x are coordinates, multipliers and the forces of stiff parts, mu is the load factor. Where a control
+s(x, mu; p) is prescribed, such as the load factor, the derivatives of a point solve
+
+    [F_x F_mu; s_x s_mu] (dx, dmu) = -(F_p, s_p) dp.
+
+At limit and branch points, F_x is singular. With a vector b near its null vectors, the bordered
+equations F(x, mu; p) + h b = 0, b^T x = xi define h(xi, mu; p), all of whose derivatives follow
+from solutions with [F_x b; b^T 0]: the last component of (x', h') for the right-hand side
+-(F_mu, 0) is h_mu, and that for -(dF_x v + dF_mu u, 0), with the change of the tangent along one
+direction and another direction (v, u), is the mixed second derivative. A limit point solves
+h = h_xi = 0. A branch point solves h_xi = h_mu = 0 together with h = 0, which holds for all values
+of a parameter that preserves the branch point, such as those of symmetric structures. At a flutter
+point, an eigenvalue of the linearized motion has no real part, or coalesces with another one, see
+`eigenpairs`. Cf. Godoy, Theory of Elastic Stability: Analysis and Sensitivity, Taylor & Francis
+(1999); Wriggers & Simo, Int. J. Numer. Meth. Eng. 30 (1990) 155, doi:10.1002/nme.1620300110.
+
+F_p follows from the numbers of neighboring models and the exact derivatives of F by these numbers.
+s and products with the matrices of F are differenced along the neighboring models, or along a
+direction of x and mu.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from beamdae.analysis.continuation.critical import critical_mode
+from beamdae.analysis.continuation.engine import (
+    Control,
+    CurveError,
+    Factors,
+    Point,
+    Tangent,
+    prescribe_parameter,
+)
+from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
+from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.sensitivities.eigenpairs import Eigenpair, apply_pencil, linearize_at
+from beamdae.analysis.sensitivities.model_differences import (
+    Difference,
+    forms_of,
+    with_structure,
+)
+from beamdae.analysis.sensitivities.operator_changes import directional_plan_along
+from beamdae.analysis.statics.load_scaling import LoadedEquations
+from beamdae.analysis.statics.static_problem import StaticProblem
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.compliant_equations import introduce_resultants
+from beamdae.equations.formulations.static_equations import StaticEquations
+from beamdae.equations.formulations.tangents import differentiate_residual, plan_tangent_residual
+
+Array = np.ndarray
+
+# Differences of fourth order along directions of the unknowns: values, weights of the derivative,
+# and the motion in natural sizes.
+_STEPS, _WEIGHTS = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
+_MOTION = 1e-3
+# Newton corrections of critical points, which paths locate up to 1e-7 of the load factor.
+_REFINEMENTS = 2
+# A parameter preserves a branch point if its forces along the critical mode, in the neighboring
+# models, are below this fraction of those that the load exerts on the mode at its natural size.
+_MAX_IMPERFECTION = 1e-8
+# Number of modes among which critical ones are sought. Modes with a larger damping ratio are not
+# about to grow and do not count: strong damping slows many modes down to nearly the same rate.
+_MODE_COUNT, _MAX_GROWTH_DAMPING = 12, 0.5
+# Eigenvalues with a smaller imaginary part, relative to their magnitude, do not oscillate.
+_MIN_OSCILLATION = 1e-3
+
+
+class MixedStatics:
+    """Static equations of a load stage with the forces of stiff parts as unknowns.
+
+    Results omit a linear function of the unknowns that is the same in neighboring models.
+
+    Parameters
+    ----------
+    system
+        The load stage.
+    control
+        Quantity that the path prescribes.
+    idle
+        Indices of the forces of springs without stiffness in the model that is differentiated. In
+        models next to it, these forces follow from the deformations. Defaults to those of the
+        system.
+    """
+
+    def __init__(
+        self, system: LoadedEquations, control: Control, idle: Array | None = None
+    ) -> None:
+        unloaded, loaded = (
+            StaticEquations(introduce_resultants(x.equations).equations, x.time)
+            for x in (system.unloaded, system.loaded)
+        )
+        self.system, self.control = system, control
+        self.mixed = replace(system, unloaded=unloaded, loaded=loaded)
+        if idle is None:
+            e, first = loaded.equations, system.equations.n + system.equations.m
+            rows = loaded.matrix(e.q0, np.zeros(e.m))[first:]
+            idle = first + np.flatnonzero(abs(rows).sum(axis=1) == 0.0)
+        self.idle = idle
+
+    def residual(self, x: Array, mu: float) -> Array:
+        """Return F, (n + m,)."""
+        result = self.mixed.residual(self._deform(x, mu), mu)[0]
+        result[self.idle] = 0.0
+        return result
+
+    def product(self, x: Array, mu: float, along: Tangent) -> Array:
+        """Return F_x along.x + F_mu along.p."""
+        x, dx = self._deform(x, mu), along.x.copy()
+        matrix, by_parameter = self.mixed.matrix(x, mu), self.mixed.residual(x, mu)[1]
+        dx[self.idle] = 0.0
+        dx[self.idle] = (matrix @ dx)[self.idle]
+        result = matrix @ dx + along.p * by_parameter
+        result[self.idle] = 0.0
+        return np.asarray(result)
+
+    def motion(self, x: Array, mu: float) -> LinearizedEquations:
+        """Return the equations of motion about an equilibrium."""
+        e, tangent_at = self.system.equations, partial(self.system.motion_tangent, mu)
+        return linearize_at(e, tangent_at, self._deform(x, mu))
+
+    def _deform(self, x: Array, mu: float) -> Array:
+        if self.idle.size:
+            x = x.copy()
+            x[self.idle] = self.mixed.residual(x, mu)[0][self.idle]
+        return x
+
+
+class Direction(NamedTuple):
+    """Direction of a parameter, or of the unknowns, with models next to a point along it.
+
+    Attributes
+    ----------
+    systems
+        Static equations of these models.
+    steps, weights
+        Distances of these models, and their weights in a derivative.
+    along
+        Derivatives of x and mu along the direction.
+    """
+
+    systems: Sequence[MixedStatics]
+    steps: Sequence[float]
+    weights: Sequence[float]
+    along: Tangent
+
+    @classmethod
+    def of_unknowns(cls, point: Point, system: MixedStatics, along: Tangent) -> Direction:
+        """Return a direction of x and mu at a point of a system."""
+        step = _MOTION / (point.problem.measure(along.x) or 1.0)
+        steps, weights = (_STEPS * step).tolist(), (_WEIGHTS / step).tolist()
+        return cls([system] * len(steps), steps, weights, along)
+
+    def differentiate(
+        self, point: Point, function: Callable[[MixedStatics, Array, float], Array]
+    ) -> Array:
+        """Return the derivative of a function of the system, x and mu along the direction."""
+        values = [
+            function(system, point.x + step * self.along.x, point.p + step * self.along.p)
+            for system, step in zip(self.systems, self.steps, strict=True)
+        ]
+        return combine(self.weights, values)
+
+
+class ParameterDirection:
+    """Direction of a parameter.
+
+    Derivatives of F are exact: differences of small deformations would contain rounding errors that
+    observed axial and shear forces enlarge.
+
+    Parameters
+    ----------
+    difference
+        Neighboring models.
+    here, neighbors
+        Equations of the model and of these models.
+    """
+
+    def __init__(
+        self, difference: Difference, here: MixedStatics, neighbors: Sequence[MixedStatics]
+    ) -> None:
+        self.reach = max(map(abs, difference.steps))
+        self._models, self._here = (neighbors, difference.steps, difference.weights), here
+        self._parts = [
+            _derive_statics(
+                difference,
+                getattr(here.mixed, part),
+                [getattr(x.mixed, part).equations for x in neighbors],
+            )
+            for part in ("unloaded", "loaded")
+        ]
+
+    def along(self, x: Array, mu: float = 0.0) -> Direction:
+        """Return the direction with these derivatives of the unknowns."""
+        return Direction(*self._models, Tangent(x, mu))
+
+    def forces(self, point: Point) -> Array:
+        """Return F_p."""
+        with np.errstate(invalid="ignore"):
+            unloaded, loaded = (part(point.x) for part in self._parts)
+            change = unloaded + point.p * (loaded - unloaded)
+        if self._here.idle.size:
+            # The root of a stiffness has no derivative at zero.
+            at = self.along(np.zeros_like(point.x))
+            differences = at.differentiate(point, MixedStatics.residual)
+            change = np.where(np.isfinite(change), change, differences)
+        return change
+
+    def control_rate(self, point: Point) -> float:
+        """Return the derivative of the prescribed quantity at constant x and mu."""
+
+        def evaluate(system: MixedStatics, x: Array, mu: float) -> Array:
+            return np.array(system.control(x, mu).value)
+
+        return float(self.along(np.zeros_like(point.x)).differentiate(point, evaluate))
+
+
+def _derive_statics(
+    difference: Difference, here: StaticEquations, neighbors: Sequence[EquationsOfMotion]
+) -> Callable[[Array], Array]:
+    """Return the derivative of static equations along a parameter, as a function of (q, lam)."""
+    base, first = here.equations, neighbors[0]
+    is_moved = any(e.structure != first.structure for e in neighbors)
+    if not is_moved and (base.structure, forms_of(base)) != (first.structure, forms_of(first)):
+        # The base contains all forces of the neighboring models.
+        base = with_structure(base, neighbors, difference.steps)
+    part = replace(difference, base=base, equations=tuple(neighbors))
+    dp, rest, plan = part.derivative(lambda e: e.p), np.zeros(base.n), None
+    if is_moved or base.structure != first.structure:
+        size = plan_tangent_residual(base.structure)[1]
+        plan = directional_plan_along(part, lambda e: plan_tangent_residual(e.structure)[0], size)
+
+    def differentiate(x: Array) -> Array:
+        state = State(x[: base.n], rest, rest, x[base.n :])
+        return differentiate_residual(base, here.time, state, dp, plan)
+
+    return differentiate
+
+
+def combine(weights: Sequence[float], values: Sequence[Array]) -> Array:
+    """Return the derivative of a function, given its values in neighboring models."""
+    # The sum of the weights is zero; differences make derivatives of constants exactly zero.
+    first, *others = values
+    return np.asarray(sum(w * (x - first) for w, x in zip(weights[1:], others, strict=True)))
+
+
+def find_regular_point(problem: StaticProblem, q: Array, mu: float, control: Control) -> Point:
+    """Return the point with these positions and this load factor."""
+    x = _deform(problem, q, mu)
+    return problem.correct(control, control(x, mu).value, x, mu)
+
+
+def _deform(problem: StaticProblem, q: Array, mu: float) -> Array:
+    """Return the unknowns at positions q, with the forces that follow from deformations alone."""
+    x, first = problem.start(q), problem.rigid_size
+    x[first:] = problem.residual(x, mu)[0][first:]
+    return x
+
+
+@dataclass(frozen=True, eq=False)
+class RegularPoint:
+    """Point of a path at which a control is prescribed."""
+
+    point: Point
+    control: Control
+
+    def derivative(self, direction: ParameterDirection) -> Tangent | None:
+        """Return dx and dmu."""
+        is_load = self.control is prescribe_parameter
+        rate = 0.0 if is_load else direction.control_rate(self.point)
+        return self.respond(np.append(direction.forces(self.point), rate))
+
+    def respond(self, change: Array) -> Tangent:
+        """Return the change of the unknowns that balances a change of the equations and control.
+
+        Raises
+        ------
+        CurveError
+            If the tangent is singular.
+        """
+        solution = self._factors.solve(-change)
+        if not np.all(np.isfinite(solution)):
+            raise CurveError("its tangent stiffness is singular")
+        return Tangent(solution[:-1], float(solution[-1]))
+
+    @cached_property
+    def _factors(self) -> Factors:
+        row = self.control(self.point.x, self.point.p)
+        return self.point.bordered(self.point.linearization.by_parameter, row.x, row.p)
+
+
+class SingularPoint:
+    """Limit or branch point of a path.
+
+    Parameters
+    ----------
+    point
+        The point, or one nearby.
+    system
+        Its equations.
+    is_limit
+        True for a limit point.
+    """
+
+    def __init__(self, point: Point, system: MixedStatics, is_limit: bool) -> None:
+        self.point, self._system, self._is_limit = point, system, is_limit
+        border = point.problem.mode_weights**2 * critical_mode(point)
+        self._factors, linear = point.bordered(border, border, 0.0), point.linearization
+        # Derivatives of x and h by xi and mu.
+        mode, self._by_xi = self._solve(np.zeros_like(point.x), 1.0)
+        response, self._by_mu = self._solve(-linear.by_parameter)
+        self._basis = Tangent(mode, 0.0), Tangent(response, 1.0)
+        directions = [Direction.of_unknowns(point, system, x) for x in self._basis]
+        self._hessian = np.array([self._slopes(x) for x in directions])
+
+    @classmethod
+    def find(
+        cls, problem: StaticProblem, q: Array, mu: float, system: MixedStatics, is_limit: bool
+    ) -> SingularPoint:
+        """Return the singular point next to these positions and this load factor."""
+        x = _deform(problem, q, mu)
+        found = cls(Point(problem, x, mu, problem.linearize(x, mu)), system, is_limit)
+        found = found._move(Tangent(found._unbalance()[0], 0.0))
+        for _ in range(_REFINEMENTS):
+            response, h = found._unbalance()
+            direction = Direction.of_unknowns(found.point, system, Tangent(response, 0.0))
+            found = found._move(found._change(direction, h, (found._by_xi, found._by_mu)))
+        return found
+
+    def derivative(self, direction: ParameterDirection) -> Tangent | None:
+        """Return dx and dmu; None if the parameter does not preserve a branch point."""
+        response, h = self._solve(-direction.forces(self.point))
+        by_load = self._hessian[0, 1] * self.point.p
+        if not self._is_limit and abs(h) * direction.reach > _MAX_IMPERFECTION * abs(by_load):
+            return None
+        return self._change(direction.along(response), h)
+
+    def _change(
+        self, direction: Direction, h: float, slopes: tuple[float, float] = (0.0, 0.0)
+    ) -> Tangent:
+        """Return the change of x and mu after which the equations of the point hold.
+
+        `direction` and `h` are the changes at constant xi and mu; `slopes` are added to those of
+        the derivatives of h.
+        """
+        matrix, right = self._hessian, slopes + self._slopes(direction)
+        if self._is_limit:
+            matrix = np.array([(self._by_xi, self._by_mu), matrix[0]])
+            right = np.array([h, right[0]])
+        try:
+            shares = np.linalg.solve(matrix, -right).tolist()
+        except np.linalg.LinAlgError:
+            raise CurveError("its critical mode is not unique") from None
+        change = direction.along
+        for share, along in zip(shares, self._basis, strict=True):
+            change = change.plus(along, share)
+        return change
+
+    def _slopes(self, direction: Direction) -> Array:
+        """Return the changes of the derivatives of h by xi and mu along a direction."""
+
+        def multiply(along: Tangent, system: MixedStatics, x: Array, mu: float) -> Array:
+            return system.product(x, mu, along)
+
+        changes = (direction.differentiate(self.point, partial(multiply, x)) for x in self._basis)
+        return np.array([self._solve(-x)[1] for x in changes])
+
+    def _unbalance(self) -> tuple[Array, float]:
+        return self._solve(-self.point.linearization.residual)
+
+    def _move(self, change: Tangent) -> SingularPoint:
+        point, problem = self.point, self.point.problem
+        x, mu = point.x + change.x, point.p + change.p
+        point = Point(problem, x, mu, problem.linearize(x, mu))
+        return SingularPoint(point, self._system, self._is_limit)
+
+    def _solve(self, right: Array, last: float = 0.0) -> tuple[Array, float]:
+        solution = self._factors.solve(np.append(right, last))
+        if not np.all(np.isfinite(solution)):
+            raise CurveError("its critical mode is not unique")
+        return solution[:-1], float(solution[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class FlutterPoint(RegularPoint):
+    """Point of a path at which oscillations begin to grow.
+
+    With damping, the real part of the critical eigenvalue is zero. Without damping, two eigenvalues
+    coalesce, where w^T A'(l) z is zero: the change w^T (A_mu dmu + A_p dp) z is zero there. The
+    result is averaged over both, because the point is located up to a small error.
+    """
+
+    system: MixedStatics
+
+    def derivative(self, direction: ParameterDirection) -> Tangent | None:
+        """Return dx and dmu."""
+        load = self.respond(np.append(np.zeros_like(self.point.x), -1.0))
+        response = direction.along(self.respond(np.append(direction.forces(self.point), 0.0)).x)
+        by_parameter = self._growth(response)
+        by_load = self._growth(Direction.of_unknowns(self.point, self.system, load))
+        return response.along.plus(load, -float(np.mean(np.real(by_parameter / by_load))))
+
+    def _growth(self, direction: Direction) -> Array:
+        """Return the changes of the growth rates, or of the works without damping."""
+
+        def apply(system: MixedStatics, x: Array, mu: float) -> Array:
+            lin = system.motion(x, mu)
+            return np.array(
+                [apply_pencil(lin, pair.value, pair.vector, system.idle) for pair in self._pairs]
+            )
+
+        changes = zip(self._pairs, direction.differentiate(self.point, apply), strict=True)
+        if not self._is_damped:
+            return np.array([pair.work(change) for pair, change in changes])
+        return np.array(
+            [pair.derivative(x, np.zeros_like(pair.shape))[0].real for pair, x in changes]
+        )
+
+    @cached_property
+    def _motion(self) -> LinearizedEquations:
+        """Motion in mixed form; its tangent contains the stiff forces, which couple parts."""
+        point, e = self.point, self.system.system.equations
+        state = State(point.x[: e.n], np.zeros(e.n), np.zeros(e.n), point.x[e.n :])
+        tangent = self.system.system.motion_tangent(point.p, state)
+        return replace(self.system.motion(point.x, point.p), tangent=tangent)
+
+    @property
+    def _is_damped(self) -> bool:
+        damping = self._motion.tangent.damping
+        return bool(damping.nnz) and abs(damping).max() > 0.0
+
+    @cached_property
+    def _pairs(self) -> list[Eigenpair]:
+        """Critical eigenpair with damping, and the two that coalesce without."""
+        found: list[Eigenpair] = []
+        for group, rows in self._motion.split(self.system.system.equations.parts):
+            # All modes of a small structure may be faster than as many modes of a large one.
+            modes = solve_eigenproblem(group, _MODE_COUNT, max_damping_ratio=_MAX_GROWTH_DAMPING)
+            shapes = np.zeros((len(modes.values), self._motion.equations.n), complex)
+            shapes[:, rows] = modes.shapes.T
+            pairs = zip(modes.values.tolist(), shapes, strict=True)
+            found += [Eigenpair(self._motion, *pair) for pair in pairs]
+        found = [x for x in found if abs(x.value.imag) > _MIN_OSCILLATION * abs(x.value)]
+        if self._is_damped:
+            return [min(found, key=lambda x: abs(x.value.real / x.value))]
+        found.sort(key=lambda x: abs(x.value))
+        ratios = [one.value / other.value for one, other in pairwise(found)]
+        first = int(np.argmin(np.abs(1.0 - np.array(ratios))))
+        return found[first : first + 2]
