@@ -16,7 +16,8 @@ from beamdae.analysis.optimization.result import (
     create_optimization,
     list_warnings,
 )
-from beamdae.analysis.optimization.search import METHODS, Method, Search
+from beamdae.analysis.optimization.search import Search, SearchSettings
+from beamdae.analysis.optimization.solvers import METHODS, Method
 from beamdae.analysis.optimization.starts import search_from_starts
 from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
@@ -175,17 +176,15 @@ def optimize(
     starts = require_count("optimize", "starts", starts, most=MAX_STARTS)
     seed = require_count("optimize", "seed", seed, least=0, most=MAX_SEED)
     require_progress("optimize", progress, 3)
-    settings = RunSettings(integrator, t_end, start)
-    problem = DesignProblem(model, objective, by, subject_to, bounds, parameters, settings)
+    run_settings = RunSettings(integrator, t_end, start)
+    problem = DesignProblem(model, objective, by, subject_to, bounds, parameters, run_settings)
+    settings = SearchSettings(method, max_evaluations, tolerance, progress)
     rows = None
     if starts == 1:
-        search = Search(problem, method, max_evaluations, tolerance, progress).run()
+        search = Search(problem, settings).run()
     else:
-        best = search_from_starts(
-            problem, method, max_evaluations, tolerance, progress, starts, seed
-        )
-        problem, search, rows = best.problem, best.search, best.rows
-    result = create_optimization(problem, search, rows)
+        search, rows = search_from_starts(problem, settings, starts, seed)
+    result = create_optimization(search, rows)
     if search.progress_error is not None:
         attach_partial(search.progress_error, result)
         raise search.progress_error
@@ -195,13 +194,13 @@ def optimize(
         _issue_warnings(problem, result)
         return result
     # The search does not move numbers without effect.
-    has_moved = search.best.numbers != problem.first
+    has_moved = search.best.numbers != search.trials[0].numbers
     idle = np.array(problem.names)[~has_moved].tolist()
     # Name and call of a flat model are those of a model.
-    flat: Any = problem.flat
+    flat: Any = search.problem.flat
     unused = warn_of_idle_parameters(flat, flat.values, assemble_design, idle)
-    if search.stationarity is not None:
-        is_stuck = ~has_moved & ~search.stationarity.has_effect
+    if search.has_effect is not None:
+        is_stuck = ~has_moved & ~search.has_effect
         names = [x for x in np.array(problem.names)[is_stuck].tolist() if x not in unused]
         if names:
             warn_user(

@@ -1,0 +1,76 @@
+"""Conditions of first order of a design, by linear programs within one size of the variables.
+
+The decrease of the linearized objective within a box is a measure of criticality: it is zero if and
+only if the conditions of Karush, Kuhn and Tucker hold (Conn, Gould & Toint, Trust-Region Methods,
+SIAM 2000, section 12.1.4, doi:10.1137/1.9780898719857). The dual variables are the multipliers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linprog
+
+Array = np.ndarray
+
+# Tolerances of linear programs, the smallest of HiGHS: those of searches are 1e-7 by default.
+_PRECISION = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """Scaled objective and margins of a design, linearized in the variables of the search.
+
+    Attributes
+    ----------
+    gradient
+        Gradient (k,) of the objective.
+    margins, jacobian
+        Margins (C,) of the limits, negative if these are violated, and their derivatives (C, k).
+    lower, upper
+        Distances (k,) to the bounds, not positive and not negative.
+    """
+
+    gradient: Array
+    margins: Array
+    jacobian: Array
+    lower: Array
+    upper: Array
+
+    @property
+    def box(self) -> Array:
+        """Steps (k, 2) of at most one size within the bounds."""
+        return np.stack([np.clip(self.lower, -1.0, 0.0), np.clip(self.upper, 0.0, 1.0)], axis=1)
+
+
+def measure_decrease(point: Linearization) -> tuple[float, Array]:
+    """Return the possible decrease of the objective and the multipliers (C,) of the limits.
+
+    Limits that are violated need not be satisfied, but must not become worse.
+    """
+    program = linprog(
+        point.gradient,
+        -point.jacobian if len(point.margins) else None,
+        np.maximum(point.margins, 0.0) if len(point.margins) else None,
+        bounds=point.box,
+        options=_PRECISION,
+    )
+    return max(0.0, -float(program.fun)), -np.asarray(program.ineqlin.marginals)
+
+
+def measure_violation(point: Linearization) -> tuple[float, Array]:
+    """Return the smallest violation within the box, and the weights (C,) of the limits.
+
+    Limits with positive weights contradict each other or the bounds of the box: no step reduces
+    the violation of all of them further.
+    """
+    count = len(point.margins)
+    program = linprog(
+        np.append(np.zeros(len(point.gradient)), 1.0),
+        -np.hstack([point.jacobian, np.ones((count, 1))]),
+        point.margins,
+        bounds=np.vstack([point.box, [0.0, np.inf]]),
+        options=_PRECISION,
+    )
+    return float(program.fun), -np.asarray(program.ineqlin.marginals)
