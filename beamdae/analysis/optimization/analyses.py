@@ -62,7 +62,8 @@ _NAME = "optimize"
 # defined on the other side, such as the square root of a parameter at its lower bound of zero.
 _FORWARD = {0: -25.0 / 12.0, 1: 4.0, 2: -3.0, 3: 4.0 / 3.0, 4: -0.25}
 _STENCILS = (
-    {-2: 1.0 / 12.0, -1: -2.0 / 3.0, 1: 2.0 / 3.0, 2: -1.0 / 12.0},
+    # In this order, differences of constants are exactly zero.
+    {-1: -2.0 / 3.0, 1: 2.0 / 3.0, -2: 1.0 / 12.0, 2: -1.0 / 12.0},
     _FORWARD,
     {-k: -weight for k, weight in _FORWARD.items()},
 )

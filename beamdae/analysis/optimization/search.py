@@ -160,8 +160,8 @@ class Search:
         # All evaluated designs, and those with the present stress sections by their numbers.
         self._trials: list[Trial] = []
         self._known: dict[bytes, Trial] = {}
-        self._leader: Trial | None = None  # best design at the last progress
-        self._idle = 0  # designs since then
+        self._filter: list[Trial] = []  # designs with progress of the present solver
+        self._idle = 0  # designs since the last one
         self._end: Trial | None = None
         self._last: tuple[Trial, Linearization] | None = None
         self._first = problem.first  # values (k,) of the numbers with which the solver begins
@@ -232,7 +232,7 @@ class Search:
         self._first = first
         points = (problem.variables(x) for x in (first, problem.lower, problem.upper))
         smooth = SmoothProblem(self._values, self._gradients, len(problem.limits), *points)
-        self._leader, self._idle, self._end = None, 0, None
+        self._filter, self._idle, self._end = [], 0, None
         try:
             x = solve(smooth, settings.method, settings.tolerance, settings.max_evaluations)
         except _SearchEndError as end:
@@ -306,11 +306,11 @@ class Search:
             point = self._linearize(trial)
         except (BeamdaeError, ArithmeticError) as failure:
             raise _SearchEndError(Status("failed", describe_failure(failure))) from failure
-        if is_new and not trial.violation:
+        if is_new and np.all(point.margins >= -FEASIBILITY_TOLERANCE):
             if measure_decrease(point)[0] <= self._settings.tolerance:
                 self._end = trial
                 raise _SearchEndError(Status("ok", "converged"))
-        elif is_new and _is_blocked(point):
+        elif is_new and trial.violation and _is_blocked(point):
             raise _SearchEndError(Status("ok", "the violation has a local minimum"))
         return point.gradient, point.jacobian
 
@@ -348,20 +348,27 @@ class Search:
         self._idle += 1
         if not trial.failure:
             if self._is_progress(trial):
-                self._leader, self._idle = trial, 0
+                self._filter.append(trial)
+                self._idle = 0
             if self._settings.progress is not None:
                 status = len(self._trials), float(trial.values[0]), trial.violation
                 call_progress(self._settings.progress, *status)
         return trial
 
     def _is_progress(self, trial: Trial) -> bool:
-        """Return True if a design is better than the leader by more than tolerances."""
-        if self._leader is None:
-            return True
-        if trial.violation or self._leader.violation:
-            return trial.violation < (1.0 - _MIN_VIOLATION_DECREASE) * self._leader.violation
-        decrease = (self._leader.values[0] - trial.values[0]) / self._scales[0]
-        return bool(decrease > max(self._settings.tolerance, self._problem.noise[0]))
+        """Return True if no design of the search is better in the objective and the violation.
+
+        This is the filter of Fletcher & Leyffer, Math. Program. 91 (2002) 239,
+        doi:10.1007/s101070100244.
+        """
+        least = max(self._settings.tolerance, float(self._problem.noise[0]))
+        objective, is_progress = trial.values[0] / self._scales[0], True
+        for other in self._filter:
+            decrease = other.values[0] / self._scales[0] - objective
+            is_nearer = trial.violation < (1.0 - _MIN_VIOLATION_DECREASE) * other.violation
+            is_better = decrease > max(least, _MIN_VIOLATION_DECREASE * other.violation)
+            is_progress &= bool(is_nearer or is_better)
+        return is_progress
 
     def _rate(self, trial: Trial) -> Trial:
         """Return a design with its violation by the present ratios of maxima."""
