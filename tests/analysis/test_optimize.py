@@ -16,7 +16,8 @@ from beamdae.analysis.optimization import analyses, solvers
 from beamdae.analysis.optimization.analyses import DesignModel, RunSettings, create_analysis
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.result import Constraint, list_warnings
-from beamdae.analysis.optimization.search import Search, Trial
+from beamdae.analysis.optimization.search import Search
+from beamdae.analysis.optimization.solvers import METHODS
 
 truss = bd.model(t_end=1.0)(mechanisms.truss)
 
@@ -125,25 +126,21 @@ def test_designs_of_a_search_have_the_stress_sections_of_its_first_design(by):
     settings = RunSettings(None, None, None)
     arguments = (tapered_leaf, bd.Mass(), by, bd.at_most(STRESS, 5e8), None, first, settings)
     problem = DesignProblem(*arguments)
-    assert problem.design_with_own_sections(problem.first) is None
-    design = problem.design(problem.first)
-    problem.keep_sections(design, problem.first)
-    (path,) = design.results
-    own = path.equations.mechanism.parts["leaf"]._stress_sections(None)
+    kept = problem.with_sections_of(problem.design(problem.first))
     other = problem.first * (1.1 if by == "length" else np.array([1.0, 0.6, 1.0, 1.0, 0.5]))
-    places = []
-    for x in (problem.design(other), problem.design_with_own_sections(other)):
-        (path,) = x.results
-        places.append(path.equations.mechanism.parts["leaf"]._stress_sections(None))
+
+    def places(problem, numbers):
+        (path,) = problem.design(numbers).results
+        return path.equations.mechanism.parts["leaf"]._stress_sections(None)
+
+    own = places(problem, problem.first)
     if by == "length":
-        assert places[0] == pytest.approx([1.1 * s for s in own], rel=1e-12)
+        assert places(kept, other) == pytest.approx([1.1 * s for s in own], rel=1e-12)
         return
-    assert places[0] == own
-    assert len(places[1]) > len(own)
-    problem.keep_sections(problem.design_with_own_sections(other), other, is_added=True)
-    (path,) = problem.design(other).results
-    both = path.equations.mechanism.parts["leaf"]._stress_sections(None)
-    assert set(both) == set(own) | set(places[1])
+    assert places(kept, other) == own
+    assert len(places(problem, other)) > len(own)
+    both = kept.with_sections_of(problem.design(other), is_added=True)
+    assert set(places(both, other)) == set(own) | set(places(problem, other))
 
 
 @pytest.mark.slow(reason="one second")
@@ -153,9 +150,9 @@ def test_regression_gradients_of_runs_from_equilibrium_have_the_kept_stress_sect
     settings = RunSettings(bd.GeneralizedAlpha(1e-3), 2e-3, "equilibrium")
     limit = bd.at_most(bd.SmoothMaximum("stress.bound"), 5e8)
     problem = DesignProblem(tapered_leaf, bd.Mass(), "height", limit, None, first, settings)
-    problem.keep_sections(problem.design(problem.first), problem.first)
+    problem = problem.with_sections_of(problem.design(problem.first))
     other, step = problem.first * [1.0, 0.6, 1.0, 1.0, 0.5], 1e-5 * problem.first
-    gradient = problem.design(other).gradient(1)
+    gradient = problem.design(other).gradients[1]
     after, before = (problem.design(other + sign * step).values[1] for sign in (1.0, -1.0))
     # Errors of the difference are of second order in the step.
     assert gradient @ (2.0 * step) == pytest.approx(after - before, rel=1e-5)
@@ -363,17 +360,17 @@ def test_limits_that_are_far_from_all_designs_may_have_another_unit(bound, hint)
     assert ("check the unit of the limit" in str(records[0].message)) == hint
 
 
-@pytest.mark.slow(reason="half a second and more")
-def test_regression_searches_end_if_designs_hardly_differ():
+@pytest.mark.parametrize("method", METHODS)
+def test_regression_searches_end_at_local_minima_of_the_violation(method):
     """Of 200 evaluated designs, 173 had the same parameter to eight digits."""
     size = bd.ParameterFunction(lambda stiffness: 1.0 + 1e-5 * stiffness, "size")
     limited = bd.ParameterFunction(lambda stiffness: 1.0 + (stiffness / 100.0 - 1.0) ** 2, "c")
     arguments = (loaded_spring, size, "stiffness", bd.at_most(limited, 0.97))
     settings = {"bounds": {"stiffness": (20.0, 500.0)}, "parameters": {"stiffness": 150.0}}
-    with pytest.warns(bd.BeamdaeWarning, match="the last 8 designs hardly differ; the search is"):
-        design = bd.optimize(*arguments, **settings)
-    assert design.evaluations < 30
-    assert design.parameters["stiffness"] == pytest.approx(100.0, rel=1e-4)
+    with pytest.warns(bd.BeamdaeWarning, match="c <= 0.97 cannot be satisfied by small changes"):
+        design = bd.optimize(*arguments, **settings, method=method)
+    assert design.evaluations < 100
+    assert design.parameters["stiffness"] == pytest.approx(100.0, rel=1e-3)
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -431,9 +428,8 @@ def test_gradients_of_all_quantities_agree_with_differences():
         values = [problem.design(problem.first + x * delta).values for x in (1, -1, 2, -2)]
         near, far = values[0] - values[1], values[2] - values[3]
         expected = (8.0 * near - far) / (12.0 * delta[k])
-        actual = [design.gradient(number)[k] for number in range(len(quantities))]
         # Rounding errors of frequencies and of the runs limit the differences.
-        np.testing.assert_allclose(actual, expected, rtol=2e-5)
+        np.testing.assert_allclose(design.gradients[:, k], expected, rtol=2e-5)
 
 
 @pytest.mark.slow(reason="two seconds")
@@ -494,20 +490,23 @@ def test_no_design_satisfies_the_constraints():
     assert result.constraints[0].margin < 0.0
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize(("least", "contradicts"), [(1.0, True), (0.0, False)])
-def test_regression_searches_that_stop_at_contradictions_say_so(least, contradicts):
-    """They only advised more evaluations."""
-    first, second = (bd.ParameterFunction(lambda width, k=k: k + width) for k in (0.0, least))
-    limits = [bd.at_least(first, 2.0), bd.at_most(second, 2.5)]
-    if contradicts:
-        limits.append(bd.at_most(first, 1.0))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("first", [0.02, 5.0])
+def test_limits_that_contradict_each_other_are_named(method, first):
+    """The search only advised more evaluations."""
+    name = bd.ParameterFunction(lambda width: width, "width")
+    other = bd.ParameterFunction(lambda width: width**2, "square")
+    limits = [bd.at_least(name, 2.0), bd.at_most(other, 9.0), bd.at_most(name, 1.0)]
+    bounds, given = {"width": (0.01, 10.0)}, {"width": first}
+    with pytest.warns(bd.BeamdaeWarning, match="width >= 2, width <= 1 cannot be satisfied"):
         result = bd.optimize(
-            cantilever, bd.Mass(), "width", limits, {"width": (0.01, 10.0)}, max_evaluations=6
+            cantilever, bd.Mass(), "width", limits, bounds, parameters=given, method=method
         )
-    assert ("may contradict each other" in result.status.sentence) == contradicts
+    assert 1.0 < result.parameters["width"] < 2.0
+    feasible = bd.optimize(
+        cantilever, bd.Mass(), "width", limits[:2], bounds, parameters=given, method=method
+    )
+    assert feasible.parameters["width"] == pytest.approx(2.0, rel=2e-6)
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -528,16 +527,13 @@ def test_regression_parameters_whose_neighbors_are_rejected_have_gradients(quant
 @pytest.mark.parametrize(
     ("integrator", "is_advised"), [(ALPHA, False), (bd.GeneralizedAlpha(rtol=1e-3), True)]
 )
-def test_regression_searches_that_end_early_name_their_cause(integrator, is_advised, monkeypatch):
-    """They ended with "Positive directional derivative for linesearch"."""
-    message = "Positive directional derivative for linesearch"
-
+def test_searches_that_end_before_an_optimum_name_their_cause(integrator, is_advised, monkeypatch):
     def fail(function, begin, **options):
         function(begin)
-        return OptimizeResult(x=begin, success=False, status=8, message=message)
+        return OptimizeResult(x=begin, success=True, status=0, message="success")
 
     monkeypatch.setattr(solvers, "minimize", fail)
-    with pytest.warns(bd.BeamdaeWarning, match="no step along the search direction"):
+    with pytest.warns(bd.BeamdaeWarning, match="a quantity jumps or has a kink, before an optimum"):
         result = bd.optimize(
             truss,
             bd.EndValue("crown.y"),
@@ -545,6 +541,8 @@ def test_regression_searches_that_end_early_name_their_cause(integrator, is_advi
             bounds={"rise": (0.1, 0.3)},
             integrator=integrator,
         )
+    assert result.status.kind == "limited"
+    assert result.residual > 0.1
     assert ("use a fixed step" in result.status.sentence) is is_advised
 
 
@@ -595,7 +593,9 @@ def test_regression_limits_of_signed_stresses_beyond_the_limit_in_magnitude_are_
     permit = bd.at_most if load < 0.0 else bd.at_least
     limit = permit(stress, 2e8 if load < 0.0 else -2e8)
     given = ({"height": (0.005, 0.05)}, None, None)
-    with pytest.warns(bd.BeamdaeWarning, match=r"stress 0 at equilibrium is .* times its limit"):
+    with pytest.warns(
+        bd.BeamdaeWarning, match=r"stress 0 at equilibrium: the limit of -?2e\+08 Pa has no effect"
+    ):
         result = bd.optimize(
             cantilever,
             bd.Mass(),
@@ -636,11 +636,12 @@ def test_regression_limits_without_effect_by_their_sign_are_reported():
     """A sag of -98 mm satisfied the upper limit of 5 mm without a word."""
     stiffness = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")
     limit, bounds = bd.at_most(bd.EquilibriumValue("mass.y"), 0.005), {"stiffness": (100.0, 1e5)}
-    with pytest.warns(bd.BeamdaeWarning, match="mass.y at equilibrium is -0.0981 m, 19.6 times"):
+    with pytest.warns(
+        bd.BeamdaeWarning, match="mass.y at equilibrium: the limit of 0.005 m has no effect"
+    ):
         result = bd.optimize(hanging_mass, stiffness, "stiffness", limit, bounds)
     (text,) = result.warnings
-    assert "it is negative for every design, so that the limit has no effect; to limit" in text
-    assert "add at_least(quantity, -0.005)" in text
+    assert "values of all designs are -0.0981 m to -0.000981 m; check its unit and sign" in text
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -718,10 +719,7 @@ def test_regression_limits_of_several_quantities_state_the_largest_one():
     assert limit.value > 1.02 * limit.largest
     size = f"{limit.largest:.4g}"
     text = f"at its limit; the largest quantity itself is {float(size):g} Pa"
-    assert limit.comparison == f"{text} (closer with exponent={limit.exponent:g})"
-    closer = bd.LargestOf(quantities, exponent=limit.exponent)
-    again = bd.optimize(cantilever, bd.Mass(), "width", [bd.at_most(closer, 30e6)], bounds)
-    assert 1.0 < again.constraints[0].value / again.constraints[0].largest < 1.015
+    assert limit.comparison == text
     assert result.constraint_table()["largest"].tolist() == [limit.largest]
     # A single quantity is its smooth bound, and others have no bound.
     single = Constraint("stress", 2e8, 2e8, 0.0, 0.0, 0.0, "Pa", 2e8)
@@ -772,7 +770,7 @@ def test_regression_interrupts_during_the_first_gradient_return_the_first_design
     def interrupt(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Search, "_scale", interrupt)
+    monkeypatch.setattr(Search, "_choose_scales", interrupt)
     result = bd.optimize(cantilever, bd.Mass(), "width", partial="return")
     assert (result.status.kind, result.evaluations) == ("interrupted", 1)
     assert result.status.sentence == "interrupted after 1 evaluation"
@@ -898,7 +896,7 @@ def test_regression_searches_with_adaptive_steps_end_within_their_tolerance():
         {"height": ("4 mm", "30 mm")},
         parameters={"height": 0.008},
     )
-    assert result.status.sentence == "converged to the accuracy of the analyses"
+    assert result.status.success
     assert not result.warnings
     # The limit holds to 1e-5, the `rtol` of the runs.
     assert result.constraints[0].largest == pytest.approx(300e6, rel=1e-5)
@@ -1067,8 +1065,8 @@ def test_regression_frequencies_about_an_unbalanced_reference_name_the_remedy():
 def test_functions_of_parameters_receive_the_parameters_that_they_name():
     parameters = {"height": 2.0, "width": 3.0}
     for function in (lambda height: height, lambda height, **others: height):
-        assert bd.ParameterFunction(function).evaluate(parameters) == 2.0
-    assert bd.ParameterFunction(dict).evaluate(parameters) == parameters
+        assert bd.ParameterFunction(function).call(parameters) == 2.0
+    assert bd.ParameterFunction(dict).call(parameters) == parameters
 
 
 @pytest.mark.slow(reason="fifty designs")
@@ -1100,8 +1098,7 @@ def test_bound_of_the_largest_stress_leads_to_uniform_strength():
     (limit,) = result.constraints
     (path,) = (x for x in result.analyses if isinstance(x, bd.Equilibrium))
     assert limit.largest == path.columns["stress.largest [Pa]"][-1] < 0.99 * limit.value
-    assert 100.0 < limit.exponent <= 1000.0
-    assert f"closer with exponent={limit.exponent:g}" in limit.comparison
+    assert "the largest quantity itself is" in limit.comparison
     # M = sigma b h^2 / 6 bounds the height of each section from below. The smallest mass of linear
     # heights between the knots is a linear program.
     sections = np.linspace(0.0, 0.5, 17)
@@ -1137,14 +1134,6 @@ def test_bound_of_the_largest_stress_in_a_run_states_the_largest_stress():
     (constraint,) = result.constraints
     assert constraint.largest == run.columns["stress.largest [Pa]"].max()
     assert result.constraint_table()["largest"].tolist() == [constraint.largest]
-
-
-def test_regression_line_searches_that_noise_misleads_are_counted():
-    """A search evaluated 39 of 45 designs next to each other and was said to have converged."""
-    values = [(1.0, 0.5), *[(0.8 + 1e-5 * (k % 3), 0.05 - 1e-5 * (k % 2)) for k in range(20)]]
-    trials = [Trial(np.zeros(1), np.array([x]), violation) for x, violation in values]
-    trials.insert(5, Trial(np.zeros(1), np.array([np.nan]), np.nan, "failed"))
-    assert count_idle_trials(trials) == 19
 
 
 def waves(width, load):
@@ -1428,8 +1417,8 @@ def test_regression_limits_of_stresses_that_are_rounding_errors_have_a_warning()
     design = optimize_height(cantilever, height=(0.02,), load=1e-12)
     assert 0.0 < design.constraints[0].value < 1e-3
     (message,) = design.warnings
-    assert "stress 0 at equilibrium is negligible for every design, at most" in message
-    assert "so that its limit has no effect; check the loads" in message
+    assert "stress 0 at equilibrium: the limit of 3e+08 Pa has no effect" in message
+    assert "check its unit and sign (LargestOf([quantity]) limits magnitudes), the loads" in message
 
 
 @pytest.mark.slow(reason="a quarter of a second")
@@ -1449,10 +1438,7 @@ def test_regression_designs_at_bounds_far_from_all_limits_have_a_warning():
 
     message, fall = optimize_height(pendulum).warnings
     assert "the equilibrium turns this part by 90 degrees from its drawing" in fall
-    assert "all numbers are at bounds, and no quantity is within a factor of 10" in message
-    assert "check loads, supports (beam can rotate about (0, 0) without strains)" in message
-    (message,) = optimize_height(cantilever, height=(0.02,), load=0.5).warnings
-    assert "check loads, supports and limits" in message
+    assert "stress 0 at equilibrium: the limit of 3e+08 Pa has no effect" in message
 
 
 @pytest.mark.slow(reason="a quarter of a second")
@@ -1502,37 +1488,21 @@ def bent_strip(height=2e-3, elements=4, strain=None):
     return mech
 
 
-@pytest.mark.slow(reason="half a second")
-@pytest.mark.parametrize("repeats", [False, True], ids=["once", "twice"])
-def test_regression_best_designs_of_interrupted_searches_are_checked(repeats, monkeypatch):
-    """Their errors were not stated. A second interrupt ends the checks."""
-
-    def interrupt(*numbers):
-        raise KeyboardInterrupt
-
-    def compare(problem, values, *others):
-        compared.append(values)
-        if repeats:
-            raise KeyboardInterrupt
-        return problem.design(values).values
-
-    compared = []
-    monkeypatch.setattr(DesignProblem, "repeat", compare)
-    name = "beamdae.analysis.optimization.result._MAX_CHECKED_TIME"
-    monkeypatch.setattr(name, math.inf)
-    limit = bd.at_least(bd.EquilibriumValue("tip.y"), -0.4)
-    options = {"bounds": {"height": (1e-3, 4e-3)}, "progress": interrupt, "partial": "return"}
-    design = bd.optimize(bent_strip, bd.Mass(), "height", limit, **options)
-    assert design.status.sentence == "interrupted after 1 evaluation"
-    assert len(compared) == 1
-
-
 @pytest.mark.parametrize(
     ("limit", "text"),
     [
-        (bd.at_least(bd.EquilibriumValue("tip.y"), -10), "-10 m is 1000 times the largest"),
-        (bd.at_most(bd.EquilibriumValue("tip.y"), 10.0), "10 m is 1000 times the largest"),
-        (bd.at_least(bd.Frequency(1), 1e-3), "0.001 Hz is 1/17000 of the smallest"),
+        (
+            bd.at_least(bd.EquilibriumValue("tip.y"), -10),
+            "-10 m has no effect, values of all designs are -0.01 m",
+        ),
+        (
+            bd.at_most(bd.EquilibriumValue("tip.y"), 10.0),
+            "10 m has no effect, values of all designs are -0.01 m",
+        ),
+        (
+            bd.at_least(bd.Frequency(1), 1e-3),
+            "0.001 Hz has no effect, values of all designs are 16.7 Hz",
+        ),
         (bd.at_least(bd.EquilibriumValue("tip.y"), -0.02), ""),
     ],
 )

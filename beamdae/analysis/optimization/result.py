@@ -21,6 +21,7 @@ from beamdae.analysis.optimization.quantities import (
     RunQuantity,
 )
 from beamdae.analysis.optimization.search import (
+    FAR_RATIO,
     INTERRUPTED_CHECKS,
     SearchResult,
     find_active_bounds,
@@ -45,9 +46,6 @@ if TYPE_CHECKING:
 _MAX_BOUND_EXCESS = 5e-3
 # Relative difference of objectives up to which several searches end at the same one.
 _EQUAL_OBJECTIVES = 1e-3
-# Ratio of a limit and a value from which they are far apart: mm and degrees are 1000 and 57 times
-# smaller than m and rad.
-_FAR_RATIO = 20.0
 _MAX_NOTES = 3  # on bounds in the short form of a result
 # Distance from a bound, relative to the bound, up to which a number is reported to be at it.
 _MAX_BOUND_DISTANCE = 1e-3
@@ -479,18 +477,21 @@ def _find_largest(quantity: Quantity, design: Design) -> float:
 def _list_distant_limits(search: SearchResult, constraints: Sequence[Constraint]) -> Iterator[str]:
     """Yield a warning for each limit that no design comes near, as in another unit.
 
-    Of quantities with limits on both sides, one of the limits usually has no effect.
+    Of quantities with limits on both sides, the sign does not matter.
     """
     limits = search.problem.limits
-    labels = [limit.quantity.label for limit in limits]
+    sides = [(limit.quantity.label, limit.sign) for limit in limits]
     trials = np.array([x.values[1:] for x in search.trials if not x.failure]) * search.ratios
-    for limit, label, constraint, values in zip(limits, labels, constraints, trials.T, strict=True):
-        if labels.count(label) > 1 or constraint.margin <= 0.0 or not limit.bound:
+    rows = zip(limits, sides, constraints, trials.T, strict=True)
+    for limit, (label, sign), constraint, values in rows:
+        if constraint.margin <= 0.0 or not limit.bound:
             continue
         # Positive up to an upper limit of a magnitude, and from a lower limit on.
-        sizes = np.sign(limit.bound) * values / abs(limit.bound)
+        sizes = values / limit.bound
+        if (label, -sign) in sides:
+            sizes = np.abs(sizes)
         is_upper = limit.sign * limit.bound > 0.0
-        if np.max(sizes) * _FAR_RATIO < 1.0 if is_upper else np.min(sizes) > _FAR_RATIO:
+        if np.max(sizes) * FAR_RATIO < 1.0 if is_upper else np.min(sizes) > FAR_RATIO:
             ends = (float(f"{x:.3g}") for x in (limit.bound, np.min(values), np.max(values)))
             bound, least, most = (format_with_unit(x, constraint.unit) for x in ends)
             yield (

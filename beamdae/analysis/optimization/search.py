@@ -18,7 +18,12 @@ from beamdae.analysis.optimization.optimality import (
     measure_violation,
 )
 from beamdae.analysis.optimization.problem import Design, DesignProblem
-from beamdae.analysis.optimization.solvers import Method, SmoothProblem, solve
+from beamdae.analysis.optimization.solvers import (
+    Method,
+    SmoothProblem,
+    measure_violations,
+    solve,
+)
 from beamdae.errors import (
     BeamdaeError,
     ProgressError,
@@ -56,6 +61,9 @@ _MIN_LOGARITHMIC_RATIO = 0.5  # of a value to its limit, from which on margins a
 # Distance from a bound, in sizes of the number, up to which a number is at it.
 _BOUND_DISTANCE = 1e-4
 _MAX_NAMES = 3  # in a sentence
+# Ratio of a limit and a value from which they are far apart: mm and degrees are 1000 and 57 times
+# smaller than m and rad.
+FAR_RATIO = 20.0
 _OTHER_START = (
     "the search is local, start it from other values (parameters={name: value}) or increase starts="
 )
@@ -164,7 +172,9 @@ class Search:
         self._idle = 0  # designs since the last one
         self._end: Trial | None = None
         self._last: tuple[Trial, Linearization] | None = None
-        self._first = problem.first  # values (k,) of the numbers with which the solver begins
+        # Values (k,) of the numbers with which the solver begins, and True if it minimizes the
+        # violation instead of the objective.
+        self._first, self._of_violation = problem.first, False
         self._scales = np.array([1.0, *(abs(x.bound) or 1.0 for x in problem.limits)])
         self._ratios = np.ones(len(problem.limits))
         self._tolerances = np.maximum(FEASIBILITY_TOLERANCE, problem.noise[1:])
@@ -210,7 +220,11 @@ class Search:
         """
         status, ends = Status("ok", ""), []
         for count in range(_MAX_SEARCHES):
-            status = self._minimize(self._best().numbers)
+            status = self._minimize(self._best())
+            if status.success and self._best().violation:
+                status = self._minimize(self._best(), of_violation=True)
+                if status.success and not self._best().violation:
+                    status = self._minimize(self._best())
             try:
                 is_changed = self._update_choices(is_first=count == 0)
             except (BeamdaeError, ArithmeticError) as failure:
@@ -221,23 +235,30 @@ class Search:
             ends.append((self._problem, self._best()))
             if not is_changed or not status.success:
                 break
-        self._problem, best = min(ends, key=lambda x: _rank(self._rate(x[1])))
+        last = ends[-1]
+        if self._rate(last[1]).violation:
+            last = min(ends, key=lambda x: _rank(self._rate(x[1])))
+        self._problem, best = last
         self._known = {best.numbers.tobytes(): self._rate(best)}
         self._end = None
         return self._conclude(status)
 
-    def _minimize(self, first: Array) -> Status:
-        """Search from values (k,) of the numbers; return the reason of its end."""
+    def _minimize(self, first: Trial, of_violation: bool = False) -> Status:
+        """Minimize the objective or the violation from a design; return the reason of the end."""
         problem, settings = self._problem, self._settings
-        self._first = first
-        points = (problem.variables(x) for x in (first, problem.lower, problem.upper))
+        self._first, self._of_violation = first.numbers, of_violation
+        points = (problem.variables(x) for x in (first.numbers, problem.lower, problem.upper))
         smooth = SmoothProblem(self._values, self._gradients, len(problem.limits), *points)
-        self._filter, self._idle, self._end = [], 0, None
+        if of_violation:
+            worst = -float(np.min(self._transform(first.values)[0]))
+            smooth = measure_violations(smooth, worst)
+        self._filter, self._idle, self._end, self._last = [], 0, None, None
         try:
             x = solve(smooth, settings.method, settings.tolerance, settings.max_evaluations)
         except _SearchEndError as end:
             return end.status
-        self._end = self._known.get(self._numbers(x).tobytes())
+        count = len(problem.first)
+        self._end = self._known.get(self._numbers(x[:count]).tobytes())
         return Status("ok", "the solver ended")
 
     def _update_choices(self, is_first: bool) -> bool:
@@ -307,7 +328,7 @@ class Search:
         except (BeamdaeError, ArithmeticError) as failure:
             raise _SearchEndError(Status("failed", describe_failure(failure))) from failure
         if is_new and np.all(point.margins >= -FEASIBILITY_TOLERANCE):
-            if measure_decrease(point)[0] <= self._settings.tolerance:
+            if self._of_violation or measure_decrease(point)[0] <= self._settings.tolerance:
                 self._end = trial
                 raise _SearchEndError(Status("ok", "converged"))
         elif is_new and trial.violation and _is_blocked(point):
@@ -390,10 +411,12 @@ class Search:
         Of a quantity whose magnitude r, relative to its limit, must not exceed 1, this is -ln(r)
         instead of 1 - r: stresses and deflections are nearly products of powers of thicknesses,
         whose logarithms are linear in those of the thicknesses. Below r = 1/2, the function
-        continues as a straight line, because logarithms of small values diverge.
+        continues as a straight line, because logarithms of small values diverge. Violations are
+        minimized as they are.
         """
         margins, limits = self._margins(values), self._problem.limits
         is_magnitude = np.array([limit.sign * limit.bound > 0.0 for limit in limits], bool)
+        is_magnitude &= not self._of_violation
         ratio = np.maximum(1.0 - margins, _MIN_LOGARITHMIC_RATIO)
         line = (_MIN_LOGARITHMIC_RATIO - (1.0 - margins)).clip(0.0) / _MIN_LOGARITHMIC_RATIO
         transformed = np.where(is_magnitude, line - np.log(ratio), margins)
@@ -422,6 +445,7 @@ class Search:
     def _conclude(self, status: Status) -> SearchResult:
         """Return the result, whose status follows from the conditions of first order."""
         best = self._best()
+        self._of_violation, self._last = bool(best.violation), None
         try:
             point = self._linearize(best)
             blocking = self._list_blocking(point) if best.violation else []
@@ -485,11 +509,12 @@ class Search:
             f"{limit.quantity.label} is {actual}, but the limit is at "
             f"{'most' if limit.sign > 0 else 'least'} {allowed}"
         )
+        if not limit.unit and limit.bound and abs(value / limit.bound) > FAR_RATIO:
+            sentence += "; check the unit of the limit"
         if not status.success:
             sentence += f"; {status.sentence}"
         if blocking:
-            bounds = " and the bounds" if names else ""
-            sentence += f"; {list_first(blocking, _MAX_NAMES)}{bounds} contradict each other there"
+            sentence += f"; {list_first(blocking, _MAX_NAMES)} cannot be satisfied by small changes"
         kind = "limited" if status.success else status.kind
         return Status(kind, f"{sentence}; {_OTHER_START}{self._describe_failures()}")
 
