@@ -270,11 +270,10 @@ def test_damper_with_the_smallest_integral_of_squared_deflections(method):
     assert design.parameters["damping"] == pytest.approx(2.0 * 0.5 * 20.0, rel=1e-2)
 
 
-@pytest.mark.parametrize("first", [0.03, 0.09])
-def test_failed_analyses_do_not_end_a_search(method, first):
+def test_failed_analyses_do_not_end_a_search(method):
     best = (4.0 * 100.0 * 0.5**3 / (E * 0.02 * 1e-3)) ** (1.0 / 3.0)
 
-    def build(height=first):
+    def build(height=0.09):
         if height < 0.9 * best:
             raise bd.BeamdaeError("the height is too small.")
         return beam_model(height, 0.02, 0.5, (0.0, -100.0))

@@ -22,7 +22,6 @@ from beamdae.analysis.optimization.starts import search_from_starts
 from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
 from beamdae.errors import (
-    kind_of_message,
     list_first,
     require_choice,
     require_count,
@@ -75,7 +74,9 @@ def optimize(
     by its first value. To maximize a quantity, minimize -quantity.
 
     If an analysis fails, for example because a design has no equilibrium, the search shortens its
-    step. The search is local: use several `starts` to look for better designs.
+    step. If it finds no design that satisfies the constraints, it minimizes their violation, and
+    names the limits that block. The search is local: use several `starts` to look for better
+    designs.
 
     Parameters
     ----------
@@ -106,15 +107,14 @@ def optimize(
         with these values.
     method
         "SLSQP": sequential quadratic programming (Kraft, ACM Trans. Math. Softw. 20 (1994) 262,
-        doi:10.1145/192115.192124), for up to about a thousand numbers. "trust-constr": a
-        trust-region interior-point method (Byrd, Hribar & Nocedal, SIAM J. Optim. 9 (1999) 877,
-        doi:10.1137/S1052623497325107), which usually needs more evaluations.
+        doi:10.1145/192115.192124), for up to about a thousand numbers. "IPOPT": an
+        interior-point method (Waechter & Biegler, Math. Program. 106 (2006) 25,
+        doi:10.1007/s10107-004-0559-y), which usually needs more evaluations.
     max_evaluations
         Maximum number of evaluated designs of a search.
     tolerance
-        SLSQP ends if the scaled objective changes by less than this. trust-constr ends if its trust
-        region and barrier parameter are smaller or, without constraints and bounds, if the scaled
-        gradient is.
+        A search ends if the scaled objective changes by less than this, or if its linearization
+        could not decrease by more within one size of the numbers.
     starts
         Number of searches. The first one begins with the values in `parameters`, and the others at
         points of a Latin hypercube between the bounds, which all parameters need. The result is
@@ -191,7 +191,7 @@ def optimize(
     if result.status.kind == "interrupted":
         if partial == "raise":
             raise Interrupted(result.status.sentence, result, "optimize")
-        _issue_warnings(problem, result)
+        _issue_warnings(result)
         return result
     # The search does not move numbers without effect.
     has_moved = search.best.numbers != search.trials[0].numbers
@@ -210,14 +210,10 @@ def optimize(
             )
     if not result.status.success:
         warn_of_incomplete_result(f"optimize: {result.status.sentence}.")
-    _issue_warnings(problem, result)
+    _issue_warnings(result)
     return result
 
 
-def _issue_warnings(problem: DesignProblem, result: Optimization) -> None:
+def _issue_warnings(result: Optimization) -> None:
     of_analyses = list_warnings(result.analyses)
-    warn_of_result(
-        x if x in of_analyses else f"optimize: {x}"
-        for x in result.warnings
-        if kind_of_message(x) not in problem.build_warnings
-    )
+    warn_of_result(x if x in of_analyses else f"optimize: {x}" for x in result.warnings)

@@ -46,7 +46,6 @@ from beamdae.errors import (
     BeamdaeWarning,
     as_real,
     hold_messages,
-    kind_of_message,
     list_first,
     require_mapping,
     require_sequence,
@@ -55,7 +54,7 @@ from beamdae.errors import (
 from beamdae.integrators.integrator import Integrator
 from beamdae.model_parameters import parse_unit, split_unit
 from beamdae.results.solution import Solution
-from beamdae.simulation import as_equations, skip_result_checks
+from beamdae.simulation import skip_result_checks
 
 Array = np.ndarray
 
@@ -171,8 +170,6 @@ class DesignProblem:
         Sizes (k,) of the numbers.
     sections
         Known stress sections with which designs are built; their own ones if it is empty.
-    build_warnings
-        Kinds of the warnings that the first model issued; see `kind_of_message`.
     """
 
     def __init__(
@@ -202,9 +199,6 @@ class DesignProblem:
         self.sizes = self._choose_sizes()
         self._designs: dict[bytes, Design] = {}
         self.sections: Mapping[str, KnownSections] = {}
-        self.build_warnings: set[str] = set()
-        self._unit_errors: list[BeamdaeError] = []
-        self._require_units()
 
     @property
     def names(self) -> list[str]:
@@ -298,31 +292,16 @@ class DesignProblem:
             other._designs[np.array(list(design.flat.values.values())).tobytes()] = design
         return other
 
-    def _require_units(self) -> None:
-        """Reject limits in a unit of another quantity."""
-        limits = [limit for limit in self.limits if limit.unit]
-        if not limits:
-            return
-        equations = as_equations(_NAME, self.flat.model(**self.flat.parameters))
-        self.build_warnings.update(map(kind_of_message, equations.build_warnings))
-        units = list_column_units(equations)
-        for limit in limits:
-            unit = limit.quantity.find_unit(units)
+    def require_units(self, analyses: Sequence[Any]) -> None:
+        """Reject limits in units of other quantities, given the results of analyses."""
+        for limit, unit in zip(self.limits, self.units_of(analyses)[1:], strict=True):
             given, known = parse_unit(limit.unit), parse_unit(unit)
-            if given is None or known is None or given[1] != known[1]:
+            if limit.unit and (given is None or known is None or given[1] != known[1]):
                 problem = f"is in {unit}" if unit else "has no known unit"
-                error = BeamdaeError(
+                raise BeamdaeError(
                     f"{_NAME}: the limit of {limit.quantity.label} is in {limit.unit}, but the "
                     f"quantity {problem}; give the limit as a number in SI units."
                 )
-                if unit:
-                    raise error
-                self._unit_errors.append(error)
-
-    def require_known_units(self) -> None:
-        """Reject limits with units of quantities without one, after names have been checked."""
-        for error in self._unit_errors:
-            raise error
 
     def parameters(self, values: Array) -> dict[str, Any]:
         """Return all parameters of the model for values (k,) of the numbers."""

@@ -31,7 +31,6 @@ from beamdae.errors import (
     format_count,
     format_distinct,
     format_exception,
-    kind_of_message,
     list_first,
     record_messages,
     warn_of_result,
@@ -190,7 +189,7 @@ class Search:
         """
         problem = self._problem
         first = self._analyze_first()
-        problem.require_known_units()
+        problem.require_units(first.results)
         self._first_analyses = first.results
         try:
             try:
@@ -477,12 +476,8 @@ class Search:
                 return self._problem.design(self._first)
             except BeamdaeError as error:
                 # The sentence on the end of an analysis is part of the error.
-                text, issued = str(error), self._problem.build_warnings
                 warn_of_result(
-                    x
-                    for x in messages
-                    if x.partition(": ")[2].rstrip(".") not in text
-                    and kind_of_message(x) not in issued
+                    x for x in messages if x.partition(": ")[2].rstrip(".") not in str(error)
                 )
                 raise
 
