@@ -7,7 +7,7 @@ import numpy as np
 from beamdae.accuracy.errors import Errors, Split
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import describe_refinement, refine_method
-from beamdae.analysis.optimization.search import SearchResult
+from beamdae.analysis.optimization.search_result import SearchResult
 from beamdae.errors import BeamdaeError
 from beamdae.results.solution import Solution
 

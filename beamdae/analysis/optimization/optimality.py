@@ -8,6 +8,7 @@ SIAM 2000, section 12.1.4, doi:10.1137/1.9780898719857). The dual variables are 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linprog
@@ -15,7 +16,13 @@ from scipy.optimize import linprog
 Array = np.ndarray
 
 # Tolerances of linear programs, the smallest of HiGHS: those of searches are 1e-7 by default.
-_PRECISION = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+_PRECISION: dict[str, Any] = {
+    "primal_feasibility_tolerance": 1e-10,
+    "dual_feasibility_tolerance": 1e-10,
+}
+
+# Relative decrease of the violation below which no step reduces it.
+_MIN_RELATIVE_DECREASE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -59,11 +66,10 @@ def measure_decrease(point: Linearization) -> tuple[float, Array]:
     return max(0.0, -float(program.fun)), -np.asarray(program.ineqlin.marginals)
 
 
-def measure_violation(point: Linearization) -> tuple[float, Array]:
-    """Return the smallest violation within the box, and the weights (C,) of the limits.
+def find_blocking(point: Linearization) -> Array:
+    """Return True (C,) for limits that contradict each other or the bounds near a design.
 
-    Limits with positive weights contradict each other or the bounds of the box: no step reduces
-    the violation of all of them further.
+    There are none if a step within the box reduces the largest violation.
     """
     count = len(point.margins)
     program = linprog(
@@ -73,4 +79,6 @@ def measure_violation(point: Linearization) -> tuple[float, Array]:
         bounds=np.vstack([point.box, [0.0, np.inf]]),
         options=_PRECISION,
     )
-    return float(program.fun), -np.asarray(program.ineqlin.marginals)
+    least = (1.0 - _MIN_RELATIVE_DECREASE) * float(np.max(-point.margins))
+    weights = np.asarray(program.ineqlin.marginals)
+    return (weights != 0.0) & bool(program.fun >= least)

@@ -16,7 +16,8 @@ from beamdae.analysis.optimization.result import (
     create_optimization,
     list_warnings,
 )
-from beamdae.analysis.optimization.search import Search, SearchSettings
+from beamdae.analysis.optimization.search import Search
+from beamdae.analysis.optimization.search_result import SearchSettings
 from beamdae.analysis.optimization.solvers import METHODS, Method
 from beamdae.analysis.optimization.starts import search_from_starts
 from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS

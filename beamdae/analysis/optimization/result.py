@@ -20,9 +20,9 @@ from beamdae.analysis.optimization.quantities import (
     Quantity,
     RunQuantity,
 )
-from beamdae.analysis.optimization.search import (
+from beamdae.analysis.optimization.search import INTERRUPTED_CHECKS
+from beamdae.analysis.optimization.search_result import (
     FAR_RATIO,
-    INTERRUPTED_CHECKS,
     SearchResult,
     find_active_bounds,
 )

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from beamdae.analysis.optimization.problem import DesignProblem
-from beamdae.analysis.optimization.search import (
-    Search,
+from beamdae.analysis.optimization.search import Search
+from beamdae.analysis.optimization.search_result import (
     SearchResult,
     SearchSettings,
     describe_failure,
