@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.gradients.objectives import Objective
-from beamdae.analysis.optimization.analyses import RunSettings, assemble_design
+from beamdae.analysis.optimization.analyses import RunSettings
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.quantities import Limit, Quantity
 from beamdae.analysis.optimization.result import (
@@ -21,7 +21,6 @@ from beamdae.analysis.optimization.search_result import SearchSettings
 from beamdae.analysis.optimization.solvers import METHODS, Method
 from beamdae.analysis.optimization.starts import search_from_starts
 from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS
-from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
 from beamdae.errors import (
     list_first,
     require_choice,
@@ -194,20 +193,13 @@ def optimize(
             raise Interrupted(result.status.sentence, result, "optimize")
         _issue_warnings(result)
         return result
-    # The search does not move numbers without effect.
-    has_moved = search.best.numbers != search.trials[0].numbers
-    idle = np.array(problem.names)[~has_moved].tolist()
-    # Name and call of a flat model are those of a model.
-    flat: Any = search.problem.flat
-    unused = warn_of_idle_parameters(flat, flat.values, assemble_design, idle)
     if search.has_effect is not None:
-        is_stuck = ~has_moved & ~search.has_effect
-        names = [x for x in np.array(problem.names)[is_stuck].tolist() if x not in unused]
-        if names:
+        is_idle = ~search.has_effect & (search.best.numbers == search.trials[0].numbers)
+        if np.any(is_idle):
+            names = list_first(np.array(problem.names)[is_idle].tolist(), _MAX_NAMES)
             warn_user(
-                "optimize: neither the objective nor a constraint depends on "
-                f"{list_first(names, _MAX_NAMES)} at the best design, so that the search keeps the "
-                "first values."
+                f"optimize: neither the objective nor a constraint depends on {names} at the best "
+                "design, so that the search keeps the first values."
             )
     if not result.status.success:
         warn_of_incomplete_result(f"optimize: {result.status.sentence}.")
