@@ -14,6 +14,8 @@ Array = np.ndarray
 
 # Violation of a limit, relative to the limit, up to which a design satisfies it.
 FEASIBILITY_TOLERANCE = 1e-6
+# First values below this ratio to their change over the size of the numbers are rounding errors.
+_MIN_RELATIVE_VALUE = 1e-8
 _MIN_LOGARITHMIC_RATIO = 0.5  # of a value to its limit, from which on margins are logarithms
 
 
@@ -37,14 +39,14 @@ class Scaling:
         self.tolerances = np.maximum(FEASIBILITY_TOLERANCE, problem.noise[1:])
 
     def scale_to(self, first: Design, sizes: Array) -> None:
-        """Scale the objective and limits of zero by the values of a design, or their changes.
+        """Scale the objective and limits of zero by the values of a design; others by their bounds.
 
-        Other limits are scaled by their bounds. The changes are those over the sizes (k,) of the
-        numbers.
+        Values that are rounding errors are replaced by changes over the sizes (k,) of the numbers.
         """
         is_missing = np.array([True, *(x.bound == 0.0 for x in self._limits)])
         changes = np.linalg.norm(first.gradients * sizes, axis=1)
-        values = np.maximum(np.abs(first.values), changes)
+        is_small = np.abs(first.values) <= _MIN_RELATIVE_VALUE * changes
+        values = np.where(is_small, changes, np.abs(first.values))
         self.scales = np.where(is_missing & (values > 0.0), values, self.scales)
 
     def margins(self, values: Array) -> Array:
