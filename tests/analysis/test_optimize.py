@@ -12,11 +12,10 @@ from scipy.optimize import OptimizeResult, linprog
 import beamdae as bd
 from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.gradients.number_derivatives import FlatModel
-from beamdae.analysis.optimization import analyses, solvers
+from beamdae.analysis.optimization import analyses, scaling, solvers
 from beamdae.analysis.optimization.analyses import DesignModel, RunSettings, create_analysis
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.result import Constraint, list_warnings
-from beamdae.analysis.optimization.scaling import Scaling
 from beamdae.analysis.optimization.solvers import METHODS
 
 truss = bd.model(t_end=1.0)(mechanisms.truss)
@@ -776,7 +775,7 @@ def test_regression_interrupts_during_the_first_gradient_return_the_first_design
     def interrupt(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Scaling, "scale_to", interrupt)
+    monkeypatch.setattr(scaling.Scaling, "scale_to", interrupt)
     result = bd.optimize(cantilever, bd.Mass(), "width", partial="return")
     assert (result.status.kind, result.evaluations) == ("interrupted", 1)
     assert result.status.sentence == "interrupted after 1 evaluation"
