@@ -130,12 +130,9 @@ class Analysis:
     ----------
     result
         Result of the analysis, None if there is none.
-    omits_checks
-        True if the analysis of a design omits checks that an analysis of its kind usually has.
     """
 
     result: Any = None
-    omits_checks = False
 
     def value(self, quantity: Any) -> float:
         """Return the value of a quantity of the analysis."""
@@ -173,8 +170,6 @@ class EquilibriumAnalysis(Analysis):
     with few calls of the model function even for many parameters. Otherwise, the path is
     differentiated with respect to each parameter, see `equilibrium_sensitivities`.
     """
-
-    omits_checks = True
 
     def __init__(
         self, model: DesignModel, quantities: Sequence[EquilibriumQuantity], settings: RunSettings
@@ -308,8 +303,6 @@ class EquilibriumAnalysis(Analysis):
 
 class ModeAnalysis(Analysis):
     """Natural modes without damping."""
-
-    omits_checks = True
 
     def __init__(
         self, model: DesignModel, quantities: Sequence[Frequency], settings: RunSettings
@@ -470,16 +463,6 @@ def create_analysis(
 ) -> Analysis:
     """Perform the analysis of some quantities, which share it."""
     return _ANALYSES[quantities[0].analysis[0]](model, quantities, settings)
-
-
-def repeat_with_checks(
-    analysis: Analysis,
-    model: DesignModel,
-    quantities: Sequence[AnalysisQuantity],
-    settings: RunSettings,
-) -> Analysis:
-    """Return the analysis of some quantities with all its checks."""
-    return create_analysis(model, quantities, settings) if analysis.omits_checks else analysis
 
 
 def list_vibrations(modes: Modes) -> list[int]:

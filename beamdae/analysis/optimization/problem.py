@@ -21,9 +21,10 @@ from beamdae.analysis.optimization.analyses import (
     DesignModel,
     RunSettings,
     create_analysis,
-    repeat_with_checks,
 )
 from beamdae.analysis.optimization.quantities import (
+    EQUILIBRIUM_PATH,
+    MODES,
     PARAMETERS,
     AnalysisQuantity,
     LargestOf,
@@ -388,8 +389,8 @@ class DesignProblem:
                 design.analyses[leaf.analysis].value(leaf)
         with warnings.catch_warnings(), keep_known_sections(design.sections):
             warnings.simplefilter("ignore", BeamdaeWarning)
-            for key, analysis in design.analyses.items():
-                analyses[key] = repeat_with_checks(analysis, model, groups[key], self._settings)
+            for key in (x for x in groups if x[0] in (EQUILIBRIUM_PATH, MODES)):
+                analyses[key] = create_analysis(model, groups[key], self._settings)
         return replace(design, analyses=analyses).results, tuple(messages)
 
     def _read_bounds(self, bounds: Any) -> tuple[Array, Array]:

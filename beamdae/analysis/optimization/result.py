@@ -385,8 +385,10 @@ def create_optimization(
         try:
             results, of_user_code = problem.checked_results(design)
             errors = deferred.module("accuracy.designs").measure_design(search)
+            leaves = [x for quantity in problem.quantities for x in quantity.leaves]
+            uses_ends = any(isinstance(x, (EquilibriumValue, EquilibriumErrors)) for x in leaves)
             own = [*errors.sentences(), *_list_distant_limits(search, constraints)]
-            messages = (*own, *_list_path_warnings(problem, results), *of_user_code)
+            messages = (*own, *list_warnings(results, uses_ends), *of_user_code)
         except KeyboardInterrupt:
             acknowledge()
             status = Status("interrupted", INTERRUPTED_CHECKS)
@@ -412,25 +414,23 @@ def create_optimization(
     return optimization
 
 
-def list_warnings(results: Sequence[Any]) -> tuple[str, ...]:
+def list_warnings(results: Sequence[Any], uses_ends: bool = True) -> tuple[str, ...]:
     """Return the warnings of results of analyses, each once.
 
     Those about the output rows and errors of runs are omitted, because quantities are integrals
-    over the steps whose errors are measured.
+    over the steps whose errors are measured; and those about ends of paths, beyond critical loads,
+    if no quantity `uses_ends`.
     """
-    omitted = {x for result in results if isinstance(result, Solution) for x in result.row_warnings}
-    sentences = (x.model_warnings if isinstance(x, Solution) else x.warnings for x in results)
-    messages = dict.fromkeys(message for x in sentences for message in x)
+    messages: dict[str, None] = {}
+    omitted: set[str] = set()
+    for result in results:
+        is_run = isinstance(result, Solution)
+        messages |= dict.fromkeys(result.model_warnings if is_run else result.warnings)
+        if is_run:
+            omitted.update(result.row_warnings)
+        elif isinstance(result, Equilibrium) and not uses_ends:
+            omitted.add(result.instability)
     return tuple(x for x in messages if x not in omitted)
-
-
-def _list_path_warnings(problem: DesignProblem, results: Sequence[Any]) -> tuple[str, ...]:
-    """Return the warnings of analyses, without those about ends of paths beyond critical loads."""
-    leaves = [x for quantity in problem.quantities for x in quantity.leaves]
-    ends: set[str] = set()
-    if not any(isinstance(x, (EquilibriumValue, EquilibriumErrors)) for x in leaves):
-        ends = {x.instability for x in results if isinstance(x, Equilibrium)}
-    return tuple(x for x in list_warnings(results) if x not in ends)
 
 
 def _list_constraints(search: SearchResult, design: Design) -> tuple[Constraint, ...]:

@@ -325,7 +325,7 @@ class Search:
         if best.violation:
             rows = zip(self._problem.limits, find_blocking(point), strict=True)
             status = describe_violation(result, [limit.label for limit, x in rows if x])
-        elif residual <= _OPTIMALITY_TOLERANCE:
+        elif status.success and residual <= _OPTIMALITY_TOLERANCE:
             status = Status("ok", "converged")
         else:
             status = describe_early_end(result)
