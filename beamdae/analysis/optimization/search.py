@@ -171,10 +171,9 @@ class Search:
         if problem.sections:
             own = problem.with_sections({}).design(best.numbers)
             trial = replace(best, values=own.values)
-            excess = np.append(
-                0.0, self._scaling.margins(best.values) - self._scaling.margins(own.values)
-            )
-            excess[0] = (own.values[0] - best.values[0]) / self._scaling.scales[0]
+            before, after = (self._scaling.margins(x.values) for x in (best, own))
+            excess = (own.values[0] - best.values[0]) / self._scaling.scales[0]
+            excess = np.append(excess, before - after)
             if np.max(np.abs(excess) if is_first else excess) > FEASIBILITY_TOLERANCE:
                 self._problem, design = problem.with_sections_of(own, not is_first), own
                 self._known = {best.numbers.tobytes(): trial}
@@ -278,7 +277,7 @@ class Search:
             decrease = other.values[0] / self._scaling.scales[0] - objective
             is_nearer = trial.violation < (1.0 - _MIN_PROGRESS) * other.violation
             is_better = decrease > max(least, _MIN_PROGRESS * other.violation)
-            is_progress &= bool(is_nearer or is_better)
+            is_progress &= bool(is_nearer or (is_better and not self._of_violation))
         return is_progress
 
     def _best(self) -> Trial:
