@@ -286,7 +286,9 @@ def test_failed_analyses_do_not_end_a_search(method):
         design = bd.optimize(model, objective, "height", limit, bounds, method=method)
         assert design.status.success
         assert design.parameters["height"] == pytest.approx(best, rel=2e-3)
-    assert design.history()["failure"].str.contains("too small").any()
+    history = design.history()
+    assert history["failure"].str.contains("too small").any()
+    assert history["objective"].isna().sum() == (history["failure"] != "").sum()
 
 
 @pytest.mark.parametrize("stress", [1e6, 40e6])
