@@ -1,4 +1,4 @@
-"""Conditions of first order of a design, by linear programs within one size of the variables.
+"""Conditions of first order of a design, by linear programs within steps of one size.
 
 The decrease of the linearized objective within a box is a measure of criticality: it is zero if and
 only if the conditions of Karush, Kuhn and Tucker hold (Conn, Gould & Toint, Trust-Region Methods,
@@ -47,8 +47,14 @@ class Linearization:
 
     @property
     def box(self) -> Array:
-        """Steps (k, 2) of at most one size within the bounds."""
-        return np.stack([np.clip(self.lower, -1.0, 0.0), np.clip(self.upper, 0.0, 1.0)], axis=1)
+        """Bounds (k, 2) of equal steps with the length of one size, within the bounds."""
+        step = 1.0 / np.sqrt(len(self.gradient))
+        return np.stack([np.clip(self.lower, -step, 0.0), np.clip(self.upper, 0.0, step)], axis=1)
+
+    @property
+    def free_decrease(self) -> float:
+        """Decrease of the objective within the box without margins and bounds."""
+        return float(np.sum(np.abs(self.gradient)) / np.sqrt(len(self.gradient)))
 
 
 def measure_decrease(point: Linearization) -> tuple[float, Array]:

@@ -114,7 +114,7 @@ def optimize(
         Maximum number of evaluated designs of a search.
     tolerance
         A search ends if the scaled objective changes by less than this, or if its linearization
-        could not decrease by more within one size of the numbers.
+        could not decrease by more within a step of one size of the numbers.
     starts
         Number of searches. The first one begins with the values in `parameters`, and the others at
         points of a Latin hypercube between the bounds, which all parameters need. The result is

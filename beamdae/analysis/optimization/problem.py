@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import time as clock
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
@@ -83,8 +82,6 @@ class Design:
         Values of the results of analyses of which the quantities are functions.
     sections
         Known stress sections with which the models were built, see `keep_known_sections`.
-    wall_time
-        Duration of the analyses [s].
     """
 
     flat: FlatModel
@@ -93,7 +90,6 @@ class Design:
     weights: list[dict[AnalysisQuantity, float]]
     leaf_values: dict[AnalysisQuantity, float]
     sections: Mapping[str, KnownSections]
-    wall_time: float
 
     @property
     def results(self) -> tuple[Any, ...]:
@@ -346,7 +342,6 @@ class DesignProblem:
         return mechanism.start if self._settings.start is None else self._settings.start
 
     def _analyze(self, values: Array) -> Design:
-        begin = clock.perf_counter()
         model = DesignModel(replace(self.flat, parameters=self.parameters(values)))
         leaves = [leaf for quantity in self.quantities for leaf in quantity.leaves]
         analyses: dict[tuple[str, ...], Analysis] = {}
@@ -370,10 +365,8 @@ class DesignProblem:
                     "of the parameters; start from others (parameters={name: value}), or exclude "
                     "them by bounds=."
                 )
-        duration = clock.perf_counter() - begin
-        return Design(
-            model.flat, analyses, np.array(numbers), list(weights), results, self.sections, duration
-        )
+        values = np.array(numbers)
+        return Design(model.flat, analyses, values, list(weights), results, self.sections)
 
     def checked_results(self, design: Design) -> tuple[tuple[Any, ...], tuple[str, ...]]:
         """Return the results of a design with all their warnings, and those of the user's code.

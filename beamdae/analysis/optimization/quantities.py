@@ -34,7 +34,7 @@ from beamdae.model_parameters import parse_quantity
 
 Array = np.ndarray
 
-MAX_EXPONENT = 1000.0
+_MAX_EXPONENT = 1000.0
 _MAX_NUMBER = 10_000
 # Kinds of analyses.
 RUN, EQUILIBRIUM_PATH, MODES, MASS, PARAMETERS = "run", "path", "modes", "mass", "parameters"
@@ -156,8 +156,8 @@ class LargestOf(Quantity):
         if not entries:
             raise BeamdaeError("LargestOf: quantities is empty; pass at least one quantity.")
         p = require_finite("LargestOf", "exponent", self.exponent)
-        if not 1.0 <= p <= MAX_EXPONENT:
-            _, most, given = format_distinct(1.0, MAX_EXPONENT, p)
+        if not 1.0 <= p <= _MAX_EXPONENT:
+            _, most, given = format_distinct(1.0, _MAX_EXPONENT, p)
             raise BeamdaeError(f"LargestOf: exponent must be between 1 and {most}, got {given}.")
         quantities = tuple(as_quantity("LargestOf: quantities", x) for x in entries)
         more = ", ..." if len(quantities) > 1 else ""

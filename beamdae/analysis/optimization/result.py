@@ -128,8 +128,8 @@ class Optimization:
     evaluations
         Number of evaluated designs of the best search, including those whose analyses failed.
     residual
-        Decrease of the linearized objective within one size of the numbers, relative to that
-        without constraints and bounds, and at least to 0.1 times the first value of the objective.
+        Decrease of the linearized objective within a step of one size of the numbers, relative to
+        that without constraints and bounds, and at least to 0.1 times the first value.
         It is 0 at an exact optimum, and NaN if the search was interrupted.
     analyses
         Results of the analyses of the best design: `Solution`, `Equilibrium` and `Modes`.

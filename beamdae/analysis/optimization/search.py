@@ -36,7 +36,7 @@ from beamdae.results.outcome import Status
 
 Array = np.ndarray
 
-# Decrease of the linearized objective within one size of the variables, relative to that without
+# Decrease of the linearized objective within a step of one size, relative to that without
 # constraints and bounds, up to which a design is an optimum.
 _OPTIMALITY_TOLERANCE = 1e-2
 # Smallest decrease without constraints and bounds to which this is relative, of the scaled
@@ -314,7 +314,7 @@ class Search:
             acknowledge()
             return self._result(Status("interrupted", INTERRUPTED_CHECKS))
         decrease, multipliers = measure_decrease(point)
-        residual = decrease / max(float(np.sum(np.abs(point.gradient))), _MIN_DECREASE)
+        residual = decrease / max(point.free_decrease, _MIN_DECREASE)
         result = self._result(
             status,
             multipliers=multipliers * self._transform(best)[1] * scales[0] / scales[1:],
