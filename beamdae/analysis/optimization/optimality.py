@@ -16,11 +16,10 @@ from scipy.optimize import linprog
 Array = np.ndarray
 
 # Tolerances of linear programs, the smallest of HiGHS: those of searches are 1e-7 by default.
-_PRECISION: dict[str, Any] = {
+_OPTIONS: dict[str, Any] = {
     "primal_feasibility_tolerance": 1e-10,
     "dual_feasibility_tolerance": 1e-10,
 }
-
 # Relative decrease of the violation below which no step reduces it.
 _MIN_RELATIVE_DECREASE = 1e-3
 
@@ -62,14 +61,9 @@ def measure_decrease(point: Linearization) -> tuple[float, Array]:
 
     Limits that are violated need not be satisfied, but must not become worse.
     """
-    program = linprog(
-        point.gradient,
-        -point.jacobian if len(point.margins) else None,
-        np.maximum(point.margins, 0.0) if len(point.margins) else None,
-        bounds=point.box,
-        options=_PRECISION,
-    )
-    return max(0.0, -float(program.fun)), -np.asarray(program.ineqlin.marginals)
+    margins = np.maximum(point.margins, 0.0)
+    value, multipliers = _minimize(point.gradient, point.jacobian, margins, point.box, 0.0)
+    return max(0.0, -value), multipliers
 
 
 def find_blocking(point: Linearization) -> Array:
@@ -77,14 +71,29 @@ def find_blocking(point: Linearization) -> Array:
 
     There are none if a step within the box reduces the largest violation.
     """
-    count = len(point.margins)
-    program = linprog(
-        np.append(np.zeros(len(point.gradient)), 1.0),
-        -np.hstack([point.jacobian, np.ones((count, 1))]),
-        point.margins,
-        bounds=np.vstack([point.box, [0.0, np.inf]]),
-        options=_PRECISION,
-    )
-    least = (1.0 - _MIN_RELATIVE_DECREASE) * float(np.max(-point.margins))
-    weights = np.asarray(program.ineqlin.marginals)
-    return (weights != 0.0) & bool(program.fun >= least)
+    violation = float(np.max(-point.margins))
+    # The last variable is the remaining share of the violation.
+    cost = np.append(np.zeros(len(point.gradient)), 1.0)
+    matrix = np.hstack([point.jacobian, np.full((len(point.margins), 1), violation)])
+    box = np.vstack([point.box, [0.0, np.inf]])
+    share, weights = _minimize(cost, matrix, point.margins, box, 1.0)
+    return (weights > 0.0) & (share >= 1.0 - _MIN_RELATIVE_DECREASE)
+
+
+def _minimize(
+    cost: Array, matrix: Array, margins: Array, box: Array, rest: float
+) -> tuple[float, Array]:
+    """Return the least cost x with margins + matrix x >= 0 in a box, and the dual variables.
+
+    `rest` is the cost without a step, which is feasible.
+    """
+    size = float(np.max(np.abs(cost))) or 1.0
+    rows = np.max(np.abs(matrix), axis=1, initial=0.0)
+    rows[rows == 0.0] = 1.0
+    # Larger margins cannot become zero in a box of at most one.
+    distances = np.minimum(margins / rows, len(cost) + 1.0)
+    program = linprog(cost / size, -matrix / rows[:, None], distances, bounds=box, options=_OPTIONS)
+    if program.fun is None:
+        # Rounding errors of rows with only this feasible step exceed the tolerances.
+        return rest, np.zeros(len(margins))
+    return size * float(program.fun), -size * np.asarray(program.ineqlin.marginals) / rows

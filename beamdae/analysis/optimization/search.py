@@ -38,7 +38,7 @@ Array = np.ndarray
 
 # Decrease of the linearized objective within a step of one size, relative to that without
 # constraints and bounds, up to which a design is an optimum.
-_OPTIMALITY_TOLERANCE = 1e-2
+_OPTIMALITY_TOLERANCE = 0.05
 # Smallest decrease without constraints and bounds to which this is relative, of the scaled
 # objective: gradients of minima in the interior vanish.
 _MIN_DECREASE = 0.1
