@@ -7,21 +7,20 @@ import numpy as np
 from beamdae.accuracy.errors import Errors, Split
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import describe_refinement, refine_method
-from beamdae.analysis.optimization.problem import DesignProblem
-from beamdae.analysis.optimization.search import SearchResult
+from beamdae.analysis.optimization.search_result import SearchResult
 from beamdae.errors import BeamdaeError
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
 
-def measure_design(problem: DesignProblem, search: SearchResult) -> Errors:
+def measure_design(search: SearchResult) -> Errors:
     """Return the errors of the objective and of the limited quantities of the best design.
 
     They are relative to the larger one of the value and the limit; without a limit, or if it is
     zero, of the values of the best and the first design.
     """
-    best, first = search.best, search.trials[0]
+    problem, best, first = search.problem, search.best, search.trials[0]
     design = problem.design(best.numbers)
     ratios = np.append(1.0, search.ratios)
     values = ratios * best.values

@@ -840,15 +840,6 @@ class Beam(Part):
         return beam, (float(s),) if build is Beam._evaluate_strains else beam._stress_sections(s)
 
     @staticmethod
-    def exponent_of_bound(quantity: Quantity) -> float | None:
-        """Return the exponent of a `largest_stress`; None for other quantities."""
-        recipe = quantity.recipe
-        if recipe is None or recipe.build is not Beam._evaluate_largest_stress:
-            return None
-        _, _, exponent = recipe.arguments
-        return float(exponent)
-
-    @staticmethod
     def values_of_section_forces(quantity: Quantity, forces: Array, s: Sequence[float]) -> Array:
         """Return the columns of a quantity of strains for given section forces.
 

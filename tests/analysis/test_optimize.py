@@ -12,11 +12,11 @@ from scipy.optimize import OptimizeResult, linprog
 import beamdae as bd
 from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.gradients.number_derivatives import FlatModel
-from beamdae.analysis.optimization import analyses, search
+from beamdae.analysis.optimization import analyses, scaling, solvers
 from beamdae.analysis.optimization.analyses import DesignModel, RunSettings, create_analysis
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.result import Constraint, list_warnings
-from beamdae.analysis.optimization.search import Search, Trial, count_idle_trials
+from beamdae.analysis.optimization.solvers import METHODS
 
 truss = bd.model(t_end=1.0)(mechanisms.truss)
 
@@ -102,14 +102,17 @@ LEAF_BOUNDS = {"height": (0.001, 0.03)}
 
 
 @pytest.mark.slow(reason="dozens of equilibria")
+@pytest.mark.parametrize(("method", "most"), [("SLSQP", 60), ("IPOPT", 100)])
 @pytest.mark.parametrize("first", [0.006, 0.012])
-def test_regression_lightest_tapered_leaf_under_a_stress_limit(first):
+def test_regression_lightest_tapered_leaf_under_a_stress_limit(first, method, most):
     """The stress bound jumped with the number of its sections, and the search never ended."""
     limit = bd.at_most(STRESS, 5e8)
     heights = {"height": (first,) * 5}
-    design = bd.optimize(tapered_leaf, bd.Mass(), "height", limit, LEAF_BOUNDS, parameters=heights)
+    design = bd.optimize(
+        tapered_leaf, bd.Mass(), "height", limit, LEAF_BOUNDS, parameters=heights, method=method
+    )
     assert design.status.success
-    assert design.evaluations < 70
+    assert design.evaluations < most
     # Without shortening of the lever by large deflections, the linear program of full stress has
     # 0.7327 kg.
     assert design.objective == pytest.approx(0.7278, rel=2e-4)
@@ -125,25 +128,21 @@ def test_designs_of_a_search_have_the_stress_sections_of_its_first_design(by):
     settings = RunSettings(None, None, None)
     arguments = (tapered_leaf, bd.Mass(), by, bd.at_most(STRESS, 5e8), None, first, settings)
     problem = DesignProblem(*arguments)
-    assert problem.design_with_own_sections(problem.first) is None
-    design = problem.design(problem.first)
-    problem.keep_sections(design, problem.first)
-    (path,) = design.results
-    own = path.equations.mechanism.parts["leaf"]._stress_sections(None)
+    kept = problem.with_sections_of(problem.design(problem.first))
     other = problem.first * (1.1 if by == "length" else np.array([1.0, 0.6, 1.0, 1.0, 0.5]))
-    places = []
-    for x in (problem.design(other), problem.design_with_own_sections(other)):
-        (path,) = x.results
-        places.append(path.equations.mechanism.parts["leaf"]._stress_sections(None))
+
+    def places(problem, numbers):
+        (path,) = problem.design(numbers).results
+        return path.equations.mechanism.parts["leaf"]._stress_sections(None)
+
+    own = places(problem, problem.first)
     if by == "length":
-        assert places[0] == pytest.approx([1.1 * s for s in own], rel=1e-12)
+        assert places(kept, other) == pytest.approx([1.1 * s for s in own], rel=1e-12)
         return
-    assert places[0] == own
-    assert len(places[1]) > len(own)
-    problem.keep_sections(problem.design_with_own_sections(other), other, is_added=True)
-    (path,) = problem.design(other).results
-    both = path.equations.mechanism.parts["leaf"]._stress_sections(None)
-    assert set(both) == set(own) | set(places[1])
+    assert places(kept, other) == own
+    assert len(places(problem, other)) > len(own)
+    both = kept.with_sections_of(problem.design(other), is_added=True)
+    assert set(places(both, other)) == set(own) | set(places(problem, other))
 
 
 @pytest.mark.slow(reason="one second")
@@ -153,9 +152,9 @@ def test_regression_gradients_of_runs_from_equilibrium_have_the_kept_stress_sect
     settings = RunSettings(bd.GeneralizedAlpha(1e-3), 2e-3, "equilibrium")
     limit = bd.at_most(bd.SmoothMaximum("stress.bound"), 5e8)
     problem = DesignProblem(tapered_leaf, bd.Mass(), "height", limit, None, first, settings)
-    problem.keep_sections(problem.design(problem.first), problem.first)
+    problem = problem.with_sections_of(problem.design(problem.first))
     other, step = problem.first * [1.0, 0.6, 1.0, 1.0, 0.5], 1e-5 * problem.first
-    gradient = problem.design(other).gradient(1)
+    gradient = problem.design(other).gradients[1]
     after, before = (problem.design(other + sign * step).values[1] for sign in (1.0, -1.0))
     # Errors of the difference are of second order in the step.
     assert gradient @ (2.0 * step) == pytest.approx(after - before, rel=1e-5)
@@ -222,8 +221,9 @@ def light_heights(count):
 
 
 @pytest.mark.slow(reason="twenty designs")
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("first", [0.02, 0.035])
-def test_lightest_cantilever_has_the_heights_of_the_closed_form(first):
+def test_lightest_cantilever_has_the_heights_of_the_closed_form(first, method):
     result = bd.optimize(
         cantilever,
         bd.Mass(),
@@ -232,6 +232,7 @@ def test_lightest_cantilever_has_the_heights_of_the_closed_form(first):
         {"height": (0.002, 0.05)},
         parameters={"height": (first,) * 2},
         tolerance=1e-9,
+        method=method,
     )
     assert result.status.success
     # Shear adds 1e-4 of the deflection.
@@ -245,36 +246,6 @@ def test_lightest_cantilever_has_the_heights_of_the_closed_form(first):
     assert result.residual < 1e-3
     assert not result.at_bounds
     assert result.table()["unit"].to_dict() == {"height[0]": "m", "height[1]": "m"}
-
-
-@pytest.mark.slow(reason="a second")
-def test_frequency_is_largest_where_the_mass_reaches_its_limit():
-    result = bd.optimize(
-        cantilever,
-        -bd.Frequency(1, "equilibrium"),
-        ["width", "length"],
-        bd.at_least(bd.Mass(), 2.0),
-        {"width": (0.01, 0.05), "length": (0.8, 1.2)},
-        parameters={"height": (0.02,)},
-    )
-    # The frequency does not depend on the width and decreases with the length.
-    assert result.status.success
-    assert result.parameters["length"] == pytest.approx(0.8, rel=1e-9)
-    assert result.at_bounds == ("length",)
-
-
-@pytest.mark.slow(reason="two seconds")
-@pytest.mark.parametrize(
-    ("method", "tolerance", "error"), [("SLSQP", 1e-7, 1e-6), ("trust-constr", 1e-4, 1e-3)]
-)
-def test_critical_load_reaches_its_limit_at_the_closed_form(method, tolerance, error):
-    limit = bd.at_least(bd.CriticalLoad(to={"crown.y": 0.0}, step=0.05), 5.0)
-    rise = bd.ParameterFunction(lambda rise, **_: rise)
-    bounds = {"rise": (0.1, 0.5)}
-    result = bd.optimize(truss, rise, "rise", limit, bounds, method=method, tolerance=tolerance)
-    # With l0 = sqrt(1 + h^2), the limit load is 2 k (l0^(2/3) - 1)^(3/2).
-    expected = np.sqrt((1.0 + (5.0 / 2000.0) ** (2.0 / 3.0)) ** 3 - 1.0)
-    assert result.parameters["rise"] == pytest.approx(expected, rel=error)
 
 
 @pytest.mark.slow(reason="one second")
@@ -312,15 +283,16 @@ def loaded_spring(stiffness=100.0):
 
 
 @pytest.mark.slow(reason="half a second and more")
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("exponent", [10.0, 50.0])
 @pytest.mark.parametrize("is_negative", [False, True])
-def test_regression_limits_of_smooth_maxima_are_those_of_the_maxima(exponent, is_negative):
+def test_regression_limits_of_smooth_maxima_are_those_of_the_maxima(exponent, is_negative, method):
     """A maximum was 6 % above the limit of its smooth maximum."""
     travel = bd.SmoothMaximum("mass.x", exponent)
     limit = bd.at_least(-1.0 * travel, -0.02) if is_negative else bd.at_most(travel, 0.02)
     size = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")
     calls = (loaded_spring, size, "stiffness", limit, {"stiffness": (20.0, 500.0)})
-    design = bd.optimize(*calls)
+    design = bd.optimize(*calls, method=method)
     assert design.status.success
     assert design.warnings == ()
     # The search continues until the ratio of maximum and smooth maximum is constant to 0.1 %.
@@ -363,17 +335,17 @@ def test_limits_that_are_far_from_all_designs_may_have_another_unit(bound, hint)
     assert ("check the unit of the limit" in str(records[0].message)) == hint
 
 
-@pytest.mark.slow(reason="half a second and more")
-def test_regression_searches_end_if_designs_hardly_differ():
+@pytest.mark.parametrize("method", METHODS)
+def test_regression_searches_end_at_local_minima_of_the_violation(method):
     """Of 200 evaluated designs, 173 had the same parameter to eight digits."""
     size = bd.ParameterFunction(lambda stiffness: 1.0 + 1e-5 * stiffness, "size")
     limited = bd.ParameterFunction(lambda stiffness: 1.0 + (stiffness / 100.0 - 1.0) ** 2, "c")
     arguments = (loaded_spring, size, "stiffness", bd.at_most(limited, 0.97))
     settings = {"bounds": {"stiffness": (20.0, 500.0)}, "parameters": {"stiffness": 150.0}}
-    with pytest.warns(bd.BeamdaeWarning, match="the last 8 designs hardly differ; the search is"):
-        design = bd.optimize(*arguments, **settings)
-    assert design.evaluations < 30
-    assert design.parameters["stiffness"] == pytest.approx(100.0, rel=1e-4)
+    with pytest.warns(bd.BeamdaeWarning, match="c <= 0.97 cannot be satisfied by small changes"):
+        design = bd.optimize(*arguments, **settings, method=method)
+    assert design.evaluations < 100
+    assert design.parameters["stiffness"] == pytest.approx(100.0, rel=1e-3)
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -431,21 +403,8 @@ def test_gradients_of_all_quantities_agree_with_differences():
         values = [problem.design(problem.first + x * delta).values for x in (1, -1, 2, -2)]
         near, far = values[0] - values[1], values[2] - values[3]
         expected = (8.0 * near - far) / (12.0 * delta[k])
-        actual = [design.gradient(number)[k] for number in range(len(quantities))]
         # Rounding errors of frequencies and of the runs limit the differences.
-        np.testing.assert_allclose(actual, expected, rtol=2e-5)
-
-
-@pytest.mark.slow(reason="two seconds")
-def test_failed_analyses_shorten_the_step():
-    # The first step, to the lower bound, leads to a model that is rejected. With a positive lower
-    # bound, the search would have shorter steps.
-    target = bd.EquilibriumErrors("mass.x", [1.0], [2.25])
-    result = bd.optimize(pair, target, "soft", (), {"soft": (0.0, 5.0)})
-    history = result.history()
-    assert result.parameters["soft"] == pytest.approx(0.8, rel=1e-3)
-    assert history["failure"].str.contains("at least 0.5").any()
-    assert history["objective"].isna().sum() == (history["failure"] != "").sum()
+        np.testing.assert_allclose(design.gradients[:, k], expected, rtol=2e-5)
 
 
 @pytest.mark.slow(reason="half a second")
@@ -494,20 +453,23 @@ def test_no_design_satisfies_the_constraints():
     assert result.constraints[0].margin < 0.0
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize(("least", "contradicts"), [(1.0, True), (0.0, False)])
-def test_regression_searches_that_stop_at_contradictions_say_so(least, contradicts):
-    """They only advised more evaluations."""
-    first, second = (bd.ParameterFunction(lambda width, k=k: k + width) for k in (0.0, least))
-    limits = [bd.at_least(first, 2.0), bd.at_most(second, 2.5)]
-    if contradicts:
-        limits.append(bd.at_most(first, 1.0))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("first", [0.02, 5.0])
+def test_limits_that_contradict_each_other_are_named(method, first):
+    """The search only advised more evaluations."""
+    name = bd.ParameterFunction(lambda width: width, "width")
+    other = bd.ParameterFunction(lambda width: width**2, "square")
+    limits = [bd.at_least(name, 2.0), bd.at_most(other, 9.0), bd.at_most(name, 1.0)]
+    bounds, given = {"width": (0.01, 10.0)}, {"width": first}
+    with pytest.warns(bd.BeamdaeWarning, match="width >= 2, width <= 1 cannot be satisfied"):
         result = bd.optimize(
-            cantilever, bd.Mass(), "width", limits, {"width": (0.01, 10.0)}, max_evaluations=6
+            cantilever, bd.Mass(), "width", limits, bounds, parameters=given, method=method
         )
-    assert ("may contradict each other" in result.status.sentence) == contradicts
+    assert 1.0 < result.parameters["width"] < 2.0
+    feasible = bd.optimize(
+        cantilever, bd.Mass(), "width", limits[:2], bounds, parameters=given, method=method
+    )
+    assert feasible.parameters["width"] == pytest.approx(2.0, rel=2e-6)
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -528,16 +490,13 @@ def test_regression_parameters_whose_neighbors_are_rejected_have_gradients(quant
 @pytest.mark.parametrize(
     ("integrator", "is_advised"), [(ALPHA, False), (bd.GeneralizedAlpha(rtol=1e-3), True)]
 )
-def test_regression_searches_that_end_early_name_their_cause(integrator, is_advised, monkeypatch):
-    """They ended with "Positive directional derivative for linesearch"."""
-    message = "Positive directional derivative for linesearch"
-
+def test_searches_that_end_before_an_optimum_name_their_cause(integrator, is_advised, monkeypatch):
     def fail(function, begin, **options):
         function(begin)
-        return OptimizeResult(x=begin, success=False, status=8, message=message)
+        return OptimizeResult(x=begin, success=True, status=0, message="success")
 
-    monkeypatch.setattr(search, "minimize", fail)
-    with pytest.warns(bd.BeamdaeWarning, match="no step along the search direction"):
+    monkeypatch.setattr(solvers, "minimize", fail)
+    with pytest.warns(bd.BeamdaeWarning, match="a quantity jumps or has a kink, before an optimum"):
         result = bd.optimize(
             truss,
             bd.EndValue("crown.y"),
@@ -545,6 +504,8 @@ def test_regression_searches_that_end_early_name_their_cause(integrator, is_advi
             bounds={"rise": (0.1, 0.3)},
             integrator=integrator,
         )
+    assert result.status.kind == "limited"
+    assert result.residual > 0.1
     assert ("use a fixed step" in result.status.sentence) is is_advised
 
 
@@ -584,78 +545,6 @@ def test_free_minima_of_objectives_with_a_large_constant_converge(first):
     result = bd.optimize(*arguments, parameters={"soft": first})
     assert result.status.kind == "ok"
     assert result.parameters["soft"] == pytest.approx(1.0, abs=0.02)
-
-
-@pytest.mark.slow(reason="half a second and more")
-@pytest.mark.parametrize("load", [LOAD, -LOAD])
-def test_regression_limits_of_signed_stresses_beyond_the_limit_in_magnitude_are_reported(load):
-    """A compression of 1567 MPa satisfied the upper limit of 200 MPa without a warning."""
-    stress = bd.EquilibriumValue("stress 0")
-    # The top is in tension if the load points down.
-    permit = bd.at_most if load < 0.0 else bd.at_least
-    limit = permit(stress, 2e8 if load < 0.0 else -2e8)
-    given = ({"height": (0.005, 0.05)}, None, None)
-    with pytest.warns(bd.BeamdaeWarning, match=r"stress 0 at equilibrium is .* times its limit"):
-        result = bd.optimize(
-            cantilever,
-            bd.Mass(),
-            "height",
-            limit,
-            *given,
-            parameters={"height": (0.02,), "load": load},
-        )
-    assert result.at_bounds == ("height[0]",)
-    assert "LargestOf([quantity])" in result.warnings[0]
-    both = [bd.at_most(stress, 2e8), bd.at_least(stress, -2e8)]
-    result = bd.optimize(
-        cantilever, bd.Mass(), "height", both, *given, parameters={"height": (0.02,), "load": load}
-    )
-    assert result.warnings == ()
-    assert sorted(x.comparison for x in result.constraints) == [
-        "at its limit",
-        "margin 200 % of the limit",
-    ]
-    assert sorted(x.margin for x in result.constraints)[0] == pytest.approx(0.0, abs=200.0)
-    assert {x.unit for x in result.constraints} == {"Pa"}
-
-
-@bd.model(t_end=1.0)
-def hanging_mass(stiffness=1e4):
-    """A mass of 1 kg on a spring, below which it hangs by its weight."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (0.0, 1.0)))
-    anchor = mech.ground.at(0.0, 1.0)
-    mech.add(bd.Spring("spring", anchor, mass.point, stiffness, free_length=1.0))
-    mech.observe("mass", mass.point)
-    return mech
-
-
-@pytest.mark.slow(reason="half a second and more")
-def test_regression_limits_without_effect_by_their_sign_are_reported():
-    """A sag of -98 mm satisfied the upper limit of 5 mm without a word."""
-    stiffness = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")
-    limit, bounds = bd.at_most(bd.EquilibriumValue("mass.y"), 0.005), {"stiffness": (100.0, 1e5)}
-    with pytest.warns(bd.BeamdaeWarning, match="mass.y at equilibrium is -0.0981 m, 19.6 times"):
-        result = bd.optimize(hanging_mass, stiffness, "stiffness", limit, bounds)
-    (text,) = result.warnings
-    assert "it is negative for every design, so that the limit has no effect; to limit" in text
-    assert "add at_least(quantity, -0.005)" in text
-
-
-@pytest.mark.slow(reason="half a second and more")
-def test_limits_of_the_right_sign_on_both_sides_or_of_magnitudes_have_no_warning():
-    stiffness = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")
-    sag = bd.EquilibriumValue("mass.y")
-    for limits in (
-        bd.at_least(sag, -0.005),
-        [bd.at_least(sag, -0.005), bd.at_most(sag, 0.001)],
-        bd.at_most(bd.LargestOf([sag]), 0.005),
-    ):
-        bounds = {"stiffness": (100.0, 1e5)}
-        result = bd.optimize(hanging_mass, stiffness, "stiffness", limits, bounds)
-        assert result.warnings == ()
-        assert result.parameters["stiffness"] == pytest.approx(1962.0, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -718,10 +607,7 @@ def test_regression_limits_of_several_quantities_state_the_largest_one():
     assert limit.value > 1.02 * limit.largest
     size = f"{limit.largest:.4g}"
     text = f"at its limit; the largest quantity itself is {float(size):g} Pa"
-    assert limit.comparison == f"{text} (closer with exponent={limit.exponent:g})"
-    closer = bd.LargestOf(quantities, exponent=limit.exponent)
-    again = bd.optimize(cantilever, bd.Mass(), "width", [bd.at_most(closer, 30e6)], bounds)
-    assert 1.0 < again.constraints[0].value / again.constraints[0].largest < 1.015
+    assert limit.comparison == text
     assert result.constraint_table()["largest"].tolist() == [limit.largest]
     # A single quantity is its smooth bound, and others have no bound.
     single = Constraint("stress", 2e8, 2e8, 0.0, 0.0, 0.0, "Pa", 2e8)
@@ -748,15 +634,17 @@ def test_max_evaluations_ends_the_search_with_the_best_design(tmp_path):
     assert lines[0].startswith("objective,violation,1: tip.y at equilibrium,height[0]")
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("partial", ["raise", "return"])
 @pytest.mark.slow(reason="half a second and more")
-def test_interrupts_return_the_best_design_so_far(partial):
+def test_interrupts_return_the_best_design_so_far(partial, method):
     def interrupt(count, *numbers):
         if count == 2:
             raise KeyboardInterrupt
 
     arguments = (cantilever, bd.Mass(), "width", bd.at_least(bd.EquilibriumValue("tip.y"), -SAG))
     options = {"bounds": {"width": (0.001, 0.1)}, "progress": interrupt, "partial": partial}
+    options["method"] = method
     if partial == "return":
         result = bd.optimize(*arguments, **options)
     else:
@@ -772,7 +660,7 @@ def test_regression_interrupts_during_the_first_gradient_return_the_first_design
     def interrupt(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Search, "_scale", interrupt)
+    monkeypatch.setattr(scaling.Scaling, "scale_to", interrupt)
     result = bd.optimize(cantilever, bd.Mass(), "width", partial="return")
     assert (result.status.kind, result.evaluations) == ("interrupted", 1)
     assert result.status.sentence == "interrupted after 1 evaluation"
@@ -785,9 +673,10 @@ def test_regression_numbers_without_effect_on_all_quantities_are_named():
         bd.optimize(cantilever, bd.Mass(), ["width", "load"], bounds={"width": (0.01, 0.03)})
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("last", [1, 2])
 @pytest.mark.slow(reason="half a second and more")
-def test_exceptions_of_progress_have_the_best_design_so_far(last):
+def test_exceptions_of_progress_have_the_best_design_so_far(last, method):
     """The best design used to be lost."""
 
     def fail(count, *numbers):
@@ -796,7 +685,15 @@ def test_exceptions_of_progress_have_the_best_design_so_far(last):
 
     limit = bd.at_least(bd.EquilibriumValue("tip.y"), -SAG)
     with pytest.raises(RuntimeError, match=r"^no display$") as caught:
-        bd.optimize(cantilever, bd.Mass(), "width", limit, {"width": (0.001, 0.1)}, progress=fail)
+        bd.optimize(
+            cantilever,
+            bd.Mass(),
+            "width",
+            limit,
+            {"width": (0.001, 0.1)},
+            progress=fail,
+            method=method,
+        )
     result = caught.value.partial
     assert (result.status.kind, result.evaluations) == ("failed", last)
     assert result.status.sentence == "progress failed: RuntimeError: no display"
@@ -898,7 +795,7 @@ def test_regression_searches_with_adaptive_steps_end_within_their_tolerance():
         {"height": ("4 mm", "30 mm")},
         parameters={"height": 0.008},
     )
-    assert result.status.sentence == "converged to the accuracy of the analyses"
+    assert result.status.success
     assert not result.warnings
     # The limit holds to 1e-5, the `rtol` of the runs.
     assert result.constraints[0].largest == pytest.approx(300e6, rel=1e-5)
@@ -973,7 +870,7 @@ def with_unused_number(stiffness=4.0, unused=1.0):
 
 
 def test_regression_numbers_without_effect_are_named():
-    with pytest.warns(bd.BeamdaeWarning, match="small changes of unused change no number"):
+    with pytest.warns(bd.BeamdaeWarning, match="nor a constraint depends on unused at the best"):
         bd.optimize(with_unused_number, bd.EndValue("mass.x"), "unused")
 
 
@@ -1067,8 +964,8 @@ def test_regression_frequencies_about_an_unbalanced_reference_name_the_remedy():
 def test_functions_of_parameters_receive_the_parameters_that_they_name():
     parameters = {"height": 2.0, "width": 3.0}
     for function in (lambda height: height, lambda height, **others: height):
-        assert bd.ParameterFunction(function).evaluate(parameters) == 2.0
-    assert bd.ParameterFunction(dict).evaluate(parameters) == parameters
+        assert bd.ParameterFunction(function).call(parameters) == 2.0
+    assert bd.ParameterFunction(dict).call(parameters) == parameters
 
 
 @pytest.mark.slow(reason="fifty designs")
@@ -1100,8 +997,7 @@ def test_bound_of_the_largest_stress_leads_to_uniform_strength():
     (limit,) = result.constraints
     (path,) = (x for x in result.analyses if isinstance(x, bd.Equilibrium))
     assert limit.largest == path.columns["stress.largest [Pa]"][-1] < 0.99 * limit.value
-    assert 100.0 < limit.exponent <= 1000.0
-    assert f"closer with exponent={limit.exponent:g}" in limit.comparison
+    assert "the largest quantity itself is" in limit.comparison
     # M = sigma b h^2 / 6 bounds the height of each section from below. The smallest mass of linear
     # heights between the knots is a linear program.
     sections = np.linspace(0.0, 0.5, 17)
@@ -1137,14 +1033,6 @@ def test_bound_of_the_largest_stress_in_a_run_states_the_largest_stress():
     (constraint,) = result.constraints
     assert constraint.largest == run.columns["stress.largest [Pa]"].max()
     assert result.constraint_table()["largest"].tolist() == [constraint.largest]
-
-
-def test_regression_line_searches_that_noise_misleads_are_counted():
-    """A search evaluated 39 of 45 designs next to each other and was said to have converged."""
-    values = [(1.0, 0.5), *[(0.8 + 1e-5 * (k % 3), 0.05 - 1e-5 * (k % 2)) for k in range(20)]]
-    trials = [Trial(np.zeros(1), np.array([x]), violation) for x, violation in values]
-    trials.insert(5, Trial(np.zeros(1), np.array([np.nan]), np.nan, "failed"))
-    assert count_idle_trials(trials) == 19
 
 
 def waves(width, load):
@@ -1379,92 +1267,6 @@ def test_regression_whole_numbers_without_derivative_have_advice(call):
         call(whole, "mass")
 
 
-@pytest.mark.slow(reason="five seconds")
-def test_regression_searches_with_limits_of_stress_converge_from_thick_designs():
-    """From 8 mm, the search ended after 109 designs at twice the mass, without an optimum."""
-
-    @bd.model(t_end=1.0)
-    def leaf(height=bd.param((0.005,) * 6, "m")):
-        mech = bd.Mechanism()
-        section = bd.taper(bd.Section.rectangle, STEEL, width=0.05, height=list(height))
-        curve = bd.Line((0.0, 0.0), (0.4, 0.0))
-        beam = mech.add(bd.Beam("leaf", curve, section, elements=5, formulation="exact"))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-        mech.add(bd.Force("load", beam.end, (0.0, -300.0)))
-        mech.observe("stress", beam.largest_stress())
-        return mech
-
-    limit = bd.at_most(bd.EquilibriumValue("stress.bound"), "600 MPa")
-    masses = [
-        bd.optimize(
-            leaf,
-            bd.Mass(),
-            by="height",
-            subject_to=limit,
-            bounds={"height": (0.001, 0.012)},
-            parameters={"height": (first,) * 6},
-            max_evaluations=100,
-        ).objective
-        for first in (0.005, 0.008)
-    ]
-    assert masses[1] == pytest.approx(masses[0], rel=1e-5)
-
-
-def optimize_height(model, limit=3e8, **parameters):
-    """Return the lightest design with a limit of the stress at the root, and its warnings."""
-    stress = bd.at_most(bd.EquilibriumValue("stress 0"), limit)
-    bounds = {"height": (0.01, 0.05)}
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        design = bd.optimize(model, bd.Mass(), "height", stress, bounds, parameters=parameters)
-    sentences = [str(x.message).removeprefix("optimize: ") for x in caught]
-    assert sentences == list(design.warnings)
-    return design
-
-
-@pytest.mark.slow(reason="a quarter of a second")
-def test_regression_limits_of_stresses_that_are_rounding_errors_have_a_warning():
-    """Without its load, the search converged to the lower bounds without a warning."""
-    design = optimize_height(cantilever, height=(0.02,), load=1e-12)
-    assert 0.0 < design.constraints[0].value < 1e-3
-    (message,) = design.warnings
-    assert "stress 0 at equilibrium is negligible for every design, at most" in message
-    assert "so that its limit has no effect; check the loads" in message
-
-
-@pytest.mark.slow(reason="a quarter of a second")
-def test_regression_designs_at_bounds_far_from_all_limits_have_a_warning():
-    """A leaf whose clamp was forgotten swings down; its stresses were no concern."""
-
-    @bd.model(t_end=1.0)
-    def pendulum(height=bd.param(0.02, "m")):
-        mech = bd.Mechanism()
-        section = bd.Section.rectangle(STEEL, width=WIDTH, height=height)
-        line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
-        beam = mech.add(bd.Beam("beam", line, section, elements=1))
-        mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
-        mech.add(bd.Force("load", beam.end, (0.0, -LOAD)))
-        mech.observe("stress 0", beam.stress(0.0, "top"))
-        return mech
-
-    message, fall = optimize_height(pendulum).warnings
-    assert "the equilibrium turns this part by 90 degrees from its drawing" in fall
-    assert "all numbers are at bounds, and no quantity is within a factor of 10" in message
-    assert "check loads, supports (beam can rotate about (0, 0) without strains)" in message
-    (message,) = optimize_height(cantilever, height=(0.02,), load=0.5).warnings
-    assert "check loads, supports and limits" in message
-
-
-@pytest.mark.slow(reason="a quarter of a second")
-def test_designs_at_bounds_near_a_limit_have_no_warning():
-    # The stress at the root is 54 MPa at the lower bound.
-    design = optimize_height(cantilever, height=(0.02,), load=20.0)
-    assert design.at_bounds
-    assert not design.warnings
-    # No value is far from a limit of zero.
-    assert not optimize_height(cantilever, 0.0, height=(0.02,), load=-20.0).warnings
-
-
 def test_regression_first_designs_that_fail_name_meaningless_strains():
     """With E in MPa, neither the error nor a warning mentioned units."""
     soft = bd.Material(E=211e3, nu=0.31, rho=7800.0)
@@ -1489,59 +1291,43 @@ def test_regression_first_designs_that_fail_name_meaningless_strains():
         bd.optimize(leaf, bd.Mass(), "height", tip)
 
 
-@bd.model(t_end=1.0)
-def bent_strip(height=2e-3, elements=4, strain=None):
-    mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=WIDTH, height=height)
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    options = {} if strain is None else {"strain": strain}
-    beam = mech.add(bd.Beam("beam", line, section, elements=elements, **options))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    mech.add(bd.Force("load", beam.end, (0.0, -0.1 * STEEL.E * WIDTH * 8e-9)))
-    mech.observe("tip", beam.end)
-    return mech
-
-
-@pytest.mark.slow(reason="half a second")
-@pytest.mark.parametrize("repeats", [False, True], ids=["once", "twice"])
-def test_regression_best_designs_of_interrupted_searches_are_checked(repeats, monkeypatch):
-    """Their errors were not stated. A second interrupt ends the checks."""
-
-    def interrupt(*numbers):
-        raise KeyboardInterrupt
-
-    def compare(problem, values, *others):
-        compared.append(values)
-        if repeats:
-            raise KeyboardInterrupt
-        return problem.design(values).values
-
-    compared = []
-    monkeypatch.setattr(DesignProblem, "repeat", compare)
-    name = "beamdae.analysis.optimization.result._MAX_CHECKED_TIME"
-    monkeypatch.setattr(name, math.inf)
-    limit = bd.at_least(bd.EquilibriumValue("tip.y"), -0.4)
-    options = {"bounds": {"height": (1e-3, 4e-3)}, "progress": interrupt, "partial": "return"}
-    design = bd.optimize(bent_strip, bd.Mass(), "height", limit, **options)
-    assert design.status.sentence == "interrupted after 1 evaluation"
-    assert len(compared) == 1
-
-
+@pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(
-    ("limit", "text"),
+    ("permit", "bound", "others", "has_warning"),
     [
-        (bd.at_least(bd.EquilibriumValue("tip.y"), -10), "-10 m is 1000 times the largest"),
-        (bd.at_most(bd.EquilibriumValue("tip.y"), 10.0), "10 m is 1000 times the largest"),
-        (bd.at_least(bd.Frequency(1), 1e-3), "0.001 Hz is 1/17000 of the smallest"),
-        (bd.at_least(bd.EquilibriumValue("tip.y"), -0.02), ""),
+        # The values of all designs are 20 to 60, and the best one has 20.
+        (bd.at_most, 30.0, (), False),
+        (bd.at_most, 1100.0, (), False),
+        (bd.at_most, 1300.0, (), True),
+        (bd.at_least, 0.9, (), True),
+        (bd.at_least, 1.1, (), False),
+        (bd.at_least, -30.0, (), True),
+        (bd.at_least, -30.0, (bd.at_most, 30.0), False),
+        (bd.at_least, -1300.0, (bd.at_most, 30.0), True),
+        (bd.at_least, 0.0, (), False),
     ],
 )
-@pytest.mark.slow(reason="half a second")
-def test_regression_limits_far_from_all_designs_have_a_warning(limit, text):
-    """A limit of 30 for 30 mm was read as 30 m, without a word."""
-    active = bd.at_least(bd.EquilibriumValue("tip.y"), -SAG)
-    bounds = {"width": (0.001, 0.1)}
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        design = bd.optimize(cantilever, bd.Mass(), "width", [active, limit], bounds)
-    assert [text in str(x.message) for x in caught] == [True] * bool(text), design.warnings
+def test_limits_that_no_design_comes_near_have_a_warning(sign, permit, bound, others, has_warning):
+    """Limits of 30 for 30 mm, or of the other sign, were satisfied without a word."""
+    value = sign * bd.ParameterFunction(lambda width: width, "value")
+    pairs = [(permit, bound), others] if others else [(permit, bound)]
+    if sign < 0.0:
+        opposite = {bd.at_most: bd.at_least, bd.at_least: bd.at_most}
+        pairs = [(opposite[x], -y) for x, y in pairs]
+    limits = [x(value, y) for x, y in pairs]
+    size = bd.ParameterFunction(lambda width: width, "size")
+    arguments = (cantilever, size, "width", limits, {"width": (20.0, 60.0)})
+    design = bd.optimize(*arguments, parameters={"width": 60.0})
+    assert design.parameters["width"] == pytest.approx(20.0)
+    assert ["has no effect" in x for x in design.warnings] == [True] * has_warning
+
+
+@pytest.mark.slow(reason="a quarter of a second")
+def test_regression_limits_of_stresses_without_loads_have_a_warning():
+    """Without its load, the search converged to the lower bounds without a warning."""
+    limit = bd.at_most(bd.EquilibriumValue("stress 0"), 3e8)
+    given = {"height": (0.02,), "load": 1e-12}
+    bounds = {"height": (0.01, 0.05)}
+    with pytest.warns(bd.BeamdaeWarning, match="has no effect.* magnitudes.*, the loads and t="):
+        design = bd.optimize(cantilever, bd.Mass(), "height", limit, bounds, parameters=given)
+    assert 0.0 < design.constraints[0].value < 1e-3

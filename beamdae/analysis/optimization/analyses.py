@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,15 +19,21 @@ from beamdae.analysis.gradients.number_derivatives import (
     NumberDerivatives,
     differentiate_numbers,
 )
-from beamdae.analysis.gradients.objectives import EndValue, Objective
+from beamdae.analysis.gradients.objectives import EndValue
 from beamdae.analysis.gradients.start_adjoint import StartAdjoint
 from beamdae.analysis.linear_dynamics.linearization import REFERENCE
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.analysis.optimization.quantities import (
+    EQUILIBRIUM_PATH,
+    MASS,
+    MODES,
+    PARAMETERS,
+    RUN,
     AnalysisQuantity,
     CriticalLoad,
     EquilibriumErrors,
     EquilibriumQuantity,
+    EquilibriumValue,
     Frequency,
     Mass,
     ParameterFunction,
@@ -56,16 +62,15 @@ _NAME = "optimize"
 # defined on the other side, such as the square root of a parameter at its lower bound of zero.
 _FORWARD = {0: -25.0 / 12.0, 1: 4.0, 2: -3.0, 3: 4.0 / 3.0, 4: -0.25}
 _STENCILS = (
-    {-2: 1.0 / 12.0, -1: -2.0 / 3.0, 1: 2.0 / 3.0, 2: -1.0 / 12.0},
+    # In this order, differences of constants are exactly zero.
+    {-1: -2.0 / 3.0, 1: 2.0 / 3.0, -2: 1.0 / 12.0, 2: -1.0 / 12.0},
     _FORWARD,
     {-k: -weight for k, weight in _FORWARD.items()},
 )
-# Relative and smallest differences of parameters in functions of parameters. The functions are
-# smooth: errors of differences of fourth order are near 1e-12.
+# Relative and smallest differences of parameters in functions of parameters and in the mass. The
+# functions are smooth: errors of differences of fourth order are near 1e-12.
 _RELATIVE_DIFFERENCE = 1e-3
 _DIFFERENCE_FROM_ZERO = 1e-4
-# Relative difference of the numbers of a model along an exact direction, for its mass.
-_DIRECTIONAL_DIFFERENCE = 1e-3
 # Largest error of a row of a path at a target, relative to the targets.
 _TARGET_TOLERANCE = 1e-6
 # Free motions that are computed before the first vibration, at most.
@@ -155,9 +160,7 @@ class RunAnalysis(Analysis):
 
     def gradient(self, weights: Mapping[RunQuantity, float]) -> Array:
         """See `Analysis`."""
-        objectives: list[Objective] = [x.objective * w for x, w in weights.items()]
-        total = sum(objectives[1:], objectives[0])
-        return self._run.differentiate(total)[1]
+        return self._run.differentiate(sum(x.objective * w for x, w in weights.items()))[1]
 
 
 class EquilibriumAnalysis(Analysis):
@@ -184,14 +187,13 @@ class EquilibriumAnalysis(Analysis):
 
     def value(self, quantity: EquilibriumQuantity) -> float:
         """See `Analysis`."""
-        path = self.result
         if isinstance(quantity, CriticalLoad):
             return float(self._critical_point(quantity).factor)
         column = self._column(quantity)
         if isinstance(quantity, EquilibriumErrors):
             errors = column[self._rows(quantity)] - quantity.values
             return float(np.sum((errors / quantity.sigma) ** 2))
-        return float(column[len(path.q) - 1])
+        return float(column[len(self.result.q) - 1])
 
     def gradient(self, weights: Mapping[EquilibriumQuantity, float]) -> Array:
         """See `Analysis`."""
@@ -230,8 +232,7 @@ class EquilibriumAnalysis(Analysis):
         )
 
     def _column(self, quantity: Any) -> Array:
-        path = self.result
-        values = path[quantity.column]
+        values = self.result[quantity.column]
         if values.ndim > 1:
             require_one_column(_NAME, quantity.column, list(values))
         if values.ndim != 1 or values.dtype == object:
@@ -244,15 +245,15 @@ class EquilibriumAnalysis(Analysis):
     def _rows(self, quantity: EquilibriumErrors) -> Array:
         """Return the rows of the path at the targets."""
         path, to = self.result, quantity.to
-        is_load = not isinstance(to, Mapping)
-        column = path.factors[:, -1] if is_load else path[next(iter(to))].to_numpy()
-        rows = [int(np.argmin(np.abs(column - x))) for x in quantity.targets]
+        is_position = isinstance(to, Mapping)
+        column = path[next(iter(to))].to_numpy() if is_position else path.factors[:, -1]
+        rows = np.argmin(np.abs(column[:, None] - quantity.targets), axis=0)
         error = np.max(np.abs(column[rows] - quantity.targets))
         if error > _TARGET_TOLERANCE * np.max(np.abs(quantity.targets)):
             raise BeamdaeError(
                 f"{_NAME}: the equilibrium path has no rows at the targets of {quantity.label}."
             )
-        return np.array(rows)
+        return rows
 
     def _critical_point(self, quantity: CriticalLoad) -> Any:
         points = self.result.critical
@@ -269,21 +270,22 @@ class EquilibriumAnalysis(Analysis):
         path = self.result
         e = path.equations
         available = {x.partition(" [")[0] for x in (*path.columns, *path.coordinate_columns())}
-        is_end_value = not any(isinstance(x, (CriticalLoad, EquilibriumErrors)) for x in weights)
-        if not is_end_value or len(path.loads) > 1 or path.factor != 1.0 or path.free:
+        is_full_load = len(path.loads) == 1 and path.factor == 1.0 and not path.free
+        is_regular = e.configurations is None and not e.redundant
+        if not is_full_load or not is_regular:
             return None
-        if e.configurations is not None or e.redundant:
-            return None
-        names = [x.column for x in weights]  # type: ignore[attr-defined]
-        if any(name.partition(" [")[0] not in available for name in names):
+        if not all(
+            isinstance(x, EquilibriumValue) and x.column.partition(" [")[0] in available
+            for x in weights
+        ):
             return None
         rest, row = np.zeros((1, e.n)), slice(-1, None)
         at = State(path.q[row], rest, rest, path.lam[row])
         times = np.full((1, 2), path.t)
         seeds = ColumnSeeds(0.0, [], np.zeros(len(e.p)), [])
         by_state = np.zeros((1, 2 * e.n + e.m))
-        for name, weight in zip(names, weights.values(), strict=True):
-            term, select = EndValue(name), e.p.__getitem__
+        for quantity, weight in weights.items():
+            term, select = EndValue(quantity.column), e.p.__getitem__  # type: ignore[attr-defined]
             add_term(seeds, by_state, e, weight, term, times, at, np.ones(1), select)
         with single_threaded:
             start = StartAdjoint(ConsistencySolver(e), np.zeros(len(e.p)))
@@ -307,36 +309,29 @@ class ModeAnalysis(Analysis):
     ) -> None:
         self._flat, about = model.flat, quantities[0].about
         number = max(x.number for x in quantities)
-        self._about, self.result = about or REFERENCE, None
-        self._compute(model.mechanism, number)
+        self._about = about or REFERENCE
+        self.result = self._compute(model.mechanism, number)
         if about is None and not self._is_balanced:
             self._about = EQUILIBRIUM
-            self._compute(model.mechanism, number)
+            self.result = self._compute(model.mechanism, number)
 
-    def _compute(self, mechanism: Any, number: int) -> None:
-        """Compute modes until `number` of them are vibrations, or there are no more."""
-        n = number
+    def _compute(self, mechanism: Any, number: int) -> Modes:
+        """Return modes of which `number` are vibrations; fewer if there are no more."""
+        missing = count = number
         while True:
-            self.result = compute_modes(mechanism, self._about, n, damping=False)
-            vibrations = self._vibrations
-            if len(vibrations) >= number or len(self.result) < n:
-                break
-            if n > number + _MAX_FREE_MOTIONS:
-                break
-            n += number - len(vibrations)
+            modes = compute_modes(mechanism, self._about, count, damping=False)
+            missing = number - len(list_vibrations(modes))
+            if missing <= 0 or len(modes) < count or count > number + _MAX_FREE_MOTIONS:
+                return modes
+            count += missing
 
     @property
     def _is_balanced(self) -> bool:
         """True if the loads of the model are balanced in the state of the modes."""
         return not self.result._linearization.zero_square > 0.0
 
-    @property
-    def _vibrations(self) -> list[int]:
-        result: Modes = self.result
-        return [k for k, kind in enumerate(result.kinds) if kind != RIGID]
-
     def _row(self, quantity: Frequency) -> int:
-        vibrations = self._vibrations
+        vibrations = list_vibrations(self.result)
         if len(vibrations) < quantity.number:
             raise BeamdaeError(
                 f"{_NAME}: {self._flat.name} has {len(vibrations)} natural frequencies above zero, "
@@ -350,24 +345,25 @@ class ModeAnalysis(Analysis):
 
     def gradient(self, weights: Mapping[Frequency, float]) -> Array:
         """See `Analysis`."""
-        result = np.zeros(len(self._flat.entries))
-        for k, name in enumerate(self._flat.entries):
-            rates = self._sensitivities.sensitivity("frequency", name).to_numpy()
-            result[k] = sum(w * rates[self._row(x)] for x, w in weights.items())
-        return result
+        rows = [self._row(x) for x in weights]
+        factors = np.array(list(weights.values()))
+        return np.array(
+            [
+                factors @ self._sensitivities.sensitivity("frequency", name).to_numpy()[rows]
+                for name in self._flat.entries
+            ]
+        )
 
     @cached_property
     def _sensitivities(self) -> Any:
-        count = len(self.result)
         if not self._is_balanced:
             raise BeamdaeError(
                 f"{_NAME}: frequencies about the {self._about} of {self._flat.name} cannot be "
                 "differentiated, because its loads are not balanced there; use "
                 "Frequency(number, about='equilibrium')."
             )
-        return mode_sensitivities(
-            as_model(self._flat), list(self._flat.entries), self._about, count, damping=False
-        )
+        names, count = list(self._flat.entries), len(self.result)
+        return mode_sensitivities(as_model(self._flat), names, self._about, count, damping=False)
 
 
 class MassAnalysis(Analysis):
@@ -390,7 +386,6 @@ class MassAnalysis(Analysis):
     def _mass_gradient(self) -> Array:
         e, flat = self._model.equations, self._model.flat
         derivatives = self._model.number_derivatives(0.0)
-        values = np.array(list(flat.values.values()))
         if derivatives is None:
             function: Any = flat  # Name and call of a flat model are those of a model.
             differences: list[Difference] = [
@@ -398,15 +393,15 @@ class MassAnalysis(Analysis):
                 for name in flat.entries
             ]
             return np.array([float(x.derivative(compute_mass)) for x in differences])
-        result = np.zeros(len(values))
-        for k, (dp, dq) in enumerate(zip(derivatives.p, derivatives.q0, strict=True)):
-            size = _DIRECTIONAL_DIFFERENCE * (abs(values[k]) or 1.0)
-            ahead, behind = (
-                compute_mass(replace(e, p=e.p + s * size * dp, q0=e.q0 + s * size * dq))
-                for s in (1.0, -1.0)
+
+        def differentiate(value: float, dp: Array, dq: Array) -> float:
+            return _differentiate(
+                lambda x: compute_mass(replace(e, p=e.p + x * dp, q0=e.q0 + x * dq)),
+                _RELATIVE_DIFFERENCE * (abs(value) or 1.0),
             )
-            result[k] = (ahead - behind) / (2.0 * size)
-        return result
+
+        rows = zip(flat.values.values(), derivatives.p, derivatives.q0, strict=True)
+        return np.array([differentiate(*row) for row in rows])
 
 
 class ParameterAnalysis(Analysis):
@@ -425,25 +420,17 @@ class ParameterAnalysis(Analysis):
         """See `Analysis`."""
         result = np.zeros(len(self._flat.entries))
         for k, (name, value) in enumerate(self._flat.values.items()):
+            size = _RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
             for quantity, weight in weights.items():
-                result[k] += weight * self._differentiate(quantity, name, value)
+
+                def function(x: float, quantity: Any = quantity, first: float = value) -> float:
+                    return self._evaluate(quantity, {name: first + x})  # noqa: B023
+
+                result[k] += weight * _differentiate(function, size)
         return result
 
-    def _differentiate(self, quantity: ParameterFunction, name: str, value: float) -> float:
-        """Return the derivative of a function of parameters; NaN if it is not defined nearby."""
-        delta = _RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
-        for stencil in _STENCILS:
-            with suppress(ValueError, ArithmeticError), np.errstate(all="ignore"):
-                difference = sum(
-                    weight * self._evaluate(quantity, {name: value + k * delta})
-                    for k, weight in stencil.items()
-                )
-                if np.isfinite(difference):
-                    return difference / delta
-        return float("nan")
-
     def _evaluate(self, quantity: ParameterFunction, changed: dict[str, float]) -> float:
-        value = quantity.evaluate(self._flat.change(changed))
+        value = quantity.call(self._flat.change(changed))
         number = as_real(value)
         if number is None:
             raise BeamdaeError(
@@ -452,32 +439,35 @@ class ParameterAnalysis(Analysis):
         return number
 
 
-def create_analysis(
-    model: DesignModel, quantities: Sequence[AnalysisQuantity], settings: RunSettings
-) -> Analysis:
-    """Perform the analysis that computes some quantities with the same `analysis_key`."""
-    return _ANALYSES[_kind(quantities[0])](model, quantities, settings)
+def _differentiate(function: Callable[[float], float], size: float) -> float:
+    """Return the derivative of a function at zero; NaN if it is not defined on either side."""
+    for stencil in _STENCILS:
+        with suppress(ValueError, ArithmeticError), np.errstate(all="ignore"):
+            difference = sum(weight * function(k * size) for k, weight in stencil.items())
+            if np.isfinite(difference):
+                return difference / size
+    return float("nan")
 
 
-def analysis_key(quantity: AnalysisQuantity) -> tuple[Any, ...]:
-    """Return a key that quantities of the same analysis share."""
-    kind = _kind(quantity)
-    if isinstance(quantity, EquilibriumQuantity):
-        return kind, repr(quantity.path)
-    return (kind, quantity.about) if isinstance(quantity, Frequency) else (kind,)
-
-
-_ANALYSES: dict[type, Any] = {
-    RunQuantity: RunAnalysis,
-    EquilibriumQuantity: EquilibriumAnalysis,
-    Frequency: ModeAnalysis,
-    Mass: MassAnalysis,
-    ParameterFunction: ParameterAnalysis,
+_ANALYSES: dict[str, type[Any]] = {
+    RUN: RunAnalysis,
+    EQUILIBRIUM_PATH: EquilibriumAnalysis,
+    MODES: ModeAnalysis,
+    MASS: MassAnalysis,
+    PARAMETERS: ParameterAnalysis,
 }
 
 
-def _kind(quantity: AnalysisQuantity) -> type:
-    return next(kind for kind in _ANALYSES if isinstance(quantity, kind))
+def create_analysis(
+    model: DesignModel, quantities: Sequence[AnalysisQuantity], settings: RunSettings
+) -> Analysis:
+    """Perform the analysis of some quantities, which share it."""
+    return _ANALYSES[quantities[0].analysis[0]](model, quantities, settings)
+
+
+def list_vibrations(modes: Modes) -> list[int]:
+    """Return the indices of the modes that are not free motions."""
+    return [k for k, kind in enumerate(modes.kinds) if kind != RIGID]
 
 
 def as_model(flat: FlatModel) -> Model:

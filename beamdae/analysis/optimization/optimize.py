@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.gradients.objectives import Objective
-from beamdae.analysis.optimization.analyses import RunSettings, assemble_design
+from beamdae.analysis.optimization.analyses import RunSettings
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.quantities import Limit, Quantity
 from beamdae.analysis.optimization.result import (
@@ -16,12 +16,12 @@ from beamdae.analysis.optimization.result import (
     create_optimization,
     list_warnings,
 )
-from beamdae.analysis.optimization.search import METHODS, Method, Search
+from beamdae.analysis.optimization.search import Search
+from beamdae.analysis.optimization.search_result import SearchSettings
+from beamdae.analysis.optimization.solvers import METHODS, Method
 from beamdae.analysis.optimization.starts import search_from_starts
 from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS
-from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
 from beamdae.errors import (
-    kind_of_message,
     list_first,
     require_choice,
     require_count,
@@ -74,7 +74,9 @@ def optimize(
     by its first value. To maximize a quantity, minimize -quantity.
 
     If an analysis fails, for example because a design has no equilibrium, the search shortens its
-    step. The search is local: use several `starts` to look for better designs.
+    step. If it finds no design that satisfies the constraints, it minimizes their violation, and
+    names the limits that block. The search is local: use several `starts` to look for better
+    designs.
 
     Parameters
     ----------
@@ -105,15 +107,14 @@ def optimize(
         with these values.
     method
         "SLSQP": sequential quadratic programming (Kraft, ACM Trans. Math. Softw. 20 (1994) 262,
-        doi:10.1145/192115.192124), for up to about a thousand numbers. "trust-constr": a
-        trust-region interior-point method (Byrd, Hribar & Nocedal, SIAM J. Optim. 9 (1999) 877,
-        doi:10.1137/S1052623497325107), which usually needs more evaluations.
+        doi:10.1145/192115.192124), for up to about a thousand numbers. "IPOPT": an
+        interior-point method (Waechter & Biegler, Math. Program. 106 (2006) 25,
+        doi:10.1007/s10107-004-0559-y), which usually needs more evaluations.
     max_evaluations
         Maximum number of evaluated designs of a search.
     tolerance
-        SLSQP ends if the scaled objective changes by less than this. trust-constr ends if its trust
-        region and barrier parameter are smaller or, without constraints and bounds, if the scaled
-        gradient is.
+        A search ends if the scaled objective changes by less than this, or if its linearization
+        could not decrease by more within a step of one size of the numbers.
     starts
         Number of searches. The first one begins with the values in `parameters`, and the others at
         points of a Latin hypercube between the bounds, which all parameters need. The result is
@@ -175,50 +176,37 @@ def optimize(
     starts = require_count("optimize", "starts", starts, most=MAX_STARTS)
     seed = require_count("optimize", "seed", seed, least=0, most=MAX_SEED)
     require_progress("optimize", progress, 3)
-    settings = RunSettings(integrator, t_end, start)
-    problem = DesignProblem(model, objective, by, subject_to, bounds, parameters, settings)
+    run_settings = RunSettings(integrator, t_end, start)
+    problem = DesignProblem(model, objective, by, subject_to, bounds, parameters, run_settings)
+    settings = SearchSettings(method, max_evaluations, tolerance, progress)
     rows = None
     if starts == 1:
-        search = Search(problem, method, max_evaluations, tolerance, progress).run()
+        search = Search(problem, settings).run()
     else:
-        best = search_from_starts(
-            problem, method, max_evaluations, tolerance, progress, starts, seed
-        )
-        problem, search, rows = best.problem, best.search, best.rows
-    result = create_optimization(problem, search, rows)
+        search, rows = search_from_starts(problem, settings, starts, seed)
+    result = create_optimization(search, rows)
     if search.progress_error is not None:
         attach_partial(search.progress_error, result)
         raise search.progress_error
     if result.status.kind == "interrupted":
         if partial == "raise":
             raise Interrupted(result.status.sentence, result, "optimize")
-        _issue_warnings(problem, result)
+        _issue_warnings(result)
         return result
-    # The search does not move numbers without effect.
-    has_moved = search.best.numbers != problem.first
-    idle = np.array(problem.names)[~has_moved].tolist()
-    # Name and call of a flat model are those of a model.
-    flat: Any = problem.flat
-    unused = warn_of_idle_parameters(flat, flat.values, assemble_design, idle)
-    if search.stationarity is not None:
-        is_stuck = ~has_moved & ~search.stationarity.has_effect
-        names = [x for x in np.array(problem.names)[is_stuck].tolist() if x not in unused]
-        if names:
+    if search.has_effect is not None:
+        is_idle = ~search.has_effect & (search.best.numbers == search.trials[0].numbers)
+        if np.any(is_idle):
+            names = list_first(np.array(problem.names)[is_idle].tolist(), _MAX_NAMES)
             warn_user(
-                "optimize: neither the objective nor a constraint depends on "
-                f"{list_first(names, _MAX_NAMES)} at the best design, so that the search keeps the "
-                "first values."
+                f"optimize: neither the objective nor a constraint depends on {names} at the best "
+                "design, so that the search keeps the first values."
             )
     if not result.status.success:
         warn_of_incomplete_result(f"optimize: {result.status.sentence}.")
-    _issue_warnings(problem, result)
+    _issue_warnings(result)
     return result
 
 
-def _issue_warnings(problem: DesignProblem, result: Optimization) -> None:
+def _issue_warnings(result: Optimization) -> None:
     of_analyses = list_warnings(result.analyses)
-    warn_of_result(
-        x if x in of_analyses else f"optimize: {x}"
-        for x in result.warnings
-        if kind_of_message(x) not in problem.build_warnings
-    )
+    warn_of_result(x if x in of_analyses else f"optimize: {x}" for x in result.warnings)

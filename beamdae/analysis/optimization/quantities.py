@@ -25,7 +25,6 @@ from beamdae.errors import (
     require_count,
     require_finite,
     require_mapping,
-    require_positive,
     require_sequence,
     require_unit,
     set_fields,
@@ -35,8 +34,10 @@ from beamdae.model_parameters import parse_quantity
 
 Array = np.ndarray
 
-MAX_EXPONENT = 1000.0
+_MAX_EXPONENT = 1000.0
 _MAX_NUMBER = 10_000
+# Kinds of analyses.
+RUN, EQUILIBRIUM_PATH, MODES, MASS, PARAMETERS = "run", "path", "modes", "mass", "parameters"
 
 
 class Quantity(Summand):
@@ -44,23 +45,42 @@ class Quantity(Summand):
 
     Quantities and objectives of runs can be added, subtracted and multiplied by numbers, as in
     `Mass() + 0.1 * EndValue("tip.y")`.
+
+    Attributes
+    ----------
+    label
+        Short description for tables.
+    parts
+        Quantities of which this one is a function; none if it is the result of an analysis.
     """
 
-    @property
-    def label(self) -> str:
-        """Short description for tables."""
+    label: str
+    parts: tuple[Quantity, ...] = ()
+
+    def combine(self, values: Array) -> tuple[float, Array]:
+        """Return the value, and its derivatives, for values (n,) of the parts."""
         raise NotImplementedError
+
+    def find_unit(self, columns: Mapping[str, str]) -> str:
+        """Return the unit of the value, "" if it is unknown; `columns` are units of columns."""
+        return ""
 
     @property
     def leaves(self) -> tuple[AnalysisQuantity, ...]:
         """The results of analyses of which the quantity is a function."""
-        raise NotImplementedError
+        return tuple(leaf for part in self.parts for leaf in part.leaves)
 
-    def combine(
+    def evaluate(
         self, values: Mapping[AnalysisQuantity, float]
     ) -> tuple[float, dict[AnalysisQuantity, float]]:
         """Return the value and its derivatives with respect to the leaves, given their values."""
-        raise NotImplementedError
+        parts = [x.evaluate(values) for x in self.parts]
+        value, factors = self.combine(np.array([x for x, _ in parts]))
+        weights = dict.fromkeys(self.leaves, 0.0)
+        for factor, (_, derivatives) in zip(factors.tolist(), parts, strict=True):
+            for leaf, derivative in derivatives.items():
+                weights[leaf] += factor * derivative
+        return value, weights
 
     @property
     def weighted_terms(self) -> tuple[tuple[float, Quantity], ...]:
@@ -79,38 +99,27 @@ class Quantity(Summand):
         return QuantitySum(tuple((factor * weight, x) for weight, x in self.weighted_terms))
 
 
-@dataclass(frozen=True, eq=False)
 class QuantitySum(Quantity):
     """Sum of factor * quantity."""
 
-    terms: tuple[tuple[float, Quantity], ...]
+    def __init__(self, terms: tuple[tuple[float, Quantity], ...]) -> None:
+        self._terms, self.parts = terms, tuple(x for _, x in terms)
+        self.label = format_sum((weight, x.label) for weight, x in terms)
 
     @property
     def weighted_terms(self) -> tuple[tuple[float, Quantity], ...]:
         """See `Quantity`."""
-        return self.terms
+        return self._terms
 
-    @property
-    def label(self) -> str:
+    def combine(self, values: Array) -> tuple[float, Array]:
         """See `Quantity`."""
-        return format_sum((weight, x.label) for weight, x in self.terms)
+        factors = np.array([factor for factor, _ in self._terms])
+        return float(factors @ values), factors
 
-    @property
-    def leaves(self) -> tuple[AnalysisQuantity, ...]:
-        """See `Quantity`."""
-        return tuple(leaf for _, x in self.terms for leaf in x.leaves)
-
-    def combine(
-        self, values: Mapping[AnalysisQuantity, float]
-    ) -> tuple[float, dict[AnalysisQuantity, float]]:
-        """See `Quantity`."""
-        total, weights = 0.0, dict.fromkeys(self.leaves, 0.0)
-        for factor, term in self.terms:
-            value, derivatives = term.combine(values)
-            total += factor * value
-            for leaf, derivative in derivatives.items():
-                weights[leaf] += factor * derivative
-        return total, weights
+    def find_unit(self, columns: Mapping[str, str]) -> str:
+        """See `Quantity`; a factor other than a sign may convert the unit."""
+        (factor, first), *others = self._terms
+        return first.find_unit(columns) if abs(factor) == 1.0 and not others else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,76 +156,84 @@ class LargestOf(Quantity):
         if not entries:
             raise BeamdaeError("LargestOf: quantities is empty; pass at least one quantity.")
         p = require_finite("LargestOf", "exponent", self.exponent)
-        if not 1.0 <= p <= MAX_EXPONENT:
-            _, most, given = format_distinct(1.0, MAX_EXPONENT, p)
+        if not 1.0 <= p <= _MAX_EXPONENT:
+            _, most, given = format_distinct(1.0, _MAX_EXPONENT, p)
             raise BeamdaeError(f"LargestOf: exponent must be between 1 and {most}, got {given}.")
         quantities = tuple(as_quantity("LargestOf: quantities", x) for x in entries)
-        set_fields(self, quantities=quantities, exponent=p)
+        more = ", ..." if len(quantities) > 1 else ""
+        label = f"largest of {len(quantities)}: {quantities[0].label}{more}"
+        set_fields(self, quantities=quantities, exponent=p, parts=quantities, label=label)
 
-    @property
-    def label(self) -> str:
+    def combine(self, values: Array) -> tuple[float, Array]:
         """See `Quantity`."""
-        more = ", ..." if len(self.quantities) > 1 else ""
-        return f"largest of {len(self.quantities)}: {self.quantities[0].label}{more}"
-
-    @property
-    def leaves(self) -> tuple[AnalysisQuantity, ...]:
-        """See `Quantity`."""
-        return tuple(leaf for x in self.quantities for leaf in x.leaves)
-
-    def combine(
-        self, values: Mapping[AnalysisQuantity, float]
-    ) -> tuple[float, dict[AnalysisQuantity, float]]:
-        """See `Quantity`."""
-        parts = [x.combine(values) for x in self.quantities]
-        y = np.array([value for value, _ in parts])
-        weights, p = dict.fromkeys(self.leaves, 0.0), self.exponent
-        largest = float(np.max(np.abs(y)))
+        largest = float(np.max(np.abs(values)))
         if largest == 0.0 or not np.isfinite(largest):
-            return largest, weights
-        ratios = np.abs(y) / largest
-        norm = float(np.sum(ratios**p)) ** (1.0 / p)
-        factors = (ratios / norm) ** (p - 1.0) * np.sign(y)
-        for factor, (_, derivatives) in zip(factors, parts, strict=True):
-            for leaf, derivative in derivatives.items():
-                weights[leaf] += float(factor) * derivative
-        return largest * norm, weights
+            return largest, np.zeros(len(values))
+        ratios = np.abs(values) / largest
+        norm = float(np.sum(ratios**self.exponent)) ** (1.0 / self.exponent)
+        return largest * norm, (ratios / norm) ** (self.exponent - 1.0) * np.sign(values)
+
+    def find_unit(self, columns: Mapping[str, str]) -> str:
+        """See `Quantity`."""
+        units = {x.find_unit(columns) for x in self.parts}
+        return units.pop() if len(units) == 1 else ""
 
     def largest(self, values: Mapping[AnalysisQuantity, float]) -> float:
         """Return the largest magnitude of the quantities, given the values of the leaves."""
-        return max(abs(x.combine(values)[0]) for x in self.quantities)
+        return max(abs(x.evaluate(values)[0]) for x in self.parts)
 
 
 class AnalysisQuantity(Quantity):
-    """Result of one analysis of the model."""
+    """Result of one analysis of the model.
+
+    Attributes
+    ----------
+    analysis
+        Kind and arguments of the analysis; quantities with equal ones share it.
+    """
+
+    analysis: tuple[str, ...]
 
     @property
     def leaves(self) -> tuple[AnalysisQuantity, ...]:
         """See `Quantity`."""
         return (self,)
 
-    def combine(
+    def evaluate(
         self, values: Mapping[AnalysisQuantity, float]
     ) -> tuple[float, dict[AnalysisQuantity, float]]:
         """See `Quantity`."""
         return values[self], {self: 1.0}
 
 
-@dataclass(frozen=True, eq=False)
 class RunQuantity(AnalysisQuantity):
     """Objective of a run."""
 
-    objective: Objective
+    analysis = (RUN,)
+
+    def __init__(self, objective: Objective) -> None:
+        self.objective = objective
+        self.label = format_sum(
+            (w, f"{type(x).__name__} of {x.column}") for w, x in objective.terms
+        )
 
     @property
     def weighted_terms(self) -> tuple[tuple[float, Quantity], ...]:
         """See `Quantity`."""
         return tuple((weight, RunQuantity(x)) for weight, x in self.objective.terms)
 
-    @property
-    def label(self) -> str:
+    def find_unit(self, columns: Mapping[str, str]) -> str:
         """See `Quantity`."""
-        return format_sum((w, f"{type(x).__name__} of {x.column}") for w, x in self.objective.terms)
+        (factor, value), *others = self.objective.terms
+        is_value = isinstance(value, (EndValue, SmoothMaximum))
+        is_single = is_value and abs(factor) == 1.0 and not others
+        return columns.get(value.column, "") if is_single else ""
+
+    @property
+    def smooth_maximum(self) -> tuple[float, SmoothMaximum] | None:
+        """Factor and `SmoothMaximum` if the quantity is one; None for other objectives."""
+        (factor, value), *others = self.objective.terms
+        return None if others or not isinstance(value, SmoothMaximum) else (factor, value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,10 +249,12 @@ class Mass(AnalysisQuantity):
     'mass <= 2'
     """
 
-    @property
-    def label(self) -> str:
+    label = "mass"
+    analysis = (MASS,)
+
+    def find_unit(self, columns: Mapping[str, str]) -> str:
         """See `Quantity`."""
-        return "mass"
+        return "kg"
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,6 +285,7 @@ class ParameterFunction(AnalysisQuantity):
     function: Callable[..., float]
     name: str = "function of parameters"
     unit: str = ""
+    analysis = (PARAMETERS,)
 
     def __post_init__(self) -> None:
         if not callable(self.function):
@@ -275,14 +295,13 @@ class ParameterFunction(AnalysisQuantity):
             )
         name = _require_text("ParameterFunction", "name", self.name)
         unit = "" if as_text(self.unit) == "" else require_unit("ParameterFunction", self.unit)
-        set_fields(self, name=name, unit=unit)
+        set_fields(self, name=name, unit=unit, label=name)
 
-    @property
-    def label(self) -> str:
+    def find_unit(self, columns: Mapping[str, str]) -> str:
         """See `Quantity`."""
-        return self.name
+        return self.unit
 
-    def evaluate(self, parameters: Mapping[str, Any]) -> Any:
+    def call(self, parameters: Mapping[str, Any]) -> Any:
         """Return the value of the function for the parameters of the model."""
         try:
             accepted = inspect.signature(self.function).parameters
@@ -294,15 +313,18 @@ class ParameterFunction(AnalysisQuantity):
         return self.function(**{x: y for x, y in parameters.items() if x in accepted})
 
 
-@dataclass(frozen=True, eq=False)
 class EquilibriumQuantity(AnalysisQuantity):
-    """Result of an equilibrium path; `path` contains the arguments of `equilibrium`."""
+    """Result of an equilibrium path."""
 
     @property
     def path(self) -> dict[str, Any]:
         """Arguments of `equilibrium`."""
-        names = ("loads", "to", "control", "step", "t")
-        return {name: getattr(self, name) for name in names}
+        return {name: getattr(self, name) for name in ("loads", "to", "control", "step", "t")}
+
+    @property
+    def analysis(self) -> tuple[str, ...]:  # type: ignore[override]
+        """See `AnalysisQuantity`."""
+        return EQUILIBRIUM_PATH, repr(self.path)
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,12 +354,12 @@ class EquilibriumValue(EquilibriumQuantity):
     t: float = 0.0
 
     def __post_init__(self) -> None:
-        set_fields(self, column=_require_text("EquilibriumValue", "column", self.column))
+        column = _require_text("EquilibriumValue", "column", self.column)
+        set_fields(self, column=column, label=f"{column} at equilibrium")
 
-    @property
-    def label(self) -> str:
+    def find_unit(self, columns: Mapping[str, str]) -> str:
         """See `Quantity`."""
-        return f"{self.column} at equilibrium"
+        return columns.get(self.column, "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,50 +397,33 @@ class EquilibriumErrors(EquilibriumQuantity):
     control: str | None = None
     step: float | None = None
     t: float = 0.0
-    _targets: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
+    targets: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
 
     def __post_init__(self) -> None:
-        name = "EquilibriumErrors"
-        set_fields(self, column=_require_text(name, "column", self.column))
-        to = self.to
+        name, to = "EquilibriumErrors", self.to
+        column = _require_text(name, "column", self.column)
         if isinstance(to, Mapping):
             what = "load factors, or {column: values} of one column"
             to = require_mapping(name, "to", to, what)
             if len(to) != 1:
                 raise BeamdaeError(f"{name}: to must be {what}, got {short_repr(to)}.")
         (targets,) = to.values() if isinstance(to, dict) else (to,)
-        targets = [targets] if as_real(targets) is not None else targets
-        numbers = [
-            np.array([require_finite(name, f"an entry of {key}", x) for x in entries])
-            for key, entries in (
-                ("to", require_sequence(name, "to", targets, "a list of numbers")),
-                ("values", require_sequence(name, "values", self.values, "a list of numbers")),
-            )
-        ]
-        if len(numbers[0]) != len(numbers[1]) or not len(numbers[0]):
+        targets = _read_numbers(name, "to", targets)
+        values = _read_numbers(name, "values", self.values)
+        sigma = _read_numbers(name, "sigma", self.sigma)
+        if len(targets) != len(values) or not len(targets):
             raise BeamdaeError(
-                f"{name}: values must contain one number per target, got {len(numbers[1])} values "
-                f"for {len(numbers[0])} targets."
+                f"{name}: values must contain one number per target, got {len(values)} values "
+                f"for {len(targets)} targets."
             )
-        sigmas = [self.sigma] if as_real(self.sigma) is not None else self.sigma
-        sigmas = require_sequence(name, "sigma", sigmas, "a list of numbers")
-        sigma = np.array([require_positive(name, "sigma", x) for x in sigmas])
-        if len(sigma) not in (1, len(numbers[0])):
+        if len(sigma) not in (1, len(targets)) or not np.all(sigma > 0.0):
             raise BeamdaeError(
-                f"{name}: sigma must be a positive number or one per target, got {len(sigma)} "
-                f"numbers for {len(numbers[0])} targets."
+                f"{name}: sigma must be a positive number, or one for each of the {len(targets)} "
+                f"targets, got {short_repr(self.sigma)}."
             )
-        set_fields(self, to=to, _targets=numbers[0], values=numbers[1], sigma=sigma)
-
-    @property
-    def label(self) -> str:
-        """See `Quantity`."""
-        return f"squared errors of {self.column} at {len(self.values)} equilibria"
-
-    @property
-    def targets(self) -> Array:
-        """Values (k,) of the targets."""
-        return self._targets
+        label = f"squared errors of {column} at {len(values)} equilibria"
+        set_fields(self, column=column, to=to, targets=targets, values=values, sigma=sigma)
+        set_fields(self, label=label)
 
 
 @dataclass(frozen=True, eq=False)
@@ -452,12 +457,7 @@ class CriticalLoad(EquilibriumQuantity):
 
     def __post_init__(self) -> None:
         number = require_count("CriticalLoad", "number", self.number, most=_MAX_NUMBER)
-        set_fields(self, number=number)
-
-    @property
-    def label(self) -> str:
-        """See `Quantity`."""
-        return f"critical load {self.number}"
+        set_fields(self, number=number, label=f"critical load {number}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -485,12 +485,12 @@ class Frequency(AnalysisQuantity):
     def __post_init__(self) -> None:
         number = require_count("Frequency", "number", self.number, most=_MAX_NUMBER)
         about = require_choice("Frequency", "about", self.about, [None, "reference", "equilibrium"])
-        set_fields(self, number=number, about=about)
+        analysis = (MODES, about or "")
+        set_fields(self, number=number, about=about, label=f"frequency {number}", analysis=analysis)
 
-    @property
-    def label(self) -> str:
+    def find_unit(self, columns: Mapping[str, str]) -> str:
         """See `Quantity`."""
-        return f"frequency {self.number}"
+        return "Hz"
 
 
 @dataclass(frozen=True, eq=False)
@@ -522,40 +522,6 @@ class Limit:
     def margin(self, value: float) -> float:
         """Return the distance of a value from the limit; negative if the limit is violated."""
         return self.sign * (self.bound - value)
-
-
-def find_unit(quantity: Quantity, columns: Mapping[str, str]) -> str | None:
-    """Return the unit of a quantity, or None if it is unknown, as for sums.
-
-    A sign keeps the unit. Other factors may convert it, for example to mm or to costs.
-
-    Parameters
-    ----------
-    quantity
-        The quantity.
-    columns
-        Units of columns by name and by header.
-    """
-    match quantity:
-        case Mass():
-            return "kg"
-        case Frequency():
-            return "Hz"
-        case ParameterFunction():
-            return quantity.unit or None
-        case EquilibriumValue():
-            return columns.get(quantity.column)
-        case RunQuantity():
-            (factor, value), *others = quantity.objective.terms
-            is_single = abs(factor) == 1.0 and not others
-            if is_single and isinstance(value, (EndValue, SmoothMaximum)):
-                return columns.get(value.column)
-        case QuantitySum(((factor, term),)) if abs(factor) == 1.0:
-            return find_unit(term, columns)
-        case LargestOf():
-            units = {find_unit(x, columns) for x in quantity.quantities}
-            return units.pop() if len(units) == 1 else None
-    return None
 
 
 def at_most(quantity: Any, limit: float | str) -> Limit:
@@ -635,3 +601,10 @@ def _require_text(part: str, name: str, value: Any) -> str:
     if not text:
         raise BeamdaeError(f"{part}: {name} must be a nonempty string, got {short_repr(value)}.")
     return text
+
+
+def _read_numbers(part: str, name: str, value: Any) -> Array:
+    """Return a number, or the entries of a list of numbers, as an array."""
+    entries = [value] if as_real(value) is not None else value
+    numbers = require_sequence(part, name, entries, "a list of numbers")
+    return np.array([require_finite(part, f"an entry of {name}", x) for x in numbers])

@@ -75,7 +75,7 @@ def optimize_command(
     step: FixedStep = None,
     t: LoadTime = 0.0,
     start: Starts = None,
-    method: Annotated[str, typer.Option(help="SLSQP or trust-constr.")] = "SLSQP",
+    method: Annotated[str, typer.Option(help="SLSQP or IPOPT.")] = "SLSQP",
     max_evaluations: Annotated[
         int, typer.Option(help="Maximum number of evaluated designs.")
     ] = 200,
