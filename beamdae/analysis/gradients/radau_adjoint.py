@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.gradients.start_adjoint import StartAdjoint
 from beamdae.analysis.sensitivities.model_differences import derivative_call
+from beamdae.analysis.sensitivities.radau_replay import plan_stage_residual
 from beamdae.analysis.sensitivities.radau_steps import (
     MAX_ITERATIONS,
     ROUNDING,
@@ -22,12 +22,10 @@ from beamdae.analysis.sensitivities.radau_steps import (
     StageMatrices,
     restore_stages,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.first_order import (
-    formulate_first_order,
-    plan_jacobian,
-    plan_residual,
-)
+from beamdae.analysis.sensitivities.recorded_maps import Gradient
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations.first_order import formulate_first_order, plan_jacobian
 from beamdae.equations.formulations.kinematic_reduction import KinematicReduction
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
@@ -369,18 +367,18 @@ def _transpose_residuals(adjoint: RadauAdjoint, first: int, h: float) -> None:
 @cache_on_owner
 def _plan_transposed_residual(structure: Structure) -> SumPlan:
     size = plan_jacobian(structure, STABILIZED_FORM, True)[0].shape[0]
-    return transposed_plan(plan_residual(structure, STABILIZED_FORM), 2 * size)
+    return transposed_plan(plan_stage_residual(structure), 2 * size)
 
 
 def transpose_radau_steps(
-    start: StartAdjoint, steps_of: EquationsOfMotion, interval: Interval, seeds: Array
-) -> State:
+    start: StartDerivatives, steps_of: EquationsOfMotion, interval: Interval, seeds: Array
+) -> Gradient:
     """Return the gradient of an objective with respect to the state at the start of an interval.
 
     Parameters
     ----------
     start
-        Equations of the interval. The derivatives with respect to p are added to `start.numbers`.
+        Maps of the equations of the interval.
     steps_of
         Equations of the steps, perhaps without further forces of `start` that vanish in the run,
         see `FurtherForces`.
@@ -405,9 +403,9 @@ def transpose_radau_steps(
     complex_ = FactorizedMatrix.from_pattern(transposed_pattern, complex, pivot_source=real)
     plan = _plan_transposed_residual(steps_of.structure)
     further_plan = _plan_transposed_residual(equations.structure)
-    moved_plan = start.moved_plan(
-        lambda e: formulate_first_order(e, STABILIZED_FORM, apart=True).sums[0], 2 * size
-    )
+    moved_plan = None
+    if start.moving is not None:
+        moved_plan = start.directional_plan(plan_stage_residual, 2 * size)
 
     def make_adjoint(native: bool) -> RadauAdjoint:
         return RadauAdjoint(
@@ -469,6 +467,5 @@ def transpose_radau_steps(
             "use a "
             "smaller rtol, or check the model."
         )
-    start.numbers += adjoint.numbers
-    start.along_operators += adjoint.along_operators
-    return State(adjoint.y[:n], adjoint.y[n : 2 * n], np.zeros(n), np.zeros(m))
+    state = (adjoint.y[:n], adjoint.y[n : 2 * n], np.zeros(n), np.zeros(m))
+    return Gradient(state, adjoint.numbers, 0.0, adjoint.along_operators)

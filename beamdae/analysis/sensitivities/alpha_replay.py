@@ -39,7 +39,6 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.structure import Structure
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.alpha.family import (
-    JERK_INTERVAL,
     AlphaParameters,
     AlphaStart,
     family_parameters,
@@ -228,8 +227,8 @@ def differentiate_alpha_steps(
         x: StartDerivatives, q: Array, v: Array, a: Array, lam: Array, dp: Array, dt: Array
     ) -> tuple[Array, ...]:
         start = AlphaStart(member, x.solver, True, is_cured)
-        motion = x.initial_motion(start, time, at, State(q, v, a, lam), dp, h, dt)
-        return motion.q, motion.v, motion.ddq, motion.a, motion.lam
+        motion = x.initial_motion(start, time, at, h).along((q, v, a, lam), dp, dt)
+        return *motion, lam
 
     motions = differentiate_together(
         derivatives, start_motion, *zip(*starts, strict=True), all_numbers, shifts
@@ -237,7 +236,7 @@ def differentiate_alpha_steps(
     first_q, first_v, first_ddq, first_a, first_lam = map(np.array, zip(*motions, strict=True))
 
     def directional(x: StartDerivatives) -> SumPlan:
-        return x.directional_plan(_plan_residual, 4 * n + 2 * m)
+        return x.directional_plan(plan_step_residual, 4 * n + 2 * m)
 
     plan = further_plan = directional(along)
     if further.is_present.any():
@@ -282,7 +281,9 @@ def differentiate_alpha_steps(
             _change_step(run, member, derivatives, all_numbers, time, at, h)
         run.coefficients[:] = member.coefficients(h)
         if any(shifts):
-            _set_time_rates(run, form, states, first, last, h)
+            run.time_rates[first:last] = evaluate_time_rates(
+                form, interval, first, last, run.coefficients, h
+            )
         run.h, run.last, run.staged, run.lane = h, last, 0, 0
         if loop() != DONE:
             raise BeamdaeError(
@@ -292,21 +293,23 @@ def differentiate_alpha_steps(
     return results.reshape(steps + 1, count, 3 * n + m)
 
 
-def _plan_residual(structure: Structure) -> SumPlan:
+def plan_step_residual(structure: Structure) -> SumPlan:
+    """Return the plan of the residual of a step."""
     return plan_step_sums(structure, False)[1][0]
 
 
-def _set_time_rates(
-    run: ReplayWorkspace, form: StepEquations, states: State, first: int, last: int, h: float
-) -> None:
-    """Set the derivatives of the residual with respect to time in steps of length `h` [s]."""
-    n, coefficients = form.equations.n, run.coefficients
+def evaluate_time_rates(
+    form: StepEquations, interval: Interval, first: int, last: int, coefficients: Array, h: float
+) -> Array:
+    """Return the derivatives of the residual by time in steps of length `h` [s], (steps, n + m)."""
+    rates = np.zeros((last - first, form.size))
     for k in range(first, last):
-        q, v, a, lam = (x[k + 1] for x in states)
+        q, v, a, lam = (x[k + 1] for x in interval.state)
         at = StepPrediction(q, v, a, q, coefficients)
-        x = np.concatenate([np.zeros(n), coefficients[2] * lam])
-        time = np.array([run.times[k + 1], run.branch])
-        run.time_rates[k] = time_rate(partial(_residual_at, form, at, x), time, h)
+        x = np.concatenate([0.0 * q, coefficients[2] * lam])
+        time = np.array([interval.t[k + 1], interval.branch])
+        rates[k - first] = time_rate(partial(_residual_at, form, at, x), time, h)
+    return rates
 
 
 def _residual_at(form: StepEquations, at: StepPrediction, x: Array, time: Array) -> Array:
@@ -326,13 +329,12 @@ def _change_step(
     ratio, square = h / run.h, (h * h - run.h * run.h) * member.defect
 
     def differentiate(
-        x: StartDerivatives, q: Array, v: Array, a: Array, lam: Array, dp: Array, dt: Array
-    ) -> tuple[Array]:
-        along, interval = State(q, v, a, lam), JERK_INTERVAL * h
-        return (x.normal_jerk(time, at, along, dp, interval, holonomic_only=True, dt=dt),)
+        x: StartDerivatives, q: Array, v: Array, a: Array, dp: Array, dt: Array
+    ) -> Sequence[Array]:
+        return x.jerk_map(time, at, h).along((q, v, a), dp, dt)
 
     jerks = differentiate_together(
-        derivatives, differentiate, run.q, run.v, run.ddq, run.lam, numbers, run.shifts
+        derivatives, differentiate, run.q, run.v, run.ddq, numbers, run.shifts
     )
     run.v += square * np.array([jerk for (jerk,) in jerks])
     run.a[:] = (1.0 - ratio) * run.ddq + ratio * run.a

@@ -227,7 +227,8 @@ def _store_derivatives(replay: RadauReplay, k: int) -> None:
     combine(replay.yp[k], (1.0,), (run.rates[2],))
 
 
-def _plan_residual(structure: Structure) -> SumPlan:
+def plan_stage_residual(structure: Structure) -> SumPlan:
+    """Return the plan of the residual of a stage."""
     return plan_residual(structure, STABILIZED_FORM)
 
 
@@ -273,7 +274,7 @@ def differentiate_radau_steps(
     matrices_of_stages = StageMatrices.of(form)
 
     def directional(x: StartDerivatives) -> SumPlan:
-        return x.directional_plan(_plan_residual, 2 * size)
+        return x.directional_plan(plan_stage_residual, 2 * size)
 
     plan = further_plan = directional(derivatives)
     if further.is_present.any():

@@ -169,8 +169,8 @@ class RunDerivatives:
             else:
                 starts.append(self._starts[phase.whole.name])
 
-        def differentiate(x: StartDerivatives, dq: Array, dv: Array, dp: Array) -> State:
-            return x.consistent_state(time, at, at.v, dq, dv, dp)
+        def differentiate(x: StartDerivatives, dq: Array, dv: Array, dp: Array) -> Sequence[Array]:
+            return x.start_map(time, at, at.v).along((dq, dv), dp)
 
         firsts = differentiate_together(
             derivatives, differentiate, *zip(*starts, strict=True), numbers
@@ -205,7 +205,8 @@ class RunDerivatives:
         if event is not None:
             number = event_number(self._equations, event.name)
             if select_impacts(self._equations.events[number].do):
-                v, velocities = self._jump(phases, number, before, time, at, totals, shifts)
+                h = float(after.t[1] - after.t[0])
+                v, velocities = self._jump(phases, number, before, time, at, totals, shifts, h)
             assert after.configuration is not None
             phases = [
                 phase.after_event(number, after.configuration, time, dt, at.q, total.q)
@@ -217,9 +218,10 @@ class RunDerivatives:
 
         def differentiate(
             x: StartDerivatives, dq: Array, dv: Array, dp: Array, dt: Array
-        ) -> tuple[Array, ...]:
-            moved, first = x.restart_states(time, at, v, dq, dv, dp, dt, h)
-            return *moved, *first
+        ) -> Sequence[Array]:
+            if dt.any():
+                return x.restart_map(time, at, v, h).along((dq, dv), dp, dt)
+            return 2 * x.start_map(time, at, v).along((dq, dv), dp)
 
         positions = [x.q for x in totals]
         states = differentiate_together(
@@ -237,6 +239,7 @@ class RunDerivatives:
         at: State,
         totals: list[State],
         shifts: list[float],
+        h: float,
     ) -> tuple[Array, list[Array]]:
         """Return the velocities after the impacts of an event, and their total derivatives."""
         assert before.configuration is not None
@@ -246,14 +249,15 @@ class RunDerivatives:
             impact = difference.impact
             derivatives = derive_states(difference.equations)
             n, m = impact.equations.n, impact.equations.m
-            state, change = (State(x.q, x.v, np.zeros(n), np.zeros(m)) for x in (at, along))
+            state = State(at.q, at.v, np.zeros(n), np.zeros(m))
             rates = derivatives.solver.constraint_levels(time, at.q, at.v)[1]
             active = select_active_constraints(impact, rates)
             dv = along.v
             if len(active):
                 dp = difference.equations.derivative(lambda e: e.p)
-                restitution = (impact.coefficients, difference.restitution)
-                dv = derivatives.impact(time, state, change, dp, dt, active, restitution)
+                jump = derivatives.impact_map(time, state, active, impact.coefficients, h)
+                changes = [x[None] for x in (along.q, along.v, difference.restitution)]
+                dv = jump.along(changes, dp[None], np.array([dt]))[0][0]
             velocities.append(dv)
         return apply_impact(impact, time, state)[0], velocities
 
