@@ -284,7 +284,7 @@ def test_regression_undamped_slider_crank_with_radau(t_end):
 
 
 @pytest.mark.slow(reason="half a second and more")
-def test_few_parameters_are_changed_together_from_the_second_time_on():
+def test_few_parameters_are_changed_together():
     heights = (0.006, 0.005, 0.004, 0.0035, 0.003)
     entries = {f"height[{k}]": ("height", k) for k in range(5)}
     model = FlatModel(leaf, {"height": heights}, entries)
@@ -296,14 +296,16 @@ def test_few_parameters_are_changed_together_from_the_second_time_on():
         return bd.equations_of_motion(mechanism)
 
     number_derivatives._latest_effects.pop(leaf.build, None)
-    first, second, third = (
-        (differentiate_numbers(model, base, assemble, np.zeros(2)).p, len(builds)) for _ in range(3)
+    first, second = (
+        (differentiate_numbers(model, base, assemble, np.zeros(2)).p, len(builds)) for _ in range(2)
     )
-    assert first[1] == 4 * 5
-    # Two groups of differences of fourth order, and two models that verify them.
-    assert third[1] - second[1] == 4 * 2 + 2
-    for p, _ in (second, third):
-        assert np.all(np.abs(p - first[0]) <= 1e-9 * np.abs(first[0]).max(axis=0))
+    # The search is not repeated: two groups of differences, and two models that verify them.
+    assert second[1] - first[1] == 4 * 2 + 2
+    np.testing.assert_array_equal(first[0], second[0])
+    for k, height in enumerate(heights):
+        one = FlatModel(leaf, {"height": heights}, {f"height[{k}]": ("height", k)})
+        (alone,) = differentiate_numbers(one, base, assemble, np.zeros(2)).p
+        assert np.all(np.abs(first[0][k] - alone) <= 1e-9 * np.abs(first[0]).max(axis=0)), height
 
 
 @bd.model(t_end=1.0)
@@ -323,7 +325,7 @@ def leaf(height=(0.005,) * 9):
 def test_regression_heights_are_changed_together_although_stiffnesses_keep_their_ratios():
     """Equal heights, changed by equal factors, hid the ratios of stiffnesses that they affect."""
     uneven = (0.005, 0.004, 0.006, 0.003, 0.005, 0.002, 0.003, 0.002, 0.003)
-    for heights, most_builds in (((0.005,) * 9, 24), (uneven, 14)):
+    for heights in ((0.005,) * 9, uneven):
         entries = {f"height[{k}]": ("height", k) for k in range(9)}
         model = FlatModel(leaf, {"height": heights}, entries)
         base = bd.equations_of_motion(model())
@@ -335,7 +337,7 @@ def test_regression_heights_are_changed_together_although_stiffnesses_keep_their
 
         result = differentiate_numbers(model, base, assemble, np.zeros(2))
         assert result.irregular == ()
-        assert len(builds) <= most_builds
+        assert len(builds) <= 24
         step = 1e-6 * heights[3]
         with keep_numbers_of_sections({"leaf": base.mechanism.parts["leaf"].section}):
             ahead, behind = (
