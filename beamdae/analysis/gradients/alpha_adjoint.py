@@ -25,7 +25,7 @@ from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.recorded_maps import Gradient
 from beamdae.analysis.sensitivities.run_derivatives import rates_at_steps
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import formulate_step, plan_step_sums
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
@@ -170,7 +170,6 @@ def _plan_adjoint(structure: Structure) -> tuple[SumPlan, SumPlan, sp.csc_array]
 def transpose_alpha_steps(
     method: GeneralizedAlpha,
     start: StartDerivatives,
-    steps_of: EquationsOfMotion,
     interval: Interval,
     seeds: Array,
     matrices: dict[int, FactorizedMatrix],
@@ -185,9 +184,6 @@ def transpose_alpha_steps(
     start
         Maps to the starting values and to the jerk, which corrects velocities where the length of
         the step changes.
-    steps_of
-        Equations of the steps, perhaps without further forces of `start` that vanish in the run,
-        see `FurtherForces`.
     interval
         States of the run.
     seeds
@@ -206,9 +202,8 @@ def transpose_alpha_steps(
     equations, times, states = start.equations, interval.t, interval.state
     n, m, steps = equations.n, equations.m, len(times) - 1
     member = family_parameters(method.family, method.rho_inf)
-    form = formulate_step(steps_of, False)
-    plan = _plan_adjoint(equations.structure)[0]
-    _, transposed_matrix, pattern = _plan_adjoint(steps_of.structure)
+    form = formulate_step(equations, False)
+    plan, transposed_matrix, pattern = _plan_adjoint(equations.structure)
     moved_plan = None
     if start.moving is not None:
         moved_plan = start.directional_plan(plan_step_residual, 4 * n + 2 * m)

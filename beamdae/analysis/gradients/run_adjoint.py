@@ -31,10 +31,7 @@ from beamdae.analysis.gradients.column_seeds import (
 )
 from beamdae.analysis.gradients.objectives import ColumnObjective, Objective
 from beamdae.analysis.gradients.radau_adjoint import transpose_radau_steps
-from beamdae.analysis.sensitivities.further_forces import (
-    further_key,
-    locate_numbers,
-)
+from beamdae.analysis.sensitivities.further_forces import further_key
 from beamdae.analysis.sensitivities.model_differences import Difference, interpolate
 from beamdae.analysis.sensitivities.operator_changes import moves_operators
 from beamdae.analysis.sensitivities.phases import ImpactDifference, Phase
@@ -347,15 +344,9 @@ class _RunSweep:
     ) -> Gradient:
         """Return the derivatives with respect to the state at the start of the steps."""
         interval, method = self._intervals[k], self._run.method
-        run = self._run.solution.equations
-        e = start.equations
-        has_further_forces = e.structure != run.structure and locate_numbers(run, e) is not None
-        steps_of = run if has_further_forces else e
         if isinstance(method, Radau):
-            return transpose_radau_steps(start, steps_of, interval, by_nodes)
-        return transpose_alpha_steps(
-            method, start, steps_of, interval, by_nodes[1:], self._matrices, moves
-        )
+            return transpose_radau_steps(start, interval, by_nodes)
+        return transpose_alpha_steps(method, start, interval, by_nodes[1:], self._matrices, moves)
 
     def _transpose_start(self, by_nodes: Array) -> None:
         result = self._result

@@ -21,13 +21,8 @@ from beamdae.analysis.sensitivities.alpha_steps import (
     prepare_steps,
     step_length,
 )
-from beamdae.analysis.sensitivities.further_forces import FurtherForces
 from beamdae.analysis.sensitivities.model_differences import derivative_call
-from beamdae.analysis.sensitivities.start_derivatives import (
-    StartDerivatives,
-    differentiate_together,
-    time_rate,
-)
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives, time_rate
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import (
     StepEquations,
@@ -35,11 +30,9 @@ from beamdae.equations.formulations.step_equations import (
     formulate_step,
     plan_step_sums,
 )
-from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.structure import Structure
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.alpha.family import (
-    AlphaParameters,
     AlphaStart,
     family_parameters,
 )
@@ -51,7 +44,6 @@ from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sums.kernel_sums import (
     Sum,
     SumPlan,
-    evaluate_sum,
     evaluate_with_data,
     set_time,
 )
@@ -68,9 +60,6 @@ class ReplayWorkspace(AlphaSteps):
     directional, local, inputs
         Directional derivative of the residual, its local inputs by direction, see
         `direction_inputs`, and its inputs (motion, its direction).
-    further, further_inputs, residual, further_numbers, is_further
-        Directional derivative with further forces, its inputs and its result, and the numbers and
-        the directions that have them, see `FurtherForces`.
     last
         Number of steps after which the length of the step changes, or the interval ends.
     shifts, time_rates
@@ -87,11 +76,6 @@ class ReplayWorkspace(AlphaSteps):
     directional: Sum
     local: Array
     inputs: Array
-    further: Sum
-    further_inputs: Array
-    residual: Array
-    further_numbers: Array
-    is_further: Array
     last: int = 0
     shifts: Array
     time_rates: Array
@@ -133,8 +117,6 @@ def replay_steps(run: ReplayWorkspace) -> int:
             velocities = (1.0, h * (1.0 - gamma), h * gamma)
             combine(v_predicted, velocities, (v, a, run.a_predicted))
             evaluate_with_data(run.directional, run.local[k], inputs, change)
-            if run.is_further[k] == 1:
-                _add_further_forces(run, t, k)
             combine(change[:n], (c[2],), (change[:n],))
             for i in run.form.velocity_rows:
                 change[i] /= c[0]
@@ -155,25 +137,13 @@ def replay_steps(run: ReplayWorkspace) -> int:
     return DONE
 
 
-def _add_further_forces(run: ReplayWorkspace, t: float, k: int) -> None:
-    """Add the derivatives of further forces along direction `k` to `change`."""
-    inputs, size = run.further_inputs, run.row.size
-    combine(inputs[:size], (1.0,), (run.inputs[:size],))
-    combine(inputs[inputs.size - run.further_numbers.shape[1] :], (1.0,), (run.further_numbers[k],))
-    set_time(run.further, t, run.branch)
-    evaluate_sum(run.further, inputs, run.residual)
-    combine(run.change, (1.0, 1.0), (run.change, run.residual))
-
-
 def differentiate_alpha_steps(
     method: GeneralizedAlpha,
-    along: StartDerivatives,
-    derivatives: Sequence[StartDerivatives],
+    derivatives: StartDerivatives,
     interval: Interval,
-    starts: list[State],
+    starts: Sequence[Array],
     numbers: Array,
-    shifts: list[float],
-    further: FurtherForces,
+    shifts: Array,
 ) -> Array:
     """Return the derivatives of (q, v, q'', lam) at the start and steps of a smooth interval.
 
@@ -186,19 +156,16 @@ def differentiate_alpha_steps(
     ----------
     method
         Settings of the run, in the index-3 form.
-    along
-        Derivatives of the equations of the steps.
     derivatives
-        Derivatives of starting values and of the jerk, which corrects velocities where the length
-        of the step changes, one per direction.
+        Maps to starting values and to the jerk, which corrects velocities where the length of the
+        step changes.
     interval
         States of the run.
     starts
-        Derivatives of the consistent state along the moved start, one per direction.
-    shifts
-        Derivatives of the time of the start, one per direction [s].
-    further
-        Forces that are missing in the equations of the steps.
+        Derivatives of the consistent state (q, v, a, lam) along the moved start, one direction a
+        row.
+    numbers, shifts
+        Derivatives of p, one direction a row, and of the time of the start, (k,) [s].
 
     Returns
     -------
@@ -210,77 +177,56 @@ def differentiate_alpha_steps(
     BeamdaeError
         If the iteration matrix is singular at a step.
     """
-    equations, times, states = along.equations, interval.t, interval.state
+    equations, times, states = derivatives.equations, interval.t, interval.state
     form = formulate_step(equations, False)
     n, m, steps, count = equations.n, equations.m, len(times) - 1, len(numbers)
     groups = list(pairwise(group_equal_steps(times)))
     member = family_parameters(method.family, method.rho_inf)
-    all_numbers = [
-        x if present else y
-        for x, y, present in zip(further.numbers, numbers, further.is_present, strict=True)
-    ]
     time, at = np.array([times[0], interval.branch]), State(*(x[0] for x in states))
     h = step_length(times, *groups[0])
-    is_cured = method.start == "cured"
-
-    def start_motion(
-        x: StartDerivatives, q: Array, v: Array, a: Array, lam: Array, dp: Array, dt: Array
-    ) -> tuple[Array, ...]:
-        start = AlphaStart(member, x.solver, True, is_cured)
-        motion = x.initial_motion(start, time, at, h).along((q, v, a, lam), dp, dt)
-        return *motion, lam
-
-    motions = differentiate_together(
-        derivatives, start_motion, *zip(*starts, strict=True), all_numbers, shifts
-    )
-    first_q, first_v, first_ddq, first_a, first_lam = map(np.array, zip(*motions, strict=True))
-
-    def directional(x: StartDerivatives) -> SumPlan:
-        return x.directional_plan(plan_step_residual, 4 * n + 2 * m)
-
-    plan = further_plan = directional(along)
-    if further.is_present.any():
-        further_plan = directional(StartDerivatives(ConsistencySolver(further.equations)))
+    alpha_start = AlphaStart(member, derivatives.solver, True, method.start == "cured")
+    record = derivatives.initial_motion(alpha_start, time, at, h)
+    first_q, first_v, first_ddq, first_a = record.along(starts, numbers, shifts)
+    plan = derivatives.directional_plan(plan_step_residual, 4 * n + 2 * m)
     matrix = FactorizedMatrix.from_pattern(form.pattern)
     make_fields = prepare_steps(form, form.sums[2], matrix, member, interval)
     results = np.zeros(((steps + 1) * count, 3 * n + m))
-    results[:count] = [np.concatenate(x) for x in starts]
+    results[:count] = np.hstack(starts)
 
     def make_workspace(native: bool) -> ReplayWorkspace:
-        directional, local = along.direction_sum(plan, 4 * n + 2 * m, native, numbers)
+        directional, local = derivatives.direction_sum(plan, 4 * n + 2 * m, native, numbers)
         return ReplayWorkspace(
             **make_fields(native),
             directional=directional,
             local=local,
             inputs=np.zeros(2 * (4 * n + 2 * m)),
-            further=further_plan.sum(native, further.equations.p),
-            further_inputs=np.zeros(2 * (4 * n + 2 * m) + further.numbers.shape[1]),
-            residual=np.zeros(n + m),
-            further_numbers=np.ascontiguousarray(further.numbers),
-            is_further=further.is_present,
-            shifts=np.array(shifts),
+            shifts=shifts,
             time_rates=np.zeros((steps, n + m)),
-            q=first_q,
-            v=first_v,
-            ddq=first_ddq,
-            a=first_a,
-            lam=first_lam,
+            q=first_q.copy(),
+            v=first_v.copy(),
+            ddq=first_ddq.copy(),
+            a=first_a.copy(),
+            lam=starts[-1].copy(),
             results=results[count:],
         )
 
     def matrices(run: ReplayWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
         return [(run.linear, matrix)]
 
-    is_native = form.is_native and plan.is_native and further_plan.is_native
+    is_native = form.is_native and plan.is_native
     loop = StepLoop(replay_steps, make_workspace, matrices, is_native)
     run = loop.work
     for first, last in groups:
         h = step_length(times, first, last)
         if first > 0:
             at, time = State(*(x[first] for x in states)), np.array([times[first], interval.branch])
-            _change_step(run, member, derivatives, all_numbers, time, at, h)
+            ratio, square = h / run.h, (h * h - run.h * run.h) * member.defect
+            record = derivatives.jerk_map(time, at, h)
+            (jerks,) = record.along((run.q, run.v, run.ddq), numbers, run.shifts)
+            run.v += square * jerks
+            run.a[:] = (1.0 - ratio) * run.ddq + ratio * run.a
         run.coefficients[:] = member.coefficients(h)
-        if any(shifts):
+        if shifts.any():
             run.time_rates[first:last] = evaluate_time_rates(
                 form, interval, first, last, run.coefficients, h
             )
@@ -314,27 +260,3 @@ def evaluate_time_rates(
 
 def _residual_at(form: StepEquations, at: StepPrediction, x: Array, time: Array) -> Array:
     return form.residual(time, at, x)
-
-
-def _change_step(
-    run: ReplayWorkspace,
-    member: AlphaParameters,
-    derivatives: Sequence[StartDerivatives],
-    numbers: Sequence[Array],
-    time: Array,
-    at: State,
-    h: float,
-) -> None:
-    """Convert the derivatives to the step length `h` [s], as the step loop converts the motion."""
-    ratio, square = h / run.h, (h * h - run.h * run.h) * member.defect
-
-    def differentiate(
-        x: StartDerivatives, q: Array, v: Array, a: Array, dp: Array, dt: Array
-    ) -> Sequence[Array]:
-        return x.jerk_map(time, at, h).along((q, v, a), dp, dt)
-
-    jerks = differentiate_together(
-        derivatives, differentiate, run.q, run.v, run.ddq, numbers, run.shifts
-    )
-    run.v += square * np.array([jerk for (jerk,) in jerks])
-    run.a[:] = (1.0 - ratio) * run.ddq + ratio * run.a

@@ -6,12 +6,12 @@ The loop is plain Python over arrays; `native.loops` compiles it if possible.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.further_forces import FurtherForces
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.radau_steps import (
     MAX_ITERATIONS,
@@ -29,7 +29,6 @@ from beamdae.equations.formulations.first_order import (
     formulate_first_order,
     plan_residual,
 )
-from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.structure import Structure
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
@@ -47,7 +46,6 @@ from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sums.kernel_sums import (
     Sum,
     SumPlan,
-    evaluate_sum,
     evaluate_with_data,
     set_time,
 )
@@ -75,9 +73,6 @@ class RadauReplay(RadauSteps):
     directional, local, inputs
         Directional derivative of the residual, its local inputs by direction, see
         `direction_inputs`, and its inputs (y, y', dy, dy').
-    further, further_inputs, further_residuals, further_numbers, is_further
-        Directional derivative with further forces, its inputs and its results at the stages,
-        (3, size), and the numbers and the directions that have them, see `FurtherForces`.
     negligible
         Changes of scaled positions that are rounding errors, (k,).
     y, yp
@@ -98,11 +93,6 @@ class RadauReplay(RadauSteps):
     directional: Sum
     local: Array
     inputs: Array
-    further: Sum
-    further_inputs: Array
-    further_residuals: Array
-    further_numbers: Array
-    is_further: Array
     negligible: Array
     y: Array
     yp: Array
@@ -145,8 +135,6 @@ def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
     m = replay.unit_weights.size
     combine(run.y, (1.0,), (replay.y[k],))
     combine(run.yp, (1.0,), (replay.yp[k],))
-    if replay.is_further[k] == 1:
-        _evaluate_further_forces(replay, h, k)
     is_similar = h <= MAX_STEP_RATIO * replay.last_step
     run.step_size.last_step = replay.last_step if is_similar else 0.0
     for i in range(3):
@@ -157,9 +145,6 @@ def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
         set_stages(run, h)
         for i in range(3):
             _evaluate_derivative(replay, run.t + C[i] * h, i, k)
-            if replay.is_further[k] == 1:
-                residual = run.stage_residuals[i]
-                combine(residual, (1.0, 1.0), (residual, replay.further_residuals[i]))
         correct_stages(run, h)
         change = _largest_change(run, 0, 2 * n, weights)
         reaction_change = _largest_change(run, 2 * n, 2 * n + m, replay.unit_weights)
@@ -184,17 +169,6 @@ def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
             return DONE
         previous = change
     return NOT_CONVERGED
-
-
-def _evaluate_further_forces(replay: RadauReplay, h: float, k: int) -> None:
-    """Evaluate the derivatives of further forces along direction `k` at all stages."""
-    run, size, inputs = replay.run, replay.run.form.size, replay.further_inputs
-    combine(inputs[4 * size :], (1.0,), (replay.further_numbers[k],))
-    for i in range(3):
-        combine(inputs[:size], (1.0,), (replay.stages[i],))
-        combine(inputs[size : 2 * size], (1.0,), (replay.rates[i],))
-        set_time(replay.further, run.t + C[i] * h, run.branch)
-        evaluate_sum(replay.further, inputs, replay.further_residuals[i])
 
 
 def _largest_change(run: RadauWorkspace, first: int, last: int, weights: Array) -> float:
@@ -235,10 +209,9 @@ def plan_stage_residual(structure: Structure) -> SumPlan:
 def differentiate_radau_steps(
     derivatives: StartDerivatives,
     interval: Interval,
-    starts: list[State],
+    starts: Sequence[Array],
     numbers: Array,
     steps: Array,
-    further: FurtherForces,
 ) -> Array:
     """Return the derivatives of (q, v, a, lam) at the start and the stages of a smooth interval.
 
@@ -249,14 +222,12 @@ def differentiate_radau_steps(
     interval
         States of the run.
     starts
-        Derivatives of the consistent state at the start, one per direction.
+        Derivatives of the consistent state (q, v, a, lam) at the start, one direction a row.
     numbers
         Derivatives of p, one direction a row, (k, n_p).
     steps
         Small changes of the parameters, (k,); derivatives that lead to changes of positions below
         rounding errors are negligible.
-    further
-        Forces that are missing in the equations of the steps.
 
     Returns
     -------
@@ -272,16 +243,10 @@ def differentiate_radau_steps(
     form = formulate_first_order(equations, STABILIZED_FORM, apart=True)
     n, size, count, n_steps = equations.n, form.size, len(numbers), len(interval.t) - 1
     matrices_of_stages = StageMatrices.of(form)
-
-    def directional(x: StartDerivatives) -> SumPlan:
-        return x.directional_plan(plan_stage_residual, 2 * size)
-
-    plan = further_plan = directional(derivatives)
-    if further.is_present.any():
-        further_plan = directional(StartDerivatives(ConsistencySolver(further.equations)))
-    packed = [form.pack(x) for x in starts]
+    plan = derivatives.directional_plan(plan_stage_residual, 2 * size)
+    packed = [form.pack(State(*x)) for x in zip(*starts, strict=True)]
     results = np.zeros(((3 * n_steps + 1) * count, 3 * n + equations.m))
-    results[:count] = [np.concatenate(x) for x in starts]
+    results[:count] = np.hstack(starts)
 
     def make_replay(native: bool) -> RadauReplay:
         directional, local = derivatives.direction_sum(plan, 2 * size, native, numbers)
@@ -290,11 +255,6 @@ def differentiate_radau_steps(
             directional=directional,
             local=local,
             inputs=np.zeros(4 * size),
-            further=further_plan.sum(native, further.equations.p),
-            further_inputs=np.zeros(4 * size + further.numbers.shape[1]),
-            further_residuals=np.zeros((3, size)),
-            further_numbers=np.ascontiguousarray(further.numbers),
-            is_further=further.is_present,
             negligible=_POSITION_ROUNDING / steps,
             y=np.array([y for y, _ in packed]),
             yp=np.array([yp for _, yp in packed]),
@@ -310,7 +270,7 @@ def differentiate_radau_steps(
             (run.complex_solver, matrices_of_stages.complex_),
         ]
 
-    is_native = form.is_native and plan.is_native and further_plan.is_native
+    is_native = form.is_native and plan.is_native
     loop = StepLoop(replay_steps, make_replay, matrices, is_native)
     code = loop()
     if code != DONE:

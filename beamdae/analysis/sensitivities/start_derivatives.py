@@ -6,7 +6,7 @@ transposed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -609,33 +609,6 @@ class _TransposableFactors:
             factors.factorize(nonzeros)
             self._factors[transposed] = factors
         return self._factors[transposed].solve(right)
-
-
-def differentiate_together(
-    derivatives: Sequence[StartDerivatives],
-    function: Callable[..., Sequence[Array]],
-    *directions: Sequence[Array | float] | Array,
-) -> list[tuple[Array, ...]]:
-    """Return the results of `function` for each direction.
-
-    Parameters
-    ----------
-    derivatives
-        Derivatives of consistent states, one per direction.
-    function
-        Function of a `StartDerivatives` and of arrays with one entry per direction that returns
-        arrays with one row per direction. It is called once for all directions with the same
-        derivatives.
-    *directions
-        Arrays or numbers, one per direction.
-    """
-    results: list[tuple[Array, ...]] = [()] * len(derivatives)
-    for first in {id(x): x for x in derivatives}.values():
-        members = [k for k, x in enumerate(derivatives) if x is first]
-        values = function(first, *(np.array([x[k] for k in members]) for x in directions))
-        for i, k in enumerate(members):
-            results[k] = tuple(x[i] for x in values)
-    return results
 
 
 def time_rate(function: Callable[[Array], Array], time: Array, h: float) -> Array:
