@@ -21,9 +21,14 @@ from beamdae.analysis.sensitivities.alpha_steps import (
     prepare_steps,
     step_length,
 )
+from beamdae.analysis.sensitivities.further_forces import (
+    DirectionSums,
+    evaluate_direction,
+    prepare_directions,
+)
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives, time_rate
-from beamdae.equations.equations_of_motion import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.step_equations import (
     StepEquations,
     StepPrediction,
@@ -42,10 +47,7 @@ from beamdae.native.loop_functions import combine, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sums.kernel_sums import (
-    Sum,
     SumPlan,
-    evaluate_with_data,
-    set_time,
 )
 
 Array = np.ndarray
@@ -57,9 +59,8 @@ class ReplayWorkspace(AlphaSteps):
 
     Attributes
     ----------
-    directional, local, inputs
-        Directional derivative of the residual, its local inputs by direction, see
-        `direction_inputs`, and its inputs (motion, its direction).
+    directions, inputs
+        Directional derivatives of the residual, and their inputs (motion, its direction).
     last
         Number of steps after which the length of the step changes, or the interval ends.
     shifts, time_rates
@@ -73,8 +74,7 @@ class ReplayWorkspace(AlphaSteps):
         Number of completed steps.
     """
 
-    directional: Sum
-    local: Array
+    directions: DirectionSums
     inputs: Array
     last: int = 0
     shifts: Array
@@ -101,14 +101,13 @@ def replay_steps(run: ReplayWorkspace) -> int:
     # The predicted derivatives.
     q_predicted, v_predicted = inputs[motion : motion + n], inputs[motion + n : motion + 2 * n]
     factor = 1.0 / (1.0 - run.alpha_m)
-    count = run.local.shape[0]
+    count = run.directions.is_further.size
     while run.step < run.last:
         code = factorize_ahead(run, run.step + 1, 1, run.last - run.step)
         if code != DONE:
             return code
         t = run.times[run.step + 1]
         copy_state(run, run.step + 1, inputs[: 3 * n + m])
-        set_time(run.directional, t, run.branch)
         for k in range(count):
             q, v, ddq, a, lam = run.q[k], run.v[k], run.ddq[k], run.a[k], run.lam[k]
             combine(run.a_predicted, (factor * run.alpha_f, -factor * run.alpha_m), (ddq, a))
@@ -116,7 +115,7 @@ def replay_steps(run: ReplayWorkspace) -> int:
             combine(q_predicted, positions, (q, v, a, run.a_predicted))
             velocities = (1.0, h * (1.0 - gamma), h * gamma)
             combine(v_predicted, velocities, (v, a, run.a_predicted))
-            evaluate_with_data(run.directional, run.local[k], inputs, change)
+            evaluate_direction(run.directions, k, t, run.branch, inputs, change)
             combine(change[:n], (c[2],), (change[:n],))
             for i in run.form.velocity_rows:
                 change[i] /= c[0]
@@ -140,6 +139,7 @@ def replay_steps(run: ReplayWorkspace) -> int:
 def differentiate_alpha_steps(
     method: GeneralizedAlpha,
     derivatives: StartDerivatives,
+    steps_of: EquationsOfMotion,
     interval: Interval,
     starts: Sequence[Array],
     numbers: Array,
@@ -159,6 +159,8 @@ def differentiate_alpha_steps(
     derivatives
         Maps to starting values and to the jerk, which corrects velocities where the length of the
         step changes.
+    steps_of
+        Equations of the steps, perhaps without forces that vanish in the run.
     interval
         States of the run.
     starts
@@ -178,7 +180,7 @@ def differentiate_alpha_steps(
         If the iteration matrix is singular at a step.
     """
     equations, times, states = derivatives.equations, interval.t, interval.state
-    form = formulate_step(equations, False)
+    form = formulate_step(steps_of, False)
     n, m, steps, count = equations.n, equations.m, len(times) - 1, len(numbers)
     groups = list(pairwise(group_equal_steps(times)))
     member = family_parameters(method.family, method.rho_inf)
@@ -187,18 +189,18 @@ def differentiate_alpha_steps(
     alpha_start = AlphaStart(member, derivatives.solver, True, method.start == "cured")
     record = derivatives.initial_motion(alpha_start, time, at, h)
     first_q, first_v, first_ddq, first_a = record.along(starts, numbers, shifts)
-    plan = derivatives.directional_plan(plan_step_residual, 4 * n + 2 * m)
+    make_directions, is_native = prepare_directions(
+        derivatives, steps_of, plan_step_residual, 4 * n + 2 * m, numbers
+    )
     matrix = FactorizedMatrix.from_pattern(form.pattern)
     make_fields = prepare_steps(form, form.sums[2], matrix, member, interval)
     results = np.zeros(((steps + 1) * count, 3 * n + m))
     results[:count] = np.hstack(starts)
 
     def make_workspace(native: bool) -> ReplayWorkspace:
-        directional, local = derivatives.direction_sum(plan, 4 * n + 2 * m, native, numbers)
         return ReplayWorkspace(
             **make_fields(native),
-            directional=directional,
-            local=local,
+            directions=make_directions(native),
             inputs=np.zeros(2 * (4 * n + 2 * m)),
             shifts=shifts,
             time_rates=np.zeros((steps, n + m)),
@@ -213,8 +215,7 @@ def differentiate_alpha_steps(
     def matrices(run: ReplayWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
         return [(run.linear, matrix)]
 
-    is_native = form.is_native and plan.is_native
-    loop = StepLoop(replay_steps, make_workspace, matrices, is_native)
+    loop = StepLoop(replay_steps, make_workspace, matrices, form.is_native and is_native)
     run = loop.work
     for first, last in groups:
         h = step_length(times, first, last)

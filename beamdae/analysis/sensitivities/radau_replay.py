@@ -12,6 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.analysis.sensitivities.further_forces import (
+    DirectionSums,
+    evaluate_direction,
+    prepare_directions,
+)
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.radau_steps import (
     MAX_ITERATIONS,
@@ -24,7 +29,7 @@ from beamdae.analysis.sensitivities.radau_steps import (
     restore_stages,
 )
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
-from beamdae.equations.equations_of_motion import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import (
     formulate_first_order,
     plan_residual,
@@ -44,10 +49,7 @@ from beamdae.native.loop_functions import combine, max_norm
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sums.kernel_sums import (
-    Sum,
     SumPlan,
-    evaluate_with_data,
-    set_time,
 )
 
 Array = np.ndarray
@@ -70,9 +72,8 @@ class RadauReplay(RadauSteps):
     run
         As in `RadauSteps`, and then for the derivatives of the stages, which solve the same
         equations.
-    directional, local, inputs
-        Directional derivative of the residual, its local inputs by direction, see
-        `direction_inputs`, and its inputs (y, y', dy, dy').
+    directions, inputs
+        Directional derivatives of the residual, and their inputs (y, y', dy, dy').
     negligible
         Changes of scaled positions that are rounding errors, (k,).
     y, yp
@@ -90,8 +91,7 @@ class RadauReplay(RadauSteps):
         Number of completed steps.
     """
 
-    directional: Sum
-    local: Array
+    directions: DirectionSums
     inputs: Array
     negligible: Array
     y: Array
@@ -110,7 +110,7 @@ def replay_steps(replay: RadauReplay) -> int:
     solved by the simplified Newton iteration of the method, whose matrix is that of the second
     stage, with exact directional derivatives of the residual.
     """
-    run, count = replay.run, replay.local.shape[0]
+    run, count = replay.run, replay.directions.is_further.size
     while replay.step < replay.times.size - 1:
         run.t = replay.times[replay.step]
         h = replay.times[replay.step + 1] - run.t
@@ -185,13 +185,12 @@ def _evaluate_derivative(replay: RadauReplay, t: float, i: int, k: int) -> None:
     combine(inputs[size : 2 * size], (1.0,), (replay.rates[i],))
     combine(inputs[2 * size : 3 * size], (1.0,), (dy,))
     combine(inputs[3 * size : 4 * size], (1.0,), (dyp,))
-    set_time(replay.directional, t, run.branch)
-    evaluate_with_data(replay.directional, replay.local[k], inputs, residual)
+    evaluate_direction(replay.directions, k, t, run.branch, inputs, residual)
     combine(residual[:n], (1.0, 1.0, -1.0), (residual[:n], dyp[:n], dy[n : 2 * n]))
 
 
 def _store_derivatives(replay: RadauReplay, k: int) -> None:
-    run, n, count = replay.run, replay.run.form.n, replay.local.shape[0]
+    run, n, count = replay.run, replay.run.form.n, replay.directions.is_further.size
     for i in range(3):
         result = replay.results[(3 * replay.step + i) * count + k]
         combine(result[: 2 * n], (1.0,), (run.stages[i][: 2 * n],))
@@ -208,6 +207,7 @@ def plan_stage_residual(structure: Structure) -> SumPlan:
 
 def differentiate_radau_steps(
     derivatives: StartDerivatives,
+    steps_of: EquationsOfMotion,
     interval: Interval,
     starts: Sequence[Array],
     numbers: Array,
@@ -219,6 +219,8 @@ def differentiate_radau_steps(
     ----------
     derivatives
         Derivatives of consistent states of the equations of the interval.
+    steps_of
+        Equations of the steps, perhaps without forces that vanish in the run.
     interval
         States of the run.
     starts
@@ -240,20 +242,20 @@ def differentiate_radau_steps(
         If the equations of the derivatives cannot be solved.
     """
     equations = derivatives.equations
-    form = formulate_first_order(equations, STABILIZED_FORM, apart=True)
+    form = formulate_first_order(steps_of, STABILIZED_FORM, apart=True)
     n, size, count, n_steps = equations.n, form.size, len(numbers), len(interval.t) - 1
     matrices_of_stages = StageMatrices.of(form)
-    plan = derivatives.directional_plan(plan_stage_residual, 2 * size)
+    make_directions, is_native = prepare_directions(
+        derivatives, steps_of, plan_stage_residual, 2 * size, numbers
+    )
     packed = [form.pack(State(*x)) for x in zip(*starts, strict=True)]
     results = np.zeros(((3 * n_steps + 1) * count, 3 * n + equations.m))
     results[:count] = np.hstack(starts)
 
     def make_replay(native: bool) -> RadauReplay:
-        directional, local = derivatives.direction_sum(plan, 2 * size, native, numbers)
         return RadauReplay(
             **matrices_of_stages.step_fields(form, interval, native),
-            directional=directional,
-            local=local,
+            directions=make_directions(native),
             inputs=np.zeros(4 * size),
             negligible=_POSITION_ROUNDING / steps,
             y=np.array([y for y, _ in packed]),
@@ -270,8 +272,7 @@ def differentiate_radau_steps(
             (run.complex_solver, matrices_of_stages.complex_),
         ]
 
-    is_native = form.is_native and plan.is_native
-    loop = StepLoop(replay_steps, make_replay, matrices, is_native)
+    loop = StepLoop(replay_steps, make_replay, matrices, form.is_native and is_native)
     code = loop()
     if code != DONE:
         raise BeamdaeError(

@@ -103,13 +103,16 @@ class RunDerivatives:
                 derivatives, moved, firsts = _restart(phases, interval, v, shifts, *crossing[3:])
             active = with_active_multipliers(interval)
             numbers = _numbers(phases, derivatives.equations)
+            steps_of, has_all = self._equations, derivatives.equations
+            if locate_numbers(steps_of, has_all) is None:
+                steps_of = has_all
             if isinstance(self._method, Radau):
                 nodes = differentiate_radau_steps(
-                    derivatives, active, firsts, numbers, parameter_steps
+                    derivatives, steps_of, active, firsts, numbers, parameter_steps
                 )
             else:
                 nodes = differentiate_alpha_steps(
-                    self._method, derivatives, active, moved, numbers, shifts
+                    self._method, derivatives, steps_of, active, moved, numbers, shifts
                 )
                 nodes[0] = np.hstack(firsts)
                 if shifts.any():

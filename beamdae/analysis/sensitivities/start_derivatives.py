@@ -39,8 +39,8 @@ from beamdae.equations.structure import Structure, cache_on_owner, share_plans
 from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaStart
 from beamdae.linear.factorizations import create_factorization
 from beamdae.symbolic.sparse_operators import transpose_pattern
-from beamdae.symbolic.sums.directional_sums import direction_inputs, directional_plan, motion_plan
-from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan
+from beamdae.symbolic.sums.directional_sums import directional_plan
+from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
 
@@ -172,18 +172,6 @@ class StartDerivatives:
         if self.moving is not None:
             return directional_plan_along(self.moving, lambda e: plan(e.structure), n_inputs)
         return plan_direction(self.equations.structure, plan, n_inputs)
-
-    def direction_sum(
-        self, plan: SumPlan, n_inputs: int, native: bool, numbers: Array
-    ) -> tuple[Sum, Array]:
-        """Return the sum and the inputs of all directions for `evaluate_with_data`.
-
-        `plan` is a result of `directional_plan`; `numbers` are the derivatives of p, one direction
-        a row.
-        """
-        p = self.equations.p
-        total = motion_plan(plan, n_inputs).sum(native, p)
-        return total, direction_inputs(plan, n_inputs, p, numbers)
 
     @property
     def equations(self) -> EquationsOfMotion:
