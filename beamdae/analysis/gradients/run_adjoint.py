@@ -32,7 +32,12 @@ from beamdae.analysis.gradients.column_seeds import (
 from beamdae.analysis.gradients.objectives import ColumnObjective, Objective
 from beamdae.analysis.gradients.radau_adjoint import transpose_radau_steps
 from beamdae.analysis.sensitivities.further_forces import further_key
-from beamdae.analysis.sensitivities.model_differences import Difference, interpolate
+from beamdae.analysis.sensitivities.model_differences import (
+    FOUR_NEIGHBORS,
+    RELATIVE_DIFFERENCE,
+    Difference,
+    interpolate,
+)
 from beamdae.analysis.sensitivities.operator_changes import moves_operators
 from beamdae.analysis.sensitivities.phases import ImpactDifference, Phase
 from beamdae.analysis.sensitivities.recorded_maps import Gradient
@@ -59,6 +64,7 @@ from beamdae.equations.equations_of_motion import (
     State,
 )
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.state_evaluator import plan_state_sums
 from beamdae.integrators import GeneralizedAlpha, Radau
 from beamdae.integrators.compiled_run import FactorizedMatrix
 from beamdae.integrators.events.impacts import apply_impact, select_active_constraints
@@ -69,12 +75,6 @@ from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
-
-# Differences of positions and times for gaps that joints keep at events, relative to the scales of
-# the coordinates and to the time scale of the laws. They are of fourth order, with relative errors
-# near 1e-12.
-_GAP_DIFFERENCE = 1e-3
-_STENCIL = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 12.0))
 
 
 @dataclass(frozen=True)
@@ -586,10 +586,11 @@ def _weigh_gaps(
         frozen = freeze(time, q)
         return np.concatenate([frozen[name].offsets for name in gaps])
 
-    delta = _GAP_DIFFERENCE * (whole.time_scale or 1.0)
+    stencil = list(zip(FOUR_NEIGHBORS.steps, FOUR_NEIGHBORS.derivative_weights, strict=True))
+    delta = RELATIVE_DIFFERENCE * (whole.time_scale or 1.0)
     by_t = sum(
         weight * weigh(freeze(time + np.array([step * delta, 0.0]), q), gaps) / delta
-        for step, weight in _STENCIL
+        for step, weight in stencil
     )
     by_offsets = []
     for name, gap in gaps.items():
@@ -601,34 +602,19 @@ def _weigh_gaps(
                 for sign in (1.0, -1.0)
             ]
             by_offsets.append(weigh(*moved) / (2.0 * size))
-    deltas = _GAP_DIFFERENCE * whole.position_scales
-    for i in _affecting(offsets_at, q, deltas):
+    deltas = RELATIVE_DIFFERENCE * whole.position_scales
+    rows = [k for k, x in enumerate(whole.lam_names) if x.rpartition(".")[0] in gaps]
+    pattern = plan_state_sums(whole.structure).gradient_pattern
+    for i in np.unique(pattern.tocsr()[rows].indices):
         direction = np.zeros(len(q))
         direction[i] = deltas[i]
-        changes = [weight * offsets_at(q + step * direction) for step, weight in _STENCIL]
+        changes = [weight * offsets_at(q + step * direction) for step, weight in stencil]
         result[i] = np.sum(changes, axis=0) @ by_offsets / deltas[i]
     return result, float(by_t)
 
 
 def _changed(values: tuple[float, ...], i: int, change: float) -> tuple[float, ...]:
     return (*values[:i], values[i] + change, *values[i + 1 :])
-
-
-def _affecting(function: Callable[[Array], Array], q: Array, deltas: Array) -> list[int]:
-    """Return the indices of the coordinates on which a function depends, by bisection."""
-    here, sets, result = function(q), [np.arange(len(q))], []
-    while sets:
-        members = sets.pop()
-        moved = q.copy()
-        # Changes of different sizes do not cancel.
-        moved[members] += deltas[members] * (1.0 + np.arange(len(members)) / len(q))
-        if np.array_equal(function(moved), here):
-            continue
-        if len(members) == 1:
-            result.append(int(members[0]))
-        else:
-            sets += np.array_split(members, 2)
-    return result
 
 
 def _transpose_reactions(
