@@ -51,6 +51,7 @@ from beamdae.analysis.sensitivities.run_derivatives import (
     find_event,
     find_stop,
     node_state,
+    record_impact,
     require_inner_breakpoints,
     state_before_restart,
     time_rounding,
@@ -67,7 +68,7 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.state_evaluator import plan_state_sums
 from beamdae.integrators import GeneralizedAlpha, Radau
 from beamdae.integrators.compiled_run import FactorizedMatrix
-from beamdae.integrators.events.impacts import apply_impact, select_active_constraints
+from beamdae.integrators.events.impacts import apply_impact
 from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.parts.events import select_impacts, select_switches
 from beamdae.results.solution import Solution
@@ -370,7 +371,7 @@ class _RunSweep:
         impact = phases.impacts.get(k)
         v = at.v
         if impact is not None:
-            v = apply_impact(impact.impact, time, _without_reactions(at, impact))[0]
+            v = apply_impact(impact.impact, time, at)[0]
         start = derive_states(phases.phases[k].active)
         by_first = _as_state(by_nodes[0], start.equations)
         interval, moves = self._intervals[k], number is not None or self._breakpoint_moves(k)
@@ -396,12 +397,14 @@ class _RunSweep:
             by_positions, by_switch_time = self._transpose_switch(k, number, time, at.q)
             by_q = by_q + by_positions
             by_t += by_switch_time
-        if impact is not None:
-            by_positions, by_v, by_impact_time = self._transpose_impact(
-                k, impact, time, at, by_v, h
-            )
+        before_impact = None if impact is None else record_impact(impact, time, at, h)
+        if before_impact is not None:
+            part = before_impact.transposed(by_v)
+            by_positions, by_v, by_restitution = part.inputs
+            self._result.impacts[k] = (part.numbers, by_restitution)
+            self._result.along_operators += part.operators
             by_q = by_q + by_positions
-            by_t += by_impact_time
+            by_t += part.time
         if moves:
             by_t += float(by_q @ at.v + by_v @ at.a)
         return by_q, by_v, by_t
@@ -420,22 +423,6 @@ class _RunSweep:
         # Breakpoints of laws that begin at an event move with the event.
         is_after_event = not has_breakpoint(self._phases.whole.base)
         return is_after_event or k in self._phases.shifted
-
-    def _transpose_impact(
-        self, k: int, difference: ImpactDifference, time: Array, at: State, by_v: Array, h: float
-    ) -> tuple[Array, Array, float]:
-        """Return the derivatives with respect to q and v before an impact, and to its time."""
-        impact, derivatives = difference.impact, derive_states(difference.equations)
-        state = _without_reactions(at, difference)
-        rates = derivatives.solver.constraint_levels(time, at.q, at.v)[1]
-        active = select_active_constraints(impact, rates)
-        if not len(active):
-            return np.zeros_like(at.q), by_v, 0.0
-        jump = derivatives.impact_map(time, state, active, impact.coefficients, h).transposed(by_v)
-        by_q, by_before, by_restitution = jump.inputs
-        self._result.impacts[k] = (jump.numbers, by_restitution)
-        self._result.along_operators += jump.operators
-        return by_q, by_before, jump.time
 
     def _transpose_switch(self, k: int, number: int, time: Array, q: Array) -> tuple[Array, float]:
         """Return the derivatives with respect to positions and time of gaps that joints keep."""
@@ -519,11 +506,6 @@ def _as_state(row: Array, equations: EquationsOfMotion) -> State:
 
 def _add(one: Sequence[Array], other: Sequence[Array]) -> tuple[Array, ...]:
     return tuple(x + y for x, y in zip(one, other, strict=True))
-
-
-def _without_reactions(at: State, difference: ImpactDifference) -> State:
-    e = difference.impact.equations
-    return State(at.q, at.v, np.zeros(e.n), np.zeros(e.m))
 
 
 def _weigh_gaps(

@@ -27,8 +27,9 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
     time_derivative,
 )
 from beamdae.analysis.sensitivities.operator_changes import moves_operators
-from beamdae.analysis.sensitivities.phases import Phase
+from beamdae.analysis.sensitivities.phases import ImpactDifference, Phase
 from beamdae.analysis.sensitivities.radau_replay import differentiate_radau_steps
+from beamdae.analysis.sensitivities.recorded_maps import Record
 from beamdae.analysis.sensitivities.start_derivatives import (
     StartDerivatives,
     has_unique_equilibrium,
@@ -208,20 +209,13 @@ class RunDerivatives:
         velocities = []
         for phase, along, dt in zip(phases, totals, shifts, strict=True):
             difference = phase.impact(number, self._equations, before.configuration)
-            impact = difference.impact
-            derivatives = derive_states(difference.equations)
-            n, m = impact.equations.n, impact.equations.m
-            state = State(at.q, at.v, np.zeros(n), np.zeros(m))
-            rates = derivatives.solver.constraint_levels(time, at.q, at.v)[1]
-            active = select_active_constraints(impact, rates)
-            dv = along.v
-            if len(active):
+            jump, dv = record_impact(difference, time, at, h), along.v
+            if jump is not None:
                 dp = difference.equations.derivative(lambda e: e.p)
-                jump = derivatives.impact_map(time, state, active, impact.coefficients, h)
                 changes = [x[None] for x in (along.q, along.v, difference.restitution)]
                 dv = jump.along(changes, dp[None], np.array([dt]))[0][0]
             velocities.append(dv)
-        return apply_impact(impact, time, state)[0], velocities
+        return apply_impact(difference.impact, time, at)[0], velocities
 
     def _event_shifts(
         self, event: EventRecord, before: Interval, along: list[Interval]
@@ -343,6 +337,19 @@ def require_inner_breakpoints(difference: Difference, trajectory: Trajectory) ->
                 f"{b:g} s across the start or the end of the run, where the derivatives do "
                 "not exist; choose another value, or another t_end."
             )
+
+
+def record_impact(difference: ImpactDifference, time: Array, at: State, h: float) -> Record | None:
+    """Return the map from (q, v, restitution) to the velocities after an impact.
+
+    Return None if no body is stopped. See `StartDerivatives.impact_map` for the arguments.
+    """
+    impact, derivatives = difference.impact, derive_states(difference.equations)
+    rates = derivatives.solver.constraint_levels(time, at.q, at.v)[1]
+    active = select_active_constraints(impact, rates)
+    if not len(active):
+        return None
+    return derivatives.impact_map(time, at, active, impact.coefficients, h)
 
 
 def derive_states(difference: Difference) -> StartDerivatives:
