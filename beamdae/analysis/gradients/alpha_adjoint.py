@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.gradients.start_adjoint import StartAdjoint
+from beamdae.analysis.sensitivities.alpha_replay import evaluate_time_rates, plan_step_residual
 from beamdae.analysis.sensitivities.alpha_steps import (
     AlphaSteps,
     copy_state,
@@ -22,19 +22,20 @@ from beamdae.analysis.sensitivities.alpha_steps import (
     step_length,
 )
 from beamdae.analysis.sensitivities.model_differences import derivative_call
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.analysis.sensitivities.recorded_maps import Gradient
+from beamdae.analysis.sensitivities.run_derivatives import rates_at_steps
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
+from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import formulate_step, plan_step_sums
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.alpha.family import (
-    JERK_INTERVAL,
-    AlphaParameters,
     AlphaStart,
     family_parameters,
 )
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
-from beamdae.native.loop_functions import combine, solve
+from beamdae.native.loop_functions import combine, inner_product, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sparse_operators import transpose_pattern
@@ -69,6 +70,9 @@ class AdjointWorkspace(AlphaSteps):
         Derivatives with respect to p, summed over the steps, (n_p,).
     along_operators
         Derivative along the change of the operators of joints.
+    time_rates, by_time
+        Partial derivatives of the residual with respect to time at the steps, (steps, n + m), and
+        the derivative with respect to the time of all steps.
     first
         Number of steps before the steps of equal length that are transposed together.
     step
@@ -91,6 +95,8 @@ class AdjointWorkspace(AlphaSteps):
     a: Array
     numbers: Array
     along_operators: float = 0.0
+    time_rates: Array
+    by_time: float = 0.0
     first: int = 0
     step: int
 
@@ -121,6 +127,7 @@ def sweep_backwards(run: AdjointWorkspace) -> int:
         combine(change[:n], (-1.0, -c[0], -c[1], -1.0 / c[2]), (q, v, ddq, a))
         combine(change[n:], (-1.0 / c[2],), (seed[2 * n :],))
         solve(run.linear, change)
+        run.by_time += inner_product(change, run.time_rates[run.step - 1])
         combine(change[:n], (c[2],), (change[:n],))
         for i in run.form.velocity_rows:
             change[i] /= c[0]
@@ -162,12 +169,12 @@ def _plan_adjoint(structure: Structure) -> tuple[SumPlan, SumPlan, sp.csc_array]
 
 def transpose_alpha_steps(
     method: GeneralizedAlpha,
-    start: StartAdjoint,
-    steps_of: EquationsOfMotion,
+    start: StartDerivatives,
     interval: Interval,
     seeds: Array,
     matrices: dict[int, FactorizedMatrix],
-) -> State:
+    moves: bool,
+) -> Gradient:
     """Return the gradient of an objective with respect to the state at the start of an interval.
 
     Parameters
@@ -175,12 +182,8 @@ def transpose_alpha_steps(
     method
         Settings of the run, in the index-3 form.
     start
-        Transposed derivatives of the starting values and of the jerk, which corrects velocities
-        where the length of the step changes. The derivatives with respect to p are added to
-        `start.numbers`.
-    steps_of
-        Equations of the steps, perhaps without further forces of `start` that vanish in the run,
-        see `FurtherForces`.
+        Maps to the starting values and to the jerk, which corrects velocities where the length of
+        the step changes.
     interval
         States of the run.
     seeds
@@ -188,6 +191,8 @@ def transpose_alpha_steps(
     matrices
         Matrices of later intervals of the run by id of their pattern, whose pivots are tried first;
         the matrix of this interval is added.
+    moves
+        True if the time of the start moves, and all steps with it.
 
     Raises
     ------
@@ -197,10 +202,11 @@ def transpose_alpha_steps(
     equations, times, states = start.equations, interval.t, interval.state
     n, m, steps = equations.n, equations.m, len(times) - 1
     member = family_parameters(method.family, method.rho_inf)
-    form = formulate_step(steps_of, False)
-    plan = _plan_adjoint(equations.structure)[0]
-    _, transposed_matrix, pattern = _plan_adjoint(steps_of.structure)
-    moved_plan = start.moved_plan(lambda e: formulate_step(e, False).sums[0], 4 * n + 2 * m)
+    form = formulate_step(equations, False)
+    plan, transposed_matrix, pattern = _plan_adjoint(equations.structure)
+    moved_plan = None
+    if start.moving is not None:
+        moved_plan = start.directional_plan(plan_step_residual, 4 * n + 2 * m)
     matrix = FactorizedMatrix.from_pattern(pattern, pivot_source=matrices.get(id(pattern)))
     matrices[id(pattern)] = matrix
     seeded = np.flatnonzero(seeds.any(axis=0))
@@ -226,6 +232,7 @@ def transpose_alpha_steps(
             ddq=ddq,
             a=a,
             numbers=np.zeros(len(equations.p)),
+            time_rates=np.zeros((steps, n + m)),
             step=steps,
         )
 
@@ -235,13 +242,24 @@ def transpose_alpha_steps(
     is_native = form.is_native and plan.is_native and (moved_plan is None or moved_plan.is_native)
     loop = StepLoop(sweep_backwards, make_workspace, factorized, is_native)
     run = loop.work
-    groups = list(pairwise(group_equal_steps(times)))
+    groups, parts = list(pairwise(group_equal_steps(times))), []
     for first, last in reversed(groups):
         h = step_length(times, first, last)
         if last < steps:
-            at = State(*(x[last] for x in states))
-            _transpose_step_change(run, member, start, np.array([times[last], run.branch]), at, h)
+            at, ratio = State(*(x[last] for x in states)), run.h / h
+            square = (run.h * run.h - h * h) * member.defect
+            jerk = start.jerk_map(np.array([times[last], run.branch]), at, run.h)
+            part = jerk.transposed(square * run.v)
+            by_q, by_v, by_a = part.inputs
+            run.q += by_q
+            run.v += by_v
+            run.ddq += by_a + (1.0 - ratio) * run.a
+            run.a *= ratio
+            parts.append(part)
         run.coefficients[:] = member.coefficients(h)
+        if moves:
+            rates = evaluate_time_rates(form, interval, first, last, run.coefficients, h)
+            run.time_rates[first:last] = rates
         run.h, run.first, run.staged, run.lane = h, int(first), 0, 0
         if loop() != DONE:
             raise BeamdaeError(
@@ -250,27 +268,14 @@ def transpose_alpha_steps(
             )
     # Runs may have thousands of intervals, whose matrices must not all be kept.
     matrix.pivot_source = None
-    start.numbers += run.numbers
-    start.along_operators += run.along_operators
     alpha_start = AlphaStart(member, start.solver, True, method.start == "cured")
     time, at = np.array([times[0], interval.branch]), State(*(x[0] for x in states))
-    return start.initial_motion(alpha_start, time, at, (run.q, run.v, run.ddq, run.a), run.h)
-
-
-def _transpose_step_change(
-    run: AdjointWorkspace,
-    member: AlphaParameters,
-    start: StartAdjoint,
-    time: Array,
-    at: State,
-    h: float,
-) -> None:
-    """Transpose the conversion of the motion from the step length `h` [s] to `run.h`."""
-    ratio, square = run.h / h, (run.h * run.h - h * h) * member.defect
-    by_state = start.normal_jerk(
-        time, at, square * run.v, JERK_INTERVAL * run.h, holonomic_only=True
-    )
-    run.q += by_state.q
-    run.v += by_state.v
-    run.ddq += by_state.a + (1.0 - ratio) * run.a
-    run.a *= ratio
+    motion = start.initial_motion(alpha_start, time, at, run.h)
+    by_start = motion.transposed(run.q, run.v, run.ddq, run.a)
+    by_time = run.by_time
+    if moves:
+        by_time -= float(
+            np.sum(seeds * np.delete(rates_at_steps(interval)[1:], slice(2 * n, 3 * n), 1))
+        )
+    parts += [by_start, Gradient((), run.numbers, by_time, run.along_operators)]
+    return Gradient(by_start.inputs, *(sum(x) for x in list(zip(*parts, strict=True))[1:]))

@@ -506,7 +506,10 @@ def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float,
     value, by_direct = adjoint.seeds.value, adjoint.seeds.numbers
     numbers = by_direct + sum(x[: len(by_direct)] for x in adjoint.numbers)
     numbers = numbers[at_numbers]
-    by_equilibrium = adjoint.start.equilibrium(time, at, adjoint.q) if is_equilibrium else None
+    by_equilibrium = None
+    if is_equilibrium:
+        start = derive_states(phases.phases[0].active)
+        by_equilibrium = start.equilibrium_gradient(time, at, adjoint.q, 0.0 * at.lam)
     if by_equilibrium is not None:
         numbers = numbers + by_equilibrium
     elif not starts_as_drawn:

@@ -8,6 +8,7 @@ numbers, such as the thicknesses of a beam at different points, are therefore ch
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 from weakref import WeakKeyDictionary
@@ -15,7 +16,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from beamdae.analysis.sensitivities.model_differences import (
-    estimate_excess,
+    FOUR_NEIGHBORS,
+    RELATIVE_DIFFERENCE,
+    TWO_NEIGHBORS,
+    Stencil,
     largest_of_kind,
     rounding_of_numbers,
     warn_of_idle_parameters,
@@ -32,36 +36,17 @@ Array = np.ndarray
 # Up to this number of groups of parameters that are changed together, differences are of fourth
 # order.
 _MAX_FOURTH_ORDER_GROUPS = 20
-# Differences of parameters, relative to their values, of fourth and of second order. The relative
-# errors of the derivatives are near 1e-12 and 1e-10.
-_FOURTH_ORDER_DIFFERENCE = 1e-3
+# Difference of second order, relative to the values of parameters, with relative errors near 1e-10.
 _SECOND_ORDER_DIFFERENCE = 1e-5
 # Magnitude of parameters whose value is zero, for their differences.
 _SIZE_AT_ZERO = 0.1
-# Weights of the difference between derivatives of fourth and of second order.
-_ORDERS = (1 / 12, -1 / 6, 1 / 6, -1 / 12)
-# Steps, weights of the derivative and weights of the value.
-_Stencil = tuple[tuple[int, float, float], ...]
-_FOURTH_ORDER: _Stencil = (
-    (-2, 1 / 12, -1 / 6),
-    (-1, -2 / 3, 2 / 3),
-    (1, 2 / 3, 2 / 3),
-    (2, -1 / 12, -1 / 6),
-)
-_SECOND_ORDER: _Stencil = ((-1, -0.5, 0.5), (1, 0.5, 0.5))
-# Parameters are searched for those that affect the same numbers if they are at least this many or,
-# where a model is differentiated again, at least the second number: a search for a few parameters
-# builds more models than it saves the first time.
-_MIN_SEARCHED, _MIN_SEARCHED_AGAIN = 9, 4
+# Parameters are searched for those that affect the same numbers if they are at least this many.
+_MIN_SEARCHED = 4
 # The search ends if no parts of a division into this number of parts can be changed together.
 _MAX_DENSE_PARTS = 8
 # Largest error of the sum of the derivatives along a common change of all parameters, relative to
-# the sum of their magnitudes.
+# the sum of their magnitudes, and this change, relative to their values.
 _MAX_COMMON_ERROR = 1e-6
-# Largest error of numbers interpolated from their neighbors, relative to their changes; at a kink
-# it is at least 1/6.
-_MAX_INTERPOLATION_ERROR = 1e-2
-# Common change of all numbers, relative to their values.
 _COMMON_DIFFERENCE = 1e-4
 # Rounding errors of initial values and operators, relative to the larger of 1 and their values.
 _ROUNDING = 1e-12
@@ -142,15 +127,10 @@ class NumberDerivatives:
 
 
 class _Effects(NamedTuple):
-    """Names of numbers, the entries that they affect, and numbers that are changed together.
-
-    `masks` is None if no search found numbers that can be changed together; there are no groups
-    before a search.
-    """
+    """Names of numbers, and entries that they affect, (k, size); None if no groups were found."""
 
     names: tuple[str, ...]
     masks: Array | None
-    groups: list[list[int]]
 
 
 # By model function: searches of an optimum differentiate the same numbers repeatedly.
@@ -185,7 +165,10 @@ def differentiate_numbers(
         (t, branch) of the start.
     """
     differencing = _Differencing(model, base, assemble, time)
-    derivatives, irregular = _differentiate_together(differencing, model)
+    derivatives: Array | None = None
+    irregular: list[int] = []
+    with suppress(_IrregularError):
+        derivatives = _differentiate_together(differencing, model)
     if derivatives is None:
         singles = [[k] for k in range(len(differencing.values))]
         derivatives, irregular = differencing.differentiate(singles, None)
@@ -195,42 +178,24 @@ def differentiate_numbers(
     return NumberDerivatives(p, q0, v0, operators, tuple(irregular))
 
 
-def _differentiate_together(
-    differencing: _Differencing, model: FlatModel
-) -> tuple[Array | None, list[int]]:
+def _differentiate_together(differencing: _Differencing, model: FlatModel) -> Array | None:
     """Return the derivatives with numbers changed in groups, or None if there are no groups."""
     names, function = tuple(model.entries), model.model.build
-    known = _latest_effects.get(function)
-    if known is None or known.names != names:
-        known = _Effects(names, None, [])
-    singles = [[k] for k in range(len(names))]
     if len(names) < _MIN_SEARCHED:
-        is_first = _latest_effects.get(function) is not known
-        if len(names) < _MIN_SEARCHED_AGAIN or is_first or known.groups == singles:
-            _latest_effects[function] = known
-            return None, []
-        # Unless the search succeeds, it is not repeated.
-        _latest_effects[function] = _Effects(names, None, singles)
-    for first in (known, None) if known.masks is not None else (None,):
-        try:
-            if first is None or first.masks is None:
-                masks = _find_affected(differencing)
-            elif first.masks.shape == differencing.shape:
-                masks = first.masks
-            else:
-                masks = _separate(differencing, first.groups)
-        except _IrregularError:
-            return None, []
-        if masks is None:
-            return None, []
-        groups = _group_disjoint(singles, masks)
-        if groups == singles and len(names) < _MIN_SEARCHED:
-            return None, []
-        derivatives, irregular = differencing.differentiate(groups, masks)
-        if not irregular and differencing.is_verified(derivatives):
-            _latest_effects[function] = _Effects(names, masks, groups)
-            return derivatives, []
-    return None, []
+        return None
+    known = _latest_effects.get(function)
+    if known is not None and known.names == names:
+        if known.masks is None:
+            return None
+        if known.masks.shape == differencing.shape:
+            derivatives = differencing.differentiate_groups(known.masks)
+            if derivatives is not None:
+                return derivatives
+    masks = _find_affected(differencing)
+    derivatives = None if masks is None else differencing.differentiate_groups(masks)
+    # Unless the search succeeds, it is not repeated.
+    _latest_effects[function] = _Effects(names, None if derivatives is None else masks)
+    return derivatives
 
 
 class _Differencing:
@@ -300,9 +265,9 @@ class _Differencing:
             True where a number affects an entry, (k, size); None if each group is a single number.
         """
         if len(groups) <= _MAX_FOURTH_ORDER_GROUPS:
-            stencil, relative = _FOURTH_ORDER, _FOURTH_ORDER_DIFFERENCE
+            stencil, relative = FOUR_NEIGHBORS, RELATIVE_DIFFERENCE
         else:
-            stencil, relative = _SECOND_ORDER, _SECOND_ORDER_DIFFERENCE
+            stencil, relative = TWO_NEIGHBORS, _SECOND_ORDER_DIFFERENCE
         sizes = relative * self.sizes
         result = np.zeros((len(self.values), len(self.here)))
         irregular: list[int] = []
@@ -319,26 +284,23 @@ class _Differencing:
                 result[k] = here / sizes[k]
         return result, irregular
 
-    def _difference(self, delta: Array, stencil: _Stencil) -> Array:
+    def differentiate_groups(self, masks: Array) -> Array | None:
+        """Return the derivatives with numbers changed in groups; None if they are not accurate."""
+        singles = [[k] for k in range(len(masks))]
+        groups = _group_disjoint(singles, masks)
+        if groups == singles:
+            return None
+        derivatives, irregular = self.differentiate(groups, masks)
+        return None if irregular or not self._is_verified(derivatives) else derivatives
+
+    def _difference(self, delta: Array, stencil: Stencil) -> Array:
         """Return the derivative along `delta`."""
-        neighbors = [self.evaluate(step * delta) for step, _, _ in stencil]
-        changes = [x - self.here for x in neighbors]
-        error = np.abs(sum(w * x for (_, _, w), x in zip(stencil, changes, strict=True)))
-        size = np.max(np.abs(changes), axis=0)
-        if np.any(error > _MAX_INTERPOLATION_ERROR * size + self._rounding):
-            raise _IrregularError
-        if stencil is _FOURTH_ORDER:
-            values = [w for _, _, w in stencil]
-            sizes = self._magnitudes, self._rounding
-            if estimate_excess(np.array(changes), *sizes, _ORDERS, values) > 1.0:
-                raise _IrregularError  # The step does not suit the scale of the parameter.
+        changes = np.array([self.evaluate(step * delta) - self.here for step in stencil.steps])
+        excess = stencil.estimate_excess(changes, self._magnitudes, self._rounding)
+        if excess > stencil.max_excess or np.any(stencil.find_kinks(changes, self._rounding)):
+            raise _IrregularError  # The step does not suit the scale of the parameter.
         # Differences make derivatives of constants exactly zero.
-        return np.asarray(
-            sum(
-                w * (x - neighbors[0])
-                for (_, w, _), x in zip(stencil[1:], neighbors[1:], strict=True)
-            )
-        )
+        return np.asarray(np.array(stencil.derivative_weights[1:]) @ (changes[1:] - changes[0]))
 
     def warn_without_effect(self, derivatives: Array, irregular: Sequence[int]) -> None:
         """Warn of numbers whose derivatives are zero."""
@@ -348,7 +310,7 @@ class _Differencing:
         model, values = cast(Model, self._model), self._model.values
         warn_of_idle_parameters(model, values, self._assemble, names)
 
-    def is_verified(self, derivatives: Array) -> bool:
+    def _is_verified(self, derivatives: Array) -> bool:
         """Return True if the derivatives add up along a common change of all numbers."""
         shares = np.random.default_rng(0).choice([-1.0, -0.5, 0.5, 1.0], len(self.values))
         delta = _COMMON_DIFFERENCE * shares * self.sizes
@@ -399,34 +361,13 @@ def _find_affected(differencing: _Differencing) -> Array | None:
         for group in groups:
             steps = np.zeros(count)
             for k in group:
-                steps[parts[k]] = _FOURTH_ORDER_DIFFERENCE * relative[parts[k]]
+                steps[parts[k]] = RELATIVE_DIFFERENCE * relative[parts[k]]
             is_changed = differencing.evaluate(steps) != differencing.here
             for k in group:
                 part_masks[k] = is_changed & masks[parents[k]]
         sets, masks = parts, list(part_masks)
     order = np.argsort([x[0] for x in sets])
     return np.array(masks)[order]
-
-
-def _separate(differencing: _Differencing, groups: Sequence[Sequence[int]]) -> Array:
-    """Return the entries that each number affects, (k, size), if those of a group are disjoint.
-
-    The members of a group are changed twice, the second time by different multiples of the first
-    change. The ratio of both changes of an entry shows which member affects it.
-    """
-    masks = np.zeros(differencing.shape, bool)
-    for group in groups:
-        changes = []
-        ratios = 1.0 + np.arange(len(group)) / len(group)
-        for factors in (1.0, ratios):
-            steps = np.zeros(len(masks))
-            steps[group] = _COMMON_DIFFERENCE * factors * differencing.sizes[group]
-            changes.append(differencing.evaluate(steps) - differencing.here)
-        entries = np.flatnonzero(changes[0])
-        observed = changes[1][entries] / changes[0][entries]
-        nearest = np.argmin(np.abs(observed[:, None] - ratios), axis=1)
-        masks[np.array(group)[nearest], entries] = True
-    return masks
 
 
 def _group_disjoint(members: Sequence[Any], masks: Array) -> list[list[int]]:

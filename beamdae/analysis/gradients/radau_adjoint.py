@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.gradients.start_adjoint import StartAdjoint
 from beamdae.analysis.sensitivities.model_differences import derivative_call
+from beamdae.analysis.sensitivities.radau_replay import plan_stage_residual
 from beamdae.analysis.sensitivities.radau_steps import (
     MAX_ITERATIONS,
     ROUNDING,
@@ -22,12 +22,9 @@ from beamdae.analysis.sensitivities.radau_steps import (
     StageMatrices,
     restore_stages,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.first_order import (
-    formulate_first_order,
-    plan_jacobian,
-    plan_residual,
-)
+from beamdae.analysis.sensitivities.recorded_maps import Gradient
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
+from beamdae.equations.formulations.first_order import formulate_first_order, plan_jacobian
 from beamdae.equations.formulations.kinematic_reduction import KinematicReduction
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
@@ -80,8 +77,6 @@ class RadauAdjoint(RadauSteps):
     transposed, inputs, outputs
         Gradient of weights . residual, its inputs (y, y', weights) and its result (derivatives with
         respect to y, y' and p).
-    further, further_outputs, has_further
-        The same gradient with further forces, and its result; used if `has_further` is 1.
     operator_change, operator_inputs, operator_residual, moves_operators
         Derivative of the residual along a change of the operators of joints, its inputs (y, y',
         zeros) and its result; used if `moves_operators` is 1.
@@ -124,9 +119,6 @@ class RadauAdjoint(RadauSteps):
     transposed: Sum
     inputs: Array
     outputs: Array
-    further: Sum
-    further_outputs: Array
-    has_further: int
     operator_change: Sum
     operator_inputs: Array
     operator_residual: Array
@@ -331,10 +323,6 @@ def _transpose_residuals(adjoint: RadauAdjoint, first: int, h: float) -> None:
     for i in range(3):
         _weigh_residual(adjoint, i, h)
         by_numbers = adjoint.outputs[2 * size :]
-        if adjoint.has_further == 1:
-            set_time(adjoint.further, run.t + C[i] * h, run.branch)
-            evaluate_sum(adjoint.further, adjoint.inputs, adjoint.further_outputs)
-            by_numbers = adjoint.further_outputs[2 * size :]
         combine(adjoint.numbers, (1.0, 1.0), (adjoint.numbers, by_numbers))
         if adjoint.moves_operators == 1:
             combine(adjoint.operator_inputs[:size], (1.0,), (adjoint.stages[i],))
@@ -369,21 +357,16 @@ def _transpose_residuals(adjoint: RadauAdjoint, first: int, h: float) -> None:
 @cache_on_owner
 def _plan_transposed_residual(structure: Structure) -> SumPlan:
     size = plan_jacobian(structure, STABILIZED_FORM, True)[0].shape[0]
-    return transposed_plan(plan_residual(structure, STABILIZED_FORM), 2 * size)
+    return transposed_plan(plan_stage_residual(structure), 2 * size)
 
 
-def transpose_radau_steps(
-    start: StartAdjoint, steps_of: EquationsOfMotion, interval: Interval, seeds: Array
-) -> State:
+def transpose_radau_steps(start: StartDerivatives, interval: Interval, seeds: Array) -> Gradient:
     """Return the gradient of an objective with respect to the state at the start of an interval.
 
     Parameters
     ----------
     start
-        Equations of the interval. The derivatives with respect to p are added to `start.numbers`.
-    steps_of
-        Equations of the steps, perhaps without further forces of `start` that vanish in the run,
-        see `FurtherForces`.
+        Maps of the equations of the interval.
     interval
         States of the run.
     seeds
@@ -396,18 +379,17 @@ def transpose_radau_steps(
         If the transposed equations cannot be solved.
     """
     equations = start.equations
-    form = formulate_first_order(steps_of, STABILIZED_FORM, apart=True)
+    form = formulate_first_order(equations, STABILIZED_FORM, apart=True)
     stages = StageMatrices.of(form)
     n, m, size, steps = equations.n, equations.m, form.size, len(interval.t) - 1
     reduced = stages.pattern.shape[0]
     transposed_pattern, transposed_entries = transpose_pattern(stages.pattern)
     real = FactorizedMatrix.from_pattern(transposed_pattern)
     complex_ = FactorizedMatrix.from_pattern(transposed_pattern, complex, pivot_source=real)
-    plan = _plan_transposed_residual(steps_of.structure)
-    further_plan = _plan_transposed_residual(equations.structure)
-    moved_plan = start.moved_plan(
-        lambda e: formulate_first_order(e, STABILIZED_FORM, apart=True).sums[0], 2 * size
-    )
+    plan = _plan_transposed_residual(equations.structure)
+    moved_plan = None
+    if start.moving is not None:
+        moved_plan = start.directional_plan(plan_stage_residual, 2 * size)
 
     def make_adjoint(native: bool) -> RadauAdjoint:
         return RadauAdjoint(
@@ -418,12 +400,9 @@ def transpose_radau_steps(
             complex_nonzeros=complex_.nonzeros,
             entries=np.arange(stages.pattern.nnz, dtype=np.uint32),
             transposed_entries=transposed_entries,
-            transposed=plan.sum(native, steps_of.p),
+            transposed=plan.sum(native, equations.p),
             inputs=np.zeros(3 * size),
-            outputs=np.zeros(2 * size + len(steps_of.p)),
-            further=further_plan.sum(native, equations.p),
-            further_outputs=np.zeros(2 * size + len(equations.p)),
-            has_further=int(equations.structure != steps_of.structure),
+            outputs=np.zeros(2 * size + len(equations.p)),
             operator_change=(moved_plan or plan).sum(native, equations.p),
             operator_inputs=np.zeros(4 * size + len(equations.p)),
             operator_residual=np.zeros(size),
@@ -458,8 +437,7 @@ def transpose_radau_steps(
             (adjoint.complex_solver, complex_),
         ]
 
-    plans = [plan, further_plan] + ([] if moved_plan is None else [moved_plan])
-    is_native = form.is_native and all(x.is_native for x in plans)
+    is_native = form.is_native and plan.is_native and (moved_plan is None or moved_plan.is_native)
     loop = StepLoop(sweep_backwards, make_adjoint, matrices, is_native)
     code = loop()
     adjoint = loop.work
@@ -469,6 +447,5 @@ def transpose_radau_steps(
             "use a "
             "smaller rtol, or check the model."
         )
-    start.numbers += adjoint.numbers
-    start.along_operators += adjoint.along_operators
-    return State(adjoint.y[:n], adjoint.y[n : 2 * n], np.zeros(n), np.zeros(m))
+    state = (adjoint.y[:n], adjoint.y[n : 2 * n], np.zeros(n), np.zeros(m))
+    return Gradient(state, adjoint.numbers, 0.0, adjoint.along_operators)

@@ -8,8 +8,6 @@ on a parameter,
 the derivatives y+ of an objective with respect to the state after the restart become
 
     y- = J_x^T y+ - h_x^T y_t / (dh/dt),    y_t = y+ . (J_x f- + J_t - f+).
-
-The factor of dt is computed by the forward derivatives along a shift of the time alone.
 """
 
 from __future__ import annotations
@@ -33,26 +31,27 @@ from beamdae.analysis.gradients.column_seeds import (
 )
 from beamdae.analysis.gradients.objectives import ColumnObjective, Objective
 from beamdae.analysis.gradients.radau_adjoint import transpose_radau_steps
-from beamdae.analysis.gradients.start_adjoint import StartAdjoint
-from beamdae.analysis.sensitivities.alpha_replay import differentiate_alpha_steps
-from beamdae.analysis.sensitivities.further_forces import (
-    FurtherForces,
-    further_key,
-    locate_numbers,
+from beamdae.analysis.sensitivities.further_forces import further_key
+from beamdae.analysis.sensitivities.model_differences import (
+    FOUR_NEIGHBORS,
+    RELATIVE_DIFFERENCE,
+    Difference,
+    interpolate,
 )
-from beamdae.analysis.sensitivities.model_differences import Difference, interpolate
 from beamdae.analysis.sensitivities.operator_changes import moves_operators
 from beamdae.analysis.sensitivities.phases import ImpactDifference, Phase
+from beamdae.analysis.sensitivities.recorded_maps import Gradient
 from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints, ScaledRows
 from beamdae.analysis.sensitivities.run_derivatives import (
     breakpoint_derivatives,
+    derive_states,
     differentiate_breakpoint,
     event_number,
     event_rate,
     find_event,
     find_stop,
     node_state,
-    rates_at_steps,
+    record_impact,
     require_inner_breakpoints,
     state_before_restart,
     time_rounding,
@@ -66,21 +65,17 @@ from beamdae.equations.equations_of_motion import (
     State,
 )
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.state_evaluator import plan_state_sums
 from beamdae.integrators import GeneralizedAlpha, Radau
 from beamdae.integrators.compiled_run import FactorizedMatrix
-from beamdae.integrators.events.impacts import apply_impact, select_active_constraints
+from beamdae.integrators.events.impacts import apply_impact
 from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.parts.events import select_impacts, select_switches
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval
+from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
-
-# Differences of positions and times for gaps that joints keep at events, relative to the scales of
-# the coordinates and to the time scale of the laws. They are of fourth order, with relative errors
-# near 1e-12.
-_GAP_DIFFERENCE = 1e-3
-_STENCIL = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 12.0))
 
 
 @dataclass(frozen=True)
@@ -218,8 +213,6 @@ class RunAdjoint:
     ----------
     seeds
         Value, and derivatives through the columns and the quantities of events alone.
-    start
-        Solver of the start.
     q, v
         Derivatives with respect to the requested initial coordinates and velocities, (n,) each.
     numbers
@@ -238,7 +231,6 @@ class RunAdjoint:
     """
 
     seeds: ColumnSeeds
-    start: StartAdjoint
     q: Array
     v: Array
     numbers: list[Array]
@@ -305,8 +297,7 @@ class _RunSweep:
         seeds = differentiate_objective(objective, run.solution, whole)
         numbers = [np.zeros(len(_numbers_of(x.active.base))) for x in phases.phases]
         empty = np.zeros(whole.n)
-        first = self._adjoint_of(phases.phases[0].active)
-        self._result = RunAdjoint(seeds, first, empty, empty, numbers, np.zeros(whole.n))
+        self._result = RunAdjoint(seeds, empty, empty, numbers, np.zeros(whole.n))
 
     @cached_property
     def _terms(self) -> list[tuple[float, ColumnObjective, float]]:
@@ -334,11 +325,6 @@ class _RunSweep:
                 self._transpose_time(k, by_t)
         return result
 
-    def _adjoint_of(self, difference: Difference) -> StartAdjoint:
-        moving = difference if moves_operators(difference) else None
-        e = difference.base
-        return StartAdjoint(ConsistencySolver(e), np.zeros(len(e.p)), moving)
-
     def _active_seeds(self, k: int) -> Array:
         """Return the derivatives with respect to q, v and the active multipliers at the nodes."""
         seeds, configuration = self._result.seeds.states[k], self._intervals[k].configuration
@@ -348,38 +334,30 @@ class _RunSweep:
         lam = configuration.select_multipliers(seeds[:, 2 * n :])
         return np.hstack([seeds[:, : 2 * n], lam])
 
-    def _add_numbers(self, k: int, adjoint: StartAdjoint) -> None:
+    def _add_numbers(self, k: int, *parts: Gradient) -> None:
         numbers = self._result.numbers[k]
-        numbers[: len(adjoint.numbers)] += adjoint.numbers
-        self._result.along_operators += adjoint.along_operators
+        for part in parts:
+            numbers[: len(part.numbers)] += part.numbers
+            self._result.along_operators += part.operators
 
-    def _transpose_steps(self, k: int, adjoint: StartAdjoint, by_nodes: Array) -> State:
+    def _transpose_steps(
+        self, k: int, start: StartDerivatives, by_nodes: Array, moves: bool
+    ) -> Gradient:
         """Return the derivatives with respect to the state at the start of the steps."""
         interval, method = self._intervals[k], self._run.method
-        run = self._run.solution.equations
-        e = adjoint.equations
-        has_further_forces = e.structure != run.structure and locate_numbers(run, e) is not None
-        steps_of = run if has_further_forces else e
         if isinstance(method, Radau):
-            return transpose_radau_steps(adjoint, steps_of, interval, by_nodes)
-        matrices = self._matrices
-        return transpose_alpha_steps(method, adjoint, steps_of, interval, by_nodes[1:], matrices)
-
-    def _transpose_consistency(
-        self, k: int, adjoint: StartAdjoint, v: Array, by_steps: State, by_first: State
-    ) -> tuple[Array, Array]:
-        time, at = node_state(self._intervals[k], 0)
-        by_state = State(*(x + y for x, y in zip(by_steps, by_first, strict=True)))
-        return adjoint.consistent_state(time, at, v, by_state)
+            return transpose_radau_steps(start, interval, by_nodes)
+        return transpose_alpha_steps(method, start, interval, by_nodes[1:], self._matrices, moves)
 
     def _transpose_start(self, by_nodes: Array) -> None:
         result = self._result
-        adjoint = result.start
-        _, at = node_state(self._intervals[0], 0)
-        by_steps = self._transpose_steps(0, adjoint, by_nodes)
-        by_first = _as_state(by_nodes[0], adjoint.equations)
-        result.q, result.v = self._transpose_consistency(0, adjoint, at.v, by_steps, by_first)
-        self._add_numbers(0, adjoint)
+        start = derive_states(self._phases.phases[0].active)
+        time, at = node_state(self._intervals[0], 0)
+        steps = self._transpose_steps(0, start, by_nodes, False)
+        by_state = _add(steps.inputs, _as_state(by_nodes[0], start.equations))
+        first = start.start_map(time, at, at.v).transposed(*by_state)
+        result.q, result.v = first.inputs
+        self._add_numbers(0, steps, first)
 
     def _transpose_restart(self, k: int, by_nodes: Array) -> tuple[Array, Array, float]:
         """Return the derivatives with respect to the state and the time of a restart.
@@ -393,25 +371,40 @@ class _RunSweep:
         impact = phases.impacts.get(k)
         v = at.v
         if impact is not None:
-            v = apply_impact(impact.impact, time, _without_reactions(at, impact))[0]
-        adjoint = self._adjoint_of(phases.phases[k].active)
-        by_first = _as_state(by_nodes[0], adjoint.equations)
-        by_steps = self._transpose_steps(k, adjoint, by_nodes)
-        by_q, by_v = self._transpose_consistency(k, adjoint, v, by_steps, by_first)
-        self._add_numbers(k, adjoint)
-        by_t = 0.0
-        moves = number is not None or self._breakpoint_moves(k)
+            v = apply_impact(impact.impact, time, at)[0]
+        start = derive_states(phases.phases[k].active)
+        by_first = _as_state(by_nodes[0], start.equations)
+        interval, moves = self._intervals[k], number is not None or self._breakpoint_moves(k)
+        after, first_state = node_state(interval, 0)
+        h = float(interval.t[1] - interval.t[0])
+        steps = self._transpose_steps(k, start, by_nodes, moves)
         if moves:
-            by_t += self._weigh_shift(k, adjoint.solver, v, by_nodes, by_steps)
+            record = start.restart_map(after, first_state, v, h)
+            none = tuple(map(np.zeros_like, steps.inputs))
+            # Steps of Radau are not moved with their start.
+            is_fixed = isinstance(run.method, Radau)
+            moved, fixed = (none, steps.inputs) if is_fixed else (steps.inputs, none)
+            jump = record.transposed(*moved, *_add(fixed, by_first))
+        else:
+            record = start.start_map(after, first_state, v)
+            jump = record.transposed(*_add(steps.inputs, by_first))
+        by_q, by_v = jump.inputs
+        by_t = steps.time + jump.time
+        self._add_numbers(k, steps, jump)
+        if moves:
             by_t += differentiate_restart(self._terms, run.solution, float(time[0]))
         if number is not None:
             by_positions, by_switch_time = self._transpose_switch(k, number, time, at.q)
             by_q = by_q + by_positions
             by_t += by_switch_time
-        if impact is not None:
-            by_positions, by_v, by_impact_time = self._transpose_impact(k, impact, time, at, by_v)
+        before_impact = None if impact is None else record_impact(impact, time, at, h)
+        if before_impact is not None:
+            part = before_impact.transposed(by_v)
+            by_positions, by_v, by_restitution = part.inputs
+            self._result.impacts[k] = (part.numbers, by_restitution)
+            self._result.along_operators += part.operators
             by_q = by_q + by_positions
-            by_t += by_impact_time
+            by_t += part.time
         if moves:
             by_t += float(by_q @ at.v + by_v @ at.a)
         return by_q, by_v, by_t
@@ -430,50 +423,6 @@ class _RunSweep:
         # Breakpoints of laws that begin at an event move with the event.
         is_after_event = not has_breakpoint(self._phases.whole.base)
         return is_after_event or k in self._phases.shifted
-
-    def _weigh_shift(
-        self, k: int, solver: ConsistencySolver, v: Array, by_nodes: Array, by_steps: State
-    ) -> float:
-        """Return the derivative with respect to the time of a restart, without moving the state."""
-        interval, method = self._intervals[k], self._run.method
-        e = solver.equations
-        forward = StartDerivatives(solver)
-        time, at = node_state(interval, 0)
-        zeros, dp = np.zeros(e.n), np.zeros(len(e.p))
-        h = float(interval.t[1] - interval.t[0])
-        moved, first = forward.restart_states(time, at, v, zeros, zeros, dp, 1.0, h)
-        result = _weigh(_as_state(by_nodes[0], e), first)
-        if isinstance(method, Radau):
-            return result + _weigh(by_steps, first)
-        none = FurtherForces.none(e, 1)
-        nodes = differentiate_alpha_steps(
-            method, forward, [forward], interval, [moved], dp[None], [1.0], none
-        )
-        changes = nodes[1:, 0] - rates_at_steps(interval)[1:]
-        return result + float(np.sum(by_nodes[1:] * np.delete(changes, _accelerations(e.n), 1)))
-
-    def _transpose_impact(
-        self, k: int, difference: ImpactDifference, time: Array, at: State, by_v: Array
-    ) -> tuple[Array, Array, float]:
-        """Return the derivatives with respect to q and v before an impact, and to its time."""
-        impact = difference.impact
-        adjoint = self._adjoint_of(difference.equations)
-        state = _without_reactions(at, difference)
-        rates = adjoint.solver.constraint_levels(time, at.q, at.v)[1]
-        active = select_active_constraints(impact, rates)
-        if not len(active):
-            return np.zeros_like(at.q), by_v, 0.0
-        coefficients = impact.coefficients
-        by_q, by_before, by_restitution = adjoint.impact(time, state, by_v, active, coefficients)
-        self._result.impacts[k] = (adjoint.numbers, by_restitution)
-        self._result.along_operators += adjoint.along_operators
-        zeros, none = 0.0 * at.q, np.zeros(len(coefficients))
-        along = State(zeros, zeros, zeros, none)
-        dp = np.zeros(len(adjoint.numbers))
-        by_shift = StartDerivatives(adjoint.solver).impact(
-            time, state, along, dp, 1.0, active, (coefficients, none)
-        )
-        return by_q, by_before, float(by_v @ by_shift)
 
     def _transpose_switch(self, k: int, number: int, time: Array, q: Array) -> tuple[Array, float]:
         """Return the derivatives with respect to positions and time of gaps that joints keep."""
@@ -533,20 +482,20 @@ class _RunSweep:
     def _reduce_reactions(self, redundant: RedundantConstraints) -> None:
         """Replace derivatives with respect to all multipliers by those of independent ones."""
         result, whole = self._result, self._phases.whole
-        adjoint, n = self._adjoint_of(whole), whole.base.n
+        derivatives, n = derive_states(whole), whole.base.n
         for k, seeds in enumerate(result.seeds.states):
             interval = self._intervals[k]
             reduced = np.zeros((len(seeds), len(redundant.reduced.independent)))
             for row in np.flatnonzero(np.any(seeds[:, 2 * n :], axis=1)).tolist():
                 time, at = node_state(interval, row)
-                by_q, by_scales, reduced[row] = _transpose_reactions(
-                    adjoint, redundant.reduced.independent, time, at, seeds[row, 2 * n :]
+                part, by_scales, reduced[row] = _transpose_reactions(
+                    derivatives, redundant.reduced.independent, time, at, seeds[row, 2 * n :]
                 )
-                seeds[row, :n] += by_q
+                seeds[row, :n] += part.inputs[0]
                 result.scales += by_scales
+                result.seeds.numbers += part.numbers
+                result.along_operators += part.operators
             result.seeds.states[k] = np.hstack([seeds[:, : 2 * n], reduced])
-        result.seeds.numbers += adjoint.numbers
-        result.along_operators += adjoint.along_operators
 
 
 def _as_state(row: Array, equations: EquationsOfMotion) -> State:
@@ -555,17 +504,8 @@ def _as_state(row: Array, equations: EquationsOfMotion) -> State:
     return State(q, v, np.zeros(equations.n), lam)
 
 
-def _weigh(weights: State, values: State) -> float:
-    return float(sum(x @ y for x, y in zip(weights, values, strict=True)))
-
-
-def _accelerations(n: int) -> slice:
-    return slice(2 * n, 3 * n)
-
-
-def _without_reactions(at: State, difference: ImpactDifference) -> State:
-    e = difference.impact.equations
-    return State(at.q, at.v, np.zeros(e.n), np.zeros(e.m))
+def _add(one: Sequence[Array], other: Sequence[Array]) -> tuple[Array, ...]:
+    return tuple(x + y for x, y in zip(one, other, strict=True))
 
 
 def _weigh_gaps(
@@ -628,10 +568,11 @@ def _weigh_gaps(
         frozen = freeze(time, q)
         return np.concatenate([frozen[name].offsets for name in gaps])
 
-    delta = _GAP_DIFFERENCE * (whole.time_scale or 1.0)
+    stencil = list(zip(FOUR_NEIGHBORS.steps, FOUR_NEIGHBORS.derivative_weights, strict=True))
+    delta = RELATIVE_DIFFERENCE * (whole.time_scale or 1.0)
     by_t = sum(
         weight * weigh(freeze(time + np.array([step * delta, 0.0]), q), gaps) / delta
-        for step, weight in _STENCIL
+        for step, weight in stencil
     )
     by_offsets = []
     for name, gap in gaps.items():
@@ -643,11 +584,13 @@ def _weigh_gaps(
                 for sign in (1.0, -1.0)
             ]
             by_offsets.append(weigh(*moved) / (2.0 * size))
-    deltas = _GAP_DIFFERENCE * whole.position_scales
-    for i in _affecting(offsets_at, q, deltas):
+    deltas = RELATIVE_DIFFERENCE * whole.position_scales
+    rows = [k for k, x in enumerate(whole.lam_names) if x.rpartition(".")[0] in gaps]
+    pattern = plan_state_sums(whole.structure).gradient_pattern
+    for i in np.unique(pattern.tocsr()[rows].indices):
         direction = np.zeros(len(q))
         direction[i] = deltas[i]
-        changes = [weight * offsets_at(q + step * direction) for step, weight in _STENCIL]
+        changes = [weight * offsets_at(q + step * direction) for step, weight in stencil]
         result[i] = np.sum(changes, axis=0) @ by_offsets / deltas[i]
     return result, float(by_t)
 
@@ -656,33 +599,15 @@ def _changed(values: tuple[float, ...], i: int, change: float) -> tuple[float, .
     return (*values[:i], values[i] + change, *values[i + 1 :])
 
 
-def _affecting(function: Callable[[Array], Array], q: Array, deltas: Array) -> list[int]:
-    """Return the indices of the coordinates on which a function depends, by bisection."""
-    here, sets, result = function(q), [np.arange(len(q))], []
-    while sets:
-        members = sets.pop()
-        moved = q.copy()
-        # Changes of different sizes do not cancel.
-        moved[members] += deltas[members] * (1.0 + np.arange(len(members)) / len(q))
-        if np.array_equal(function(moved), here):
-            continue
-        if len(members) == 1:
-            result.append(int(members[0]))
-        else:
-            sets += np.array_split(members, 2)
-    return result
-
-
 def _transpose_reactions(
-    adjoint: StartAdjoint, independent: Array, time: Array, at: State, by_lam: Array
-) -> tuple[Array, Array, Array]:
+    derivatives: StartDerivatives, independent: Array, time: Array, at: State, by_lam: Array
+) -> tuple[Gradient, Array, Array]:
     """Transpose the derivatives of `redundant_derivatives` at one state.
 
     Parameters
     ----------
-    adjoint
-        Equations with all constraints. The derivatives with respect to p are added to its
-        `numbers`.
+    derivatives
+        Maps of the equations with all constraints.
     independent
         Indices of the independent constraints.
     time, at
@@ -692,12 +617,13 @@ def _transpose_reactions(
 
     Returns
     -------
-    tuple of numpy.ndarray
-        Derivatives with respect to the positions and to the scales of the coordinates, (n,) each,
-        and to the multipliers of the independent constraints.
+    tuple
+        Derivatives with respect to the positions, to the scales of the coordinates, (n,), and to
+        the multipliers of the independent constraints.
     """
-    full = adjoint.equations
-    gradient = adjoint.solver.constraint_matrix(time, at.q).toarray()
+    full = derivatives.equations
+    matrix = derivatives.solver.constraint_matrix(time, at.q)
+    gradient = matrix.toarray()
     rows = ScaledRows.of(gradient, full.position_scales)
     start = np.zeros(full.m)
     start[independent] = at.lam
@@ -710,6 +636,7 @@ def _transpose_reactions(
     by_scaled += np.outer(rest, rows.inverse @ by_result)
     by_length += by_start * start - np.sum(by_scaled * rows.scaled, axis=1) / rows.length
     by_rate = by_scaled / rows.length[:, None] + by_length[:, None] * rows.scaled
-    by_q = adjoint.weigh_constraint_matrix(time, at.q, by_rate * full.position_scales)
+    weights = (by_rate * full.position_scales)[matrix.indices, column_indices(matrix)]
     by_scales = np.sum(by_rate * gradient, axis=0)
-    return by_q, by_scales, (rows.length * by_start)[independent]
+    part = derivatives.gradient_map(time, at.q).transposed(weights)
+    return part, by_scales, (rows.length * by_start)[independent]

@@ -20,7 +20,6 @@ from beamdae.analysis.gradients.number_derivatives import (
     differentiate_numbers,
 )
 from beamdae.analysis.gradients.objectives import EndValue
-from beamdae.analysis.gradients.start_adjoint import StartAdjoint
 from beamdae.analysis.linear_dynamics.linearization import REFERENCE
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.analysis.optimization.quantities import (
@@ -41,6 +40,7 @@ from beamdae.analysis.optimization.quantities import (
 )
 from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
 from beamdae.analysis.sensitivities.modes import mode_sensitivities
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.analysis.sensitivities.statics import equilibrium_sensitivities
 from beamdae.analysis.statics.static_equilibrium import equilibrium
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -288,8 +288,8 @@ class EquilibriumAnalysis(Analysis):
             term, select = EndValue(quantity.column), e.p.__getitem__  # type: ignore[attr-defined]
             add_term(seeds, by_state, e, weight, term, times, at, np.ones(1), select)
         with single_threaded:
-            start = StartAdjoint(ConsistencySolver(e), np.zeros(len(e.p)))
-            numbers = start.equilibrium(
+            start = StartDerivatives(ConsistencySolver(e))
+            numbers = start.equilibrium_gradient(
                 times[0],
                 State(*(x[0] for x in at)),
                 by_state[0, : e.n],

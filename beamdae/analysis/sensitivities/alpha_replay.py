@@ -21,26 +21,23 @@ from beamdae.analysis.sensitivities.alpha_steps import (
     prepare_steps,
     step_length,
 )
-from beamdae.analysis.sensitivities.further_forces import FurtherForces
-from beamdae.analysis.sensitivities.model_differences import derivative_call
-from beamdae.analysis.sensitivities.start_derivatives import (
-    StartDerivatives,
-    differentiate_together,
-    time_rate,
+from beamdae.analysis.sensitivities.further_forces import (
+    DirectionSums,
+    evaluate_direction,
+    prepare_directions,
 )
-from beamdae.equations.equations_of_motion import State
+from beamdae.analysis.sensitivities.model_differences import derivative_call
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives, time_rate
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.step_equations import (
     StepEquations,
     StepPrediction,
     formulate_step,
     plan_step_sums,
 )
-from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.structure import Structure
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.alpha.family import (
-    JERK_INTERVAL,
-    AlphaParameters,
     AlphaStart,
     family_parameters,
 )
@@ -50,11 +47,7 @@ from beamdae.native.loop_functions import combine, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sums.kernel_sums import (
-    Sum,
     SumPlan,
-    evaluate_sum,
-    evaluate_with_data,
-    set_time,
 )
 
 Array = np.ndarray
@@ -66,12 +59,8 @@ class ReplayWorkspace(AlphaSteps):
 
     Attributes
     ----------
-    directional, local, inputs
-        Directional derivative of the residual, its local inputs by direction, see
-        `direction_inputs`, and its inputs (motion, its direction).
-    further, further_inputs, residual, further_numbers, is_further
-        Directional derivative with further forces, its inputs and its result, and the numbers and
-        the directions that have them, see `FurtherForces`.
+    directions, inputs
+        Directional derivatives of the residual, and their inputs (motion, its direction).
     last
         Number of steps after which the length of the step changes, or the interval ends.
     shifts, time_rates
@@ -85,14 +74,8 @@ class ReplayWorkspace(AlphaSteps):
         Number of completed steps.
     """
 
-    directional: Sum
-    local: Array
+    directions: DirectionSums
     inputs: Array
-    further: Sum
-    further_inputs: Array
-    residual: Array
-    further_numbers: Array
-    is_further: Array
     last: int = 0
     shifts: Array
     time_rates: Array
@@ -118,14 +101,13 @@ def replay_steps(run: ReplayWorkspace) -> int:
     # The predicted derivatives.
     q_predicted, v_predicted = inputs[motion : motion + n], inputs[motion + n : motion + 2 * n]
     factor = 1.0 / (1.0 - run.alpha_m)
-    count = run.local.shape[0]
+    count = run.directions.is_further.size
     while run.step < run.last:
         code = factorize_ahead(run, run.step + 1, 1, run.last - run.step)
         if code != DONE:
             return code
         t = run.times[run.step + 1]
         copy_state(run, run.step + 1, inputs[: 3 * n + m])
-        set_time(run.directional, t, run.branch)
         for k in range(count):
             q, v, ddq, a, lam = run.q[k], run.v[k], run.ddq[k], run.a[k], run.lam[k]
             combine(run.a_predicted, (factor * run.alpha_f, -factor * run.alpha_m), (ddq, a))
@@ -133,9 +115,7 @@ def replay_steps(run: ReplayWorkspace) -> int:
             combine(q_predicted, positions, (q, v, a, run.a_predicted))
             velocities = (1.0, h * (1.0 - gamma), h * gamma)
             combine(v_predicted, velocities, (v, a, run.a_predicted))
-            evaluate_with_data(run.directional, run.local[k], inputs, change)
-            if run.is_further[k] == 1:
-                _add_further_forces(run, t, k)
+            evaluate_direction(run.directions, k, t, run.branch, inputs, change)
             combine(change[:n], (c[2],), (change[:n],))
             for i in run.form.velocity_rows:
                 change[i] /= c[0]
@@ -156,25 +136,14 @@ def replay_steps(run: ReplayWorkspace) -> int:
     return DONE
 
 
-def _add_further_forces(run: ReplayWorkspace, t: float, k: int) -> None:
-    """Add the derivatives of further forces along direction `k` to `change`."""
-    inputs, size = run.further_inputs, run.row.size
-    combine(inputs[:size], (1.0,), (run.inputs[:size],))
-    combine(inputs[inputs.size - run.further_numbers.shape[1] :], (1.0,), (run.further_numbers[k],))
-    set_time(run.further, t, run.branch)
-    evaluate_sum(run.further, inputs, run.residual)
-    combine(run.change, (1.0, 1.0), (run.change, run.residual))
-
-
 def differentiate_alpha_steps(
     method: GeneralizedAlpha,
-    along: StartDerivatives,
-    derivatives: Sequence[StartDerivatives],
+    derivatives: StartDerivatives,
+    steps_of: EquationsOfMotion,
     interval: Interval,
-    starts: list[State],
+    starts: Sequence[Array],
     numbers: Array,
-    shifts: list[float],
-    further: FurtherForces,
+    shifts: Array,
 ) -> Array:
     """Return the derivatives of (q, v, q'', lam) at the start and steps of a smooth interval.
 
@@ -187,19 +156,18 @@ def differentiate_alpha_steps(
     ----------
     method
         Settings of the run, in the index-3 form.
-    along
-        Derivatives of the equations of the steps.
     derivatives
-        Derivatives of starting values and of the jerk, which corrects velocities where the length
-        of the step changes, one per direction.
+        Maps to starting values and to the jerk, which corrects velocities where the length of the
+        step changes.
+    steps_of
+        Equations of the steps, perhaps without forces that vanish in the run.
     interval
         States of the run.
     starts
-        Derivatives of the consistent state along the moved start, one per direction.
-    shifts
-        Derivatives of the time of the start, one per direction [s].
-    further
-        Forces that are missing in the equations of the steps.
+        Derivatives of the consistent state (q, v, a, lam) along the moved start, one direction a
+        row.
+    numbers, shifts
+        Derivatives of p, one direction a row, and of the time of the start, (k,) [s].
 
     Returns
     -------
@@ -211,78 +179,58 @@ def differentiate_alpha_steps(
     BeamdaeError
         If the iteration matrix is singular at a step.
     """
-    equations, times, states = along.equations, interval.t, interval.state
-    form = formulate_step(equations, False)
+    equations, times, states = derivatives.equations, interval.t, interval.state
+    form = formulate_step(steps_of, False)
     n, m, steps, count = equations.n, equations.m, len(times) - 1, len(numbers)
     groups = list(pairwise(group_equal_steps(times)))
     member = family_parameters(method.family, method.rho_inf)
-    all_numbers = [
-        x if present else y
-        for x, y, present in zip(further.numbers, numbers, further.is_present, strict=True)
-    ]
     time, at = np.array([times[0], interval.branch]), State(*(x[0] for x in states))
     h = step_length(times, *groups[0])
-    is_cured = method.start == "cured"
-
-    def start_motion(
-        x: StartDerivatives, q: Array, v: Array, a: Array, lam: Array, dp: Array, dt: Array
-    ) -> tuple[Array, ...]:
-        start = AlphaStart(member, x.solver, True, is_cured)
-        motion = x.initial_motion(start, time, at, State(q, v, a, lam), dp, h, dt)
-        return motion.q, motion.v, motion.ddq, motion.a, motion.lam
-
-    motions = differentiate_together(
-        derivatives, start_motion, *zip(*starts, strict=True), all_numbers, shifts
+    alpha_start = AlphaStart(member, derivatives.solver, True, method.start == "cured")
+    record = derivatives.initial_motion(alpha_start, time, at, h)
+    first_q, first_v, first_ddq, first_a = record.along(starts, numbers, shifts)
+    make_directions, is_native = prepare_directions(
+        derivatives, steps_of, plan_step_residual, 4 * n + 2 * m, numbers
     )
-    first_q, first_v, first_ddq, first_a, first_lam = map(np.array, zip(*motions, strict=True))
-
-    def directional(x: StartDerivatives) -> SumPlan:
-        return x.directional_plan(_plan_residual, 4 * n + 2 * m)
-
-    plan = further_plan = directional(along)
-    if further.is_present.any():
-        further_plan = directional(StartDerivatives(ConsistencySolver(further.equations)))
     matrix = FactorizedMatrix.from_pattern(form.pattern)
     make_fields = prepare_steps(form, form.sums[2], matrix, member, interval)
     results = np.zeros(((steps + 1) * count, 3 * n + m))
-    results[:count] = [np.concatenate(x) for x in starts]
+    results[:count] = np.hstack(starts)
 
     def make_workspace(native: bool) -> ReplayWorkspace:
-        directional, local = along.direction_sum(plan, 4 * n + 2 * m, native, numbers)
         return ReplayWorkspace(
             **make_fields(native),
-            directional=directional,
-            local=local,
+            directions=make_directions(native),
             inputs=np.zeros(2 * (4 * n + 2 * m)),
-            further=further_plan.sum(native, further.equations.p),
-            further_inputs=np.zeros(2 * (4 * n + 2 * m) + further.numbers.shape[1]),
-            residual=np.zeros(n + m),
-            further_numbers=np.ascontiguousarray(further.numbers),
-            is_further=further.is_present,
-            shifts=np.array(shifts),
+            shifts=shifts,
             time_rates=np.zeros((steps, n + m)),
-            q=first_q,
-            v=first_v,
-            ddq=first_ddq,
-            a=first_a,
-            lam=first_lam,
+            q=first_q.copy(),
+            v=first_v.copy(),
+            ddq=first_ddq.copy(),
+            a=first_a.copy(),
+            lam=starts[-1].copy(),
             results=results[count:],
         )
 
     def matrices(run: ReplayWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
         return [(run.linear, matrix)]
 
-    is_native = form.is_native and plan.is_native and further_plan.is_native
-    loop = StepLoop(replay_steps, make_workspace, matrices, is_native)
+    loop = StepLoop(replay_steps, make_workspace, matrices, form.is_native and is_native)
     run = loop.work
     for first, last in groups:
         h = step_length(times, first, last)
         if first > 0:
             at, time = State(*(x[first] for x in states)), np.array([times[first], interval.branch])
-            _change_step(run, member, derivatives, all_numbers, time, at, h)
+            ratio, square = h / run.h, (h * h - run.h * run.h) * member.defect
+            record = derivatives.jerk_map(time, at, h)
+            (jerks,) = record.along((run.q, run.v, run.ddq), numbers, run.shifts)
+            run.v += square * jerks
+            run.a[:] = (1.0 - ratio) * run.ddq + ratio * run.a
         run.coefficients[:] = member.coefficients(h)
-        if any(shifts):
-            _set_time_rates(run, form, states, first, last, h)
+        if shifts.any():
+            run.time_rates[first:last] = evaluate_time_rates(
+                form, interval, first, last, run.coefficients, h
+            )
         run.h, run.last, run.staged, run.lane = h, last, 0, 0
         if loop() != DONE:
             raise BeamdaeError(
@@ -292,47 +240,24 @@ def differentiate_alpha_steps(
     return results.reshape(steps + 1, count, 3 * n + m)
 
 
-def _plan_residual(structure: Structure) -> SumPlan:
+def plan_step_residual(structure: Structure) -> SumPlan:
+    """Return the plan of the residual of a step."""
     return plan_step_sums(structure, False)[1][0]
 
 
-def _set_time_rates(
-    run: ReplayWorkspace, form: StepEquations, states: State, first: int, last: int, h: float
-) -> None:
-    """Set the derivatives of the residual with respect to time in steps of length `h` [s]."""
-    n, coefficients = form.equations.n, run.coefficients
+def evaluate_time_rates(
+    form: StepEquations, interval: Interval, first: int, last: int, coefficients: Array, h: float
+) -> Array:
+    """Return the derivatives of the residual by time in steps of length `h` [s], (steps, n + m)."""
+    rates = np.zeros((last - first, form.size))
     for k in range(first, last):
-        q, v, a, lam = (x[k + 1] for x in states)
+        q, v, a, lam = (x[k + 1] for x in interval.state)
         at = StepPrediction(q, v, a, q, coefficients)
-        x = np.concatenate([np.zeros(n), coefficients[2] * lam])
-        time = np.array([run.times[k + 1], run.branch])
-        run.time_rates[k] = time_rate(partial(_residual_at, form, at, x), time, h)
+        x = np.concatenate([0.0 * q, coefficients[2] * lam])
+        time = np.array([interval.t[k + 1], interval.branch])
+        rates[k - first] = time_rate(partial(_residual_at, form, at, x), time, h)
+    return rates
 
 
 def _residual_at(form: StepEquations, at: StepPrediction, x: Array, time: Array) -> Array:
     return form.residual(time, at, x)
-
-
-def _change_step(
-    run: ReplayWorkspace,
-    member: AlphaParameters,
-    derivatives: Sequence[StartDerivatives],
-    numbers: Sequence[Array],
-    time: Array,
-    at: State,
-    h: float,
-) -> None:
-    """Convert the derivatives to the step length `h` [s], as the step loop converts the motion."""
-    ratio, square = h / run.h, (h * h - run.h * run.h) * member.defect
-
-    def differentiate(
-        x: StartDerivatives, q: Array, v: Array, a: Array, lam: Array, dp: Array, dt: Array
-    ) -> tuple[Array]:
-        along, interval = State(q, v, a, lam), JERK_INTERVAL * h
-        return (x.normal_jerk(time, at, along, dp, interval, holonomic_only=True, dt=dt),)
-
-    jerks = differentiate_together(
-        derivatives, differentiate, run.q, run.v, run.ddq, run.lam, numbers, run.shifts
-    )
-    run.v += square * np.array([jerk for (jerk,) in jerks])
-    run.a[:] = (1.0 - ratio) * run.ddq + ratio * run.a

@@ -1,69 +1,101 @@
 """Forces that are missing in a model, because they vanish at the value of a parameter.
 
 An example is drag with a coefficient of zero. Such a force vanishes for all motions and all values
-of the other parameters, so that only its derivative with respect to this parameter is not zero. The
-steps of the run without this force therefore serve all parameters, and this derivative is added to
-the right-hand side.
+of the other parameters. The equations with this force therefore serve all parameters, but the steps
+are those of the equations without it, whose sums are smaller.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure, comparison_key
+from beamdae.symbolic.sums.directional_sums import direction_inputs, motion_plan
+from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_with_data, set_time
 
 Array = np.ndarray
 
 
-@dataclass(frozen=True)
-class FurtherForces:
-    """Derivatives of a model along directions of which some have further forces.
+@dataclass(slots=True)
+class DirectionSums:
+    """Directional derivatives of a sum, for directions with and without further forces.
 
     Attributes
     ----------
-    equations
-        Equations with the further forces.
-    numbers
-        Derivatives of the numbers p of these equations for directions with further forces, and
-        zeros for others, (k, n_p).
-    is_present
-        1 for directions with further forces, otherwise 0, (k,).
+    directional, directional_data, further, further_data
+        Sums without and with further forces, and their local inputs by direction, see
+        `direction_inputs`.
+    is_further
+        1 for directions along which further forces change, otherwise 0, (k,).
     """
 
-    equations: EquationsOfMotion
-    numbers: Array
-    is_present: Array
+    directional: Sum
+    directional_data: Array
+    further: Sum
+    further_data: Array
+    is_further: Array
 
-    @classmethod
-    def none(cls, equations: EquationsOfMotion, count: int) -> FurtherForces:
-        """Return an object for `count` directions without further forces."""
-        return cls(equations, np.zeros((count, len(equations.p))), np.zeros(count, np.intp))
 
-    @classmethod
-    def of(
-        cls, run: EquationsOfMotion, models: Sequence[EquationsOfMotion], numbers: Sequence[Array]
-    ) -> tuple[FurtherForces, Array]:
-        """Return the further forces, and the derivatives of the numbers of the run, (k, n_p).
+def evaluate_direction(
+    sums: DirectionSums, k: int, t: float, branch: float, inputs: Array, result: Array
+) -> None:
+    """Write the derivative along direction `k`; the inputs are (x, dx)."""
+    if sums.is_further[k] == 1:
+        set_time(sums.further, t, branch)
+        evaluate_with_data(sums.further, sums.further_data[k], inputs, result)
+    else:
+        set_time(sums.directional, t, branch)
+        evaluate_with_data(sums.directional, sums.directional_data[k], inputs, result)
 
-        Parameters
-        ----------
-        run
-            Equations of the run.
-        models, numbers
-            Equations and derivatives of their numbers for each direction. The `further_key` of all
-            equations with further forces must be the same.
-        """
-        is_present = np.array([x.structure != run.structure for x in models], np.intp)
-        extended = next((x for x in models if x.structure != run.structure), run)
-        rows = list(zip(numbers, is_present, strict=True))
-        further = [x if y else np.zeros(len(extended.p)) for x, y in rows]
-        others = [np.zeros(len(run.p)) if y else x for x, y in rows]
-        return cls(extended, np.array(further), is_present), np.array(others)
+
+def prepare_directions(
+    derivatives: StartDerivatives,
+    steps_of: EquationsOfMotion,
+    plan: Callable[[Structure], SumPlan],
+    n_inputs: int,
+    numbers: Array,
+) -> tuple[Callable[[bool], DirectionSums], bool]:
+    """Return the function of `native` that returns directional derivatives of a sum.
+
+    Also return True if machine code is available.
+
+    Parameters
+    ----------
+    derivatives, steps_of
+        Equations with all forces, and those of the steps.
+    plan, n_inputs
+        Function of a module that returns the plan of the sum, and the size of its inputs.
+    numbers
+        Derivatives of the numbers p of all forces, one direction a row.
+    """
+    fewer, at = derivatives, None
+    if steps_of.structure != derivatives.equations.structure:
+        fewer = StartDerivatives(ConsistencySolver(steps_of))
+        at = locate_numbers(steps_of, derivatives.equations)
+    of_steps = numbers if at is None else numbers[:, at]
+    others = numbers[:, :0] if at is None else np.delete(numbers, at, axis=1)
+    is_further = np.asarray(others.any(axis=1), np.intp)
+    plans = [x.directional_plan(plan, n_inputs) for x in (fewer, derivatives)]
+    all_p = [x.equations.p for x in (fewer, derivatives)]
+
+    def make(native: bool) -> DirectionSums:
+        parts = [
+            (
+                motion_plan(along, n_inputs).sum(native, p),
+                direction_inputs(along, n_inputs, p, rows),
+            )
+            for along, p, rows in zip(plans, all_p, (of_steps, numbers), strict=True)
+        ]
+        return DirectionSums(*parts[0], *parts[1], is_further)
+
+    return make, all(x.is_native for x in plans)
 
 
 def further_key(equations: EquationsOfMotion) -> Any:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -27,7 +28,7 @@ Array = np.ndarray
 
 # Difference of a parameter, relative to its value. The numbers of a model are smooth functions of
 # its parameters: errors of the differences of fourth order are near 1e-12.
-_RELATIVE_DIFFERENCE = 1e-3
+RELATIVE_DIFFERENCE = 1e-3
 # First difference of a parameter whose value is zero, in its unit.
 _DIFFERENCE_FROM_ZERO = 1e-4
 # These differences may be unsuitable: values such as a stiffness of 0 N/m that is added to 1e9 N/m,
@@ -44,9 +45,6 @@ _MAX_TRIALS = 8
 _MIN_GROWTH = 10.0
 # Errors of derivatives near 1e-5, which are reported, exceed these fractions by this factor.
 _REPORTED_EXCESS = 30.0
-# Largest error of smooth numbers that are interpolated from their neighbors, relative to the
-# changes of the numbers; at a kink it is at least 1/6.
-_MAX_INTERPOLATION_ERROR = 1e-3
 # Changes below this multiple of rounding errors do not reveal whether a number has a kink.
 _MIN_RESOLVED_CHANGE = 10.0
 # Smaller changes of numbers are rounding errors of their formulas, relative to the numbers and to
@@ -54,13 +52,6 @@ _MIN_RESOLVED_CHANGE = 10.0
 _ROUNDING = 1e-9
 _ROUNDING_OF_KIND = 1e-12
 
-
-# Deviation of numbers from the mean of their two neighbors, relative to their changes, up to which
-# central differences of these suffice for fits: with (h / L)^2 / 6 for the step h and the scale L
-# of the parameter, and h / 2 L of this deviation, their errors are below 1e-5.
-_MAX_CURVATURE = 4e-3
-# The same for single numbers, from which on they may have a kink at the value.
-_MAX_CURVATURE_OF_NUMBERS = 0.05
 
 # Public functions whose messages begin with their own names.
 _CALLS = (
@@ -80,35 +71,86 @@ def derivative_call() -> str:
     return outermost_call(_CALLS) or "sensitivities"
 
 
-class _Stencil(NamedTuple):
-    """Values of a parameter in differences, and weights of derivatives and values at zero."""
+class Stencil(NamedTuple):
+    """Values of a parameter in differences, and the weights of the model at these values.
+
+    Attributes
+    ----------
+    steps
+        Values of the parameter, relative to that of the model, in multiples of the difference.
+    derivative_weights, value_weights, second_order_weights
+        Weights of the derivative, of the interpolated value and of the derivative of second order.
+    max_interpolation_error
+        Largest error of smooth numbers that are interpolated, relative to their changes; with four
+        neighbors, it is at least 1/6 at a kink.
+    max_excess
+        Largest `excess` with which the difference is used without a search for a better step.
+    """
 
     steps: tuple[int, ...]
     derivative_weights: tuple[float, ...]
     value_weights: tuple[float, ...]
     second_order_weights: tuple[float, ...]
+    max_interpolation_error: float = 1e-3
+    max_excess: float = 1.0
+
+    def estimate_excess(self, changes: Array, size: Array, rounding: Array) -> float:
+        """Return the ratio of estimated to permitted errors of differences.
+
+        It is infinite if all changes are rounding errors, and zero if nothing changes.
+
+        Parameters
+        ----------
+        changes
+            Changes of all numbers in the neighboring models, (models, k).
+        size, rounding
+            Magnitudes of the numbers of the same kind, and bounds of rounding errors, (k,) each.
+        """
+        change = np.abs(changes).max(axis=0)
+        is_significant = change > rounding
+        if not np.any(is_significant):
+            return math.inf if np.any(change) else 0.0
+        size = np.maximum(np.maximum(size, change), np.finfo(float).tiny)
+        largest = np.max(change / size, where=is_significant, initial=0.0)
+
+        def error(weights: Sequence[float] | Array) -> float:
+            """Return the largest error of the sum of weight * change beyond rounding errors."""
+            errors = np.maximum(np.abs(np.asarray(weights) @ changes) - rounding, 0.0)
+            return float(np.max(errors / size, where=is_significant, initial=0.0) / largest)
+
+        orders = np.subtract(self.derivative_weights, self.second_order_weights)
+        return max(
+            error(orders) / _MAX_DEVIATION, error(self.value_weights) / _MAX_DEVIATION_OF_VALUES
+        )
+
+    def find_kinks(self, changes: Array, rounding: Array) -> Array:
+        """Return True for numbers that are far from their interpolated values, (k,)."""
+        errors = np.abs(np.asarray(self.value_weights) @ changes)
+        return errors > self.max_interpolation_error * np.abs(changes).max(axis=0) + rounding
 
 
-_ONE_SIDED_WEIGHTS = (-13.0 / 3.0, 9.5, -7.0, 11.0 / 6.0)
-_EXTRAPOLATION_WEIGHTS = (4.0, -6.0, 4.0, -1.0)
-_ONE_SIDED_SECOND_ORDER_WEIGHTS = (-2.5, 4.0, -1.5, 0.0)
-_STENCILS = (
-    _Stencil(
-        (-2, -1, 1, 2),
-        (1.0 / 12.0, -2.0 / 3.0, 2.0 / 3.0, -1.0 / 12.0),
-        (-1.0 / 6.0, 2.0 / 3.0, 2.0 / 3.0, -1.0 / 6.0),
-        (0.0, -0.5, 0.5, 0.0),
-    ),
-    _Stencil(
-        (1, 2, 3, 4), _ONE_SIDED_WEIGHTS, _EXTRAPOLATION_WEIGHTS, _ONE_SIDED_SECOND_ORDER_WEIGHTS
-    ),
-    _Stencil(
-        (-1, -2, -3, -4),
-        tuple(-x for x in _ONE_SIDED_WEIGHTS),
-        _EXTRAPOLATION_WEIGHTS,
-        tuple(-x for x in _ONE_SIDED_SECOND_ORDER_WEIGHTS),
-    ),
+FOUR_NEIGHBORS = Stencil(
+    (-2, -1, 1, 2),
+    (1.0 / 12.0, -2.0 / 3.0, 2.0 / 3.0, -1.0 / 12.0),
+    (-1.0 / 6.0, 2.0 / 3.0, 2.0 / 3.0, -1.0 / 6.0),
+    (0.0, -0.5, 0.5, 0.0),
 )
+# Numbers whose deviation from the mean of their neighbors is (h / L)^2 / 6 of their changes, for
+# the step h and the scale L of the parameter, have derivatives with errors below 1e-5, which fits
+# permit.
+TWO_NEIGHBORS = Stencil((-1, 1), (-0.5, 0.5), (0.5, 0.5), (-0.5, 0.5), 1e-2, 4e3)
+_ONE_SIDED = Stencil(
+    (1, 2, 3, 4),
+    (-13.0 / 3.0, 9.5, -7.0, 11.0 / 6.0),
+    (4.0, -6.0, 4.0, -1.0),
+    (-2.5, 4.0, -1.5, 0.0),
+)
+_BACKWARD = _ONE_SIDED._replace(
+    steps=(-1, -2, -3, -4),
+    derivative_weights=tuple(-x for x in _ONE_SIDED.derivative_weights),
+    second_order_weights=tuple(-x for x in _ONE_SIDED.second_order_weights),
+)
+_STENCILS = (FOUR_NEIGHBORS, _ONE_SIDED, _BACKWARD)
 
 
 @dataclass(frozen=True)
@@ -140,9 +182,6 @@ class Difference:
         first, *others = (function(e) for e in self.equations)
         # The sum of the weights is zero; differences make derivatives of constants exactly zero.
         return _combine(self.weights[1:], [x - first for x in others])
-
-
-_TWO_NEIGHBORS = _Stencil((-1, 1), (-0.5, 0.5), (0.5, 0.5), (-0.5, 0.5))
 
 
 def difference_model(
@@ -196,11 +235,14 @@ def difference_model(
         If no step leads to relative errors below 1e-5, or the parameter has no effect.
     """
     value = float(parameters[name])
-    delta = _RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
-    if not needs_high_order:
-        two = _try_two_neighbors(model, name, parameters, base, assemble, delta)
-        if two is not None:
-            return two
+    delta = RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
+    if not needs_high_order and base.configurations is None:
+        # Parts that events activate have structures of their own, which need more neighbors.
+        with suppress(BeamdaeError):
+            two = _try_step(model, name, parameters, base, assemble, delta, False, (TWO_NEIGHBORS,))
+            has_structure = two.difference.base is base and two.change > 0.0
+            if has_structure and two.excess <= TWO_NEIGHBORS.max_excess and not np.any(two.kinks):
+                return two.difference
     best: _Trial | None = None
     problem: BeamdaeError | None = None
     for _ in range(_MAX_TRIALS):
@@ -222,7 +264,7 @@ def difference_model(
             break  # Rounding errors hide the kink.
         if best is None or trial.is_rounded or trial.excess < best.excess:
             best = trial
-        if trial.excess <= 1.0:
+        if trial.excess <= FOUR_NEIGHBORS.max_excess:
             break
         delta *= _ENLARGEMENT if trial.is_rounded else _REDUCTION
     if best is None:
@@ -290,7 +332,7 @@ def warn_of_idle_parameters(
     base = assemble(model(**parameters))
     for name in names:
         value = float(parameters[name])
-        changed = value + (_RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO)
+        changed = value + (RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO)
         try:
             is_idle = not has_effect(base, assemble(model(**{**parameters, name: changed})))
         except (BeamdaeError, ArithmeticError, ValueError):
@@ -367,9 +409,10 @@ def _try_step(
     assemble: Callable[[Any], EquationsOfMotion],
     delta: float,
     moves_operators: bool,
+    stencils: Sequence[Stencil] = _STENCILS,
 ) -> _Trial:
     """Return the difference with a step `delta` of the parameter, and its accuracy."""
-    for stencil in _STENCILS:
+    for stencil in stencils:
         try:
             neighbors = _build_neighbors(model, name, parameters, base, assemble, stencil, delta)
         except BeamdaeError as problem:
@@ -380,19 +423,18 @@ def _try_step(
                 model.name, name, base, neighbors[0], equations, moves_operators
             )
         first, steps = neighbors[0], tuple(k * delta for k in stencil.steps)
-        here = interpolate(steps, [e.p for e in neighbors])
         is_unchanged = base.structure == first.structure and forms_of(base) == forms_of(first)
         if not is_unchanged and all(e.structure == first.structure for e in neighbors):
             base = with_structure(base, neighbors, steps)
-        changes = np.max([np.abs(e.p - base.p) for e in neighbors], axis=0)
         rounding = rounding_of_numbers(base)
-        # Smooth numbers are close to their interpolation; that of a new structure is `here`.
-        kinks = np.abs(here - base.p) > _MAX_INTERPOLATION_ERROR * changes + rounding
-        resolution = _MIN_RESOLVED_CHANGE * rounding
+        changes = np.array([e.p - base.p for e in neighbors])
+        # Smooth numbers are close to their interpolation; a new structure is interpolated.
+        kinks = stencil.find_kinks(changes, rounding)
         excess, change = _estimate_excess(base, neighbors, stencil, delta)
         weights = tuple(w / delta for w in stencil.derivative_weights)
         difference = Difference(name, base, neighbors, weights, steps)
-        return _Trial(difference, excess, change, kinks, changes, resolution)
+        largest = np.abs(changes).max(axis=0)
+        return _Trial(difference, excess, change, kinks, largest, _MIN_RESOLVED_CHANGE * rounding)
     raise _RejectedError(str(rejection))
 
 
@@ -402,7 +444,7 @@ def _build_neighbors(
     parameters: Mapping[str, Any],
     base: EquationsOfMotion,
     assemble: Callable[[Any], EquationsOfMotion],
-    stencil: _Stencil,
+    stencil: Stencil,
     delta: float,
 ) -> tuple[EquationsOfMotion, ...]:
     """Return the equations at the points of a stencil, with steps `delta` of the parameter."""
@@ -415,44 +457,10 @@ def _build_neighbors(
         )
 
 
-def _try_two_neighbors(
-    model: Model,
-    name: str,
-    parameters: Mapping[str, Any],
-    base: EquationsOfMotion,
-    assemble: Callable[[Any], EquationsOfMotion],
-    delta: float,
-) -> Difference | None:
-    """Return the central difference of second order, or None if it may be inaccurate.
-
-    Parts that events activate have structures of their own, which need more neighbors.
-    """
-    stencil = _TWO_NEIGHBORS
-    if base.configurations is not None:
-        return None
-    try:
-        neighbors = _build_neighbors(model, name, parameters, base, assemble, stencil, delta)
-        for equations in neighbors:
-            _require_same_structure(model.name, name, base, neighbors[0], equations, False)
-    except BeamdaeError:
-        return None
-    if any(e.structure != base.structure or forms_of(e) != forms_of(base) for e in neighbors):
-        return None
-    changes = np.max([np.abs(e.p - base.p) for e in neighbors], axis=0)
-    deviations = np.abs(0.5 * (neighbors[0].p + neighbors[1].p) - base.p)
-    excess, change = _estimate_excess(base, neighbors, stencil, delta)
-    is_smooth = deviations <= _MAX_CURVATURE_OF_NUMBERS * changes + rounding_of_numbers(base)
-    is_accurate = excess * _MAX_DEVIATION_OF_VALUES <= _MAX_CURVATURE
-    if not change or not is_accurate or not np.all(is_smooth):
-        return None
-    weights = tuple(w / delta for w in stencil.derivative_weights)
-    return Difference(name, base, neighbors, weights, tuple(k * delta for k in stencil.steps))
-
-
 def _estimate_excess(
     base: EquationsOfMotion,
     neighbors: Sequence[EquationsOfMotion],
-    stencil: _Stencil,
+    stencil: Stencil,
     delta: float,
 ) -> tuple[float, float]:
     """Return `excess` and `change` of `_Trial`.
@@ -473,45 +481,7 @@ def _estimate_excess(
     largest = float(np.max(change / np.maximum(size, 1.0)))
     if is_tiny and np.any(is_lost):
         return math.inf, largest
-    orders = np.subtract(stencil.derivative_weights, stencil.second_order_weights)
-    return estimate_excess(changes, size, rounding, orders, stencil.value_weights), largest
-
-
-def estimate_excess(
-    changes: Array,
-    size: Array,
-    rounding: Array,
-    orders: Sequence[float] | Array,
-    values: Sequence[float] | Array,
-) -> float:
-    """Return the ratio of estimated to permitted errors of differences.
-
-    It is infinite if all changes are rounding errors, and zero if nothing changes.
-
-    Parameters
-    ----------
-    changes
-        Changes of all numbers in the neighboring models, (models, k).
-    size, rounding
-        Magnitudes of the numbers of the same kind, and bounds of rounding errors, (k,) each.
-    orders
-        Weights of the difference between derivatives of different orders, (models,).
-    values
-        Weights of the interpolated numbers, (models,).
-    """
-    change = np.abs(changes).max(axis=0)
-    is_significant = change > rounding
-    if not np.any(is_significant):
-        return math.inf if np.any(change) else 0.0
-    size = np.maximum(np.maximum(size, change), np.finfo(float).tiny)
-    largest = np.max(change / size, where=is_significant, initial=0.0)
-
-    def error(weights: Sequence[float] | Array) -> float:
-        """Return the largest error of the sum of weight * change beyond rounding errors."""
-        errors = np.maximum(np.abs(np.asarray(weights) @ changes) - rounding, 0.0)
-        return float(np.max(errors / size, where=is_significant, initial=0.0) / largest)
-
-    return max(error(orders) / _MAX_DEVIATION, error(values) / _MAX_DEVIATION_OF_VALUES)
+    return stencil.estimate_excess(changes, size, rounding), largest
 
 
 def _numbers_and_start(equations: EquationsOfMotion) -> Array:

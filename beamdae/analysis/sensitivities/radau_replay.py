@@ -6,12 +6,17 @@ The loop is plain Python over arrays; `native.loops` compiles it if possible.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.further_forces import FurtherForces
+from beamdae.analysis.sensitivities.further_forces import (
+    DirectionSums,
+    evaluate_direction,
+    prepare_directions,
+)
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.radau_steps import (
     MAX_ITERATIONS,
@@ -24,12 +29,11 @@ from beamdae.analysis.sensitivities.radau_steps import (
     restore_stages,
 )
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
-from beamdae.equations.equations_of_motion import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import (
     formulate_first_order,
     plan_residual,
 )
-from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.structure import Structure
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
@@ -45,11 +49,7 @@ from beamdae.native.loop_functions import combine, max_norm
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sums.kernel_sums import (
-    Sum,
     SumPlan,
-    evaluate_sum,
-    evaluate_with_data,
-    set_time,
 )
 
 Array = np.ndarray
@@ -72,12 +72,8 @@ class RadauReplay(RadauSteps):
     run
         As in `RadauSteps`, and then for the derivatives of the stages, which solve the same
         equations.
-    directional, local, inputs
-        Directional derivative of the residual, its local inputs by direction, see
-        `direction_inputs`, and its inputs (y, y', dy, dy').
-    further, further_inputs, further_residuals, further_numbers, is_further
-        Directional derivative with further forces, its inputs and its results at the stages,
-        (3, size), and the numbers and the directions that have them, see `FurtherForces`.
+    directions, inputs
+        Directional derivatives of the residual, and their inputs (y, y', dy, dy').
     negligible
         Changes of scaled positions that are rounding errors, (k,).
     y, yp
@@ -95,14 +91,8 @@ class RadauReplay(RadauSteps):
         Number of completed steps.
     """
 
-    directional: Sum
-    local: Array
+    directions: DirectionSums
     inputs: Array
-    further: Sum
-    further_inputs: Array
-    further_residuals: Array
-    further_numbers: Array
-    is_further: Array
     negligible: Array
     y: Array
     yp: Array
@@ -120,7 +110,7 @@ def replay_steps(replay: RadauReplay) -> int:
     solved by the simplified Newton iteration of the method, whose matrix is that of the second
     stage, with exact directional derivatives of the residual.
     """
-    run, count = replay.run, replay.local.shape[0]
+    run, count = replay.run, replay.directions.is_further.size
     while replay.step < replay.times.size - 1:
         run.t = replay.times[replay.step]
         h = replay.times[replay.step + 1] - run.t
@@ -145,8 +135,6 @@ def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
     m = replay.unit_weights.size
     combine(run.y, (1.0,), (replay.y[k],))
     combine(run.yp, (1.0,), (replay.yp[k],))
-    if replay.is_further[k] == 1:
-        _evaluate_further_forces(replay, h, k)
     is_similar = h <= MAX_STEP_RATIO * replay.last_step
     run.step_size.last_step = replay.last_step if is_similar else 0.0
     for i in range(3):
@@ -157,9 +145,6 @@ def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
         set_stages(run, h)
         for i in range(3):
             _evaluate_derivative(replay, run.t + C[i] * h, i, k)
-            if replay.is_further[k] == 1:
-                residual = run.stage_residuals[i]
-                combine(residual, (1.0, 1.0), (residual, replay.further_residuals[i]))
         correct_stages(run, h)
         change = _largest_change(run, 0, 2 * n, weights)
         reaction_change = _largest_change(run, 2 * n, 2 * n + m, replay.unit_weights)
@@ -186,17 +171,6 @@ def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
     return NOT_CONVERGED
 
 
-def _evaluate_further_forces(replay: RadauReplay, h: float, k: int) -> None:
-    """Evaluate the derivatives of further forces along direction `k` at all stages."""
-    run, size, inputs = replay.run, replay.run.form.size, replay.further_inputs
-    combine(inputs[4 * size :], (1.0,), (replay.further_numbers[k],))
-    for i in range(3):
-        combine(inputs[:size], (1.0,), (replay.stages[i],))
-        combine(inputs[size : 2 * size], (1.0,), (replay.rates[i],))
-        set_time(replay.further, run.t + C[i] * h, run.branch)
-        evaluate_sum(replay.further, inputs, replay.further_residuals[i])
-
-
 def _largest_change(run: RadauWorkspace, first: int, last: int, weights: Array) -> float:
     """Return the largest weighted correction of these components of W."""
     real = max_norm(run.real_change[first:last], weights)
@@ -211,13 +185,12 @@ def _evaluate_derivative(replay: RadauReplay, t: float, i: int, k: int) -> None:
     combine(inputs[size : 2 * size], (1.0,), (replay.rates[i],))
     combine(inputs[2 * size : 3 * size], (1.0,), (dy,))
     combine(inputs[3 * size : 4 * size], (1.0,), (dyp,))
-    set_time(replay.directional, t, run.branch)
-    evaluate_with_data(replay.directional, replay.local[k], inputs, residual)
+    evaluate_direction(replay.directions, k, t, run.branch, inputs, residual)
     combine(residual[:n], (1.0, 1.0, -1.0), (residual[:n], dyp[:n], dy[n : 2 * n]))
 
 
 def _store_derivatives(replay: RadauReplay, k: int) -> None:
-    run, n, count = replay.run, replay.run.form.n, replay.local.shape[0]
+    run, n, count = replay.run, replay.run.form.n, replay.directions.is_further.size
     for i in range(3):
         result = replay.results[(3 * replay.step + i) * count + k]
         combine(result[: 2 * n], (1.0,), (run.stages[i][: 2 * n],))
@@ -227,17 +200,18 @@ def _store_derivatives(replay: RadauReplay, k: int) -> None:
     combine(replay.yp[k], (1.0,), (run.rates[2],))
 
 
-def _plan_residual(structure: Structure) -> SumPlan:
+def plan_stage_residual(structure: Structure) -> SumPlan:
+    """Return the plan of the residual of a stage."""
     return plan_residual(structure, STABILIZED_FORM)
 
 
 def differentiate_radau_steps(
     derivatives: StartDerivatives,
+    steps_of: EquationsOfMotion,
     interval: Interval,
-    starts: list[State],
+    starts: Sequence[Array],
     numbers: Array,
     steps: Array,
-    further: FurtherForces,
 ) -> Array:
     """Return the derivatives of (q, v, a, lam) at the start and the stages of a smooth interval.
 
@@ -245,17 +219,17 @@ def differentiate_radau_steps(
     ----------
     derivatives
         Derivatives of consistent states of the equations of the interval.
+    steps_of
+        Equations of the steps, perhaps without forces that vanish in the run.
     interval
         States of the run.
     starts
-        Derivatives of the consistent state at the start, one per direction.
+        Derivatives of the consistent state (q, v, a, lam) at the start, one direction a row.
     numbers
         Derivatives of p, one direction a row, (k, n_p).
     steps
         Small changes of the parameters, (k,); derivatives that lead to changes of positions below
         rounding errors are negligible.
-    further
-        Forces that are missing in the equations of the steps.
 
     Returns
     -------
@@ -268,32 +242,21 @@ def differentiate_radau_steps(
         If the equations of the derivatives cannot be solved.
     """
     equations = derivatives.equations
-    form = formulate_first_order(equations, STABILIZED_FORM, apart=True)
+    form = formulate_first_order(steps_of, STABILIZED_FORM, apart=True)
     n, size, count, n_steps = equations.n, form.size, len(numbers), len(interval.t) - 1
     matrices_of_stages = StageMatrices.of(form)
-
-    def directional(x: StartDerivatives) -> SumPlan:
-        return x.directional_plan(_plan_residual, 2 * size)
-
-    plan = further_plan = directional(derivatives)
-    if further.is_present.any():
-        further_plan = directional(StartDerivatives(ConsistencySolver(further.equations)))
-    packed = [form.pack(x) for x in starts]
+    make_directions, is_native = prepare_directions(
+        derivatives, steps_of, plan_stage_residual, 2 * size, numbers
+    )
+    packed = [form.pack(State(*x)) for x in zip(*starts, strict=True)]
     results = np.zeros(((3 * n_steps + 1) * count, 3 * n + equations.m))
-    results[:count] = [np.concatenate(x) for x in starts]
+    results[:count] = np.hstack(starts)
 
     def make_replay(native: bool) -> RadauReplay:
-        directional, local = derivatives.direction_sum(plan, 2 * size, native, numbers)
         return RadauReplay(
             **matrices_of_stages.step_fields(form, interval, native),
-            directional=directional,
-            local=local,
+            directions=make_directions(native),
             inputs=np.zeros(4 * size),
-            further=further_plan.sum(native, further.equations.p),
-            further_inputs=np.zeros(4 * size + further.numbers.shape[1]),
-            further_residuals=np.zeros((3, size)),
-            further_numbers=np.ascontiguousarray(further.numbers),
-            is_further=further.is_present,
             negligible=_POSITION_ROUNDING / steps,
             y=np.array([y for y, _ in packed]),
             yp=np.array([yp for _, yp in packed]),
@@ -309,8 +272,7 @@ def differentiate_radau_steps(
             (run.complex_solver, matrices_of_stages.complex_),
         ]
 
-    is_native = form.is_native and plan.is_native and further_plan.is_native
-    loop = StepLoop(replay_steps, make_replay, matrices, is_native)
+    loop = StepLoop(replay_steps, make_replay, matrices, form.is_native and is_native)
     code = loop()
     if code != DONE:
         raise BeamdaeError(

@@ -106,7 +106,12 @@ class RedundantConstraints:
         lam = np.zeros((len(interval.nodes), full.m))
         for k, time in enumerate(interval.times):
             at, change = (State(*(x[k] for x in y.rows)) for y in (interval, along))
-            gradient, rate = derivatives.constraint_gradients(time, at.q, change.q, dp)
+            matrix = derivatives.solver.constraint_matrix(time, at.q)
+            gradient = matrix.toarray()
+            ((matrix.data,),) = derivatives.gradient_map(time, at.q).along(
+                [change.q[None]], dp[None]
+            )
+            rate = matrix.toarray()
             rows = ScaledRows.of(gradient, full.position_scales)
             rate = rate * full.position_scales + gradient * scale_rates
             length_rate = np.sum(rows.scaled * rate, axis=1)

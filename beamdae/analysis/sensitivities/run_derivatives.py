@@ -13,29 +13,25 @@ doi:10.1016/S0168-9274(98)00125-1.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from beamdae.analysis.sensitivities.alpha_replay import differentiate_alpha_steps
-from beamdae.analysis.sensitivities.further_forces import (
-    FurtherForces,
-    further_key,
-    locate_numbers,
-)
+from beamdae.analysis.sensitivities.further_forces import further_key, locate_numbers
 from beamdae.analysis.sensitivities.model_differences import Difference, derivative_call
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_columns,
     time_derivative,
 )
 from beamdae.analysis.sensitivities.operator_changes import moves_operators
-from beamdae.analysis.sensitivities.phases import Phase
+from beamdae.analysis.sensitivities.phases import ImpactDifference, Phase
 from beamdae.analysis.sensitivities.radau_replay import differentiate_radau_steps
+from beamdae.analysis.sensitivities.recorded_maps import Record
 from beamdae.analysis.sensitivities.start_derivatives import (
     StartDerivatives,
-    differentiate_together,
     has_unique_equilibrium,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -98,28 +94,29 @@ class RunDerivatives:
         for interval in intervals:
             if before is None:
                 derivatives, firsts = self._differentiate_start(phases, interval)
-                shifts, moved = [0.0] * len(phases), firsts
+                shifts, moved = np.zeros(len(phases)), firsts
             else:
                 crossing = self._cross(phases, before, interval, rows[-1])
-                phases, derivatives, shifts, moved, firsts = crossing
-                if len({further_key(x.equations) for x in derivatives}) > 1:
+                phases, shifts, v = crossing[:3]
+                keys = {further_key(x.active.base) for x in phases}
+                if len(keys) > 1 and self._equations.configurations is not None:
                     return self._differentiate_one_by_one()
+                derivatives, moved, firsts = _restart(phases, interval, v, shifts, *crossing[3:])
             active = with_active_multipliers(interval)
-            models = [x.equations for x in derivatives]
-            run = self._run_equations(models)
-            further, numbers = FurtherForces.of(run, models, _numbers(phases))
-            along = next((x for x in derivatives if x.equations.structure == run.structure), None)
-            along = along or StartDerivatives(ConsistencySolver(run))
+            numbers = _numbers(phases, derivatives.equations)
+            steps_of, has_all = self._equations, derivatives.equations
+            if locate_numbers(steps_of, has_all) is None:
+                steps_of = has_all
             if isinstance(self._method, Radau):
                 nodes = differentiate_radau_steps(
-                    along, active, firsts, numbers, parameter_steps, further
+                    derivatives, steps_of, active, firsts, numbers, parameter_steps
                 )
             else:
                 nodes = differentiate_alpha_steps(
-                    self._method, along, derivatives, active, moved, numbers, shifts, further
+                    self._method, derivatives, steps_of, active, moved, numbers, shifts
                 )
-                nodes[0] = [np.concatenate(x) for x in firsts]
-                if any(shifts):
+                nodes[0] = np.hstack(firsts)
+                if shifts.any():
                     nodes[1:] -= np.multiply.outer(rates_at_steps(active)[1:], shifts).swapaxes(
                         1, 2
                     )
@@ -141,14 +138,6 @@ class RunDerivatives:
             for name, x in self._differences.items()
         }
 
-    def _run_equations(self, models: Sequence[EquationsOfMotion]) -> EquationsOfMotion:
-        """Return the equations with which the steps of all parameters are differentiated."""
-        first = models[0]
-        run = self._equations
-        is_extended = first.structure != run.structure and locate_numbers(run, first) is not None
-        is_mixed = any(x.structure != first.structure for x in models)
-        return run if is_extended or is_mixed else first
-
     def _derivative_interval(self, interval: Interval, rows: Array) -> Interval:
         n, m = self._equations.n, self._equations.m
         q, v, a, lam = np.split(rows, [n, 2 * n, 3 * n], axis=1)
@@ -158,36 +147,26 @@ class RunDerivatives:
 
     def _differentiate_start(
         self, phases: list[Phase], interval: Interval
-    ) -> tuple[list[StartDerivatives], list[State]]:
-        """Return the derivatives of the consistent start, by parameter."""
-        derivatives = _derive_all(phases)
+    ) -> tuple[StartDerivatives, list[Array]]:
+        """Return the maps of the equations, and the derivatives of the consistent start."""
+        derivatives = _derive_common(phases)
         time, at = node_state(with_active_multipliers(interval), 0)
-        numbers, starts = _numbers(phases), []
-        for phase, along, dp in zip(phases, derivatives, numbers, strict=True):
+        numbers, starts = _numbers(phases, derivatives.equations), []
+        for phase, dp in zip(phases, numbers, strict=True):
             if self._starts is None:
-                starts.append(differentiate_start(phase.active, along, time, at, dp))
+                starts.append(differentiate_start(phase.active, derivatives, time, at, dp))
             else:
                 starts.append(self._starts[phase.whole.name])
-
-        def differentiate(x: StartDerivatives, dq: Array, dv: Array, dp: Array) -> State:
-            return x.consistent_state(time, at, at.v, dq, dv, dp)
-
-        firsts = differentiate_together(
-            derivatives, differentiate, *zip(*starts, strict=True), numbers
-        )
-        return derivatives, [State(*x) for x in firsts]
+        changes = [np.array(x) for x in zip(*starts, strict=True)]
+        return derivatives, derivatives.start_map(time, at, at.v).along(changes, numbers)
 
     def _cross(
-        self,
-        phases: list[Phase],
-        before: Interval,
-        after: Interval,
-        along: list[Interval],
-    ) -> tuple[list[Phase], list[StartDerivatives], list[float], list[State], list[State]]:
-        """Return the phases after a restart, and the derivatives of its time and of the state.
+        self, phases: list[Phase], before: Interval, after: Interval, along: list[Interval]
+    ) -> tuple[list[Phase], Array, Array, Array, Array]:
+        """Return the phases after a restart, the derivatives of its time, and the velocities.
 
-        The derivatives of the state are those along the moving time, and those at fixed time.
-        `along` are the derivatives of the interval `before`, one per parameter.
+        The derivatives of positions and velocities along the moving time follow, one parameter a
+        row. `along` are the derivatives of the interval `before`, one per parameter.
         """
         t = float(after.t[0])
         event = find_event(self._solution, self._equations, t)
@@ -205,28 +184,14 @@ class RunDerivatives:
         if event is not None:
             number = event_number(self._equations, event.name)
             if select_impacts(self._equations.events[number].do):
-                v, velocities = self._jump(phases, number, before, time, at, totals, shifts)
+                h = float(after.t[1] - after.t[0])
+                v, velocities = self._jump(phases, number, before, time, at, totals, shifts, h)
             assert after.configuration is not None
             phases = [
                 phase.after_event(number, after.configuration, time, dt, at.q, total.q)
                 for phase, dt, total in zip(phases, shifts, totals, strict=True)
             ]
-        derivatives = _derive_all(phases)
-        time, at = node_state(with_active_multipliers(after), 0)
-        h = float(after.t[1] - after.t[0])
-
-        def differentiate(
-            x: StartDerivatives, dq: Array, dv: Array, dp: Array, dt: Array
-        ) -> tuple[Array, ...]:
-            moved, first = x.restart_states(time, at, v, dq, dv, dp, dt, h)
-            return *moved, *first
-
-        positions = [x.q for x in totals]
-        states = differentiate_together(
-            derivatives, differentiate, positions, velocities, _numbers(phases), shifts
-        )
-        moved, firsts = [State(*x[:4]) for x in states], [State(*x[4:]) for x in states]
-        return phases, derivatives, shifts, moved, firsts
+        return phases, np.array(shifts), v, np.array([x.q for x in totals]), np.array(velocities)
 
     def _jump(
         self,
@@ -237,25 +202,20 @@ class RunDerivatives:
         at: State,
         totals: list[State],
         shifts: list[float],
+        h: float,
     ) -> tuple[Array, list[Array]]:
         """Return the velocities after the impacts of an event, and their total derivatives."""
         assert before.configuration is not None
         velocities = []
         for phase, along, dt in zip(phases, totals, shifts, strict=True):
             difference = phase.impact(number, self._equations, before.configuration)
-            impact = difference.impact
-            derivatives = derive_states(difference.equations)
-            n, m = impact.equations.n, impact.equations.m
-            state, change = (State(x.q, x.v, np.zeros(n), np.zeros(m)) for x in (at, along))
-            rates = derivatives.solver.constraint_levels(time, at.q, at.v)[1]
-            active = select_active_constraints(impact, rates)
-            dv = along.v
-            if len(active):
+            jump, dv = record_impact(difference, time, at, h), along.v
+            if jump is not None:
                 dp = difference.equations.derivative(lambda e: e.p)
-                restitution = (impact.coefficients, difference.restitution)
-                dv = derivatives.impact(time, state, change, dp, dt, active, restitution)
+                changes = [x[None] for x in (along.q, along.v, difference.restitution)]
+                dv = jump.along(changes, dp[None], np.array([dt]))[0][0]
             velocities.append(dv)
-        return apply_impact(impact, time, state)[0], velocities
+        return apply_impact(difference.impact, time, at)[0], velocities
 
     def _event_shifts(
         self, event: EventRecord, before: Interval, along: list[Interval]
@@ -379,6 +339,19 @@ def require_inner_breakpoints(difference: Difference, trajectory: Trajectory) ->
             )
 
 
+def record_impact(difference: ImpactDifference, time: Array, at: State, h: float) -> Record | None:
+    """Return the map from (q, v, restitution) to the velocities after an impact.
+
+    Return None if no body is stopped. See `StartDerivatives.impact_map` for the arguments.
+    """
+    impact, derivatives = difference.impact, derive_states(difference.equations)
+    rates = derivatives.solver.constraint_levels(time, at.q, at.v)[1]
+    active = select_active_constraints(impact, rates)
+    if not len(active):
+        return None
+    return derivatives.impact_map(time, at, active, impact.coefficients, h)
+
+
 def derive_states(difference: Difference) -> StartDerivatives:
     """Return the derivatives of consistent states along directions of the parameter."""
     moving = difference if moves_operators(difference) else None
@@ -480,19 +453,40 @@ def rates_at_steps(interval: Interval) -> Array:
     return np.hstack([interval.rows.v, interval.rows.a, rates.a, rates.lam])
 
 
-def _numbers(phases: list[Phase]) -> list[Array]:
-    """Return the derivatives of p of the active parts, by parameter."""
-    return [x.active.derivative(lambda e: e.p) for x in phases]
+def _restart(
+    phases: list[Phase], interval: Interval, v: Array, shifts: Array, dq: Array, dv: Array
+) -> tuple[StartDerivatives, list[Array], list[Array]]:
+    """Return the maps of the equations after a restart, and the derivatives of its state.
+
+    They are those along the moving time, and those at fixed time, of (q, v, a, lam). `v` are the
+    velocities before the restart, and `dq` and `dv` derivatives along the moving time.
+    """
+    derivatives = _derive_common(phases)
+    time, at = node_state(with_active_multipliers(interval), 0)
+    numbers = _numbers(phases, derivatives.equations)
+    if not shifts.any():
+        first = derivatives.start_map(time, at, v).along((dq, dv), numbers)
+        return derivatives, first, first
+    record = derivatives.restart_map(time, at, v, float(interval.t[1] - interval.t[0]))
+    states = record.along((dq, dv), numbers, shifts)
+    return derivatives, states[:4], states[4:]
 
 
-def _derive_all(phases: list[Phase]) -> list[StartDerivatives]:
-    """Return the derivatives of consistent states by parameter; equal equations share one."""
-    known: dict[Any, StartDerivatives] = {}
-    keys = [further_key(x.active.base) for x in phases]
-    return [
-        known.get(key) or known.setdefault(key, derive_states(x.active))
-        for key, x in zip(keys, phases, strict=True)
-    ]
+def _numbers(phases: list[Phase], equations: EquationsOfMotion) -> Array:
+    """Return the derivatives of the numbers p of equations that contain those of all phases."""
+    result = np.zeros((len(phases), len(equations.p)))
+    for row, phase in zip(result, phases, strict=True):
+        base, dp = phase.active.base, phase.active.derivative(lambda e: e.p)
+        is_same = base.structure == equations.structure
+        at = slice(None) if is_same else locate_numbers(base, equations)
+        assert at is not None
+        row[at] = dp
+    return result
+
+
+def _derive_common(phases: list[Phase]) -> StartDerivatives:
+    """Return the maps of the equations of the phase with the most forces, which serve all."""
+    return derive_states(max((x.active for x in phases), key=lambda x: len(x.base.forces)))
 
 
 def breakpoint_derivatives(difference: Difference) -> list[tuple[float, float]]:
