@@ -10,7 +10,7 @@ from scipy.special import chdtrc
 from test_fit import oscillator as build_oscillator
 
 import beamdae as bd
-from beamdae.analysis.fit import recording_errors
+
 
 METHOD = bd.GeneralizedAlpha(step=0.01)
 TIMES = np.linspace(0.0, 2.0, 101)

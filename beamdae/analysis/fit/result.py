@@ -15,10 +15,15 @@ from scipy.special import chdtr, chdtrc, stdtrit
 from beamdae import deferred
 from beamdae.analysis.fit.data import Series
 from beamdae.analysis.fit.intervals import bounded_interval
-from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
+from beamdae.analysis.fit.problem import (
+    MAX_NOISE_CORRELATION,
+    Evaluation,
+    FitProblem,
+    Scaling,
+)
 from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
 from beamdae.analysis.fit.residual_causes import suggest_causes
-from beamdae.analysis.fit.search import MAX_NOISE_CORRELATION, MIN_RELATIVE_RESIDUAL, SearchResult
+from beamdae.analysis.fit.search import MIN_RELATIVE_RESIDUAL, SearchResult
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.equations import measures
 from beamdae.errors import BeamdaeError, kind_of_message, require_choice, warn_user
@@ -154,7 +159,6 @@ class Fit:
     _scaling: Scaling = field(default=None, repr=False)  # type: ignore[assignment]
     _search: SearchResult = field(default=None, repr=False)  # type: ignore[assignment]
     _starts: Any = field(default=None, repr=False)
-    _first: Evaluation | None = field(default=None, repr=False)
     _last: Evaluation = field(default=None, repr=False)  # type: ignore[assignment]
 
     def __repr__(self) -> str:
@@ -285,9 +289,9 @@ class Fit:
 
     def _is_side_effect(self, experiment: str, sentence: str) -> bool:
         """Return True for a warning about values of a failed search, unlike the first ones."""
-        if self.status.kind != "limited" or self._first is None:
+        if self.status.kind != "limited" or self._search.first is None:
             return False
-        first = self._first.runs[experiment].solution.model_warnings
+        first = self._search.first.runs[experiment].solution.model_warnings
         return kind_of_message(sentence) not in set(map(kind_of_message, first))
 
     @property
@@ -414,11 +418,10 @@ class Fit:
         changes = np.stack([-half, half], axis=1)
         below, above = _distances_to_bounds(self._problem, self._scaling, values)
         if self.status.success and (self.at_bounds or np.any((half > below) | (half > above))):
-            # Parameters that keep their first values have the intervals of the linearized fit.
-            kept = ~np.isin(self.names, self._search.held)
-            jacobian, bounds = (self._jacobian * slopes)[:, kept], (-below[kept], above[kept])
-            for j, k in enumerate(np.flatnonzero(kept)):
-                changes[k] = bounded_interval(jacobian, self.residuals, bounds, j, self.quantile)
+            for k in range(len(values)):
+                changes[k] = bounded_interval(
+                    self._jacobian * slopes, self.residuals, (-below, above), k, self.quantile
+                )
         with np.errstate(over="ignore"):
             factors = np.exp(np.where(is_log[:, None], changes, 0.0))
         return np.where(is_log[:, None], values[:, None] * factors, values[:, None] + changes)
@@ -784,12 +787,8 @@ def create_fit(
     scaling: Scaling,
     search: SearchResult,
     starts: Any,
-    first: Evaluation | None,
 ) -> Fit:
-    """Return the result at the last values of a search.
-
-    `first` is the evaluation of the first values, or None if it failed.
-    """
+    """Return the result at the last values of a search."""
     evaluation, names = search.evaluation, problem.variables
     all_names = (*names, *problem.coefficients)
     estimates = np.concatenate([evaluation.values, evaluation.coefficients])
@@ -813,11 +812,18 @@ def create_fit(
     covariance = information.covariance
     np.fill_diagonal(covariance, variances)
     status = search.status
+    if not search.explains:
+        causes = suggest_causes(problem, evaluation, search.first)
+        status = Status(
+            status.kind,
+            f"{status.sentence}; {causes}check signs, units and times of the data and start=, or "
+            "start from other values",
+        )
     steps: tuple[str, ...] = ()
     errors = None
     # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
     scatter = float(np.sqrt(np.mean(residuals**2)))
-    if status.kind != "interrupted" and not search.recording_error:
+    if status.kind != "interrupted" and search.explains:
         try:
             if not _are_computed(problem, estimate * max(1.0, scatter)):
                 errors = deferred.module("accuracy.fits").measure_fit(problem, evaluation)
@@ -826,8 +832,8 @@ def create_fit(
             acknowledge()
             status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
     doubts: tuple[str, ...] = ()
-    if not search.recording_error and (search.status.success or not search.rejected):
-        doubts = _check_residuals(problem, evaluation, residuals, len(all_names))
+    if search.explains and (search.status.success or not search.rejected):
+        doubts = _check_residuals(problem, evaluation, search.first, residuals, len(all_names))
     count = len(problem.names)
     values = dict(zip(all_names, estimates.tolist(), strict=True))
     fit = Fit(
@@ -840,7 +846,7 @@ def create_fit(
         is_sigma_known=problem.data.is_sigma_known,
         evaluations=search.evaluations,
         status=status,
-        undetermined=() if search.recording_error else full.undetermined(texts, information),
+        undetermined=() if not search.explains else full.undetermined(texts, information),
         at_bounds=tuple(n for n, at in zip(names, search.at_bounds, strict=True) if at),
         _own_warnings=(
             *problem.duration_warnings,
@@ -852,11 +858,6 @@ def create_fit(
                 else ()
             ),
             *_check_bounds(problem, scaling, search, estimates),
-            *(
-                f"The data do not determine {name}, which would move far away and keeps its first "
-                "value; omit it from by, or pass bounds=."
-                for name in search.held
-            ),
             *doubts,
             *_check_intervals(problem, information),
             *steps,
@@ -868,7 +869,6 @@ def create_fit(
         _scaling=scaling,
         _search=search,
         _starts=starts,
-        _first=first,
         _last=evaluation,
     )
     if errors is not None:
@@ -884,11 +884,13 @@ def _distances_to_bounds(
     They are infinite without bounds, and differences of logarithms for parameters in `log`.
     """
     count = len(problem.variables)
-    sizes = np.ones(count)
-    x, (lower, upper) = scaling.variables(estimates[:count]), scaling.limits
-    sizes[~scaling.is_log] = scaling.derivatives(x)[~scaling.is_log]
     others = np.full(len(estimates) - count, np.inf)
-    return np.append((x - lower) * sizes, others), np.append((upper - x) * sizes, others)
+    ends = []
+    for bound in (estimates[:count], *scaling.bounds):
+        with np.errstate(divide="ignore"):
+            ends.append(np.where(scaling.is_log, np.log(np.abs(bound)), bound))
+    values, lower, upper = ends
+    return np.append(values - lower, others), np.append(upper - values, others)
 
 
 def _find_fixed(
@@ -908,7 +910,7 @@ def _find_fixed(
     slopes[:count][scaling.is_log] = estimates[:count][scaling.is_log]
     half = _NORMAL_QUANTILE * np.sqrt(np.diag(information.covariance)) / slopes
     is_fixed = half > np.maximum(below, above)
-    is_fixed[:count] |= search.at_bounds | np.isin(problem.variables, search.held)
+    is_fixed[:count] |= search.at_bounds
     return np.asarray(is_fixed)
 
 
@@ -980,6 +982,7 @@ def _check_omitted(evaluation: Evaluation) -> tuple[str, ...]:
 def _check_residuals(
     problem: FitProblem,
     evaluation: Evaluation,
+    first: Evaluation | None,
     residuals: Array,
     count: int,
 ) -> tuple[str, ...]:
@@ -988,10 +991,10 @@ def _check_residuals(
     The residuals of the evaluation are in units of the weights, `residuals` in standard deviations.
     """
     return (
-        _check_chi_square(problem, evaluation, residuals, count)
-        or _check_variation(problem, evaluation)
+        _check_chi_square(problem, evaluation, first, residuals, count)
+        or _check_variation(problem, evaluation, first)
         or _check_sigma(problem, evaluation, residuals, count)
-        or _check_noise(problem, evaluation)
+        or _check_noise(problem, evaluation, first)
         or _check_probability(problem, evaluation, residuals, count)
     )
 
@@ -1027,7 +1030,11 @@ def _check_probability(
 
 
 def _check_chi_square(
-    problem: FitProblem, evaluation: Evaluation, residuals: Array, count: int
+    problem: FitProblem,
+    evaluation: Evaluation,
+    first: Evaluation | None,
+    residuals: Array,
+    count: int,
 ) -> tuple[str, ...]:
     """Return a warning if the sum of the squared residuals is improbable for the given sigma."""
     freedom = evaluation.count - count
@@ -1046,13 +1053,13 @@ def _check_chi_square(
         return (f"{sentence}; most of their squares are outliers.", *_name_outliers(problem, parts))
     if residuals @ residuals > _MIN_LOCAL_SHARE * problem.data.variation:
         return (
-            f"{sentence}; {suggest_causes(problem, evaluation)}start from other values, or pass "
+            f"{sentence}; {suggest_causes(problem, evaluation, first)}start from other values, or pass "
             "bounds= and starts= to search from several, because the search may have ended at a "
             "local minimum, check the unit of sigma, which is that of its column, or add what the "
             "model lacks.",
         )
     return (
-        f"{sentence}; {suggest_causes(problem, evaluation)}check the unit of sigma, which is that "
+        f"{sentence}; {suggest_causes(problem, evaluation, first)}check the unit of sigma, which is that "
         "of its column, or add what the model lacks.",
     )
 
@@ -1095,7 +1102,9 @@ def _check_sigma(
     return tuple(sentences)
 
 
-def _check_variation(problem: FitProblem, evaluation: Evaluation) -> tuple[str, ...]:
+def _check_variation(
+    problem: FitProblem, evaluation: Evaluation, first: Evaluation | None
+) -> tuple[str, ...]:
     """Return a warning if most of the variation of the data about their means is left.
 
     Consecutive residuals of a wrong model are alike; those of noise are not, about which the data
@@ -1126,12 +1135,14 @@ def _check_variation(problem: FitProblem, evaluation: Evaluation) -> tuple[str, 
     if left <= variation:
         amount = f"leaves {100.0 * left / variation:.0f} % of the variance of the data unexplained"
     return (
-        f"The model {amount}; {suggest_causes(problem, evaluation)}start from other values, or "
+        f"The model {amount}; {suggest_causes(problem, evaluation, first)}start from other values, or "
         "pass bounds= and starts= to search from several.",
     )
 
 
-def _check_noise(problem: FitProblem, evaluation: Evaluation) -> tuple[str, ...]:
+def _check_noise(
+    problem: FitProblem, evaluation: Evaluation, first: Evaluation | None
+) -> tuple[str, ...]:
     """Return warnings if the residuals of a good fit are not white noise of known relative size."""
     residuals = evaluation.residuals
     parts = _split_by_series(problem, residuals)
@@ -1147,7 +1158,7 @@ def _check_noise(problem: FitProblem, evaluation: Evaluation) -> tuple[str, ...]
         return (
             f"Consecutive residuals have a correlation of {correlation:.2f}, so the standard "
             f"deviations are too small, by a factor of up to {factor:.2g}; "
-            f"{suggest_causes(problem, evaluation)}use fewer data per second if the noise is slow, "
+            f"{suggest_causes(problem, evaluation, first)}use fewer data per second if the noise is slow, "
             "other first values or starts= if another minimum may be lower, or add what the model "
             "lacks, such as shift= or offset=.",
         )
