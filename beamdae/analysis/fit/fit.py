@@ -216,28 +216,26 @@ def fit(
     if starts > 1:
         condition = ", above 0 for those in log" if np.any(scaling.is_log) else ""
         require_start_bounds("fit", problem.variables, *scaling.limits, condition)
+    first_run = None
     try:
-        evaluation = problem.evaluate(scaling.values(first))
+        first_run = problem.evaluate(scaling.values(first))
+        check_ranges(problem, scaling, first_run)
     except (ValueError, ArithmeticError):
-        if starts == 1:
-            raise
-        evaluation = None  # Other searches may succeed.
-    else:
-        check_ranges(problem, scaling, evaluation)
-    first_run = evaluation
+        if starts == 1 or first_run is not None:
+            raise  # Otherwise, other searches may succeed.
     if starts > 1:
         run_starts: Any = deferred.module("studies.fit_starts").run_starts
         first, table, is_interrupted = run_starts(
             problem, scaling, max_evaluations, starts, seed, folder, jobs, progress
         )
-        evaluation = None
     if is_interrupted:
         status = Status("interrupted", "interrupted before the end of all searches")
         best = problem.evaluate(scaling.values(first))
         end = SearchResult(best, 1, status, np.zeros(len(first), bool))
     else:
         try:
-            end = robust_search(problem, scaling, first, max_evaluations, evaluation)
+            known = first_run if table is None else None
+            end = robust_search(problem, scaling, first, max_evaluations, known)
         except Interrupted as interrupt:
             if not isinstance(interrupt.partial, SearchResult):
                 raise  # Interrupted in the first run.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -62,9 +62,11 @@ _MAX_DURATION = 10.0
 # not exceed the first; times in milliseconds that are labeled as seconds are below the second.
 _MAX_USUAL_DURATION = 1.1
 _MIN_USUAL_DURATION = 1.0 / 300.0
-# Logarithm of the ratio of the first value of a parameter to values about zero at which its variable
-# is linear.
+# Logarithm of the ratio of the first value of a parameter to those about zero where its variable is
+# linear.
 _LOG_ORIGIN = 5.3
+# Singular values below this ratio to the largest are rounding errors of the derivatives.
+MIN_SINGULAR_RATIO = 1e-9
 # Consecutive residuals with at most this correlation are noise.
 MAX_NOISE_CORRELATION = 0.5
 # Distance from bounds at which a search begins, relative to their distance or to the first value.
@@ -616,8 +618,8 @@ class Scaling:
         See `spread_starts`.
         """
         with np.errstate(divide="ignore"):
-            ends = [np.where(self.is_log, np.log(np.abs(x)), x) for x in self.bounds]
-        points = spread_starts(*ends, count, seed)
+            lower, upper = (np.where(self.is_log, np.log(np.abs(x)), x) for x in self.bounds)
+        points = spread_starts(lower, upper, count, seed)
         return np.where(self.is_log, np.exp(np.where(self.is_log, points, 0.0)), points)
 
     def variables(self, values: Array) -> Array:

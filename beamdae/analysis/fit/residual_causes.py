@@ -11,17 +11,19 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 
 from beamdae.analysis.fit.problem import (
+    MIN_SINGULAR_RATIO,
     Evaluation,
     FitProblem,
     Scaling,
     column_lengths,
     is_noise,
 )
-from beamdae.errors import BeamdaeError, BeamdaeWarning, InputWarning, list_first, warn_user
+from beamdae.errors import BeamdaeError, BeamdaeWarning, InputWarning, warn_user
 from beamdae.model_parameters import conversion_factor, format_with_unit, split_unit
 from beamdae.results.columns import remove_unit
 
@@ -29,8 +31,8 @@ Array = np.ndarray
 
 # Share of the squares of the residuals, without those of the noise of a given sigma, that an error
 # explains if it is named. A wrong frequency, whose errors grow linearly over time, is a delay for
-# 0.75 of them. Most of the squares may be those of the noise, but not more than the second share.
-_MIN_SHARE, _MAX_NOISE_SHARE = 0.85, 0.5
+# 0.75 of them.
+_MIN_SHARE = 0.85
 # Errors that leave sums of squares that differ by less, in variances of what the best one leaves,
 # explain the residuals alike: 3 standard deviations.
 _MAX_DIFFERENCE = 10.0
@@ -48,11 +50,8 @@ _MAX_LEFT_SHARE = 0.05
 # Iterations for scales, which multiply changes of the estimates.
 _MAX_ITERATIONS = 6
 # Delays are searched among this number, up to this share of the duration in both directions, in
-# curves with this number of times.
-_DELAY_COUNT, _MAX_DELAY_SHARE, _CURVE_TIMES = 400, 0.5, 1000
-_MIN_SINGULAR_VALUE = 1e-9  # of columns of unit length; smaller ones are rounding errors
-_MIN_OFFSET_SHARE = 0.05  # of the range of a column; smaller offsets are not named beside scales
-_MAX_NAMES = 3  # in a message
+# curves with this number of times; the runs must cover the last share of the late data.
+_DELAY_COUNT, _MAX_DELAY_SHARE, _CURVE_TIMES, _MIN_COVERED_SHARE = 200, 0.25, 1000, 0.75
 # Ratio of the ranges of a column in the first run and in the data from which a fit warns, and from
 # which it does not search if no parameter explains it.
 _MAX_RANGE_RATIO, _MAX_SEARCHED_RATIO = 100.0, 300.0
@@ -70,6 +69,10 @@ _MISTAKEN_UNITS = (
     ("", 1e6, "a unit and its millionth"),
 )
 _UNIT_TOLERANCE = 0.05
+
+
+# Function of a delay [s] that returns model, effects of parameters, and rates of late data.
+_Shift = Callable[[float], tuple[Array, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,13 +118,14 @@ class _Prediction:
     columns: Array
     weights: Array
     cost: float
-    shift: Callable[[float], tuple[Array, Array, Array]] | None = None
+    shift: _Shift | None = None
 
     def select(self, rows: Array) -> _Prediction:
         """Return the prediction of some rows."""
-        parts = (self.model, self.effects, self.values, self.rates, self.times, self.columns)
+        names = ("model", "effects", "values", "rates", "times", "columns", "weights")
+        parts: dict[str, Any] = {x: getattr(self, x)[rows] for x in names}
         shift = self.shift and partial(_shift_rows, self.shift, rows)
-        return _Prediction(*(x[rows] for x in (*parts, self.weights)), self.cost, shift)
+        return replace(self, shift=shift, **parts)
 
     def delayed(self, delay: float, is_late: Array) -> tuple[_Prediction, Array]:
         """Return the prediction of late rows, and which are late, of those that the run covers."""
@@ -154,7 +158,7 @@ class _Prediction:
         errors = np.vstack([errors, np.zeros((count, len(errors.T)))])
         residuals = np.append(residuals, np.zeros(count))
         directions, singular, _ = np.linalg.svd(effects / column_lengths(effects), False)
-        directions = directions[:, singular > _MIN_SINGULAR_VALUE]
+        directions = directions[:, singular > MIN_SINGULAR_RATIO]
         own, rest = (x - directions @ (directions.T @ x) for x in (errors, residuals))
         lengths = column_lengths(own)
         if np.any(lengths < _MIN_INDEPENDENT_PART * column_lengths(errors)):
@@ -163,13 +167,12 @@ class _Prediction:
         rest = rest + own / lengths @ sizes
         return float(rest @ rest), sizes / lengths
 
-    def fit_scales(self, columns: Sequence[int]) -> tuple[float, Array, Array]:
-        """Return the sum of squares that scales and offsets of columns leave, and their values."""
+    def fit_scales(self, columns: Sequence[int]) -> tuple[float, Array]:
+        """Return the sum of squares that scales and offsets of columns leave, and the scales."""
         is_in = self.columns[:, None] == np.asarray(columns)
         offsets = is_in * self.weights[:, None]
         any_in = is_in.any(axis=1)
         scales, change = np.ones(len(columns)), np.zeros(len(self.effects.T))
-        offset = np.zeros(len(columns))
         left = np.inf
         for _ in range(_MAX_ITERATIONS):
             # The best scales of the present change, then the linear change of all.
@@ -184,45 +187,52 @@ class _Prediction:
             before, left = left, float(residuals @ residuals + cost @ cost)
             if left > 0.99 * before:
                 break
-            size = self.cost * np.eye(len(change))
-            whole = np.hstack([np.vstack([self.effects * factors[:, None], size])] + [
-                np.vstack([matrix, np.zeros((len(change), len(matrix.T)))])
-            ])
+            whole = np.block(
+                [
+                    [self.effects * factors[:, None], matrix],
+                    [self.cost * np.eye(len(change)), np.zeros((len(change), len(matrix.T)))],
+                ]
+            )
             lengths = column_lengths(whole)
-            step = np.linalg.lstsq(whole / lengths, -np.append(residuals, cost), rcond=1e-9)[0]
+            step = np.linalg.lstsq(
+                whole / lengths, -np.append(residuals, cost), rcond=MIN_SINGULAR_RATIO
+            )[0]
             change = change + (step / lengths)[: len(change)]
-        return left, scales, offset
+        return left, scales
 
 
 def suggest_causes(problem: FitProblem, end: Evaluation, first: Evaluation | None) -> str:
-    """Return the beginning of a remedy that names errors which explain most of the residuals, or "".
+    """Return the beginning of a remedy that names errors which explain the residuals, or "".
 
     All that explain them alike are named: only another measurement distinguishes these. The
     predictions are those of the end, then those of the first values for first parts of the data.
     """
     with np.errstate(all="ignore"):
-        last = _predict(problem, end, 0.0)
-        noise = float(end.count) if problem.data.is_sigma_known else 0.0
-        square = end.chi_square
-        limit = square - _MIN_SHARE * max(square - noise, _MAX_NOISE_SHARE * square)
-        causes = _choose(problem, last, limit)
-        if causes or first is None:
-            return _join(causes, square, end.count)
-        cost = _COST_OF_CHANGES * np.sqrt(problem.data.variation)
-        whole = _predict(problem, first, cost)
-        if not problem.sensors.shifts and not problem.sensors.scales:
-            whole = replace(whole, shift=_create_shift(problem, first))
-        for share in _SHARES:
-            rows = whole.times <= share * whole.times.max()
-            part = whole.select(rows)
-            if len(part.values) <= len(part.effects.T) + 2:
-                break
-            present, _ = part.fit(np.zeros((len(part.values), 0)))
-            present = min(present, float(np.sum(end.residuals[rows] ** 2)))
-            allowed = min((1.0 - _MIN_SHARE) * present, _MAX_LEFT_SHARE * part.variation)
-            causes = _choose(problem, part, allowed)
-            if causes:
-                return _join(causes, present, len(part.values))
+        noise = float(problem.data.is_sigma_known)
+        for evaluation in (end, first):
+            if evaluation is None:
+                continue
+            whole = _predict(problem, evaluation, 0.0)
+            shares: tuple[float, ...] = (1.0,)
+            if evaluation is first:
+                cost = _COST_OF_CHANGES * np.sqrt(problem.data.variation)
+                whole, shares = replace(whole, cost=cost), _SHARES
+                if not problem.sensors.shifts and not problem.sensors.scales:
+                    whole = replace(whole, shift=_create_shift(problem, evaluation))
+            for share in shares:
+                rows = whole.times <= share * whole.times.max()
+                part, count = whole.select(rows), int(np.sum(rows))
+                if count <= len(part.effects.T) + 2:
+                    break
+                square = float(np.sum(end.residuals[rows] ** 2))
+                if evaluation is first:
+                    square = min(square, part.fit(np.zeros((count, 0)))[0])
+                # At least the noise is left.
+                least = min(noise * count, square)
+                limit = least + (1.0 - _MIN_SHARE) * (square - least)
+                limit = min(limit, least + _MAX_LEFT_SHARE * part.variation)
+                if causes := _choose(problem, part, limit):
+                    return _join(causes, square, count)
     return ""
 
 
@@ -244,12 +254,12 @@ def _choose(problem: FitProblem, prediction: _Prediction, limit: float) -> list[
     Errors of all columns are considered if no error of one column, and none of the times, does.
     """
     headers = list(dict.fromkeys(problem.headers))
-    causes = [*_errors_of_times(problem, prediction, headers, limit)]
+    causes = list(_errors_of_times(problem, prediction, headers, limit))
     for k in range(len(headers)):
         causes += _errors_of_values(problem, prediction, headers, [k])
     chosen = [x for x in causes if x.left <= limit]
     if not chosen and len(headers) > 1:
-        causes = _errors_of_values(problem, prediction, headers, range(len(headers)))
+        causes = list(_errors_of_values(problem, prediction, headers, range(len(headers))))
         chosen = [x for x in causes if x.left <= limit]
     return chosen
 
@@ -276,9 +286,7 @@ def _predict(problem: FitProblem, evaluation: Evaluation, cost: float) -> _Predi
     )
 
 
-def _create_shift(
-    problem: FitProblem, evaluation: Evaluation
-) -> Callable[[float], tuple[Array, Array, Array]]:
+def _create_shift(problem: FitProblem, evaluation: Evaluation) -> _Shift:
     """Return the function `shift` of a prediction: curves of the runs at other times."""
     sizes = np.where(evaluation.values == 0.0, 1.0, np.abs(evaluation.values))
     curves = {}
@@ -309,9 +317,7 @@ def _create_shift(
     return lru_cache(maxsize=None)(shift)
 
 
-def _shift_rows(
-    shift: Callable[[float], tuple[Array, Array, Array]], rows: Array, delay: float
-) -> tuple[Array, ...]:
+def _shift_rows(shift: _Shift, rows: Array, delay: float) -> tuple[Array, ...]:
     return tuple(x[rows] for x in shift(delay))
 
 
@@ -352,7 +358,7 @@ def _find_delay(prediction: _Prediction, is_late: Array, limit: float) -> tuple[
         moved, is_moved = prediction, is_late
         if delay:
             moved, is_moved = prediction.delayed(delay, is_late)
-        if 2 * len(moved.values) < len(is_late):
+        if len(moved.values) < _MIN_COVERED_SHARE * len(is_late):
             found.append((np.inf, delay))
             continue
         left, sizes = moved.fit((-moved.rates * is_moved)[:, None])
@@ -407,9 +413,9 @@ def _errors_of_values(
     )
     if is_scaled:
         return
-    left, scales, offsets = prediction.fit_scales(list(numbers))
+    left, scales = prediction.fit_scales(list(numbers))
     if any(map(_is_unit_error, scales)):
-        yield _Cause(left, _describe_scales(problem, columns, scales, offsets))
+        yield _Cause(left, _describe_scales(problem, columns, scales))
 
 
 def _is_unit_error(scale: float) -> bool:
@@ -417,26 +423,20 @@ def _is_unit_error(scale: float) -> bool:
     return not 1.0 / _MIN_FACTOR <= scale <= _MIN_FACTOR
 
 
-def _describe_scales(
-    problem: FitProblem, columns: Sequence[str], scales: Array, offsets: Array
-) -> str:
+def _describe_scales(problem: FitProblem, columns: Sequence[str], scales: Array) -> str:
     """Return a phrase on scales of columns: signs, or a unit."""
     wrong = [k for k, x in enumerate(scales) if _is_unit_error(x)]
     worst = max(wrong, key=lambda k: abs(np.log(abs(scales[k]))))
     scale, header = float(scales[worst]), columns[worst]
     names = [remove_unit(columns[k]) for k in wrong]
-    remedy = f"scale=[{', '.join(map(repr, names))}]"
-    pairs = list(zip(problem.data.series, problem.headers, strict=True))
-    ranges = {x: max(float(np.ptp(s.values)) for s, y in pairs if x == y) for x in columns}
-    shifted = [k for k in wrong if abs(offsets[k]) > _MIN_OFFSET_SHARE * ranges[columns[k]]]
-    if shifted:
-        remedy += f" and offset=[{', '.join(repr(remove_unit(columns[k])) for k in shifted)}]"
-    named = f"data of {list_first(names, _MAX_NAMES)}"
+    remedy = f"scale={names} and offset={names}"
+    named = f"data of {', '.join(names)}"
     if scale < 0.0 and not _is_unit_error(-scale):
         return (
             f"{named} that are mirrored (scale {scale:.3g}; reverse their sign, or estimate it "
             f"with {remedy})"
         )
+    pairs = zip(problem.data.series, problem.headers, strict=True)
     series = next(x for x, y in pairs if y == header)
     return (
         f"{named} that are scaled (scale {scale:.3g}{_guess_units(header, scale)}; check the "

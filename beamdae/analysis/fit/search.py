@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from beamdae.analysis.fit.problem import (
+    MIN_SINGULAR_RATIO,
     Evaluation,
     FitProblem,
     Scaling,
@@ -25,12 +26,8 @@ Array = np.ndarray
 # Relative changes of the sum of squares and of the variables at which a search has converged, and
 # those at which one has that only provides first values.
 _TOLERANCE, _ROUGH_TOLERANCE = 1e-8, 1e-3
-# Gradients below this ratio to the sum of squares of the first values are rounding errors.
-_ZERO_GRADIENT = 1e-15
 # Combinations of relative changes of parameters with a larger standard deviation are undetermined.
 MAX_RELATIVE_DEVIATION = 1.0
-# Singular values below this ratio to the largest are rounding errors of the derivatives.
-MIN_SINGULAR_RATIO = 1e-9
 # Weight of the distance from the first values in undetermined directions: a change by a factor of
 # e^3 costs one variance of the data, whose standard deviation is guessed, relative to that of the
 # motion, while it is unknown.
@@ -44,13 +41,13 @@ _MAX_NEXT_STEP = 0.1
 MIN_RELATIVE_RESIDUAL = 1e-6
 # A search has explained the data if it leaves less than this share of their variation, or noise.
 _MAX_UNEXPLAINED_SHARE = 0.2
-# One that has not ends after the first number of evaluations, unless the sum of squares decreases
-# by this factor in the second number.
-_MIN_EVALUATIONS, _STALLED_EVALUATIONS, _MAX_STALLED_RATIO = 12, 6, 0.2
+# One that has not ends if the sum of squares does not decrease by this factor in this number of
+# evaluations.
+_STALLED_EVALUATIONS, _MAX_STALLED_RATIO = 7, 0.2
 # Shares of the time of the data, one after the other, from which first values are estimated.
-_FIRST_SHARES = (0.0625, 0.125, 0.25, 0.5)
+_FIRST_SHARES = (0.0625, 0.25)
 # Smallest share of the variation of the data in a part, and largest number of its evaluations.
-_MIN_PART_VARIATION, _MAX_PART_EVALUATIONS = 1e-3, 15
+_MIN_PART_VARIATION, _MAX_PART_EVALUATIONS = 1e-3, 7
 # Share of the variation of the data above which the end of a search is no solution.
 _MAX_ACCEPTED_SHARE = 0.5
 
@@ -155,7 +152,7 @@ class _Evaluations:
     def _require_progress(self) -> None:
         """End a search that has not explained the data and hardly reduces the sum of squares."""
         self._sums.append(self.best.chi_square)
-        if len(self._sums) < _MIN_EVALUATIONS or is_explained(self.problem, self.best):
+        if len(self._sums) <= _STALLED_EVALUATIONS or is_explained(self.problem, self.best):
             return
         if self._sums[-1] > _MAX_STALLED_RATIO * self._sums[-1 - _STALLED_EVALUATIONS]:
             raise _StalledError
@@ -231,9 +228,7 @@ def search(
             sentence = f"{status.sentence}; {count} failed, the last one: {record.failures[-1]}"
             status = Status(status.kind, sentence)
     is_stalled &= not status.success
-    return SearchResult(
-        last, record.count, status, at_bounds, record.first, rejected, is_stalled
-    )
+    return SearchResult(last, record.count, status, at_bounds, record.first, rejected, is_stalled)
 
 
 def _minimize(
@@ -273,7 +268,7 @@ def _minimize(
         bounds=(lower, upper),
         ftol=tolerance,
         xtol=tolerance,
-        gtol=_ZERO_GRADIENT,
+        gtol=None,
         max_nfev=max(record.limit - record.count, 0) + 1,  # The first evaluation is cached.
     )
     return whole(result.x), result
@@ -307,12 +302,13 @@ def robust_search(
     """
     end = search(problem, scaling, first, max_evaluations, known=known)
     if not is_explained(problem, end.evaluation) and end.evaluations < max_evaluations:
+        count = problem.data.count
         try:
             end = _repeat_from_first_data(problem, scaling, first, end, max_evaluations)
         except KeyboardInterrupt as interrupt:
             best = getattr(interrupt, "partial", None)
             # Those of first parts of the data are no ends of the fit.
-            if isinstance(best, SearchResult) and len(best.evaluation.residuals) == problem.data.count:
+            if isinstance(best, SearchResult) and len(best.evaluation.residuals) == count:
                 end = min(end, best, key=lambda x: x.chi_square)
             reason = f"interrupted after {format_count(end.evaluations, 'evaluation')}"
             partial = replace(end, status=Status("interrupted", reason))
@@ -369,15 +365,15 @@ def _judge_explanation(problem: FitProblem, end: SearchResult) -> SearchResult:
     """Return an end with the status "limited" if it leaves most of the variation of the data."""
     share = unexplained_share(problem, end.evaluation)
     is_poor = share > _MAX_ACCEPTED_SHARE and not is_noise(end.evaluation.residuals)
-    if not (end.is_stalled or (end.status.success and is_poor)):
+    if not (is_poor or end.is_stalled):
         return end
     amount = f"only {100.0 * (1.0 - share):.2g} % of the variation of the data"
     if share >= 1.0:
         amount = "the data less well than their mean does"
-    verb = "converged"
+    ending = end.status.sentence
     if end.is_stalled:
-        verb = f"stopped without progress after {format_count(end.evaluations, 'evaluation')}"
-    status = Status("limited", f"{verb}, but the model explains {amount}")
+        ending += f" after {format_count(end.evaluations, 'evaluation')}"
+    status = Status("limited", f"{ending}, but the model explains {amount}")
     return replace(end, status=status, explains=False)
 
 
