@@ -549,6 +549,8 @@ class Scaling:
         Lower and upper bounds by name, as given or with units.
     is_log
         True (K,) for parameters in `log`.
+    sizes
+        Absolute first values (K,), or typical sizes of shifts and of first values of zero.
     """
 
     def __init__(self, problem: FitProblem, bounds: Any, log: Any) -> None:
@@ -599,18 +601,25 @@ class Scaling:
         self._values = values
         self._is_linear = (values == 0.0) | (np.arange(len(values)) >= len(names))
         sizes = [*np.ones(len(names)), *(x.size for x in shifts)]
-        self._size = np.where(self._is_linear, sizes, np.abs(values))
+        self.sizes = np.where(self._is_linear, sizes, np.abs(values))
         self.limits = self.variables(lower), self.variables(upper)
         self.first = self.start(values)
 
     def start(self, values: Array) -> Array:
-        """Return the variables at which a search from values (K,) begins, inside the bounds.
+        """Return the variables at which a search from values (K,) begins, inside the bounds."""
+        return self.inside(self.variables(values))
 
-        The first steps of a search that begins at a bound are too short for it to continue.
-        """
+    def inside(self, x: Array) -> Array:
+        """Return variables (K,) inside the bounds: searches do not continue from a bound."""
         lower, upper = self.limits
         distance = _START_DISTANCE * np.minimum(upper - lower, 1.0)
-        return np.clip(self.variables(values), lower + distance, upper - distance)
+        return np.clip(x, lower + distance, upper - distance)
+
+    def distances(self, values: Array) -> tuple[Array, Array]:
+        """Return the distances (K,) of values from their bounds, in first values or variables."""
+        x = self.variables(values)
+        below, above = (np.abs(values - bound) / self.sizes for bound in self.bounds)
+        return np.minimum(below, x - self.limits[0]), np.minimum(above, self.limits[1] - x)
 
     def spread(self, count: int, seed: int) -> Array:
         """Return values (count, K) distributed evenly between bounds, or between their logarithms.
@@ -625,7 +634,7 @@ class Scaling:
     def variables(self, values: Array) -> Array:
         """Return the variables of values (K,)."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(self._is_linear, values - self._values, values) / self._size
+            ratio = np.where(self._is_linear, values - self._values, values) / self.sizes
             logarithm = np.log(ratio)
         signed = np.arcsinh(np.sinh(_LOG_ORIGIN) * ratio) - np.sign(self._values) * _LOG_ORIGIN
         return 1.0 + np.where(self._is_linear, ratio, np.where(self.is_log, logarithm, signed))
@@ -633,7 +642,7 @@ class Scaling:
     def values(self, x: Array) -> Array:
         """Return the values of the parameters at x."""
         ratio, _ = self._ratio(x)
-        values = np.where(self._is_linear, self._values, 0.0) + self._size * ratio
+        values = np.where(self._is_linear, self._values, 0.0) + self.sizes * ratio
         # Bounds are exact, as values at which profiles end.
         for limit, bound in zip(self.limits, self.bounds, strict=True):
             values = np.where(x == limit, bound, values)
@@ -641,7 +650,7 @@ class Scaling:
 
     def derivatives(self, x: Array) -> Array:
         """Return the derivatives of the values with respect to x, (K,)."""
-        return self._size * self._ratio(x)[1]
+        return self.sizes * self._ratio(x)[1]
 
     def _ratio(self, x: Array) -> tuple[Array, Array]:
         """Return ratios of values to their sizes, and the derivatives of these."""

@@ -45,8 +45,8 @@ _MIN_FACTOR = 1.8
 # First parts of the data that first values may predict in phase, as shares of the time, and the
 # cost of a relative change of an estimate by 1, as a share of the deviation of the data.
 _SHARES, _COST_OF_CHANGES = (1.0, 0.5, 0.25, 0.125), 0.1
-# Share of the variation of such a part that an error leaves if it is named.
-_MAX_LEFT_SHARE = 0.05
+# Share of the variation of a part that an error leaves if it is named, and values of a part.
+_MAX_LEFT_SHARE, _MIN_VALUES_PER_ESTIMATE = 0.02, 5
 # Iterations for scales, which multiply changes of the estimates.
 _MAX_ITERATIONS = 6
 # Delays are searched among this number, up to this share of the duration in both directions, in
@@ -222,7 +222,7 @@ def suggest_causes(problem: FitProblem, end: Evaluation, first: Evaluation | Non
             for share in shares:
                 rows = whole.times <= share * whole.times.max()
                 part, count = whole.select(rows), int(np.sum(rows))
-                if count <= len(part.effects.T) + 2:
+                if count < _MIN_VALUES_PER_ESTIMATE * len(part.effects.T):
                     break
                 square = float(np.sum(end.residuals[rows] ** 2))
                 if evaluation is first:

@@ -252,7 +252,8 @@ class Fit:
         not explain the data (`sigma` is known, and larger values of chi-square have a probability
         below 1e-3), on a given `sigma` of more than 1.4 times the residuals of its column (if
         smaller residuals have a probability below 1e-6), on residuals that are no white noise
-        (consecutive ones have a correlation above 0.5, single ones are outliers, or, without `sigma`, columns or experiments scatter
+        (consecutive ones have a correlation above 0.5, single ones are outliers, or, without
+        `sigma`, columns or experiments scatter
         differently), on estimates at a bound, on intervals of correlated parameters whose linear
         approximation may fail (`profile` does without it), or on data that end after the end time
         of the model.
@@ -888,15 +889,20 @@ def _find_fixed(
 ) -> Array:
     """Return True (k,) for estimates that the covariance of the others holds fixed.
 
-    They are at a bound, or have intervals that exceed both bounds.
+    They are at a bound, or have intervals that exceed both bounds, or relative standard deviations
+    above 100 % even if all others are known.
     """
     count = len(problem.variables)
     below, above = _distances_to_bounds(problem, scaling, estimates)
     slopes = np.ones(len(estimates))
     slopes[:count][scaling.is_log] = estimates[:count][scaling.is_log]
     half = _NORMAL_QUANTILE * np.sqrt(np.diag(information.covariance)) / slopes
-    is_fixed = half > np.maximum(below, above)
+    is_fixed = np.asarray(half > np.maximum(below, above))
     is_fixed[:count] |= search.at_bounds
+    effects = np.linalg.norm(information.singular[:, None] * information.directions, axis=0)
+    # Near zero, changes are relative to the first value.
+    effects[:count] *= np.maximum(scaling.sizes / information.sizes[:count], 1.0)
+    is_fixed |= effects * MAX_RELATIVE_DEVIATION < 1.0
     return np.asarray(is_fixed)
 
 

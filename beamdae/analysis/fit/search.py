@@ -32,7 +32,7 @@ MAX_RELATIVE_DEVIATION = 1.0
 # e^3 costs one variance of the data, whose standard deviation is guessed, relative to that of the
 # motion, while it is unknown.
 _PRIOR_WEIGHT, _GUESSED_SIGMA = 1.0 / 3.0, 0.01
-# Distance of a variable from a bound up to which its estimate may be at the bound.
+# Distance from a bound, in first values or logarithms, up to which an estimate may be at the bound.
 _MAX_BOUND_DISTANCE = 1e-2
 # Length of the next Gauss-Newton step, in standard deviations of the estimates, up to which the end
 # of a search is a minimum.
@@ -197,6 +197,7 @@ def search(
         attraction = _PRIOR_WEIGHT * sigma * np.eye(len(first))
         x, result = _minimize(record, first, free, attraction, _ROUGH_TOLERANCE)
         if not is_rough and result.success:
+            x = scaling.inside(x)
             attraction = _attract_undetermined(record, x, free)
             x, result = _minimize(record, x, free, attraction, _TOLERANCE)
         last, ending = record.at(x), ""
@@ -278,7 +279,9 @@ def _attract_undetermined(record: _Evaluations, x: Array, free: Array) -> Array:
     """Return the attraction (j, K) of the combinations that the data do not determine at `x`."""
     evaluation = record.at(x)
     sigma = _standard_deviation(record.problem, evaluation)
-    jacobian = evaluation.projected_jacobian * record.scaling.derivatives(x) * free
+    # Near zero, changes are relative to the first value.
+    sizes = np.maximum(record.scaling.derivatives(x), record.scaling.sizes)
+    jacobian = evaluation.projected_jacobian * sizes * free
     _, singular, directions = np.linalg.svd(jacobian)
     singular = np.append(singular, np.zeros(len(x) - len(singular)))
     limit = max(sigma / MAX_RELATIVE_DEVIATION, MIN_SINGULAR_RATIO * singular[0])
@@ -354,11 +357,13 @@ def is_explained(problem: FitProblem, evaluation: Evaluation) -> bool:
 
 
 def _standard_deviation(problem: FitProblem, evaluation: Evaluation) -> float:
-    """Return the standard deviation of the errors in units of the residuals."""
-    if problem.data.is_sigma_known:
-        return 1.0
+    """Return the standard deviation of the errors in units of the residuals.
+
+    It is that of the residuals, or that of a given sigma if it is smaller.
+    """
     freedom = evaluation.count - len(problem.variables) - len(problem.coefficients)
-    return float(np.sqrt(evaluation.chi_square / max(freedom, 1)))
+    deviation = float(np.sqrt(evaluation.chi_square / max(freedom, 1)))
+    return min(deviation, 1.0) if problem.data.is_sigma_known else deviation
 
 
 def _judge_explanation(problem: FitProblem, end: SearchResult) -> SearchResult:
@@ -372,7 +377,7 @@ def _judge_explanation(problem: FitProblem, end: SearchResult) -> SearchResult:
         amount = "the data less well than their mean does"
     ending = end.status.sentence
     if end.is_stalled:
-        ending += f" after {format_count(end.evaluations, 'evaluation')}"
+        ending = f"stopped without progress after {format_count(end.evaluations, 'evaluation')}"
     status = Status("limited", f"{ending}, but the model explains {amount}")
     return replace(end, status=status, explains=False)
 
@@ -406,8 +411,9 @@ def _find_next_step(
     residuals = np.append(end.residuals, attraction @ (x - scaling.first))
     curvature, gradient = np.sum(jacobian**2, axis=0), residuals @ jacobian
     steps = np.divide(-gradient, curvature, out=np.zeros(len(x)), where=curvature > 0.0)
-    is_low = (x - lower < _MAX_BOUND_DISTANCE) & (steps < lower - x)
-    is_high = (upper - x < _MAX_BOUND_DISTANCE) & (steps > upper - x)
+    below, above = scaling.distances(end.values)
+    is_low = (below < _MAX_BOUND_DISTANCE) & (steps < lower - x)
+    is_high = (above < _MAX_BOUND_DISTANCE) & (steps > upper - x)
     at_bounds = free & (is_low | is_high)
     rounding = MIN_RELATIVE_RESIDUAL * np.sqrt(record.problem.weighted_square)
     left = free & ~at_bounds
