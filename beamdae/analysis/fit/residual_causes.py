@@ -34,8 +34,9 @@ Array = np.ndarray
 # 0.75 of them.
 _MIN_SHARE = 0.85
 # Errors that leave sums of squares that differ by less, in variances of what the best one leaves,
-# explain the residuals alike: 3 standard deviations.
-_MAX_DIFFERENCE = 10.0
+# explain the residuals alike: 3 standard deviations. Predictions from the first values are alike
+# up to this ratio.
+_MAX_DIFFERENCE, _MAX_RATIO = 10.0, 10.0
 # Smaller parts of an effect that other estimates do not compensate are not assessed.
 _MIN_INDEPENDENT_PART = 0.1
 # Larger errors of a sampling rate are not named; 48 kHz instead of 44.1 kHz are 9 %.
@@ -46,7 +47,7 @@ _MIN_FACTOR = 1.8
 # cost of a relative change of an estimate by 1, as a share of the deviation of the data.
 _SHARES, _COST_OF_CHANGES = (1.0, 0.5, 0.25, 0.125), 0.1
 # Share of the variation of a part that an error leaves if it is named, and values of a part.
-_MAX_LEFT_SHARE, _MIN_VALUES_PER_ESTIMATE = 0.02, 5
+_MAX_LEFT_SHARE, _MIN_VALUES_PER_ESTIMATE = 0.05, 5
 # Iterations for scales, which multiply changes of the estimates.
 _MAX_ITERATIONS = 6
 # Delays are searched among this number, up to this share of the duration in both directions, in
@@ -80,6 +81,7 @@ class _Cause:
     """Error of the recording: the sum of squares that it leaves, and a phrase with the remedy."""
 
     left: float
+    kind: str
     phrase: str
 
 
@@ -219,6 +221,7 @@ def suggest_causes(problem: FitProblem, end: Evaluation, first: Evaluation | Non
                 whole, shares = replace(whole, cost=cost), _SHARES
                 if not problem.sensors.shifts and not problem.sensors.scales:
                     whole = replace(whole, shift=_create_shift(problem, evaluation))
+            found: list[tuple[float, list[_Cause]]] = []
             for share in shares:
                 rows = whole.times <= share * whole.times.max()
                 part, count = whole.select(rows), int(np.sum(rows))
@@ -232,20 +235,19 @@ def suggest_causes(problem: FitProblem, end: Evaluation, first: Evaluation | Non
                 limit = least + (1.0 - _MIN_SHARE) * (square - least)
                 limit = min(limit, least + _MAX_LEFT_SHARE * part.variation)
                 if causes := _choose(problem, part, limit):
-                    return _join(causes, square, count)
+                    best = max(min(x.left for x in causes), np.finfo(float).eps * square)
+                    alike = _MAX_DIFFERENCE / count if evaluation is end else _MAX_RATIO
+                    causes = [x for x in causes if x.left <= (1.0 + alike) * best]
+                    found.append((float(np.sqrt(square / best)), causes))
+            if found:
+                # Vibrations of a short part determine signs, those of a long one delays.
+                ratio, causes = max(found, key=lambda x: x[0])
+                named = {x.kind: x.phrase for x in [*causes, *found[0][1]]}
+                return (
+                    f"{' or '.join(named.values())} would reduce the residuals by a factor of "
+                    f"about {ratio:.2g}; otherwise, "
+                )
     return ""
-
-
-def _join(causes: Sequence[_Cause], square: float, count: int) -> str:
-    if not causes:
-        return ""
-    best = max(min(x.left for x in causes), np.finfo(float).eps * square)
-    limit = best + _MAX_DIFFERENCE * best / count
-    phrases = [x.phrase for x in causes if x.left <= limit]
-    return (
-        f"{' or '.join(phrases)} would reduce the residuals by a factor of about "
-        f"{np.sqrt(square / best):.2g}; otherwise, "
-    )
 
 
 def _choose(problem: FitProblem, prediction: _Prediction, limit: float) -> list[_Cause]:
@@ -332,7 +334,7 @@ def _errors_of_times(
             is_late[:] = True
         left, delay = _find_delay(prediction, is_late, limit)
         if delay:
-            yield _Cause(left, _describe_delay(problem, name, delay))
+            yield _Cause(left, f"delay {name}", _describe_delay(problem, name, delay))
     left, sizes = prediction.fit((-prediction.rates * prediction.times)[:, None])
     rate = float(sizes[0])
     if rate and abs(rate) <= _MAX_CLOCK_ERROR:
@@ -340,7 +342,7 @@ def _errors_of_times(
             f"times that are {100.0 * abs(rate):.2g} % too {'long' if rate > 0.0 else 'short'} "
             "(check the sampling rate, and what determines the frequencies of the model)"
         )
-        yield _Cause(left, phrase)
+        yield _Cause(left, "clock", phrase)
 
 
 def _find_delay(prediction: _Prediction, is_late: Array, limit: float) -> tuple[float, float]:
@@ -397,7 +399,7 @@ def _errors_of_values(
             f"{100.0 * abs(x):.2g} % too {'large' if x > 0.0 else 'small'}" for x in sizes.tolist()
         ]
         phrase = f"values of {', '.join(names)} that are {', '.join(amounts)}"
-        yield _Cause(left, f"{phrase} (estimate this with scale={names})")
+        yield _Cause(left, f"scale {names}", f"{phrase} (estimate this with scale={names})")
     left, sizes = prediction.fit(is_in * prediction.weights[:, None])
     if sizes.all():
         units = (split_unit(x)[1] for x in columns)
@@ -406,7 +408,7 @@ def _errors_of_values(
             for x, unit in zip(sizes.tolist(), units, strict=True)
         ]
         phrase = f"a constant error of {', '.join(names)} of {', '.join(amounts)}"
-        yield _Cause(left, f"{phrase} (estimate this with offset={names})")
+        yield _Cause(left, f"offset {names}", f"{phrase} (estimate this with offset={names})")
     is_scaled = any(
         header in columns and any(rows.start in sensor.rows for sensor in problem.sensors.scales)
         for _, header, rows in problem.rows_by_series()
@@ -415,7 +417,7 @@ def _errors_of_values(
         return
     left, scales = prediction.fit_scales(list(numbers))
     if any(map(_is_unit_error, scales)):
-        yield _Cause(left, _describe_scales(problem, columns, scales))
+        yield _Cause(left, f"unit {names}", _describe_scales(problem, columns, scales))
 
 
 def _is_unit_error(scale: float) -> bool:
