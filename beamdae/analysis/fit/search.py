@@ -96,7 +96,7 @@ class SearchResult:
 
 
 class _Evaluations:
-    """Evaluations of a search: counted, the last two cached, and the best one kept."""
+    """Evaluations of a search: counted, with the last, the last accepted and the best one."""
 
     def __init__(
         self,
@@ -113,7 +113,8 @@ class _Evaluations:
         # The first run must succeed.
         self.first = self.best = problem.evaluate(self.failed_values) if known is None else known
         self.count = 1
-        self._cache = {first.tobytes(): self.first}
+        self._accepted = first.tobytes()
+        self._cache = {self._accepted: self.first}
         if not self.best.count:
             raise BeamdaeError(
                 "fit: reactions of the model grow without bounds at all times of the data; choose "
@@ -131,11 +132,18 @@ class _Evaluations:
         if key not in self._cache:
             self.count += 1
             evaluation = self.problem.evaluate(self.scaling.values(x))
-            self._cache = dict([*self._cache.items(), (key, evaluation)][-2:])
+            kept = {x: y for x, y in self._cache.items() if x == self._accepted}
+            self._cache = kept | {key: evaluation}
             if evaluation.chi_square < self.best.chi_square:
                 self.best = evaluation
             self._require_progress()
         return self._cache[key]
+
+    def accept(self, x: Array) -> Evaluation:
+        """Return the evaluation at variables (K,) to which the search has moved."""
+        evaluation = self.at(x)
+        self._accepted = x.tobytes()
+        return evaluation
 
     def at_or_none(self, x: Array) -> Evaluation | None:
         """Return the evaluation at variables (K,), or None if the model or its run fails."""
@@ -258,7 +266,7 @@ def _minimize(
         return np.append(evaluation.residuals, distance) / size
 
     def jacobian(x: Array) -> Array:
-        rows = record.at(whole(x)).projected_jacobian * scaling.derivatives(whole(x))
+        rows = record.accept(whole(x)).projected_jacobian * scaling.derivatives(whole(x))
         return np.vstack([rows, attraction])[:, free] / size
 
     lower, upper = (limit[free] for limit in scaling.limits)
