@@ -26,6 +26,8 @@ Array = np.ndarray
 # Relative changes of the sum of squares and of the variables at which a search has converged, and
 # those at which one has that only provides first values.
 _TOLERANCE, _ROUGH_TOLERANCE = 1e-8, 1e-3
+# Gradients below this ratio to the sum of squares of the first values are rounding errors.
+_ZERO_GRADIENT = 1e-15
 # Combinations of relative changes of parameters with a larger standard deviation are undetermined.
 MAX_RELATIVE_DEVIATION = 1.0
 # Weight of the distance from the first values in undetermined directions: a change by a factor of
@@ -205,7 +207,7 @@ def search(
         attraction = _PRIOR_WEIGHT * sigma * np.eye(len(first))
         x, result = _minimize(record, first, free, attraction, _ROUGH_TOLERANCE)
         if not is_rough and result.success:
-            x = scaling.inside(x)
+            x = np.where(free, scaling.inside(x), x)
             attraction = _attract_undetermined(record, x, free)
             x, result = _minimize(record, x, free, attraction, _TOLERANCE)
         last, ending = record.at(x), ""
@@ -277,7 +279,7 @@ def _minimize(
         bounds=(lower, upper),
         ftol=tolerance,
         xtol=tolerance,
-        gtol=None,
+        gtol=_ZERO_GRADIENT,
         max_nfev=max(record.limit - record.count, 0) + 1,  # The first evaluation is cached.
     )
     return whole(result.x), result
@@ -294,7 +296,10 @@ def _attract_undetermined(record: _Evaluations, x: Array, free: Array) -> Array:
     singular = np.append(singular, np.zeros(len(x) - len(singular)))
     limit = max(sigma / MAX_RELATIVE_DEVIATION, MIN_SINGULAR_RATIO * singular[0])
     is_undetermined = singular < (limit or np.inf)
-    return _PRIOR_WEIGHT * sigma * directions[is_undetermined]
+    # Orthonormal directions in the variables.
+    ratios = sizes / record.scaling.derivatives(x)
+    basis, _ = np.linalg.qr((directions[is_undetermined] * ratios).T)
+    return np.asarray(_PRIOR_WEIGHT * sigma * basis.T)
 
 
 def robust_search(
