@@ -47,7 +47,7 @@ _MIN_FACTOR = 1.8
 # cost of a relative change of an estimate by 1, as a share of the deviation of the data.
 _SHARES, _COST_OF_CHANGES = (1.0, 0.5, 0.25, 0.125), 0.1
 # Share of the variation of a part that an error leaves if it is named, and values of a part.
-_MAX_LEFT_SHARE, _MIN_VALUES_PER_ESTIMATE = 0.05, 5
+_MAX_LEFT_SHARE, _MIN_VALUES_PER_ESTIMATE = 0.05, 3
 # Iterations for scales, which multiply changes of the estimates.
 _MAX_ITERATIONS = 6
 # Delays are searched among this number, up to this share of the duration in both directions, in
