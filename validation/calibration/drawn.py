@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 import beamdae as bd
 from beamdae.errors import BeamdaeWarning
 
-COUNT = 48
+COUNT = 36
 RESULTS = Path(__file__).parent / "results"
 METHOD = bd.GeneralizedAlpha(step=4e-3)
 # Factors of an error of the recording, and words of the phrase that names it.
