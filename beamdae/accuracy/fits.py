@@ -10,13 +10,11 @@ import numpy as np
 from beamdae.accuracy.errors import FACTOR, Errors, Split
 from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import RTOL_BESIDE_ACCURATE_STEPS, describe_refinement, refine_method
-from beamdae.analysis.fit.problem import Evaluation, FitProblem
+from beamdae.analysis.fit.problem import MIN_SINGULAR_RATIO, Evaluation, FitProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
-
-_MIN_SINGULAR_RATIO = 1e-9  # of the directions in which the data determine the estimates
 
 
 def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
@@ -63,7 +61,7 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
     refined = describe_refinement(run.equations, first, run)
 
     def state(changes: Array) -> Errors:
-        shifts = -np.linalg.lstsq(jacobian, changes, rcond=_MIN_SINGULAR_RATIO)[0] * sizes
+        shifts = -np.linalg.lstsq(jacobian, changes, rcond=MIN_SINGULAR_RATIO)[0] * sizes
         names = headers[: len(values)]
         of_estimates = Errors.of_values(names, values, values + shifts, refined, sizes)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -15,7 +15,6 @@ import pandas as pd
 
 from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.fit.search import robust_search
-from beamdae.analysis.parameter_bounds import spread_starts
 from beamdae.errors import BeamdaeError, as_real, require_progress
 from beamdae.integrators import Integrator
 from beamdae.interrupts import Interrupted, attach_partial
@@ -121,8 +120,7 @@ def run_starts(
     path = None if folder is None else require_folder("fit", folder)
     serial = as_real(jobs) == 1.0
     executor = SerialPool() if serial else create_executor("fit", "", jobs, None)
-    spread = spread_starts(*scaling.limits, starts - 1, seed)
-    points = [problem.first_values, *map(scaling.values, spread)]
+    points = [problem.first_values, *scaling.spread(starts - 1, seed)]
     settings = [dict(zip(problem.names, point.tolist(), strict=False)) for point in points]
     defaults = problem.model.parameters
     changed = {

@@ -170,23 +170,6 @@ def test_regression_searches_that_leave_the_domain_of_a_parameter_advise_bounds(
 
 
 @SLOW
-@pytest.mark.parametrize(("size", "is_named"), [(1e-3, False), (2e-2, True)])
-def test_regression_rejected_values_far_from_a_minimum_are_not_named(exact, size, is_named):
-    """They were named as the reason of an early end, 90 standard deviations from the estimate."""
-    times = np.linspace(0.0, 4.0, 81)
-    run = bd.simulate(oscillator(**TRUE), METHOD, t_end=4.0).at_times(times)
-    noise = np.random.default_rng(1).normal(scale=1e-5, size=times.size)
-    # The model lacks the vibration.
-    data = {"t [s]": times, "mass.x": run["mass.x"] + size * np.sin(40.0 * times) + noise}
-    first = {"damping": 5.0, "stiffness": 45.0}
-    with pytest.warns(bd.BeamdaeWarning, match="The model does not explain the data"):
-        result = bd.fit(oscillator, data, list(TRUE), METHOD, parameters=first, sigma=1e-5)
-    assert result.status.success
-    assert result.parameters == pytest.approx(TRUE, rel=0.01)
-    assert any("The model rejected damping = -4.5" in x for x in result.warnings) == is_named
-
-
-@SLOW
 def test_regression_estimates_of_noisy_data_at_a_bound_are_reported(exact):
     # The search converges at a distance from the bound, which its own criterion does not see.
     noise = np.random.default_rng(1).normal(scale=NOISE, size=TIMES.size)
@@ -417,11 +400,10 @@ def test_regression_fits_that_explain_little_cause_a_warning(exact):
         "parameters": {"stiffness": 0.25 * TRUE["stiffness"]},
         "bounds": {"damping": (0, 50)},
     }
-    with pytest.warns(
-        bd.BeamdaeWarning, match=r"of the variance of the data unexpl|than their mean"
-    ):
+    with pytest.warns(bd.BeamdaeWarning, match=r"explains (only|the data less well)"):
         result = bd.fit(oscillator, data, "damping", METHOD, **options)
-    assert any("start from other values" in sentence for sentence in result.warnings)
+    assert result.status.kind == "limited"
+    assert "start from other values" in result.status.sentence
 
 
 @SLOW
@@ -533,10 +515,10 @@ def test_regression_a_weak_parameter_does_not_keep_the_others_from_their_minimum
     """The search ended at the first values, because long steps of nu left its domain."""
     by = ["E", "damping"]
     alone = bd.fit(ruler, measured, by, sigma=2e-4, log=by)
-    with pytest.warns(bd.BeamdaeWarning, match="The data do not determine nu"):
-        result = bd.fit(ruler, measured, [*by, "nu"], sigma=2e-4, log=by)
+    result = bd.fit(ruler, measured, [*by, "nu"], sigma=2e-4, log=by)
     assert result.status.success
-    assert result.parameters["nu"] == 0.3
+    assert any("nu by" in sentence for sentence in result.undetermined)
+    assert result.parameters["nu"] == pytest.approx(0.3, rel=0.5)
     for name, deviation in zip(by, alone.standard_deviations, strict=True):
         assert abs(result.parameters[name] - alone.parameters[name]) < 0.1 * deviation
     np.testing.assert_allclose(result.standard_deviations[:2], alone.standard_deviations, rtol=1e-2)

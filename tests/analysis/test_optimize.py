@@ -915,8 +915,7 @@ def hanger(stiffness=bd.param(30.0, "N/m", "stiffness of the spring"), rest=1.0)
 
 def read_bounds_of_fit(bounds):
     problem = FitProblem(hanger, {"t [s]": [0.1, 0.2], "mass.y": [-1.0, -1.1]}, ["stiffness"])
-    first = problem.first_values
-    return [float(x[0] * first[0]) for x in Scaling(problem, bounds, ()).limits]
+    return [float(x[0]) for x in Scaling(problem, bounds, ()).bounds]
 
 
 def read_bounds_of_optimize(bounds):

@@ -11,9 +11,9 @@ import numpy as np
 
 from beamdae import deferred
 from beamdae.analysis.fit.problem import FitProblem, Scaling
-from beamdae.analysis.fit.recording_errors import RecordingErrors
+from beamdae.analysis.fit.residual_causes import check_ranges
 from beamdae.analysis.fit.result import Fit, create_fit
-from beamdae.analysis.fit.search import SearchResult, reject_data, robust_search
+from beamdae.analysis.fit.search import SearchResult, robust_search
 from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS, require_start_bounds
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
 from beamdae.errors import (
@@ -212,48 +212,40 @@ def fit(
         data_columns,
     )
     scaling = Scaling(problem, bounds, log)
-    errors = RecordingErrors(problem, scaling, bounds, log, max_evaluations)
-    first, table, is_interrupted, rejected = scaling.first, None, False, ""
+    first, table, is_interrupted = scaling.first, None, False
     if starts > 1:
         condition = ", above 0 for those in log" if np.any(scaling.is_log) else ""
         require_start_bounds("fit", problem.variables, *scaling.limits, condition)
-        try:
-            evaluation = problem.evaluate(scaling.values(scaling.first))
-        except (ValueError, ArithmeticError):
-            pass  # other searches may succeed
-        else:
-            errors.check_ranges(evaluation)
-            rejected = errors.check_scales(evaluation)
-    if starts > 1 and not rejected:
+    first_run = None
+    try:
+        first_run = problem.evaluate(scaling.values(first))
+        check_ranges(problem, scaling, first_run)
+    except (ValueError, ArithmeticError):
+        if starts == 1 or first_run is not None:
+            raise  # Otherwise, other searches may succeed.
+    if starts > 1:
         run_starts: Any = deferred.module("studies.fit_starts").run_starts
         first, table, is_interrupted = run_starts(
             problem, scaling, max_evaluations, starts, seed, folder, jobs, progress
         )
-    if rejected:
-        end = reject_data(evaluation, 1, rejected)
-    elif is_interrupted:
-        evaluation = problem.evaluate(scaling.values(first))
+    if is_interrupted:
         status = Status("interrupted", "interrupted before the end of all searches")
-        end = SearchResult(evaluation, 1, status, np.zeros(len(first), bool))
+        best = problem.evaluate(scaling.values(first))
+        end = SearchResult(best, 1, status, np.zeros(len(first), bool))
     else:
         try:
-            end = robust_search(
-                problem,
-                scaling,
-                first,
-                max_evaluations,
-                checks=errors if table is None else None,
-            )
+            known = first_run if table is None else None
+            end = robust_search(problem, scaling, first, max_evaluations, known)
         except Interrupted as interrupt:
             if not isinstance(interrupt.partial, SearchResult):
-                raise  # interrupted in the first run
+                raise  # Interrupted in the first run.
             acknowledge()
             end = interrupt.partial
         if table is not None:
             # Those of the search from the best start, whose end is evaluated again.
             best = table["chi-square"].astype(float).idxmin()
-            end = replace(end, evaluations=int(table["evaluations"][best]))
-    result = create_fit(problem, scaling, end, table, errors.first)
+            end = replace(end, evaluations=int(table["evaluations"][best]), first=first_run)
+    result = create_fit(problem, scaling, end, table)
     if result.status.kind == "interrupted":
         if partial == "raise":
             raise Interrupted(result.status.sentence, result, "fit")

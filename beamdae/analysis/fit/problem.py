@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +19,11 @@ from beamdae.analysis.fit.data import (
     warn_of_missing_units,
 )
 from beamdae.analysis.fit.sensors import Sensor, Sensors, read_sensors
-from beamdae.analysis.parameter_bounds import convert_bounds, require_bounds_around
+from beamdae.analysis.parameter_bounds import (
+    convert_bounds,
+    require_bounds_around,
+    spread_starts,
+)
 from beamdae.analysis.sensitivities.differentiable_methods import (
     DERIVATIVE_METHOD,
 )
@@ -58,6 +62,13 @@ _MAX_DURATION = 10.0
 # not exceed the first; times in milliseconds that are labeled as seconds are below the second.
 _MAX_USUAL_DURATION = 1.1
 _MIN_USUAL_DURATION = 1.0 / 300.0
+# Logarithm of the ratio of the first value of a parameter to those about zero where its variable is
+# linear.
+_LOG_ORIGIN = 5.3
+# Singular values below this ratio to the largest are rounding errors of the derivatives.
+MIN_SINGULAR_RATIO = 1e-9
+# Consecutive residuals with at most this correlation are noise.
+MAX_NOISE_CORRELATION = 0.5
 # Distance from bounds at which a search begins, relative to their distance or to the first value.
 _START_DISTANCE = 0.01
 
@@ -191,34 +202,16 @@ class FitProblem:
         self._values = np.concatenate([x.values for x in data.series])
         self.weights = 1.0 / np.concatenate([x.sigma for x in data.series])
 
-    def with_sensors(self, sensors: Sensors, first_values: Array) -> FitProblem:
-        """Return a problem with other unknown properties of sensors, and first values of all."""
-        other = copy.copy(self)
-        other.sensors, other.first_values = sensors, first_values
-        other._t_end = other._latest_times()
-        return other
-
-    def with_mirrored_data(self, headers: Sequence[str]) -> FitProblem:
-        """Return a problem with the opposite sign of the data of some columns."""
-        other = copy.copy(self)
-        signs = [
-            np.full(len(x.values), -1.0 if header in headers else 1.0)
-            for x, header in zip(self.data.series, self.headers, strict=True)
-        ]
-        other._values = self._values * np.concatenate(signs)
-        return other
-
     def with_first_data(self, share: float) -> FitProblem:
         """Return a problem with the data of the first `share` of the time of each series."""
         other = copy.copy(self)
         other._set_data(self.data.first(share))
+        rows = [
+            np.arange(x.start, x.start + len(part.values))
+            for (_, _, x), part in zip(self.rows_by_series(), other.data.series, strict=True)
+        ]
+        other.sensors = self.sensors.of_rows(np.concatenate(rows))
         other._t_end = other._latest_times()
-        return other
-
-    def without_data_before(self, time: float) -> FitProblem:
-        """Return a problem that ignores data before a time [s]: their weights are zero."""
-        other = copy.copy(self)
-        other.weights = np.where(self._times < time, 0.0, self.weights)
         return other
 
     @property
@@ -538,7 +531,11 @@ class FitProblem:
 
 
 class Scaling:
-    """Map between the variables x of the search, near 1 or 0, and the values of the parameters.
+    """Map between the variables x of the search and the values of the parameters.
+
+    Variables are 1 at first values v0. They are 1 + log(v / v0) for parameters in `log`,
+    1 + (v - v0) / size for shifts and first values of zero, and otherwise like logarithms, but
+    linear through zero: 1 + asinh(v / v0 sinh(c)) - c.
 
     Attributes
     ----------
@@ -546,15 +543,18 @@ class Scaling:
         First variables (K,), inside the bounds.
     limits
         Lower and upper bounds of the variables, (K,) each.
+    bounds
+        Lower and upper bounds of the values, (K,) each.
     bound_texts
         Lower and upper bounds by name, as given or with units.
     is_log
-        True (K,) for variables that are logarithms.
+        True (K,) for parameters in `log`.
+    sizes
+        Absolute first values (K,), or typical sizes of shifts and of first values of zero.
     """
 
     def __init__(self, problem: FitProblem, bounds: Any, log: Any) -> None:
         names, values = problem.names, problem.first_values
-        self._model_count = len(names)
         logarithmic = set(require_names("fit", "log", log, "a list of names of parameters"))
         limits = {} if bounds is None else bounds
         limits = require_mapping("fit", "bounds", limits, "a dict of (lower, upper) by name")
@@ -574,7 +574,6 @@ class Scaling:
                 )
         lower, upper = np.full((2, len(values)), [[-np.inf], [np.inf]])
         lower[self.is_log] = 0.0
-        self._size = np.where(values != 0.0, np.abs(values), 1.0)
         self.bound_texts: dict[str, tuple[str, ...]] = {}
         for k, name in enumerate(names):
             if name not in limits:
@@ -594,63 +593,88 @@ class Scaling:
                 given if isinstance(given, str) else format_with_unit(float(x), unit)
                 for given, x in zip(limits[name], (least, most), strict=True)
             )
-        for k, shift in enumerate(problem.sensors.shifts, len(names)):
+        shifts = problem.sensors.shifts
+        for k, shift in enumerate(shifts, len(names)):
             lower[k], upper[k] = shift.bounds
             self.bound_texts[shift.name] = tuple(f"{x:g} s" for x in shift.bounds)
-            self._size[k] = shift.size
+        self.bounds = lower, upper
+        self._values = values
+        self._is_linear = (values == 0.0) | (np.arange(len(values)) >= len(names))
+        sizes = [*np.ones(len(names)), *(x.size for x in shifts)]
+        self.sizes = np.where(self._is_linear, sizes, np.abs(values))
         self.limits = self.variables(lower), self.variables(upper)
         self.first = self.start(values)
 
-    def largest_ratio(self, x: Array) -> float:
-        """Return the largest ratio of a parameter without bounds to its first value at `x` (K,).
-
-        For logarithms, also the ratio of the first value to a smaller value. First values of zero
-        have no ratio.
-        """
-        changes = np.where(self.is_log, np.abs(x - self.first), 0.0)
-        is_free = np.isinf(self.limits[1]) & (np.arange(len(x)) < self._model_count)
-        is_free &= self.is_log | (self.first != 0.0)
-        with np.errstate(over="ignore"):
-            ratios = np.where(self.is_log, np.exp(changes), np.abs(x))
-        return float(np.max(ratios[is_free], initial=0.0))
-
-    def with_logarithms(self) -> Scaling:
-        """Return a map in which the variables of all positive parameters are logarithms."""
-        lower, upper = map(self.values, self.limits)
-        other = copy.copy(self)
-        is_model = np.arange(len(self.is_log)) < self._model_count
-        other.is_log = self.is_log | (is_model & (self.values(self.first) > 0.0))
-        other.limits = (
-            other.variables(np.where(other.is_log, np.maximum(lower, 0.0), lower)),
-            other.variables(upper),
-        )
-        other.first = other.start(self.values(self.first))
-        return other
-
     def start(self, values: Array) -> Array:
-        """Return the variables at which a search from values (K,) begins, inside the bounds.
+        """Return the variables at which a search from values (K,) begins, inside the bounds."""
+        return self.inside(self.variables(values))
 
-        The first steps of a search that begins at a bound are too short for it to continue.
-        """
+    def inside(self, x: Array) -> Array:
+        """Return variables (K,) inside the bounds: searches do not continue from a bound."""
         lower, upper = self.limits
         distance = _START_DISTANCE * np.minimum(upper - lower, 1.0)
-        return np.clip(self.variables(values), lower + distance, upper - distance)
+        return np.clip(x, lower + distance, upper - distance)
+
+    def distances(self, values: Array) -> tuple[Array, Array]:
+        """Return the distances (K,) of values from their bounds, in first values or variables."""
+        x = self.variables(values)
+        below, above = (np.abs(values - bound) / self.sizes for bound in self.bounds)
+        return np.minimum(below, x - self.limits[0]), np.minimum(above, self.limits[1] - x)
+
+    def spread(self, count: int, seed: int) -> Array:
+        """Return values (count, K) distributed evenly between bounds, or between their logarithms.
+
+        See `spread_starts`.
+        """
+        with np.errstate(divide="ignore"):
+            lower, upper = (np.where(self.is_log, np.log(np.abs(x)), x) for x in self.bounds)
+        points = spread_starts(lower, upper, count, seed)
+        return np.where(self.is_log, np.exp(np.where(self.is_log, points, 0.0)), points)
 
     def variables(self, values: Array) -> Array:
         """Return the variables of values (K,)."""
-        ratio = values / self._size
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(self.is_log, np.log(ratio), ratio)
+            ratio = np.where(self._is_linear, values - self._values, values) / self.sizes
+            logarithm = np.log(ratio)
+        signed = np.arcsinh(np.sinh(_LOG_ORIGIN) * ratio) - np.sign(self._values) * _LOG_ORIGIN
+        return 1.0 + np.where(self._is_linear, ratio, np.where(self.is_log, logarithm, signed))
 
     def values(self, x: Array) -> Array:
         """Return the values of the parameters at x."""
-        # Long steps of logarithms overflow: models reject infinite values.
-        with np.errstate(over="ignore"):
-            return self._size * np.where(self.is_log, np.exp(np.where(self.is_log, x, 0.0)), x)
+        ratio, _ = self._ratio(x)
+        values = np.where(self._is_linear, self._values, 0.0) + self.sizes * ratio
+        # Bounds are exact, as values at which profiles end.
+        for limit, bound in zip(self.limits, self.bounds, strict=True):
+            values = np.where(x == limit, bound, values)
+        return values
 
     def derivatives(self, x: Array) -> Array:
         """Return the derivatives of the values with respect to x, (K,)."""
-        return self._size * np.where(self.is_log, np.exp(np.where(self.is_log, x, 0.0)), 1.0)
+        return self.sizes * self._ratio(x)[1]
+
+    def _ratio(self, x: Array) -> tuple[Array, Array]:
+        """Return ratios of values to their sizes, and the derivatives of these."""
+        change = x - 1.0
+        # Long steps overflow: models reject infinite values.
+        with np.errstate(over="ignore"):
+            logarithm = np.exp(np.where(self.is_log, change, 0.0))
+            shifted = change + np.sign(self._values) * _LOG_ORIGIN
+            signed, slope = (f(shifted) / np.sinh(_LOG_ORIGIN) for f in (np.sinh, np.cosh))
+        ratio = np.where(self._is_linear, change, np.where(self.is_log, logarithm, signed))
+        slope = np.where(self._is_linear, 1.0, np.where(self.is_log, logarithm, slope))
+        return ratio, slope
+
+
+def unexplained_share(problem: FitProblem, evaluation: Evaluation) -> float:
+    """Return the sum of squares relative to that of the data about their means."""
+    square = evaluation.chi_square
+    return square / problem.data.variation if problem.data.variation else np.inf * bool(square)
+
+
+def is_noise(residuals: Array) -> bool:
+    """Return True if consecutive residuals are not alike."""
+    square = float(residuals @ residuals)
+    return float(residuals[1:] @ residuals[:-1]) <= MAX_NOISE_CORRELATION * square
 
 
 def _nearest_rows(times: Array, needed: Array) -> Array:

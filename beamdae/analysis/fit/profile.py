@@ -164,10 +164,10 @@ def trace_profile(
     max_points = require_count("profile", "max_points", max_points, most=_MAX_POINTS)
     k = problem.variables.index(name)
     names = (*problem.variables, *problem.coefficients)
-    free = ~np.isin(problem.variables, (name, *best.held))
+    free = ~np.isin(problem.variables, [name])
     threshold = quantile**2
     estimate = best.evaluation.values
-    lower, upper = (scaling.values(x)[k] for x in scaling.limits)
+    lower, upper = (x[k] for x in scaling.bounds)
 
     def point(result: SearchResult) -> tuple[float, float, Array]:
         evaluation = result.evaluation
@@ -195,7 +195,7 @@ def trace_profile(
                 limit = bound
                 break
             # Extrapolated, because the best values of the others depend almost linearly on it.
-            first = np.clip(last + change, *(scaling.values(x) for x in scaling.limits))
+            first = np.clip(last + change, *scaling.bounds)
             first[k] = value
             try:
                 result = search(problem, scaling, scaling.variables(first), _MAX_EVALUATIONS, free)

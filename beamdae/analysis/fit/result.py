@@ -15,10 +15,20 @@ from scipy.special import chdtr, chdtrc, stdtrit
 from beamdae import deferred
 from beamdae.analysis.fit.data import Series
 from beamdae.analysis.fit.intervals import bounded_interval
-from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
+from beamdae.analysis.fit.problem import (
+    MAX_NOISE_CORRELATION,
+    MIN_SINGULAR_RATIO,
+    Evaluation,
+    FitProblem,
+    Scaling,
+)
 from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
 from beamdae.analysis.fit.residual_causes import suggest_causes
-from beamdae.analysis.fit.search import MAX_NOISE_CORRELATION, MIN_RELATIVE_RESIDUAL, SearchResult
+from beamdae.analysis.fit.search import (
+    MAX_RELATIVE_DEVIATION,
+    MIN_RELATIVE_RESIDUAL,
+    SearchResult,
+)
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.equations import measures
 from beamdae.errors import BeamdaeError, kind_of_message, require_choice, warn_user
@@ -42,10 +52,6 @@ _NORMAL_QUANTILE = 1.959964
 _UPPER_PROBABILITY = 0.975
 # Format of numbers in notebooks.
 _DIGITS = "{:.5g}".format
-# Combinations of relative changes of parameters with larger standard deviations are not determined.
-_MAX_RELATIVE_DEVIATION = 1.0
-# Singular values below this ratio to the largest are rounding errors of the derivatives.
-_MIN_SINGULAR_RATIO = 1e-9
 # Changes of parameters below this ratio to their first value are relative to the first value.
 _MIN_RELATIVE_VALUE = 1e-3
 # Changes of the estimates by refined runs, in standard deviations, that are reported, and those
@@ -55,11 +61,6 @@ _MAX_SHIFT, _AIM_OF_SHIFT = 0.4, 0.1
 _MAX_SUM_DIFFERENCE = 0.1
 # Data with smaller errors, relative to their size, are computed: the runs are as accurate.
 _MIN_RELATIVE_SIGMA = 1e-6
-# Searches that converged this far from rejected values did not end because of them, in standard
-# deviations that follow from the scatter of the residuals. With vibrations that the model lacks,
-# estimates of the damping of an oscillator at 15 to 90 deviations from zero are accurate to 0.5 %,
-# and at 3 to 5 deviations to 2 %.
-_MIN_REJECTED_DISTANCE = 10.0
 # If larger values of chi-square are less probable, the model does not explain the data; if smaller
 # ones are, sigma is too large.
 _MIN_PROBABILITY = 1e-6
@@ -67,8 +68,6 @@ _MIN_PROBABILITY = 1e-6
 _MIN_USUAL_PROBABILITY = 1e-3
 # From this ratio of sigma to the residuals of a column, sigma is reported.
 _MAX_SIGMA_RATIO = 1.4
-# Larger shares of the variance that a fit without known errors leaves are reported.
-_MAX_UNEXPLAINED_SHARE = 0.5
 # Share of the variation of the data that the residuals of a known sigma leave at a local minimum.
 _MIN_LOCAL_SHARE = 0.2
 # Residuals below this ratio to the standard deviation of the data may be errors of the runs.
@@ -129,7 +128,8 @@ class Fit:
         "interrupted".
     undetermined
         Sentences that name combinations of parameters which the data do not determine: those with a
-        relative standard deviation above 100 %, and those with correlations above 0.99.
+        relative standard deviation above 100 %, in which the estimates stay close to the first
+        values, and those with correlations above 0.99.
     at_bounds
         Names of parameters at a bound, which have no standard deviations.
     """
@@ -154,7 +154,6 @@ class Fit:
     _scaling: Scaling = field(default=None, repr=False)  # type: ignore[assignment]
     _search: SearchResult = field(default=None, repr=False)  # type: ignore[assignment]
     _starts: Any = field(default=None, repr=False)
-    _first: Evaluation | None = field(default=None, repr=False)
     _last: Evaluation = field(default=None, repr=False)  # type: ignore[assignment]
 
     def __repr__(self) -> str:
@@ -251,10 +250,10 @@ class Fit:
         Sentences on values of parameters that the model rejected, on estimates that refined runs
         would change by more than 0.4 standard deviations (see `errors`), on models that do
         not explain the data (`sigma` is known, and larger values of chi-square have a probability
-        below 1e-3, or, without `sigma`, more than half of the variance is left), on a given `sigma`
-        of more than 1.4 times the residuals of its column (if smaller residuals have a probability
-        below 1e-6), on residuals that are no white noise (consecutive ones have a correlation above
-        0.5, single ones are outliers, or, without `sigma`, columns or experiments scatter
+        below 1e-3), on a given `sigma` of more than 1.4 times the residuals of its column (if
+        smaller residuals have a probability below 1e-6), on residuals that are no white noise
+        (consecutive ones have a correlation above 0.5, single ones are outliers, or, without
+        `sigma`, columns or experiments scatter
         differently), on estimates at a bound, on intervals of correlated parameters whose linear
         approximation may fail (`profile` does without it), or on data that end after the end time
         of the model.
@@ -285,9 +284,9 @@ class Fit:
 
     def _is_side_effect(self, experiment: str, sentence: str) -> bool:
         """Return True for a warning about values of a failed search, unlike the first ones."""
-        if self.status.kind != "limited" or self._first is None:
+        if self.status.kind != "limited" or self._search.first is None:
             return False
-        first = self._first.runs[experiment].solution.model_warnings
+        first = self._search.first.runs[experiment].solution.model_warnings
         return kind_of_message(sentence) not in set(map(kind_of_message, first))
 
     @property
@@ -414,11 +413,10 @@ class Fit:
         changes = np.stack([-half, half], axis=1)
         below, above = _distances_to_bounds(self._problem, self._scaling, values)
         if self.status.success and (self.at_bounds or np.any((half > below) | (half > above))):
-            # Parameters that keep their first values have the intervals of the linearized fit.
-            kept = ~np.isin(self.names, self._search.held)
-            jacobian, bounds = (self._jacobian * slopes)[:, kept], (-below[kept], above[kept])
-            for j, k in enumerate(np.flatnonzero(kept)):
-                changes[k] = bounded_interval(jacobian, self.residuals, bounds, j, self.quantile)
+            for k in range(len(values)):
+                changes[k] = bounded_interval(
+                    self._jacobian * slopes, self.residuals, (-below, above), k, self.quantile
+                )
         with np.errstate(over="ignore"):
             factors = np.exp(np.where(is_log[:, None], changes, 0.0))
         return np.where(is_log[:, None], values[:, None] * factors, values[:, None] + changes)
@@ -653,7 +651,7 @@ class Information:
     @cached_property
     def is_dependent(self) -> Array:
         """True (k,) for directions without an effect on the residuals."""
-        return np.asarray(self.singular <= _MIN_SINGULAR_RATIO * self.singular[0])
+        return np.asarray(self.singular <= MIN_SINGULAR_RATIO * self.singular[0])
 
     @property
     def covariance(self) -> Array:
@@ -696,7 +694,7 @@ class Information:
         for s, direction, dependent in zip(
             self.singular, self.directions, self.is_dependent, strict=True
         ):
-            if not dependent and s * _MAX_RELATIVE_DEVIATION >= 1.0:
+            if not dependent and s * MAX_RELATIVE_DEVIATION >= 1.0:
                 continue
             # Relative to the largest share, whose sign is positive.
             largest = direction[np.argmax(np.abs(direction))]
@@ -749,7 +747,7 @@ class Information:
         is_correlated = np.any([np.zeros(len(self.sizes), bool), *self._correlated()], axis=0)
         # Infinite intervals hold.
         squares = np.where(np.isfinite(variances), variances, 0.0) * self._variance_inflation
-        return np.asarray(is_correlated & (squares > _MAX_RELATIVE_DEVIATION**2))
+        return np.asarray(is_correlated & (squares > MAX_RELATIVE_DEVIATION**2))
 
     @property
     def _variance_inflation(self) -> Array:
@@ -767,7 +765,7 @@ class Information:
         jacobian = self.singular[:, None] * self.directions
         lengths = np.linalg.norm(jacobian, axis=0)
         # The direction of a negligible effect is arbitrary.
-        kept = np.flatnonzero(lengths * _MAX_RELATIVE_DEVIATION >= 1.0)
+        kept = np.flatnonzero(lengths * MAX_RELATIVE_DEVIATION >= 1.0)
         _, singular, directions = np.linalg.svd(jacobian[:, kept] / lengths[kept])
         shares = np.zeros((len(kept), len(lengths)))
         shares[:, kept] = np.abs(directions)
@@ -784,12 +782,8 @@ def create_fit(
     scaling: Scaling,
     search: SearchResult,
     starts: Any,
-    first: Evaluation | None,
 ) -> Fit:
-    """Return the result at the last values of a search.
-
-    `first` is the evaluation of the first values, or None if it failed.
-    """
+    """Return the result at the last values of a search."""
     evaluation, names = search.evaluation, problem.variables
     all_names = (*names, *problem.coefficients)
     estimates = np.concatenate([evaluation.values, evaluation.coefficients])
@@ -813,11 +807,15 @@ def create_fit(
     covariance = information.covariance
     np.fill_diagonal(covariance, variances)
     status = search.status
+    if not search.explains:
+        causes = suggest_causes(problem, evaluation, search.first)
+        advice = "check signs, units and times of the data and start=, or start from other values"
+        status = Status("limited", f"{status.sentence}; {causes}{advice}")
     steps: tuple[str, ...] = ()
     errors = None
     # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
     scatter = float(np.sqrt(np.mean(residuals**2)))
-    if status.kind != "interrupted" and not search.recording_error:
+    if status.kind != "interrupted" and search.explains:
         try:
             if not _are_computed(problem, estimate * max(1.0, scatter)):
                 errors = deferred.module("accuracy.fits").measure_fit(problem, evaluation)
@@ -826,8 +824,8 @@ def create_fit(
             acknowledge()
             status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
     doubts: tuple[str, ...] = ()
-    if not search.recording_error and (search.status.success or not search.rejected):
-        doubts = _check_residuals(problem, evaluation, residuals, len(all_names))
+    if search.explains and (search.status.success or not search.rejected):
+        doubts = _check_residuals(problem, search, residuals, len(all_names))
     count = len(problem.names)
     values = dict(zip(all_names, estimates.tolist(), strict=True))
     fit = Fit(
@@ -840,23 +838,13 @@ def create_fit(
         is_sigma_known=problem.data.is_sigma_known,
         evaluations=search.evaluations,
         status=status,
-        undetermined=() if search.recording_error else full.undetermined(texts, information),
+        undetermined=() if not search.explains else full.undetermined(texts, information),
         at_bounds=tuple(n for n, at in zip(names, search.at_bounds, strict=True) if at),
         _own_warnings=(
             *problem.duration_warnings,
             *_check_omitted(evaluation),
-            # Rejected values and bounds may be the cause of large residuals.
-            *(
-                _check_rejected_values(search, values, np.sqrt(variances) * max(1.0, scatter))
-                if doubts or not search.status.success
-                else ()
-            ),
+            *_check_rejected_values(search, values),
             *_check_bounds(problem, scaling, search, estimates),
-            *(
-                f"The data do not determine {name}, which would move far away and keeps its first "
-                "value; omit it from by, or pass bounds=."
-                for name in search.held
-            ),
             *doubts,
             *_check_intervals(problem, information),
             *steps,
@@ -868,7 +856,6 @@ def create_fit(
         _scaling=scaling,
         _search=search,
         _starts=starts,
-        _first=first,
         _last=evaluation,
     )
     if errors is not None:
@@ -884,11 +871,13 @@ def _distances_to_bounds(
     They are infinite without bounds, and differences of logarithms for parameters in `log`.
     """
     count = len(problem.variables)
-    sizes = np.ones(count)
-    x, (lower, upper) = scaling.variables(estimates[:count]), scaling.limits
-    sizes[~scaling.is_log] = scaling.derivatives(x)[~scaling.is_log]
     others = np.full(len(estimates) - count, np.inf)
-    return np.append((x - lower) * sizes, others), np.append((upper - x) * sizes, others)
+    ends = []
+    for bound in (estimates[:count], *scaling.bounds):
+        with np.errstate(divide="ignore"):
+            ends.append(np.where(scaling.is_log, np.log(np.abs(bound)), bound))
+    values, lower, upper = ends
+    return np.append(values - lower, others), np.append(upper - values, others)
 
 
 def _find_fixed(
@@ -900,15 +889,20 @@ def _find_fixed(
 ) -> Array:
     """Return True (k,) for estimates that the covariance of the others holds fixed.
 
-    They are at a bound, or have intervals that exceed both bounds, or keep their first values.
+    They are at a bound, or have intervals that exceed both bounds, or relative standard deviations
+    above 100 % even if all others are known.
     """
     count = len(problem.variables)
     below, above = _distances_to_bounds(problem, scaling, estimates)
     slopes = np.ones(len(estimates))
     slopes[:count][scaling.is_log] = estimates[:count][scaling.is_log]
     half = _NORMAL_QUANTILE * np.sqrt(np.diag(information.covariance)) / slopes
-    is_fixed = half > np.maximum(below, above)
-    is_fixed[:count] |= search.at_bounds | np.isin(problem.variables, search.held)
+    is_fixed = np.asarray(half > np.maximum(below, above))
+    is_fixed[:count] |= search.at_bounds
+    effects = np.linalg.norm(information.singular[:, None] * information.directions, axis=0)
+    # Near zero, changes are relative to the first value.
+    effects[:count] *= np.maximum(scaling.sizes / information.sizes[:count], 1.0)
+    is_fixed |= effects * MAX_RELATIVE_DEVIATION < 1.0
     return np.asarray(is_fixed)
 
 
@@ -936,34 +930,20 @@ def _check_bounds(
     return tuple(sentences)
 
 
-def _check_rejected_values(
-    search: SearchResult, values: Mapping[str, float], deviations: Array
-) -> tuple[str, ...]:
-    """Return a warning about parameters that the model rejected near the end of the search.
-
-    `deviations` are the standard deviations of `values`, in the same order. A search that converged
-    far from the rejected values did not end because of them.
-    """
-    sentences, bounds = [], []
-    for (name, estimate), deviation in zip(values.items(), deviations, strict=True):
-        if name not in search.rejected:
-            continue
-        rejected = search.rejected[name]
-        # Most domains end at zero.
-        is_end_zero = np.sign(rejected) * np.sign(estimate) <= 0.0
-        distance = abs(estimate - (0.0 if is_end_zero else rejected))
-        limit = 0.0 if is_end_zero else estimate
-        if search.status.success and distance > _MIN_REJECTED_DISTANCE * deviation:
-            continue
-        sentences.append(f"{name} = {rejected:.4g}")
-        ends = f"{limit:.4g}, upper" if rejected < estimate else f"lower, {limit:.4g}"
-        bounds.append(f"{name!r}: ({ends})")
-    if not bounds:
+def _check_rejected_values(search: SearchResult, values: Mapping[str, float]) -> tuple[str, ...]:
+    """Return a warning about values of parameters that the model rejected during the search."""
+    if search.status.success or not search.rejected:
         return ()
+    bounds = []
+    for name, rejected in search.rejected.items():
+        # Most domains end at zero.
+        limit = 0.0 if rejected * values[name] <= 0.0 else values[name]
+        ends = f"{limit:.4g}, upper" if rejected < values[name] else f"lower, {limit:.4g}"
+        bounds.append(f"{name!r}: ({ends})")
+    named = " and ".join(f"{name} = {x:.4g}" for name, x in search.rejected.items())
     return (
-        f"The model rejected {' and '.join(sentences)} during the search; pass "
-        f"bounds={{{', '.join(bounds)}}}, because searches next to invalid values may end early or "
-        "elsewhere.",
+        f"The model rejected {named} during the search; pass bounds={{{', '.join(bounds)}}}, "
+        "because searches next to invalid values may end early or elsewhere.",
     )
 
 
@@ -974,25 +954,6 @@ def _check_omitted(evaluation: Evaluation) -> tuple[str, ...]:
     return (
         f"The fit leaves out {np.sum(evaluation.is_omitted)} of {len(evaluation.residuals)} data, "
         "at which reactions of the model grow without bounds.",
-    )
-
-
-def _check_residuals(
-    problem: FitProblem,
-    evaluation: Evaluation,
-    residuals: Array,
-    count: int,
-) -> tuple[str, ...]:
-    """Return the first kind of warnings about the residuals that applies.
-
-    The residuals of the evaluation are in units of the weights, `residuals` in standard deviations.
-    """
-    return (
-        _check_chi_square(problem, evaluation, residuals, count)
-        or _check_variation(problem, evaluation)
-        or _check_sigma(problem, evaluation, residuals, count)
-        or _check_noise(problem, evaluation)
-        or _check_probability(problem, evaluation, residuals, count)
     )
 
 
@@ -1010,50 +971,45 @@ def _check_intervals(problem: FitProblem, information: Information) -> tuple[str
     )
 
 
-def _check_probability(
-    problem: FitProblem, evaluation: Evaluation, residuals: Array, count: int
+def _check_residuals(
+    problem: FitProblem, search: SearchResult, residuals: Array, count: int
 ) -> tuple[str, ...]:
-    """Return a warning if larger sums of the squared residuals are rare for the given sigma."""
-    freedom = evaluation.count - count
-    if not problem.data.is_sigma_known or freedom < 1:
-        return ()
-    probability = float(chdtrc(freedom, residuals @ residuals))
-    if probability >= _MIN_USUAL_PROBABILITY:
-        return ()
+    """Return the first kind of warnings about the residuals that applies.
+
+    The residuals of the search are in units of the weights, `residuals` in standard deviations.
+    """
+    left, freedom = float(residuals @ residuals), search.evaluation.count - count
+    probability = 1.0
+    if problem.data.is_sigma_known and freedom > 0:
+        probability = float(chdtrc(freedom, left))
+    parts = _split_by_series(problem, residuals)
+    if probability < _MIN_PROBABILITY:
+        sentence = (
+            f"The model does not explain the data: the residuals are {np.sqrt(left / freedom):.3g} "
+            "times as large as the given sigma, and the standard deviations do not apply"
+        )
+        outliers = np.concatenate([part[_find_outliers(part)] for part in parts])
+        if outliers @ outliers > _MIN_OUTLIERS_SHARE * left:
+            named = _name_outliers(problem, parts)
+            return (f"{sentence}; most of their squares are outliers.", *named)
+        local = ""
+        if left > _MIN_LOCAL_SHARE * problem.data.variation:
+            local = (
+                "start from other values, or pass bounds= and starts= to search from several, "
+                "because the search may have ended at a local minimum, "
+            )
+        causes = suggest_causes(problem, search.evaluation, search.first)
+        return (
+            f"{sentence}; {causes}{local}check the unit of sigma, which is that of its column, or "
+            "add what the model lacks.",
+        )
+    sentences = _check_sigma(problem, search.evaluation, residuals, count)
+    sentences = sentences or _check_noise(problem, search)
+    if sentences or probability >= _MIN_USUAL_PROBABILITY:
+        return sentences
     return (
         "The model may not explain the data: if it and sigma are right, larger residuals have a "
         f"probability of {probability:.1g}; check sigma and the residuals over time (plot).",
-    )
-
-
-def _check_chi_square(
-    problem: FitProblem, evaluation: Evaluation, residuals: Array, count: int
-) -> tuple[str, ...]:
-    """Return a warning if the sum of the squared residuals is improbable for the given sigma."""
-    freedom = evaluation.count - count
-    if not problem.data.is_sigma_known or freedom < 1:
-        return ()
-    if chdtrc(freedom, residuals @ residuals) >= _MIN_PROBABILITY:
-        return ()
-    ratio = float(np.sqrt(residuals @ residuals / freedom))
-    sentence = (
-        f"The model does not explain the data: the residuals are {ratio:.3g} times as large as the "
-        "given sigma, and the standard deviations do not apply"
-    )
-    parts = _split_by_series(problem, residuals)
-    outliers = np.concatenate([part[_find_outliers(part)] for part in parts])
-    if outliers @ outliers > _MIN_OUTLIERS_SHARE * (residuals @ residuals):
-        return (f"{sentence}; most of their squares are outliers.", *_name_outliers(problem, parts))
-    if residuals @ residuals > _MIN_LOCAL_SHARE * problem.data.variation:
-        return (
-            f"{sentence}; {suggest_causes(problem, evaluation)}start from other values, or pass "
-            "bounds= and starts= to search from several, because the search may have ended at a "
-            "local minimum, check the unit of sigma, which is that of its column, or add what the "
-            "model lacks.",
-        )
-    return (
-        f"{sentence}; {suggest_causes(problem, evaluation)}check the unit of sigma, which is that "
-        "of its column, or add what the model lacks.",
     )
 
 
@@ -1073,67 +1029,28 @@ def _check_sigma(
     columns: dict[str, list[Array]] = {}
     for series, _, rows in problem.rows_by_series():
         changes = (series.values - series.values.mean()) / series.sigma
-        name = series.name_in_data or series.column
-        compared = ~evaluation.is_omitted[rows]
-        columns.setdefault(name, []).append(np.stack([residuals[rows], changes])[:, compared])
+        compared = np.stack([residuals[rows], changes])[:, ~evaluation.is_omitted[rows]]
+        columns.setdefault(series.name_in_data or series.column, []).append(compared)
     sentences = []
     for name, parts in columns.items():
-        squares = np.sum(np.concatenate(parts, axis=1) ** 2, axis=1)
-        freedom = sum(x.shape[1] for x in parts) - count
-        left, variation = squares
+        values = np.concatenate(parts, axis=1)
+        left, variation = np.sum(values**2, axis=1)
+        freedom = len(values.T) - count
         is_improbable = freedom >= _MIN_NOISE_COUNT and chdtr(freedom, left) < _MIN_PROBABILITY
-        if not is_improbable or left * _MAX_SIGMA_RATIO**2 >= freedom:
-            continue
-        if left > _MAX_NOISELESS_RATIO**2 * variation:
+        is_large = left * _MAX_SIGMA_RATIO**2 < freedom
+        if is_improbable and is_large and left > _MAX_NOISELESS_RATIO**2 * variation:
             column, unit = split_unit(name)
-            ratio = float(np.sqrt(freedom / left))
             sentences.append(
-                f"sigma of {column} is {ratio:.2g} times as large as the residuals, so the "
-                "standard deviations are too large; reduce it, or check its unit, which is that "
-                f"of the column in the data{unit and f', {unit}'}."
+                f"sigma of {column} is {np.sqrt(freedom / left):.2g} times as large as the "
+                "residuals, so the standard deviations are too large; reduce it, or check its "
+                f"unit, which is that of the column in the data{unit and f', {unit}'}."
             )
     return tuple(sentences)
 
 
-def _check_variation(problem: FitProblem, evaluation: Evaluation) -> tuple[str, ...]:
-    """Return a warning if most of the variation of the data about their means is left.
-
-    Consecutive residuals of a wrong model are alike; those of noise are not, about which the data
-    of a state at rest vary. Values of one column have one mean over all experiments.
-    """
-    if problem.data.is_sigma_known:
-        return ()
-    residuals = evaluation.residuals
-    columns: dict[str, list[Array]] = {}
-    for series in problem.data.series:
-        columns.setdefault(series.column, []).append(
-            np.stack([series.values, 1.0 / series.sigma**2])
-        )
-    parts = _split_by_series(problem, residuals)
-    products = sum(float(x[:-1] @ x[1:]) for x in parts)
-    variation = size = 0.0
-    for rows in columns.values():
-        values, weights = np.concatenate(rows, axis=1)
-        variation += float(weights @ (values - np.average(values, weights=weights)) ** 2)
-        size += float(weights @ values**2)
-    left = float(residuals @ residuals)
-    is_noise = left <= _MIN_RELATIVE_SIGMA**2 * size or (
-        len(residuals) > len(parts) and products <= MAX_NOISE_CORRELATION * left
-    )
-    if is_noise or left <= _MAX_UNEXPLAINED_SHARE * variation:
-        return ()
-    amount = "explains the data less well than their mean does"
-    if left <= variation:
-        amount = f"leaves {100.0 * left / variation:.0f} % of the variance of the data unexplained"
-    return (
-        f"The model {amount}; {suggest_causes(problem, evaluation)}start from other values, or "
-        "pass bounds= and starts= to search from several.",
-    )
-
-
-def _check_noise(problem: FitProblem, evaluation: Evaluation) -> tuple[str, ...]:
+def _check_noise(problem: FitProblem, search: SearchResult) -> tuple[str, ...]:
     """Return warnings if the residuals of a good fit are not white noise of known relative size."""
-    residuals = evaluation.residuals
+    residuals = search.evaluation.residuals
     parts = _split_by_series(problem, residuals)
     left = float(residuals @ residuals)
     if (
@@ -1144,12 +1061,13 @@ def _check_noise(problem: FitProblem, evaluation: Evaluation) -> tuple[str, ...]
     correlation = sum(float(x[:-1] @ x[1:]) for x in parts) / left
     if correlation > MAX_NOISE_CORRELATION:
         factor = np.sqrt((1.0 + correlation) / (1.0 - correlation))
+        causes = suggest_causes(problem, search.evaluation, search.first)
         return (
             f"Consecutive residuals have a correlation of {correlation:.2f}, so the standard "
             f"deviations are too small, by a factor of up to {factor:.2g}; "
-            f"{suggest_causes(problem, evaluation)}use fewer data per second if the noise is slow, "
-            "other first values or starts= if another minimum may be lower, or add what the model "
-            "lacks, such as shift= or offset=.",
+            f"{causes}use fewer data per second if the noise is slow, other first values or "
+            "starts= if another minimum may be lower, or add what the model lacks, such as shift= "
+            "or offset=.",
         )
     sentences = list(_name_outliers(problem, parts))
     scatter = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -72,6 +72,14 @@ class Sensors:
     scales: tuple[Sensor, ...]
     offsets: tuple[Sensor, ...]
     shifts: tuple[Sensor, ...]
+
+    def of_rows(self, rows: Array) -> Sensors:
+        """Return the sensors of some of the data, given by their ascending rows."""
+        kinds = (
+            tuple(replace(x, rows=np.flatnonzero(np.isin(rows, x.rows))) for x in kind)
+            for kind in (self.scales, self.offsets, self.shifts)
+        )
+        return Sensors(*kinds)
 
 
 def read_sensors(
