@@ -50,7 +50,7 @@ class Count(NamedTuple):
 class Neighbor(NamedTuple):
     """Count beside a point, at a distance relative to that of the ends."""
 
-    count: Count
+    counts: Count
     distance: float
 
 
@@ -77,7 +77,7 @@ def find_hidden_growth(
     Mean and difference of neighboring eigenvalues, (l1 - l2)^2, are smooth where the eigenvalues
     meet. They are interpolated by cubic polynomials, with the derivatives at both ends.
     """
-    counts = first, first_beside.count, last, last_beside.count
+    counts = first, first_beside.counts, last, last_beside.counts
     size = min(len(x.spectrum) for x in counts)
     if size < 2:
         return None

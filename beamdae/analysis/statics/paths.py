@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.critical import (
     BRANCH,
     FLUTTER,
@@ -15,7 +16,6 @@ from beamdae.analysis.continuation.critical import (
     critical_mode,
     explain_counts,
 )
-from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.engine import (
     Control,
     CurveError,
