@@ -101,7 +101,8 @@ class Equilibrium(HasPage):
         Lagrange multipliers of the constraints (k, m) [N or N m].
     unstable
         Number of unstable directions of each equilibrium under constant loads (k,), or -1 if it is
-        not known. If it is 0, the equilibrium is stable, unless it can move without stiffness.
+        not known. If it is 0, the equilibrium is stable, unless it can move without stiffness. At a
+        critical point, the motion that becomes critical does not count.
     critical
         Limit, branch and flutter points, in the order of the path.
     settings

@@ -101,6 +101,8 @@ def test_unstable_directions_are_growing_modes_and_change_at_critical_points(see
     for a, b in pairwise(regular):
         expected = sum(weights.get(row, 0) for row in range(a, b))
         assert abs(path.unstable[b] - path.unstable[a]) == expected
+        if b == a + 2:  # the motion that becomes critical does not count
+            assert path.unstable[a + 1] == min(path.unstable[a], path.unstable[b])
     for row in regular[:: len(regular) // 8 + 1]:
         assert path.unstable[row] == count_growing_modes(mech, path, row)
 
@@ -136,6 +138,28 @@ def test_critical_points_do_not_depend_on_direction_and_steps(height, options):
     finer = bd.equilibrium(mech, to={"ridge.y": depth}, control="arc length", step=0.01)
     assert_same_points(by_arc.critical, finer.critical)
     assert_same_points(by_arc.critical, first)
+
+
+@BOTH
+@pytest.mark.parametrize("control", ["load", "arc length"])
+@pytest.mark.parametrize("relative", [0.0, 1e-12, -1e-12, 1e-10, -1e-10, 1e-9, -1e-9, 1e-7, -1e-7])
+def test_targets_at_a_branch_point_are_reached_on_the_path(relative, control, options):
+    # The straight column has its tip at x = 0, the shallow portal its ridge at x = 0.5 m.
+    for mech, column, x, to in (
+        (cantilever(0.01, **options)[0], "tip.x", 0.0, 4.0),
+        (portal(0.01, **options), "ridge.x", 0.5, 30.0),
+    ):
+        branch = bd.equilibrium(mech, to=to, control="arc length").critical[0]
+        target = branch.factor * (1.0 + relative)
+        path = bd.equilibrium(mech, to=[target, 1.2 * branch.factor], control=control)
+        row = int(np.argmin(np.abs(path.factors[:, -1] - target)))
+        assert path.factors[row, -1] == pytest.approx(target, rel=1e-11)
+        assert path.status.success
+        assert [one.kind for one in path.critical] == ["branch point"]
+        # Rounding moves points along the mode. The crossing path is 1e-5 m away at 1e-10.
+        assert_allclose(path.table()[f"{column} [m]"], x, rtol=0.0, atol=1e-6)
+        assert list(np.sort(path.unstable)) == list(path.unstable)
+        assert list(path.unstable[[0, -1]]) == [0, 1]
 
 
 @pytest.mark.slow(reason="a second")

@@ -19,7 +19,14 @@ from beamdae.analysis.continuation.counts import (
     find_hidden_growth,
     find_hidden_turn,
 )
-from beamdae.analysis.continuation.engine import CurveError, Point, Segment, Tangent
+from beamdae.analysis.continuation.engine import (
+    REGULAR_DISTANCE,
+    CurveError,
+    Point,
+    Segment,
+    Tangent,
+    interpolate,
+)
 
 Array = np.ndarray
 
@@ -31,8 +38,8 @@ _RESOLUTION = 1e-6
 # Where a curve branches off another one, its parameter turns and an eigenvalue touches zero: closer
 # to this point, rounding decides the sign of the eigenvalue.
 _TURN_RESOLUTION = 1e-2
-# Distance from a root of the samples between which it is interpolated, and their largest number.
-_ROOT_TOLERANCE, _MAX_SAMPLES = 1e-3, 60
+# Largest number of samples for a root.
+_MAX_SAMPLES = 60
 # Wider brackets, relative to this distance, are bisected at times.
 _WIDE = 100.0
 # Pairs of critical points that cancel are sought in parts of a segment down to this width, and the
@@ -121,19 +128,21 @@ def _explain(
             *_explain(segment, middle, high, resolution),
         ]
     is_turn = not (change or flutter or doublings)
+    # The critical motion itself does not grow.
+    stable = min(low, high, key=lambda x: x.counts.unstable).point
     is_single = abs(change) + abs(doublings) == 1 and not flutter and not (doublings and turns)
     if is_single or is_turn:
         found = _find_root(segment, low, high, bool(doublings))
         if found is not None:
             position, point, mode = found
             kind = DOUBLING if doublings else LIMIT if turns else BRANCH
-            return [CriticalPoint(position, kind, point, mode)]
+            return [CriticalPoint(position, kind, replace(point, beside=stable), mode)]
     width = high.position - low.position
     if width > (_TURN_RESOLUTION if is_turn else resolution):
         share = 0.5 if is_turn else find_growth_change(low.counts, high.counts)
         middle = _sample(segment, low, high, share)
         # Beside clusters, rounding lets counts change back and forth.
-        if width > _ROOT_TOLERANCE or _is_between(middle.counts, low.counts, high.counts):
+        if width > REGULAR_DISTANCE or _is_between(middle.counts, low.counts, high.counts):
             return [
                 *_explain(segment, low, middle, resolution),
                 *_explain(segment, middle, high, resolution),
@@ -147,7 +156,8 @@ def _explain(
     oscillations = min(abs(flutter), (growing - limits) // 2)
     kinds = [LIMIT] * limits + [FLUTTER] * oscillations
     kinds += [BRANCH] * (growing - limits - 2 * oscillations) + [DOUBLING] * abs(doublings)
-    return [CriticalPoint(low.position, kind, low.point, mode) for kind in kinds]
+    point = replace(low.point, beside=stable)
+    return [CriticalPoint(low.position, kind, point, mode) for kind in kinds]
 
 
 def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float | None:
@@ -172,7 +182,7 @@ def _find_neighbor(sample: _Sample, way: float) -> Neighbor:
     """Return the count beside a sample, at a distance relative to a change of the control."""
     problem = sample.point.problem
     tangent = sample.tangent.scale(way)
-    move, count = sample.point.beside(tangent.scale(_NEIGHBOR_DISTANCE))
+    move, count = sample.point.neighbor(tangent.scale(_NEIGHBOR_DISTANCE))
     one, other = (np.append(x.x * problem.weights, x.p) for x in (move, tangent))
     return Neighbor(count, float(one @ other) / float(other @ other))
 
@@ -190,7 +200,7 @@ def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
     x, _ = low.point.between(high.point, share)
     p = low.point.p + 0.5 * low.rate * share * width
     problem = low.point.problem
-    point = Point(problem, x, p, problem.linearize(x, p))
+    point = Point(problem, x, p, problem.linearize(x, p), beside=low.point)
     position = low.position + share * (high.position - low.position)
     return CriticalPoint(position, BRANCH, point, critical_mode(low.point))
 
@@ -229,7 +239,7 @@ def _find_root(
         left, right = ends[0][0], ends[1][0]
         root = min(max(_interpolate_inversely(samples), left), right)
         # Long steps may pass a critical point at their very beginning.
-        tolerance = _ROOT_TOLERANCE * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
+        tolerance = REGULAR_DISTANCE * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
         # Closer to a crossing, rounding moves points along the critical mode.
         is_left_far, is_right_far = root - left > 2.0 * tolerance, right - root > 2.0 * tolerance
         if not (is_left_far or is_right_far):
@@ -271,23 +281,10 @@ def _find_root(
         share = (position - left) / (right - left)
         point = segment.part(first, last, left, right).at(share)
     else:
-        point = _interpolate_point(points, position)
+        point = interpolate(points, position)
     if not (turns or alternates) and _opposes(point, border) > _MAX_IMPERFECTION:
         raise CurveError("the stability changes abruptly")
     return position, point, mode
-
-
-def _interpolate_point(points: dict[float, Point], position: float) -> Point:
-    """Return the point at a position of the cubic through the four nearest points."""
-    nearest = sorted(points, key=lambda x: abs(x - position))[:4]
-    base = points[nearest[0]]
-    problem, step, p = base.problem, np.zeros_like(base.x), 0.0
-    for one in nearest:
-        weight = float(np.prod([(position - x) / (one - x) for x in nearest if x != one]))
-        step += weight * problem.difference(points[one].x, base.x)
-        p += weight * points[one].p
-    x = problem.move(base.x, step)
-    return Point(problem, x, p, problem.linearize(x, p))
 
 
 def _interpolate_inversely(samples: dict[float, float]) -> float:

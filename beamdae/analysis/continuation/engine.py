@@ -49,6 +49,11 @@ _SPLIT_RATIO = 1.2
 _REACH_ROUNDING = 1e-3
 # Steps below this fraction of the largest one may turn by any angle: the curve has a corner.
 _CORNER_STEP = 1e-3
+# Position of a target in a step that passes it.
+_TARGET = 0.5
+# Distance from a singular point, relative to the segment, at which rounding does not move points
+# along the critical mode.
+REGULAR_DISTANCE = 1e-3
 
 
 class CurveError(Exception):
@@ -237,30 +242,34 @@ Control = Callable[[Array, float], Row]
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Solution of a problem, with its linearization."""
+    """Solution of a problem, with its linearization.
+
+    `beside` is a point beside a singular one, whose monitor is not a matter of rounding.
+    """
 
     problem: Problem
     x: Array
     p: float
     linearization: Linearization
     iterations: int = 0
-    _beside: list[tuple[Tangent, Any]] = field(default_factory=list, init=False, repr=False)
+    beside: Point | None = None
+    _neighbor: list[tuple[Tangent, Any]] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
     def monitor(self) -> Any:
         """What must change continuously along curves, see `Problem.monitor`."""
-        return self.problem.monitor(self)
+        return self.beside.monitor if self.beside else self.problem.monitor(self)
 
-    def beside(self, move: Tangent) -> tuple[Tangent, Any]:
+    def neighbor(self, move: Tangent) -> tuple[Tangent, Any]:
         """Return a small move along the curve, and the monitor after it.
 
         They are those of the first call: the tangent of a curve is unique.
         """
-        if not self._beside:
+        if not self._neighbor:
             x, p = self.problem.move(self.x, move.x), self.p + move.p
-            point = replace(self, x=x, p=p, linearization=self.problem.linearize(x, p))
-            self._beside.append((move, point.monitor))
-        return self._beside[0]
+            point = Point(self.problem, x, p, self.problem.linearize(x, p))
+            self._neighbor.append((move, point.monitor))
+        return self._neighbor[0]
 
     def bordered(self, column: Array, row: Array, corner: float) -> Factors:
         """Return the factors of the Jacobian, bordered by a column and a row."""
@@ -336,8 +345,8 @@ class Segment:
         First and last point.
     control, values
         Control that changes monotonically along the curve, and its values at both points.
-    begin_tangent
-        Tangent at the first point, with respect to the control.
+    begin_tangent, end_tangent
+        Tangents at both points, with respect to the control; None to compute that at the end.
     """
 
     begin: Point
@@ -345,6 +354,7 @@ class Segment:
     control: Control
     values: tuple[float, float]
     begin_tangent: Tangent
+    end_tangent: Tangent | None = None
 
     def at(self, position: float) -> Point:
         """Return the point at a position from 0 to 1.
@@ -373,7 +383,7 @@ class Segment:
         CurveError
             If it is not unique.
         """
-        return self._tangent_at(self.end)
+        return self.end_tangent or self._tangent_at(self.end)
 
     @property
     def direction(self) -> Tangent:
@@ -387,7 +397,36 @@ class Segment:
         """Return the part between two points at the positions `first` and `last`."""
         begin_value, end_value = self.values
         low, high = (begin_value + x * (end_value - begin_value) for x in (first, last))
-        return replace(self, begin=begin, end=end, values=(low, high))
+        return replace(self, begin=begin, end=end, values=(low, high), end_tangent=None)
+
+    def end_between(self, share: float, critical: list[Any]) -> tuple[Segment, list[Any]]:
+        """Return the part up to a position where the tangent may be singular.
+
+        `critical` are the critical points of the whole; those of the part are returned, too.
+        """
+        (first, last), d = self.values, REGULAR_DISTANCE
+        points = {share + k * d: self.at(share + k * d) for k in (-2, -1, 1, 2)}
+        before, after = points[share - d], points[share + d]
+        change = self.begin.problem.difference(after.x, before.x)
+        tangent = Tangent(change, after.p - before.p).scale(0.5 / (d * (last - first)))
+        found = [one for one in critical if one.position <= share + ROUNDING]
+        is_after = any(one.position > share - d for one in found)
+        end = replace(interpolate(points, share), beside=after if is_after else before)
+        part = self.part(self.begin, end, 0.0, share)
+        return replace(part, end_tangent=tangent), found
+
+
+def interpolate(points: dict[float, Point], position: float) -> Point:
+    """Return the point at a position of the cubic through the four nearest points."""
+    nearest = sorted(points, key=lambda x: abs(x - position))[:4]
+    base = points[nearest[0]]
+    problem, step, p = base.problem, np.zeros_like(base.x), 0.0
+    for one in nearest:
+        weight = float(np.prod([(position - x) / (one - x) for x in nearest if x != one]))
+        step += weight * problem.difference(points[one].x, base.x)
+        p += weight * points[one].p
+    x = problem.move(base.x, step)
+    return Point(problem, x, p, problem.linearize(x, p))
 
 
 @dataclass(frozen=True)
@@ -422,9 +461,9 @@ def follow(
     control: Control,
     target: float,
     steps: Steps,
-    explain: Callable[[Segment], Any],
+    explain: Callable[[Segment], list[Any]],
     tangent: Tangent | None = None,
-) -> Iterator[tuple[Segment, Any]]:
+) -> Iterator[tuple[Segment, list[Any]]]:
     """Yield segments from `begin` on until the control has the value `target`.
 
     Parameters
@@ -436,7 +475,8 @@ def follow(
     steps
         Size of steps.
     explain
-        Function that returns the critical points of a segment, and raises CurveError if what it
+        Function that returns the critical points of a segment, with a `position` from 0 to 1, and
+        raises CurveError if what it
         monitors changes without them; the step is then shortened.
     tangent
         First direction; by default, that in which the control approaches the target.
@@ -522,6 +562,11 @@ class _Trial(NamedTuple):
         """Tangent along the step."""
         return self.unit.scale(float(np.sign(self.values[1] - self.values[0])))
 
+    def pass_target(self) -> _Trial:
+        """Return the step whose position `_TARGET` is its end."""
+        first, last = self.values
+        return self._replace(values=(first, first + (last - first) / _TARGET))
+
     @property
     def change(self) -> Tangent:
         """Change along the tangent."""
@@ -533,8 +578,8 @@ def _take_step(
     control: Control,
     target: float,
     steps: Steps,
-    explain: Callable[[Segment], Any],
-) -> tuple[Segment, Any, _Progress]:
+    explain: Callable[[Segment], list[Any]],
+) -> tuple[Segment, list[Any], _Progress]:
     """Return the segment of the next step, its critical points, and the progress after it."""
     begin, size, tangent, last = progress.begin, progress.size, progress.tangent, progress.last
     problem, weight, row = begin.problem, steps.parameter_weight, control(begin.x, begin.p)
@@ -545,18 +590,26 @@ def _take_step(
         tangent = tangent.scale(1.0 / _length(problem, tangent, weight))
         usual = _limit_arc(problem, tangent, steps)
         size, usual = min(size, usual), min(usual, steps.largest)
+    passes = False
     while True:
-        is_corner = size <= _CORNER_STEP * usual
+        is_corner, trial = size <= _CORNER_STEP * usual, None
         try:
             trial = _try(begin, control, target, steps, tangent, size, is_corner)
+            trial = trial.pass_target() if passes else trial
             curved = _extrapolate(problem, last, trial, weight)
             segment, error = _correct_trial(begin, trial, curved, is_corner)
             cosine = _cosine(problem, tangent, segment.direction, weight)
             if steps.by_arc_length:
                 _require_near(control, target, trial, segment, 1.0 if is_corner else cosine)
             found = explain(segment)
+            if passes:
+                segment, found = segment.end_between(_TARGET, found)
             break
         except CurveError:
+            passes = trial is not None and trial.is_last and not passes
+            if passes:
+                # A target where the tangent is singular is found between regular points.
+                continue
             size, last = size * _CUT, None
             if size < steps.smallest * usual:
                 raise
