@@ -12,6 +12,9 @@ Array = np.ndarray
 _SHARES = np.linspace(0.0, 1.0, 101)
 # Real parts up to this fraction of an eigenvalue between points are interpolation errors.
 _MIN_GROWTH = 1e-5
+# Largest deviation of a change from the mean rate, relative to the largest rate, of a pair of
+# eigenvalues; changes below a fraction of their sizes are none.
+_MAX_RATE_ERROR, _MIN_CHANGE = 0.5, 1e-6
 
 
 class Count(NamedTuple):
@@ -82,12 +85,16 @@ def find_hidden_growth(
     if size < 2:
         return None
     begin, begin_near, end, end_near = (_pair_neighbors(x.spectrum, size) for x in counts)
+    begin_rate = (begin_near - begin) / first_beside.distance
+    end_rate = (end_near - end) / last_beside.distance
     t, change = _SHARES[:, None], end - begin
-    begin_bend = (begin_near - begin) / first_beside.distance - change
-    end_bend = (end_near - end) / last_beside.distance - change
-    bend = t * (1.0 - t) * (begin_bend * (1.0 - t) - end_bend * t)
+    bend = t * (1.0 - t) * ((begin_rate - change) * (1.0 - t) - (end_rate - change) * t)
     growing = _count_growing(begin + change * t + bend, _MIN_GROWTH)
-    differs = (growing != growing[0]) & (growing[0] == growing[-1])
+    # Pairs of other eigenvalues at the end do not follow from the rates.
+    error, size = np.abs(change - 0.5 * (begin_rate + end_rate)), np.abs(begin) + np.abs(end)
+    largest = np.maximum(np.abs(begin_rate), np.abs(end_rate))
+    is_same = (error <= _MAX_RATE_ERROR * largest + _MIN_CHANGE * size).all(axis=(0, 1))
+    differs = (growing != growing[0]) & (growing[0] == growing[-1]) & is_same
     return _middle_of(differs.any(axis=1))
 
 
