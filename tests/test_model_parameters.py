@@ -2,12 +2,15 @@
 
 import math
 import pickle
+from pathlib import Path
 
 import pytest
 
 import beamdae as bd
 from beamdae.cli.model_files.example_files import example_names
+from beamdae.cli.model_files.outline import read_outline
 from beamdae.model_parameters import (
+    format_with_unit,
     parse_unit,
     parse_value,
 )
@@ -49,6 +52,15 @@ def test_parameters_have_units_and_descriptions():
     assert (info["copies"].unit, info["copies"].default) == ("-", 1)
     assert "length=0.85 m, mass=2 kg, tilt=0.1 rad, copies=1, " in repr(swing)
     assert "<td>length</td><td>0.85</td><td>m</td>" in swing._repr_html_()
+
+
+def test_hints_of_an_unexecuted_file_are_those_of_its_model():
+    hints = read_outline(Path(__file__)).hints["swing"]
+    for name, default, unit, description in swing.parameter_info.values():
+        text, _, reason = hints[name].partition(": ")
+        assert text == f"default {format_with_unit(repr(default), unit)}"
+        assert bool(reason) == bool(description)
+        assert description.startswith(reason.removesuffix(" [...]"))
 
 
 def test_defaults_with_units_are_plain_numbers_in_the_model():

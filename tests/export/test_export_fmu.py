@@ -43,6 +43,7 @@ def crane(
     mech.add(bd.Revolute("pin", arm.end, load.point))
     mech.add(bd.TorsionSpring("spring", hinge.a, hinge.b, stiffness))
     mech.add(bd.Moment("motor", arm.start, torque))
+    mech.add(bd.Moment("slow motor", arm.end, bd.low_pass(mech, "lag", torque, 0.02, start=0.2)))
     gust = bd.piecewise((0.05, lambda t: 0.0), lambda t: 2.0)
     mech.add(bd.Force("gust", arm.end, (0.0, gust)))
     mech.observe("tip", arm.end)

@@ -205,6 +205,7 @@ def test_event_before_nonfinite_states_stops_the_run():
         solution = bd.simulate(falling(HIT), OwnMethod(0.05, change=breaks), 5.0)
     assert solution.status.kind == "failed"
     assert solution.event_records == ()
+    assert_allclose(solution.t[-1], 0.55, rtol=1e-9)
 
 
 def test_an_event_of_a_rate():

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -217,13 +218,15 @@ def test_mechanisms_have_the_sliders_of_their_model_unless_changed():
 
 
 @bd.model(t_end=1.0)
-def turned(a=0.0, b=0.0):
+def turned(a=0.0, b=0.0, end: Literal["free", "held"] = "free", size: Literal["M", 2] = "M"):
     """Turn by `a` [rad] and `b` [deg]."""
 
 
-def test_sliders_of_angles_reach_half_a_turn_in_both_directions():
-    ends = [(x["low"], x["high"]) for x in create_controls(turned)]
-    assert ends == [(-np.pi, np.pi), (-180.0, 180.0)]
+def test_sliders_of_angles_reach_half_a_turn_and_lists_contain_texts():
+    *sliders, end, size = create_controls(turned)
+    assert [(x["low"], x["high"]) for x in sliders] == [(-np.pi, np.pi), (-180.0, 180.0)]
+    assert (end["kind"], end["choices"]) == ("choice", ["free", "held"])
+    assert (size["kind"], size["value"]) == ("text", "M")
 
 
 def test_ranges_of_sliders():

@@ -158,14 +158,16 @@ def test_the_smallest_distance_is_stated():
 
 
 def pressed_lip(stiffness, height=2e-3, start="as drawn"):
-    """Return a cantilever of 0.2 m that a force of 10 N presses on a surface below its tip."""
+    """Return a cantilever of 0.2 m that a force of 10 N presses on a plate of 1 m below its tip."""
     rubber = bd.Material(E=6e6, nu=0.45, rho=1150.0)
     section = bd.Section.rectangle(rubber, width=0.03, height=height, damping=3e-3)
     mech = bd.Mechanism(start=start)
     lip = mech.add(bd.Beam("lip", bd.Line((0, 0), (0.2, 0)), section, 2, formulation="exact"))
     mech.add(bd.Weld("clamp", mech.ground.at(0, 0), lip.start))
     mech.add(bd.Force("press", lip.end, (0.0, -10.0)))
-    surface = bd.LineSurface(mech.ground.at(0.0, -1e-4))
+    plate = mech.add(bd.RigidBody.plate("plate", (0.2, -0.5001), 0.5, 1.0, mass=1.0))
+    mech.add(bd.Weld("bed", mech.ground.at(0.2, -1.0), plate.at(0.2, -1.0)))
+    surface = bd.LineSurface(plate.at(0.2, -1e-4))
     mech.add(bd.Contact("glass", lip.end, surface, stiffness, exponent=1.0))
     return mech
 
@@ -231,22 +233,22 @@ def test_contacts_deeper_than_a_touching_part_have_a_warning(mech, t_end, limit)
     assert all(f"deep, more than {limit}" in x or f"the largest {limit}" in x for x in found)
 
 
-@pytest.mark.parametrize(("stiffness", "count"), [(1e3, 1), (1e5, 0)])
-def test_checks_and_equilibria_name_deep_contacts(stiffness, count):
-    # 10 N / (1e3 N/m) are 10 mm, of which the beam carries some.
-    for text in (found := list_warnings(bd.check(pressed_lip(stiffness, start="equilibrium")))):
-        assert 0.008 < float(text.split("sinks ")[1].split(" m deep")[0]) <= 0.01
-    assert len(found) == count
-    mech = bd.Mechanism(gravity=(0.0, -G))
-    plate = mech.add(bd.RigidBody.plate("plate", (0.0, 0.05), 0.1, 0.1, mass=30.0))
-    guide = mech.ground.at(0.0, 0.05), plate.at(0.0, 0.05)
-    mech.add(bd.Prismatic("guide", *guide, direction=(0.0, 1.0)))
-    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
-    mech.add(bd.Contact("floor", plate.at(0.0, 0.0), floor, stiffness, exponent=1.0))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        found = list_warnings(bd.equilibrium(mech))
-    assert [x[:40] for x in found] == count * ["floor: the contact sinks 0.294 m deep, mo"[:40]]
+def test_checks_and_equilibria_name_deep_contacts():
+    for stiffness, count in ((1e3, 1), (1e5, 0)):
+        # 10 N / (1e3 N/m) are 10 mm, of which the beam carries some.
+        for text in (found := list_warnings(bd.check(pressed_lip(stiffness, start="equilibrium")))):
+            assert 0.008 < float(text.split("sinks ")[1].split(" m deep")[0]) <= 0.01
+        assert len(found) == count
+        mech = bd.Mechanism(gravity=(0.0, -G))
+        plate = mech.add(bd.RigidBody.plate("plate", (0.0, 0.05), 0.1, 0.1, mass=30.0))
+        guide = mech.ground.at(0.0, 0.05), plate.at(0.0, 0.05)
+        mech.add(bd.Prismatic("guide", *guide, direction=(0.0, 1.0)))
+        floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+        mech.add(bd.Contact("floor", plate.at(0.0, 0.0), floor, stiffness, exponent=1.0))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", bd.BeamdaeWarning)
+            found = list_warnings(bd.equilibrium(mech))
+        assert [x[:40] for x in found] == count * ["floor: the contact sinks 0.294 m deep, mo"[:40]]
 
 
 # Speeds of impacts --------------------------------------------------------------------------------

@@ -62,6 +62,11 @@ def pid(*gains, **settings):
     return bd.pid(*signal()[:1], "servo", 1.0, *gains, **settings)
 
 
+def unknown_rate():
+    mech, error = signal()
+    bd.pid(mech, "servo", error, 1.0, kd=1.0, rate=error + ca.SX.sym("other"))
+
+
 def driven_twice():
     mech, value = signal()
     mech.add(bd.Controller("first", 0.1, [], value, lambda sample: 0.0))
@@ -315,6 +320,7 @@ SENTENCES = {
         signal()[0], "filter", 1.0, [1.0], [1e-308, 1.0]
     ),
     "the derivative requires rate= or filter_time=": lambda: pid(1.0, kd=1.0),
+    "^servo: rate must be a number or a formula of inputs, sensors and states": unknown_rate,
     "limits must ascend": lambda: pid(1.0, ki=1.0, limits=(1.0, 0.0)),
     "tracking_time has no default with limits, kp = 0 ": lambda: pid(
         0.0, ki=1.0, limits=(0.0, 1.0)

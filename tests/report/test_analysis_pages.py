@@ -180,7 +180,8 @@ def test_the_page_of_a_response_has_a_motion_for_each_point(response, tmp_path):
     tables = {table["title"]: table for table in page["tables"]}
     # The guided coordinate moves by rounding alone.
     assert {row[0] for row in tables["Peaks"]["rows"]} == {"mass.x [m]", "mass.x_dot [m/s]"}
-    assert dict(tables["Response"]["rows"])["unstable"] == "2 of 4 points"
+    facts = dict(tables["Response"]["rows"])
+    assert (facts["curve"], facts["unstable"]) == ("4 points, force 1 to 4", "2 of 4 points")
     assert response.page(tmp_path / "response.html").stat().st_size > 10_000
     single = build_response_page(replace(response, points=response.points[:1]), "shaken")
     assert [table["title"] for table in single["tables"]] == ["Response"]

@@ -126,17 +126,21 @@ def create_disk_and_beam():
     return mech, disk, beam
 
 
-@pytest.mark.parametrize("make", PARTS.values(), ids=PARTS)
-def test_a_drawing_equals_the_first_frame_of_an_animation(make):
-    mech, disk, beam = create_disk_and_beam()
-    mech.add(make(mech, disk, beam))
-    q = np.concatenate([part.initial_position for part in mech.parts.values()])
-    drawing = build_scene(mech, reference_poses, np.zeros(1))
-    first_frame = build_scene(mech, CoordinatePoses(mech, q[None]), np.zeros(1))
-    assert [g.part for g in drawing.glyphs] == [g.part for g in first_frame.glyphs]
-    for (glyph, line), (_, other) in zip(drawing.lines(), first_frame.lines(), strict=True):
-        # Rounding of angles of the axis and of derivatives of shape functions.
-        assert_allclose(line, other, rtol=0, atol=1e-9, err_msg=f"{glyph.part} {glyph.kind}")
+def test_a_drawing_equals_the_first_frame_of_an_animation():
+    for make in PARTS.values():
+        mech, disk, beam = create_disk_and_beam()
+        mech.add(make(mech, disk, beam))
+        q = np.concatenate([part.initial_position for part in mech.parts.values()])
+        drawing = build_scene(mech, reference_poses, np.zeros(1))
+        first_frame = build_scene(mech, CoordinatePoses(mech, q[None]), np.zeros(1))
+        assert [g.part for g in drawing.glyphs] == [g.part for g in first_frame.glyphs]
+        for (glyph, line), (_, other) in zip(drawing.lines(), first_frame.lines(), strict=True):
+            # Rounding of angles of the axis and of derivatives of shape functions.
+            assert_allclose(line, other, rtol=0, atol=1e-9, err_msg=f"{glyph.part} {glyph.kind}")
+            # The line of a gear joins its points, which coincide here.
+            if glyph.kind != "gear":
+                corners = np.unique(line[0][np.isfinite(line[0, :, 0])], axis=0)
+                assert len(corners) > 1, f"{glyph.part} {glyph.kind}"
 
 
 def test_springs_and_dampers_end_at_their_points_and_keep_their_width():
@@ -212,6 +216,16 @@ def test_the_spoke_of_a_rolling_disk_rotates():
     assert angle.iloc[-1] < -0.2
     # The radius is 1 m; the times agree to rounding.
     assert_allclose(spoke, np.stack([np.cos(angle), np.sin(angle)], axis=-1), atol=1e-12)
+
+
+def test_pitch_circles_of_gears_touch():
+    mech = bd.Mechanism()
+    a, b = (mech.add(bd.RigidBody(str(x), 1.0, 1.0, (x, 0.0))) for x in (0.0, 3.0))
+    mech.add(bd.Gear("gear", a.at(0.0, 0.0), b.at(3.0, 0.0), ratio=-0.5))
+    scene = build_scene(mech, reference_poses, np.zeros(1))
+    _, *circles = (line[0] for glyph, line in scene.lines() if glyph.kind == "gear")
+    ends = [(np.nanmin(x[:, 0]), np.nanmax(x[:, 0])) for x in circles]
+    assert_allclose(ends, [(-1.0, 1.0), (1.0, 5.0)], atol=1e-12)
 
 
 def test_arrows_have_the_direction_and_the_relative_size_of_the_load():

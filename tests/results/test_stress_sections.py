@@ -179,6 +179,8 @@ def test_bound_of_the_largest_stress_is_differentiated_on_the_divided_mesh():
     static = bd.equilibrium_sensitivities(ramped_bar, ["height"])
     rate = static.sensitivity("stress.largest", "height").to_numpy()[-1]
     assert rate == pytest.approx(-2.0 * 24.0 / MODULUS / 0.01, rel=2e-3)
+    without_load = static.sensitivity("stress.bound", "height").to_numpy()[0]
+    assert without_load == pytest.approx(0.0, abs=1e-6 * abs(rate))
 
 
 def safety_of(result):
