@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.linear.fixed_order import FixedOrder
-from beamdae.linear.orderings import MAX_RELATIVE_COUPLINGS, order_along_band
+from beamdae.linear.orderings import has_many_couplings, order_along_band
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
@@ -25,18 +25,17 @@ def plan_elimination(pattern: sp.csc_array, n: int, first: int = 0, last: int = 
     size = pattern.shape[0]
     ones = sp.csc_array((np.ones(pattern.nnz), pattern.indices, pattern.indptr), pattern.shape)
     symmetric = sp.csr_array(ones + ones.T)
-    couplings = np.diff(symmetric.indptr)[:n]
-    limit = MAX_RELATIVE_COUPLINGS * np.median(couplings) if n else 0.0
+    in_border = has_many_couplings(np.diff(symmetric.indptr)[:n])
     path = order_along_band(symmetric)
     is_coordinate = path < n
-    band = np.flatnonzero(couplings <= limit)
+    band = np.flatnonzero(~in_border)
     wide = path[is_coordinate]
     is_first, is_last = ~is_coordinate & (path < n + first), path >= size - last
     order = np.concatenate(
         [
             path[is_first],
             band[order_along_band(symmetric[band][:, band])],
-            wide[couplings[wide] > limit],
+            wide[in_border[wide]],
             path[~is_coordinate & ~is_first & ~is_last],
             path[is_last],
         ]

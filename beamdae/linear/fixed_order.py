@@ -124,8 +124,9 @@ def eliminate(run: FixedOrderFactors, nonzeros: Array) -> int:
     return count
 
 
-def count_negative_pivots_by_scipy(plan: FixedOrder, nonzeros: Array) -> tuple[int, float]:
-    """Return the result of `eliminate` for a symmetric matrix, by SuperLU, and `smallest_pivot`."""
+def eliminate_by_scipy(run: FixedOrderFactors, nonzeros: Array) -> int:
+    """Perform `eliminate` by SuperLU; only `pivots` and `smallest_pivot` are set."""
+    plan, run.smallest_pivot = run.plan, 0.0
     size = len(plan.order)
     data = (nonzeros[plan.sources], plan.positions.astype(np.int32), plan.starts.astype(np.int32))
     matrix = sp.csc_matrix(sp.csc_array(data, shape=(size, size)))
@@ -134,8 +135,9 @@ def count_negative_pivots_by_scipy(plan: FixedOrder, nonzeros: Array) -> tuple[i
     try:
         factors = splu(matrix, "NATURAL", 0.0, relax=1, panel_size=1, options=options)
     except RuntimeError:
-        return -1, 0.0
+        return -1
     if not np.array_equal(factors.perm_r, np.arange(size)):
-        return -1, 0.0
-    pivots = factors.U.diagonal()
-    return int(np.sum(pivots < 0.0)), float(np.min(np.abs(pivots), initial=np.inf))
+        return -1
+    run.pivots[:] = factors.U.diagonal()
+    run.smallest_pivot = float(np.min(np.abs(run.pivots), initial=np.inf))
+    return int(np.sum(run.pivots < 0.0))

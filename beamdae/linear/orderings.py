@@ -15,7 +15,7 @@ Array = np.ndarray
 _MAX_DEFINITION_ENTRIES = 2
 # Unknowns with more couplings than this many times the usual number, such as the floating frame of
 # a beam (coupled with all its nodes), fill the factors unless they are eliminated last.
-MAX_RELATIVE_COUPLINGS = 2.0
+_MAX_RELATIVE_COUPLINGS = 2.0
 # Share of the unknowns with at most as many couplings as is usual: multipliers have few.
 _USUAL_SHARE = 0.75
 # Relative size of the rows of the border, so small that they provide pivots only if the band has
@@ -119,9 +119,14 @@ def _eliminate_definitions(rows: sp.csr_array, is_definition: Array) -> tuple[Ar
 def _find_border(rows: sp.csr_array, rest: Array, symmetric: sp.csr_array) -> Array:
     couplings = np.diff(symmetric.indptr)
     in_border = rows.diagonal()[rest] == 0.0
-    if len(rest):
-        in_border |= couplings > MAX_RELATIVE_COUPLINGS * np.quantile(couplings, _USUAL_SHARE)
-    return in_border
+    return in_border | has_many_couplings(couplings)
+
+
+def has_many_couplings(couplings: Array) -> Array:
+    """Return the mask of unknowns with more couplings than is usual, given their numbers."""
+    if not len(couplings):
+        return np.zeros(0, bool)
+    return couplings > _MAX_RELATIVE_COUPLINGS * np.quantile(couplings, _USUAL_SHARE)
 
 
 def order_along_band(symmetric: sp.csr_array) -> Array:

@@ -485,3 +485,26 @@ def test_regression_strains_of_a_bent_beam_are_the_suspected_cause_of_a_limit_po
     assert not failed.status.success
     (sentence,) = failed.errors.sentences()
     assert 'strain="exact" of leaf' in sentence
+
+
+@pytest.mark.parametrize("control", ["displacement", "arc length"])
+@pytest.mark.parametrize(
+    ("height", "kinds"),
+    [
+        # Branch points that vanish at 0.001448, and limit points that vanish at 0.005004.
+        (0.001445, ["limit point", "branch point", "branch point", "limit point"]),
+        (0.001455, ["limit point", "limit point"]),
+        (0.00496, ["limit point", "limit point"]),
+        (0.005003, ["limit point", "limit point"]),
+        (0.00502, []),
+    ],
+)
+def test_regression_pairs_of_critical_points_within_one_step_are_found(height, kinds, control):
+    # Counts are equal at both ends of the step: only runs with small steps found these points.
+    arch = bd.load_model("example:shallow_arch")(height=height)
+    target = {"crown.y": -0.02}
+    coarse = bd.equilibrium(arch, to=target, control=control, max_points=300)
+    fine = bd.equilibrium(arch, to=target, step=1.5e-4)
+    assert [point.kind for point in coarse.critical] == kinds
+    factors = [point.factor for point in fine.critical]
+    assert [point.factor for point in coarse.critical] == pytest.approx(factors, rel=1e-5)

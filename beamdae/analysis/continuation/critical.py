@@ -12,11 +12,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from beamdae.analysis.continuation.counts import (
+    Count,
+    Neighbor,
+    find_growth_change,
+    find_hidden_growth,
+    find_hidden_turn,
+)
 from beamdae.analysis.continuation.engine import (
     REGULAR_DISTANCE,
     CurveError,
     Point,
     Segment,
+    Tangent,
     interpolate,
 )
 
@@ -34,17 +42,12 @@ _TURN_RESOLUTION = 1e-2
 _MAX_SAMPLES = 60
 # Wider brackets, relative to this distance, are bisected at times.
 _WIDE = 100.0
+# Pairs of critical points that cancel are sought in parts of a segment down to this width, and the
+# derivatives of eigenvalues are differences over this share of the part.
+_HIDDEN_WIDTH, _NEIGHBOR_DISTANCE = 1e-2, 1e-3
 # Largest share of the derivative by the parameter along the critical mode where curves cross: it is
 # larger between two curves that pass each other.
 _MAX_IMPERFECTION = 1e-5
-
-
-class Count(NamedTuple):
-    """Numbers of growing motions: without and with oscillation, and alternating ones."""
-
-    divergent: int
-    oscillating: int
-    alternating: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,16 +61,23 @@ class CriticalPoint:
 
 
 class _Sample(NamedTuple):
+    """Point of a segment, with its tangent with respect to the control."""
+
     position: float
     point: Point
-    counts: Any
-    rate: float
+    counts: Count
+    tangent: Tangent
+
+    @property
+    def rate(self) -> float:
+        """Derivative of the parameter by the control."""
+        return self.tangent.p
 
 
 def explain_counts(segment: Segment, resolution: float = _RESOLUTION) -> list[CriticalPoint]:
     """Return the critical points of a segment, in order; closer ones are one cluster.
 
-    Monitors of points are `Count`, or have its attributes.
+    Monitors of points are of type `Count`.
 
     Raises
     ------
@@ -75,7 +85,7 @@ def explain_counts(segment: Segment, resolution: float = _RESOLUTION) -> list[Cr
         If counts change abruptly, as on another curve.
     """
     first, last = (
-        _Sample(position, point, point.monitor, segment.rate(point))
+        _Sample(position, point, point.monitor, segment.tangent_at(point))
         for position, point in ((0.0, segment.begin), (1.0, segment.end))
     )
     return _explain(segment, first, last, resolution)
@@ -84,7 +94,7 @@ def explain_counts(segment: Segment, resolution: float = _RESOLUTION) -> list[Cr
 def _sample(segment: Segment, low: _Sample, high: _Sample, share: float) -> _Sample:
     """Return a sample between two others, see `_point_between`."""
     position, point = _point_between(segment, low[:2], high[:2], share)
-    return _Sample(position, point, point.monitor, segment.rate(point))
+    return _Sample(position, point, point.monitor, segment.tangent_at(point))
 
 
 def _point_between(
@@ -107,14 +117,19 @@ def _explain(
 ) -> list[CriticalPoint]:
     """Return the critical points between two samples: a root, those of halves, or a cluster."""
     turns = low.rate * high.rate < 0.0
-    change, flutter, doublings = (
-        getattr(high.counts, x) - getattr(low.counts, x) for x in Count._fields
-    )
+    change, flutter, doublings = np.subtract(high.counts.growing, low.counts.growing).tolist()
     if not (turns or change or flutter or doublings):
-        return []
+        share = _find_hidden_change(segment, low, high)
+        if share is None:
+            return []
+        middle = _sample(segment, low, high, share)
+        return [
+            *_explain(segment, low, middle, resolution),
+            *_explain(segment, middle, high, resolution),
+        ]
     is_turn = not (change or flutter or doublings)
     # The critical motion itself does not grow.
-    stable = min(low, high, key=lambda x: x.counts.divergent + 2 * x.counts.oscillating).point
+    stable = min(low, high, key=lambda x: x.counts.unstable).point
     is_single = abs(change) + abs(doublings) == 1 and not flutter and not (doublings and turns)
     if is_single or is_turn:
         found = _find_root(segment, low, high, bool(doublings))
@@ -124,7 +139,8 @@ def _explain(
             return [CriticalPoint(position, kind, replace(point, beside=stable), mode)]
     width = high.position - low.position
     if width > (_TURN_RESOLUTION if is_turn else resolution):
-        middle = _sample(segment, low, high, 0.5)
+        share = 0.5 if is_turn else find_growth_change(low.counts, high.counts)
+        middle = _sample(segment, low, high, share)
         # Beside clusters, rounding lets counts change back and forth.
         if width > REGULAR_DISTANCE or _is_between(middle.counts, low.counts, high.counts):
             return [
@@ -144,9 +160,36 @@ def _explain(
     return [CriticalPoint(low.position, kind, point, mode) for kind in kinds]
 
 
-def _is_between(counts: Any, first: Any, last: Any) -> bool:
-    middle, *ends = ([getattr(x, name) for name in Count._fields] for x in (counts, first, last))
-    return all(min(pair) <= x <= max(pair) for x, *pair in zip(middle, *ends, strict=True))
+def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float | None:
+    """Return the share of the way between two samples where counts may differ, or None."""
+    width = high.position - low.position
+    if width <= 2.0 * _HIDDEN_WIDTH:
+        return None
+    way = width * (segment.values[1] - segment.values[0])
+    change = high.point.p - low.point.p
+    share = find_hidden_turn(change, way * low.rate, way * high.rate)
+    if share is None and len(low.counts.spectrum):
+        try:
+            neighbors = [_find_neighbor(x, way) for x in (low, high)]
+        except CurveError:
+            return None
+        share = find_hidden_growth(low.counts, neighbors[0], high.counts, neighbors[1])
+    is_far = share is not None and width * min(share, 1.0 - share) > _HIDDEN_WIDTH
+    return share if is_far else None
+
+
+def _find_neighbor(sample: _Sample, way: float) -> Neighbor:
+    """Return the count beside a sample, at a distance relative to a change of the control."""
+    problem = sample.point.problem
+    tangent = sample.tangent.scale(way)
+    move, count = sample.point.neighbor(tangent.scale(_NEIGHBOR_DISTANCE))
+    one, other = (np.append(x.x * problem.weights, x.p) for x in (move, tangent))
+    return Neighbor(count, float(one @ other) / float(other @ other))
+
+
+def _is_between(counts: Count, first: Count, last: Count) -> bool:
+    triples = zip(counts.growing, first.growing, last.growing, strict=True)
+    return all(min(pair) <= x <= max(pair) for x, *pair in triples)
 
 
 def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:

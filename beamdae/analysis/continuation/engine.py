@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
@@ -253,11 +253,23 @@ class Point:
     linearization: Linearization
     iterations: int = 0
     beside: Point | None = None
+    _neighbor: list[tuple[Tangent, Any]] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
     def monitor(self) -> Any:
         """What must change continuously along curves, see `Problem.monitor`."""
         return self.beside.monitor if self.beside else self.problem.monitor(self)
+
+    def neighbor(self, move: Tangent) -> tuple[Tangent, Any]:
+        """Return a small move along the curve, and the monitor after it.
+
+        They are those of the first call: the tangent of a curve is unique.
+        """
+        if not self._neighbor:
+            x, p = self.problem.move(self.x, move.x), self.p + move.p
+            point = Point(self.problem, x, p, self.problem.linearize(x, p))
+            self._neighbor.append((move, point.monitor))
+        return self._neighbor[0]
 
     def bordered(self, column: Array, row: Array, corner: float) -> Factors:
         """Return the factors of the Jacobian, bordered by a column and a row."""
@@ -356,11 +368,11 @@ class Segment:
         value = self.values[0] + position * (self.values[1] - self.values[0])
         return self.begin.problem.correct(self.control, value, x, p)
 
-    def rate(self, point: Point) -> float:
-        """Return the derivative of the parameter by the control at a point of the segment."""
+    def tangent_at(self, point: Point) -> Tangent:
+        """Return the tangent at a point of the segment, with respect to the control."""
         if point is self.begin:
-            return self.begin_tangent.p
-        return self.tangent.p if point is self.end else self._tangent_at(point).p
+            return self.begin_tangent
+        return self.tangent if point is self.end else self._tangent_at(point)
 
     @cached_property
     def tangent(self) -> Tangent:

@@ -14,7 +14,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
-from beamdae.analysis.continuation.critical import Count
+from beamdae.analysis.continuation.counts import Count
 
 Array = np.ndarray
 
@@ -74,11 +74,16 @@ def count_growing(flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_
     find = _find_slowest if flexibility.size > _MAX_DENSE else _find_all
     values = _select_slow(find(flexibility, mass, damping, is_damped))
     is_real = np.abs(values.imag) <= _ROUNDING * np.abs(values)
+    values = np.where(is_real, values.real, values)
     if is_damped:
         growing = values.real > _ROUNDING_OF_GROWTH * np.abs(values).max(initial=0.0)
-        return Count(int(np.sum(growing & is_real)), int(np.sum(growing & ~is_real)) // 2)
-    # Reciprocals of squared eigenvalues: real ones do not oscillate if they are positive.
-    return Count(int(np.sum(is_real & (values.real > 0.0))), int(np.sum(~is_real)) // 2)
+        divergent, oscillating, spectrum = growing & is_real, growing & ~is_real, 1.0 / values
+    else:
+        # Reciprocals of squared eigenvalues: real ones do not oscillate if they are positive.
+        divergent, oscillating = is_real & (values.real > 0.0), ~is_real
+        roots = 1.0 / np.sqrt(values.astype(complex))
+        spectrum = np.append(roots, -roots)
+    return Count(int(divergent.sum()), int(oscillating.sum()) // 2, spectrum=spectrum)
 
 
 def _find_all(

@@ -389,7 +389,7 @@ def _follow_curve(
             return Status("failed", f"{curve.describe(point.p)}: {reason}")
         critical += [(_KINDS[x.kind], curve.value(x.point.p)) for x in found]
         point = segment.end
-        append(point, segment.rate(point))
+        append(point, segment.tangent_at(point).p)
         folds = [value for kind, value in critical if kind == _FOLD]
         if point.p < 0.0 and points[-1].forward != points[0].forward:
             return Status(

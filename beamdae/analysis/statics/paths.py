@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.critical import (
     BRANCH,
     FLUTTER,
@@ -30,7 +31,7 @@ from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
 from beamdae.analysis.statics.path_settings import ARC_LENGTH, DISPLACEMENT, LOAD, PathSettings
 from beamdae.analysis.statics.prescribed_column import PrescribedColumn
-from beamdae.analysis.statics.static_problem import Stability, StaticProblem
+from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.relaxation import relax_to_equilibrium
 from beamdae.errors import BeamdaeError, list_first
@@ -159,10 +160,10 @@ def problem_of(point: Point) -> StaticProblem:
     return point.problem
 
 
-def stability_of(point: Point) -> Stability:
+def stability_of(point: Point) -> Count:
     """Return the stability of an equilibrium."""
-    stability: Stability = point.monitor
-    return stability
+    count: Count = point.monitor
+    return count
 
 
 def trace_path(loading: Loading, q: Array, settings: PathSettings) -> EquilibriumPath:

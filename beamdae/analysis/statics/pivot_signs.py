@@ -30,8 +30,8 @@ from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.linear.fixed_order import (
     FixedOrder,
     FixedOrderFactors,
-    count_negative_pivots_by_scipy,
     eliminate,
+    eliminate_by_scipy,
 )
 from beamdae.linear.orderings import compute_bordered_ordering
 from beamdae.native.loop_functions import (
@@ -344,16 +344,14 @@ def count_signs(run: SaddlePoint, tangent: Array) -> None:
 
 def count_signs_by_scipy(run: SaddlePoint, tangent: Array) -> None:
     """Perform `count_signs` without machine code."""
-    plan = run.factors.plan
     measure_stiffness(run, tangent)
     assemble_saddle_point(run, tangent)
-    run.above, smallest = count_negative_pivots_by_scipy(plan, run.nonzeros)
-    run.below = run.above
-    if run.above < 0 or smallest <= _MIN_PIVOT_RATIO * run.size:
+    run.below = run.above = eliminate_by_scipy(run.factors, run.nonzeros)
+    if run.above < 0 or run.factors.smallest_pivot <= _MIN_PIVOT_RATIO * run.size:
         shift_diagonal(run, -_SHIFT_RATIO * run.size)
-        run.above, _ = count_negative_pivots_by_scipy(plan, run.nonzeros)
+        run.above = eliminate_by_scipy(run.factors, run.nonzeros)
         shift_diagonal(run, 2.0 * _SHIFT_RATIO * run.size)
-        run.below, _ = count_negative_pivots_by_scipy(plan, run.nonzeros)
+        run.below = eliminate_by_scipy(run.factors, run.nonzeros)
 
 
 def shift_diagonal(run: SaddlePoint, shift: float) -> None:

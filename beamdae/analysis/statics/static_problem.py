@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.engine import (
     Control,
     CurveError,
@@ -232,25 +233,6 @@ def _select_terms(structure: Structure, is_selected: tuple[bool, ...]) -> Struct
     return replace(structure, forces=forces, joints=joints, states=())
 
 
-class Stability(NamedTuple):
-    """Numbers of growing motions, without and with oscillation, and of motions without stiffness.
-
-    If forces have a potential, growing motions are the negative eigenvalues of the stiffness in the
-    motions that the joints allow, whatever the inertia and the damping (theorem of Kelvin, Tait and
-    Chetaev). Otherwise, they are the growing modes of the linearized equations of motion.
-    """
-
-    divergent: int
-    oscillating: int
-    free: int
-    alternating: int = 0  # of periodic motions
-
-    @property
-    def unstable(self) -> int:
-        """Number of unstable directions, in which an oscillation counts twice."""
-        return self.divergent + 2 * self.oscillating
-
-
 @dataclass(frozen=True, eq=False)
 class StaticLinearization:
     """Static equations, linearized about a point (x, p)."""
@@ -335,6 +317,7 @@ class StaticProblem(Problem):
         self._numbers = (first.p, first.p, last.p)
         self._usage = _usage_of(common if varied is None else last.structure)
         self._held = len(held)
+        self._first_logarithm: float | None = None
         added = (*held, *range(last.n + self._rigid, last.n + last.m))
         part_rows = (*(part.rows.start for part in last.parts), last.n)
         plan = _plan_system(common, only_unloaded, only_loaded, added, part_rows)
@@ -486,14 +469,21 @@ class StaticProblem(Problem):
         """Return the equations, linearized about (x, p)."""
         return StaticLinearization(self, x, p)
 
-    def monitor(self, point: Point) -> Stability:
-        """Return the stability under constant loads."""
+    def monitor(self, point: Point) -> Count:
+        """Return the stability under constant loads.
+
+        If forces have a potential, growing motions are the negative eigenvalues of the stiffness in
+        the motions that the joints allow, whatever the inertia and the damping (theorem of Kelvin,
+        Tait and Chetaev). Otherwise, they are the growing modes of the linearized equations of
+        motion.
+        """
         x, p = point.x, point.p
         signs = self.count_signs(x, p)
         if signs.size <= NEGLIGIBLE_STIFFNESS:
-            return Stability(0, 0, self._n - self._rigid)
+            return Count(0, 0, free=self._n - self._rigid)
         m = len(x) - self._n
-        by_signs = Stability(signs.below - m, 0, signs.above - signs.below)
+        free = signs.above - signs.below
+        by_signs = Count(signs.below - m, 0, free=free, spectrum=self._root_of_determinant(signs))
         if signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size or self._rigid >= self._n:
             return by_signs
         try:
@@ -503,8 +493,18 @@ class StaticProblem(Problem):
         flexibility = Flexibility(self._n, lambda right: factors.solve(right)[: self._n])
         if has_potential(flexibility, m):
             return by_signs
-        growing = count_growing(flexibility, *self._motion_matrices(point))
-        return Stability(growing.divergent, growing.oscillating, by_signs.free)
+        return count_growing(flexibility, *self._motion_matrices(point))._replace(free=free)
+
+    def _root_of_determinant(self, signs: SaddlePoint) -> Array:
+        """Return +-l with l^2 = -det K relative to the first determinant, in admissible motions."""
+        if signs.below != signs.above or signs.below < 0:
+            return np.zeros(0)
+        logarithm = float(np.sum(np.log(np.abs(signs.factors.pivots))))
+        if self._first_logarithm is None:
+            self._first_logarithm = logarithm
+        size = np.exp(0.5 * (logarithm - self._first_logarithm))
+        is_negative = (signs.below - len(signs.scales) + self._n) % 2 == 1
+        return np.array([-size, size]) * (1.0 if is_negative else 1j)
 
     def _motion_matrices(self, point: Point) -> tuple[sp.csc_array, sp.csc_array]:
         """Return mass (n, n) and damping (n + m, n) in natural sizes, with that of constraints."""
