@@ -158,7 +158,7 @@ def test_limit_point_of_a_truss_has_a_closed_form(unit):
         )
         # Columns follow the limit point.
         height = result.sensitivity("crown.y", name).iloc[point.row]
-        assert_close(height, expected[1], values[name], limit_point(**values)[1], 1e-8)
+        assert_close(height, expected[1], values[name], limit_point(**values)[1], 1e-10)
 
 
 @bd.model(t_end=1.0)

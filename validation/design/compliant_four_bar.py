@@ -134,7 +134,7 @@ def optimize_heights(
             method,
             parameters=heights,
             max_evaluations=evaluations,
-            tolerance=1e-6,
+            tolerance=1e-9,
             progress=progress,
         )
         count += result.evaluations
