@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,10 +43,6 @@ from beamdae.read_only import read_only_data
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant
 from beamdae.simulation import as_equations
-
-# Imported by the methods that return tables: importing pandas takes as long as a short run.
-if TYPE_CHECKING:
-    pass
 
 Array = np.ndarray
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -43,10 +43,6 @@ from beamdae.read_only import read_only_data
 from beamdae.results.periodic_motion import PeriodicMotion
 from beamdae.results.trajectory import Trajectory
 from beamdae.simulation import as_equations
-
-# Imported by the methods that return tables: importing pandas takes as long as a short run.
-if TYPE_CHECKING:
-    pass
 
 Array = np.ndarray
 

@@ -317,13 +317,6 @@ class StartDerivatives:
         record.outputs = (jerk,)
         return record
 
-    def project_positions(self, time: Array, q: Array, dq: Array, dp: Array) -> Array:
-        """Return dq (n,), changed least so that G dq + dg/dp dp = 0."""
-        record = self._record(time, 0.0)
-        record.inputs = (variable,) = record.variables(q)
-        record.outputs = (self._close(record, q, variable, moves=False),)
-        return record.along([dq[None]], dp[None])[0][0]
-
     def correct_equilibrium(self, time: Array, at: State, dq: Array, dp: Array) -> Array:
         """Return the derivative of equilibrium positions, given an approximation dq.
 

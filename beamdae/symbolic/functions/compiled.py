@@ -218,14 +218,6 @@ class RowFunction:
             self._outputs[index] = RowFunction(function)
         return self._outputs[index]
 
-    def is_linear_in(self, argument: int, output: int) -> bool:
-        """Return True if this output entry is a linear function of argument number `argument`.
-
-        It may have a constant term, and coefficients that depend on the other arguments.
-        """
-        second = self.derivative(argument)._function.jac_sparsity(0, argument)
-        return not np.any(np.array(second.row(), int) % self._function.numel_out(0) == output)
-
     def weighted_gradient(self) -> RowFunction:
         """Return a row function of the arguments and of weights, one per output entry.
 
