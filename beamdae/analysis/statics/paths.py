@@ -297,10 +297,14 @@ def _relax(problem: StaticProblem, q: Array, mu: float, passed: list[Array] | No
     q, lam = relax_to_equilibrium(problem.system.at_factor(mu), q, passed)
     x = problem.start(q)
     x[len(q) : len(q) + len(lam)] = lam
+    point = Point(problem, x, mu, problem.linearize(x, mu))
+    # Rounding would move the mechanism along motions without stiffness.
+    held = _hold_neutral_motions(point) if stability_of(point).free else point
     try:
-        return problem.correct(prescribe_parameter, mu, x, mu)
+        point = problem_of(held).correct(prescribe_parameter, mu, x, mu)
     except CurveError:
-        return Point(problem, x, mu, problem.linearize(x, mu))
+        return point
+    return Point(problem, point.x, mu, problem.linearize(point.x, mu), point.iterations)
 
 
 def follow_to_critical_point(begin: Point, targets: tuple[float, ...]) -> StagePath:
