@@ -74,7 +74,7 @@ class Recorder:
 
     def __call__(self, source: Any, is_correct: Any, compiles: bool = True) -> Any:
         """Return the machine code of a source, as `object_code.load_object` does."""
-        source = replace(source, ir=cache(source.ir))
+        source = replace(source, ir=cache(source.module))
         code = object_code.load_object(source, is_correct)
         if code is not None and source.identity is not None:
             self.sources.setdefault(source.name + source.identity, source)
@@ -100,7 +100,7 @@ def compile_objects(folder: Path) -> None:
         with suppress(bd.BeamdaeError):
             exercise()
     # The longest first, to keep all processes busy.
-    sources = sorted(recorder.sources.values(), key=lambda source: -len(source.ir()))
+    sources = sorted(recorder.sources.values(), key=lambda source: -len(source.module()))
     print(f"compiling {len(sources)} objects for {', '.join(x.cpu for x in targets)}", flush=True)
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         for target in targets:
@@ -108,7 +108,7 @@ def compile_objects(folder: Path) -> None:
             target_folder.mkdir(parents=True)
             contents = pool.map(
                 partial(llvm.compile_module, target=target),
-                [source.ir() for source in sources],
+                [source.module() for source in sources],
                 [source.level for source in sources],
             )
             for source, content in zip(sources, contents, strict=True):

@@ -68,7 +68,11 @@ class ObjectSource:
 
     def compile(self) -> bytes:
         """Return the object for this machine."""
-        return llvm.compile_module(self.ir() if self.ir else self.text, self.level)
+        return llvm.compile_module(self.module(), self.level)
+
+    def module(self) -> str:
+        """Return the module of LLVM IR."""
+        return self.ir() if self.ir else self.text
 
     def read_prebuilt(self) -> bytes | None:
         """Return the object installed with the package for this machine; None if there is none."""
