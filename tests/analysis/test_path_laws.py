@@ -121,6 +121,19 @@ def test_slenderness_does_not_cost_digits(slenderness, options):
     assert path.unstable[-1] == 2
 
 
+@BOTH
+def test_long_taut_strips_are_stable(options):
+    # The load stiffens each coordinate a thousandfold: determinants exceed the range of numbers.
+    mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.01, height=1e-5)
+    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), section, 60, **options))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("pull", beam.end, (1e-3 * section.EA, 0.0)))
+    path = bd.equilibrium(mech)
+    assert path.status.success
+    assert not path.unstable.any()
+    assert not path.critical
+
+
 @pytest.mark.slow(reason="half a second each")
 @BOTH
 @pytest.mark.parametrize("height", [2e-2, 1e-4])

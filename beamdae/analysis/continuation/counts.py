@@ -31,6 +31,8 @@ class Count(NamedTuple):
     spectrum
         Complex numbers in pairs l, -l or conjugate ones. Motions grow if Re l > 0; where their
         number changes, two of these numbers meet, or have no real part.
+    log_unit
+        Logarithm of the unit of these numbers: determinants exceed the range of numbers.
     """
 
     divergent: int
@@ -38,6 +40,7 @@ class Count(NamedTuple):
     alternating: int = 0
     free: int = 0
     spectrum: Array = np.zeros(0)
+    log_unit: float = 0.0
 
     @property
     def growing(self) -> tuple[int, int, int]:
@@ -59,10 +62,10 @@ class Neighbor(NamedTuple):
 
 def find_growth_change(first: Count, last: Count) -> float:
     """Return a position from 0 to 1 that brackets the change of growing motions closely."""
-    size = min(len(first.spectrum), len(last.spectrum))
-    if size < 2:
+    pairs = _pair_neighbors(first, last)
+    if pairs is None:
         return 0.5
-    begin, end = (_pair_neighbors(x.spectrum, size) for x in (first, last))
+    begin, end = pairs
     growing = _count_growing(begin + (end - begin) * _SHARES[:, None], 0.0)
     firsts = np.argmax(growing != growing[0], axis=0)[growing[0] != growing[-1]]
     # Neighbors of those that meet seem to change at one of the ends.
@@ -80,11 +83,10 @@ def find_hidden_growth(
     Mean and difference of neighboring eigenvalues, (l1 - l2)^2, are smooth where the eigenvalues
     meet. They are interpolated by cubic polynomials, with the derivatives at both ends.
     """
-    counts = first, first_beside.counts, last, last_beside.counts
-    size = min(len(x.spectrum) for x in counts)
-    if size < 2:
+    pairs = _pair_neighbors(first, first_beside.counts, last, last_beside.counts)
+    if pairs is None:
         return None
-    begin, begin_near, end, end_near = (_pair_neighbors(x.spectrum, size) for x in counts)
+    begin, begin_near, end, end_near = pairs
     begin_rate = (begin_near - begin) / first_beside.distance
     end_rate = (end_near - end) / last_beside.distance
     t, change = _SHARES[:, None], end - begin
@@ -98,12 +100,22 @@ def find_hidden_growth(
     return _middle_of(differs.any(axis=1))
 
 
-def _pair_neighbors(spectrum: Array, size: int) -> Array:
-    """Return mean and (l1 - l2)^2 / 4 of neighbors among the slowest eigenvalues, (2, 1, k)."""
-    values = spectrum[np.lexsort((spectrum.real, spectrum.imag))].astype(complex)
-    cut = (len(values) - size) // 2
-    lower, upper = values[cut : cut + size - 1], values[cut + 1 : cut + size]
-    return np.array([0.5 * (upper + lower), 0.25 * (upper - lower) ** 2])[:, None]
+def _pair_neighbors(*counts: Count) -> Array | None:
+    """Return mean and (l1 - l2)^2 / 4 of neighbors among the slowest eigenvalues.
+
+    They are those of each count in one unit, (counts, 2, 1, k); None if there are no pairs.
+    """
+    size, unit = min(len(x.spectrum) for x in counts), max(x.log_unit for x in counts)
+    if size < 2:
+        return None
+    pairs = []
+    for count in counts:
+        values = count.spectrum.astype(complex) * np.exp(count.log_unit - unit)
+        values = values[np.lexsort((values.real, values.imag))]
+        cut = (len(values) - size) // 2
+        lower, upper = values[cut : cut + size - 1], values[cut + 1 : cut + size]
+        pairs.append([0.5 * (upper + lower), 0.25 * (upper - lower) ** 2])
+    return np.array(pairs)[:, :, None]
 
 
 def _count_growing(pairs: Array, min_growth: float) -> Array:

@@ -317,7 +317,6 @@ class StaticProblem(Problem):
         self._numbers = (first.p, first.p, last.p)
         self._usage = _usage_of(common if varied is None else last.structure)
         self._held = len(held)
-        self._first_logarithm: float | None = None
         added = (*held, *range(last.n + self._rigid, last.n + last.m))
         part_rows = (*(part.rows.start for part in last.parts), last.n)
         plan = _plan_system(common, only_unloaded, only_loaded, added, part_rows)
@@ -483,7 +482,7 @@ class StaticProblem(Problem):
             return Count(0, 0, free=self._n - self._rigid)
         m = len(x) - self._n
         free = signs.above - signs.below
-        by_signs = Count(signs.below - m, 0, free=free, spectrum=self._root_of_determinant(signs))
+        by_signs = Count(signs.below - m, 0, 0, free, *self._root_of_determinant(signs))
         if signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size or self._rigid >= self._n:
             return by_signs
         try:
@@ -495,16 +494,13 @@ class StaticProblem(Problem):
             return by_signs
         return count_growing(flexibility, *self._motion_matrices(point))._replace(free=free)
 
-    def _root_of_determinant(self, signs: SaddlePoint) -> Array:
-        """Return +-l with l^2 = -det K relative to the first determinant, in admissible motions."""
+    def _root_of_determinant(self, signs: SaddlePoint) -> tuple[Array, float]:
+        """Return +-l with l^2 = -det K in admissible motions, and the logarithm of its unit."""
         if signs.below != signs.above or signs.below < 0:
-            return np.zeros(0)
-        logarithm = float(np.sum(np.log(np.abs(signs.factors.pivots))))
-        if self._first_logarithm is None:
-            self._first_logarithm = logarithm
-        size = np.exp(0.5 * (logarithm - self._first_logarithm))
+            return np.zeros(0), 0.0
         is_negative = (signs.below - len(signs.scales) + self._n) % 2 == 1
-        return np.array([-size, size]) * (1.0 if is_negative else 1j)
+        log_unit = 0.5 * float(np.sum(np.log(np.abs(signs.factors.pivots))))
+        return np.array([-1.0, 1.0]) * (1.0 if is_negative else 1j), log_unit
 
     def _motion_matrices(self, point: Point) -> tuple[sp.csc_array, sp.csc_array]:
         """Return mass (n, n) and damping (n + m, n) in natural sizes, with that of constraints."""
