@@ -532,7 +532,7 @@ def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float,
 def _add_further_forces(
     run: DifferentiableRun, names: Sequence[str], unchanged: RunPhases
 ) -> tuple[RunPhases, Array]:
-    """Return phases with the further forces of irregular parameters, see `FurtherForces`.
+    """Return phases with the further forces of irregular parameters, see `further_forces`.
 
     Also return the indices of the numbers of the run in those of the phases. One backward sweep
     then serves these parameters and all regular ones.

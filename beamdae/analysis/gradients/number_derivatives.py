@@ -20,6 +20,7 @@ from beamdae.analysis.sensitivities.model_differences import (
     RELATIVE_DIFFERENCE,
     TWO_NEIGHBORS,
     Stencil,
+    difference_values,
     largest_of_kind,
     rounding_of_numbers,
     warn_of_idle_parameters,
@@ -299,8 +300,7 @@ class _Differencing:
         excess = stencil.estimate_excess(changes, self._magnitudes, self._rounding)
         if excess > stencil.max_excess or np.any(stencil.find_kinks(changes, self._rounding)):
             raise _IrregularError  # The step does not suit the scale of the parameter.
-        # Differences make derivatives of constants exactly zero.
-        return np.asarray(np.array(stencil.derivative_weights[1:]) @ (changes[1:] - changes[0]))
+        return np.asarray(difference_values(stencil.derivative_weights, changes))
 
     def warn_without_effect(self, derivatives: Array, irregular: Sequence[int]) -> None:
         """Warn of numbers whose derivatives are zero."""

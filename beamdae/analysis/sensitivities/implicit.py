@@ -44,7 +44,9 @@ from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.sensitivities.eigenpairs import Eigenpair, apply_pencil, linearize_at
 from beamdae.analysis.sensitivities.model_differences import (
+    FOUR_NEIGHBORS,
     Difference,
+    difference_values,
     forms_of,
     with_structure,
 )
@@ -58,9 +60,7 @@ from beamdae.equations.formulations.tangents import differentiate_residual, plan
 
 Array = np.ndarray
 
-# Differences of fourth order along directions of the unknowns: values, weights of the derivative,
-# and the motion in natural sizes.
-_STEPS, _WEIGHTS = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
+# Motion of differences along directions of the unknowns, in natural sizes.
 _MOTION = 1e-3
 # Newton corrections of critical points, which paths locate up to 1e-7 of the load factor.
 _REFINEMENTS = 2
@@ -156,7 +156,8 @@ class Direction(NamedTuple):
     def of_unknowns(cls, point: Point, system: MixedStatics, along: Tangent) -> Direction:
         """Return a direction of x and mu at a point of a system."""
         step = _MOTION / (point.problem.measure(along.x) or 1.0)
-        steps, weights = (_STEPS * step).tolist(), (_WEIGHTS / step).tolist()
+        steps = [step * x for x in FOUR_NEIGHBORS.steps]
+        weights = [x / step for x in FOUR_NEIGHBORS.derivative_weights]
         return cls([system] * len(steps), steps, weights, along)
 
     def differentiate(
@@ -167,7 +168,7 @@ class Direction(NamedTuple):
             function(system, point.x + step * self.along.x, point.p + step * self.along.p)
             for system, step in zip(self.systems, self.steps, strict=True)
         ]
-        return combine(self.weights, values)
+        return np.asarray(difference_values(self.weights, values))
 
 
 class ParameterDirection:
@@ -243,13 +244,6 @@ def _derive_statics(
         return differentiate_residual(base, here.time, state, dp, plan)
 
     return differentiate
-
-
-def combine(weights: Sequence[float], values: Sequence[Array]) -> Array:
-    """Return the derivative of a function, given its values in neighboring models."""
-    # The sum of the weights is zero; differences make derivatives of constants exactly zero.
-    first, *others = values
-    return np.asarray(sum(w * (x - first) for w, x in zip(weights[1:], others, strict=True)))
 
 
 def find_regular_point(problem: StaticProblem, q: Array, mu: float, control: Control) -> Point:

@@ -8,7 +8,7 @@ themselves are differentiated exactly.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -179,9 +179,7 @@ class Difference:
 
     def derivative(self, function: Callable[[EquationsOfMotion], Any]) -> Any:
         """Return the derivative of a function of the equations with respect to the parameter."""
-        first, *others = (function(e) for e in self.equations)
-        # The sum of the weights is zero; differences make derivatives of constants exactly zero.
-        return _combine(self.weights[1:], [x - first for x in others])
+        return difference_values(self.weights, [function(e) for e in self.equations])
 
 
 def difference_model(
@@ -519,6 +517,13 @@ def _build_neighbor(model: Model, parameters: Mapping[str, Any]) -> Any:
         return model(**parameters)
     except (ArithmeticError, ValueError) as problem:
         raise BeamdaeError(format_exception(problem)) from problem
+
+
+def difference_values(weights: Sequence[float], values: Iterable[Any]) -> Any:
+    """Return the derivative of a function, given its values in neighboring models."""
+    # The sum of the weights is zero; differences make derivatives of constants exactly zero.
+    first, *others = values
+    return _combine(weights[1:], [x - first for x in others])
 
 
 def _combine(weights: Sequence[float], values: Sequence[Any]) -> Any:

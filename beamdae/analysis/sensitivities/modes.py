@@ -21,8 +21,11 @@ from beamdae.analysis.linear_dynamics.linearization import (
 )
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.analysis.sensitivities.eigenpairs import Eigenpair, apply_pencil, linearize_at
-from beamdae.analysis.sensitivities.implicit import combine
-from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
+from beamdae.analysis.sensitivities.model_differences import (
+    Difference,
+    difference_model,
+    difference_values,
+)
 from beamdae.analysis.sensitivities.sensitivity_result import (
     ColumnSensitivities,
     complete_parameters,
@@ -366,13 +369,15 @@ class _State:
         """
         weights, along = difference.weights, np.zeros_like(self._x)
         if follows_start:
-            along[: self._full.equations.n] = combine(weights, [x.start for x in frames])
+            along[: self._full.equations.n] = difference_values(weights, [x.start for x in frames])
 
         def move(direction: Array) -> list[LinearizedEquations]:
             pairs = zip(frames, difference.steps, strict=True)
             return [x.linearize(self._x + step * direction, self._idle) for x, step in pairs]
 
-        change = self._balance(combine(weights, [x.tangent.residual for x in move(along)]), value)
+        change = self._balance(
+            difference_values(weights, [x.tangent.residual for x in move(along)]), value
+        )
         if change is None:
             raise BeamdaeError(
                 f"{_NAME}: the equilibrium has no derivative with respect to {difference.name}, "
@@ -383,7 +388,7 @@ class _State:
         def apply(pair: Eigenpair) -> tuple[Array, Array]:
             products = [apply_pencil(x, pair.value, pair.vector, self._idle) for x in neighbors]
             inertia = [x.tangent.mass @ pair.shape for x in neighbors]
-            return combine(weights, products), combine(weights, inertia)
+            return difference_values(weights, products), difference_values(weights, inertia)
 
         return apply
 

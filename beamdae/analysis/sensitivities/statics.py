@@ -17,10 +17,13 @@ from beamdae.analysis.sensitivities.implicit import (
     ParameterDirection,
     RegularPoint,
     SingularPoint,
-    combine,
     find_regular_point,
 )
-from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
+from beamdae.analysis.sensitivities.model_differences import (
+    Difference,
+    difference_model,
+    difference_values,
+)
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_observable
 from beamdae.analysis.sensitivities.sensitivity_result import (
     ColumnSensitivities,
@@ -174,7 +177,7 @@ class EquilibriumSensitivities(ColumnSensitivities):
                 raise BeamdaeError(
                     f"derivative: the function failed: {format_exception(problem)}."
                 ) from problem
-        return combine(difference.weights, values)
+        return np.asarray(difference_values(difference.weights, values))
 
     @cached_property
     def _columns(self) -> dict[str, dict[str, Array]]:
@@ -297,7 +300,7 @@ class _PathPoints:
             x.full_multipliers(path.q[rows] + s * q[rows], multipliers[rows] + s * lam[rows])
             for x, s in zip(neighbors, difference.steps, strict=True)
         ]
-        result[rows] = combine(difference.weights, values)
+        result[rows] = difference_values(difference.weights, values)
         return result
 
 
