@@ -1,0 +1,71 @@
+"""Watches: what may end a step early although the error test accepts it.
+
+A watch examines the rows of new steps. The run ends at its first stop, or restarts there and again
+where the error test sees what the step has passed over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.surface_gaps import compile_surface_gaps
+from beamdae.equations.table_arguments import TableArgumentTerm, find_distinct, group_grids
+from beamdae.results.trajectory import Interval
+
+
+class Stop(NamedTuple):
+    """Time at which a step must end.
+
+    Attributes
+    ----------
+    t
+        The time [s].
+    probe
+        Time [s] inside the contact or peak that begins at `t`, at which the first step after the
+        restart ends at the latest.
+    reason
+        Reason why the run ends at `t`; empty if it restarts there.
+    force
+        Name of the force that has a peak; empty for other stops.
+    """
+
+    t: float
+    probe: float
+    reason: str = ""
+    force: str = ""
+
+
+class Watch(Protocol):
+    """Search of the steps for times at which they must end."""
+
+    @property
+    def spacing(self) -> float:
+        """Length [s] of a step from which on steps are searched."""
+
+    def find_first(self, interval: Interval, begin: float) -> Stop | None:
+        """Return the first stop in the steps after `begin` [s], or None."""
+
+
+def watch_tables_and_contacts(
+    equations: EquationsOfMotion, arguments: Sequence[TableArgumentTerm], is_adaptive: bool
+) -> tuple[Watch, ...]:
+    """Return the watches of the contacts of all parts and of the `arguments` of tables.
+
+    Peaks of tables are searched if `is_adaptive` is True.
+    """
+    # Imported where they are created: most models have no surfaces and tables.
+    watches: list[Watch] = []
+    if gaps := compile_surface_gaps(equations):
+        from beamdae.integrators.events.contact_onsets import ContactWatch
+
+        watches.append(ContactWatch(gaps, equations.length))
+    terms = [term for term in find_distinct(arguments) if term.is_limited or is_adaptive]
+    if terms:
+        from beamdae.integrators.events.table_limits import TableWatch
+
+        watches.append(
+            TableWatch(terms, is_adaptive, group_grids(arguments) if is_adaptive else ())
+        )
+    return tuple(watches)
