@@ -14,7 +14,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.surface_gaps import SurfaceGapTerm
-from beamdae.integrators.events.watches import Stop
+from beamdae.integrators.events.stop import Stop
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray

@@ -15,7 +15,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.table_arguments import TableArgumentTerm
-from beamdae.integrators.events.watches import Stop
+from beamdae.integrators.events.stop import Stop
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray

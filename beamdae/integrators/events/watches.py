@@ -1,51 +1,13 @@
-"""Watches: what may end a step early although the error test accepts it.
-
-A watch examines the rows of new steps. The run ends at its first stop, or restarts there and again
-where the error test sees what the step has passed over.
-"""
+"""Watches of the contacts and tables of a mechanism."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.equations.table_arguments import TableArgumentTerm, find_distinct, group_grids
-from beamdae.results.trajectory import Interval
-
-
-class Stop(NamedTuple):
-    """Time at which a step must end.
-
-    Attributes
-    ----------
-    t
-        The time [s].
-    probe
-        Time [s] inside the contact or peak that begins at `t`, at which the first step after the
-        restart ends at the latest.
-    reason
-        Reason why the run ends at `t`; empty if it restarts there.
-    force
-        Name of the force that has a peak; empty for other stops.
-    """
-
-    t: float
-    probe: float
-    reason: str = ""
-    force: str = ""
-
-
-class Watch(Protocol):
-    """Search of the steps for times at which they must end."""
-
-    @property
-    def spacing(self) -> float:
-        """Length [s] of a step from which on steps are searched."""
-
-    def find_first(self, interval: Interval, begin: float) -> Stop | None:
-        """Return the first stop in the steps after `begin` [s], or None."""
+from beamdae.integrators.events.stop import Watch
 
 
 def watch_tables_and_contacts(
