@@ -18,7 +18,7 @@ from beamdae.analysis.gradients.weighted_residuals import (
     prepare_weights,
     weigh_residual,
 )
-from beamdae.analysis.sensitivities.alpha_replay import evaluate_time_rates, plan_step_residual
+from beamdae.analysis.sensitivities.alpha_replay import plan_step_residual
 from beamdae.analysis.sensitivities.alpha_steps import (
     AlphaSteps,
     copy_state,
@@ -29,7 +29,6 @@ from beamdae.analysis.sensitivities.alpha_steps import (
 )
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.recorded_maps import Gradient
-from beamdae.analysis.sensitivities.run_derivatives import rates_at_steps
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import formulate_step, plan_step_sums
@@ -41,7 +40,7 @@ from beamdae.integrators.alpha.family import (
 )
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
-from beamdae.native.loop_functions import combine, inner_product, solve
+from beamdae.native.loop_functions import combine, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sparse_operators import transpose_pattern
@@ -67,9 +66,6 @@ class AdjointWorkspace(AlphaSteps):
     q, v, ddq, a
         Derivatives of the objective with respect to the motion at the end of the current step, as
         far as it acts through later steps, (n,) each. `a` is the algorithmic acceleration.
-    time_rates, by_time
-        Partial derivatives of the residual with respect to time at the steps, (steps, n + m), and
-        the derivative with respect to the time of all steps.
     first
         Number of steps before the steps of equal length that are transposed together.
     step
@@ -84,8 +80,6 @@ class AdjointWorkspace(AlphaSteps):
     v: Array
     ddq: Array
     a: Array
-    time_rates: Array
-    by_time: float = 0.0
     first: int = 0
     step: int
 
@@ -115,14 +109,13 @@ def sweep_backwards(run: AdjointWorkspace) -> int:
         combine(change[:n], (-1.0, -c[0], -c[1], -1.0 / c[2]), (q, v, ddq, a))
         combine(change[n:], (-1.0 / c[2],), (seed[2 * n :],))
         solve(run.linear, change)
-        run.by_time += inner_product(change, run.time_rates[run.step - 1])
         combine(change[:n], (c[2],), (change[:n],))
         for i in run.form.velocity_rows:
             change[i] /= c[0]
         weigh_residual(run.residual, t, run.branch, change)
         combine(q, (1.0, 1.0), (q, outputs[:n]))
         combine(v, (1.0, 1.0), (v, outputs[n : 2 * n]))
-        add_numbers(run.residual, t, run.branch, change)
+        add_numbers(run.residual)
         # From the predicted motion to the motion before the step.
         combine(a_predicted, (1.0, h * h * beta, h * gamma), (a, q, v))
         rate = factor * run.alpha_m
@@ -152,7 +145,6 @@ def transpose_alpha_steps(
     interval: Interval,
     seeds: Array,
     matrices: dict[int, FactorizedMatrix],
-    moves: bool,
 ) -> Gradient:
     """Return the gradient of an objective with respect to the state at the start of an interval.
 
@@ -170,8 +162,6 @@ def transpose_alpha_steps(
     matrices
         Matrices of later intervals of the run by id of their pattern, whose pivots are tried first;
         the matrix of this interval is added.
-    moves
-        True if the time of the start moves, and all steps with it.
 
     Raises
     ------
@@ -183,7 +173,7 @@ def transpose_alpha_steps(
     member = family_parameters(method.family, method.rho_inf)
     form = formulate_step(equations, False)
     plan, pattern = _plan_transposed_matrix(equations.structure)
-    make_residual, is_native = prepare_weights(start, plan_step_residual, 4 * n + 2 * m, n + m)
+    make_residual, is_native = prepare_weights(equations, plan_step_residual, 4 * n + 2 * m, n + m)
     matrix = FactorizedMatrix.from_pattern(pattern, pivot_source=matrices.get(id(pattern)))
     matrices[id(pattern)] = matrix
     seeded = np.flatnonzero(seeds.any(axis=0))
@@ -201,7 +191,6 @@ def transpose_alpha_steps(
             v=v,
             ddq=ddq,
             a=a,
-            time_rates=np.zeros((steps, n + m)),
             step=steps,
         )
 
@@ -225,9 +214,6 @@ def transpose_alpha_steps(
             run.a *= ratio
             parts.append(part)
         run.coefficients[:] = member.coefficients(h)
-        if moves:
-            rates = evaluate_time_rates(form, interval, first, last, run.coefficients, h)
-            run.time_rates[first:last] = rates
         run.h, run.first, run.staged, run.lane = h, int(first), 0, 0
         if loop() != DONE:
             raise BeamdaeError(
@@ -240,10 +226,5 @@ def transpose_alpha_steps(
     time, at = np.array([times[0], interval.branch]), State(*(x[0] for x in states))
     motion = start.initial_motion(alpha_start, time, at, run.h)
     by_start = motion.transposed(run.q, run.v, run.ddq, run.a)
-    by_time = run.by_time
-    if moves:
-        by_time -= float(
-            np.sum(seeds * np.delete(rates_at_steps(interval)[1:], slice(2 * n, 3 * n), 1))
-        )
-    parts += [by_start, Gradient((), run.residual.numbers, by_time, run.residual.along_operators)]
-    return Gradient(by_start.inputs, *(sum(x) for x in list(zip(*parts, strict=True))[1:]))
+    numbers = run.residual.numbers + sum(x.numbers for x in (*parts, by_start))
+    return Gradient(by_start.inputs, numbers)

@@ -305,10 +305,10 @@ def _transpose_residuals(adjoint: RadauAdjoint, first: int, h: float) -> None:
     The equations of the defined velocities are T^T y_d = (b + K^T y)_v for the weights y_d of the
     rows that define them.
     """
-    run, n, at = adjoint.run, adjoint.run.form.n, adjoint.run.reduction
+    n, at = adjoint.run.form.n, adjoint.run.reduction
     for i in range(3):
         _weigh_residual(adjoint, i, h)
-        add_numbers(adjoint.residual, run.t + C[i] * h, run.branch, adjoint.weights[i])
+        add_numbers(adjoint.residual)
     _set_total(adjoint, h, True)
     total, velocities = adjoint.total, adjoint.velocities
     for i in range(3):
@@ -356,7 +356,7 @@ def transpose_radau_steps(start: StartDerivatives, interval: Interval, seeds: Ar
     transposed_pattern, transposed_entries = transpose_pattern(stages.pattern)
     real = FactorizedMatrix.from_pattern(transposed_pattern)
     complex_ = FactorizedMatrix.from_pattern(transposed_pattern, complex, pivot_source=real)
-    make_residual, is_native = prepare_weights(start, plan_stage_residual, 2 * size, size)
+    make_residual, is_native = prepare_weights(equations, plan_stage_residual, 2 * size, size)
 
     def make_adjoint(native: bool) -> RadauAdjoint:
         return RadauAdjoint(
@@ -407,4 +407,4 @@ def transpose_radau_steps(start: StartDerivatives, interval: Interval, seeds: Ar
             "smaller rtol, or check the model."
         )
     state = (adjoint.y[:n], adjoint.y[n : 2 * n], np.zeros(n), np.zeros(m))
-    return Gradient(state, adjoint.residual.numbers, 0.0, adjoint.residual.along_operators)
+    return Gradient(state, adjoint.residual.numbers)
