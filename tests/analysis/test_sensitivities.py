@@ -677,9 +677,7 @@ def test_regression_rounding_does_not_change_neighboring_models(model, name, val
     """Rounding chose the entries of an operator, or the element of a point between two elements."""
     values = {**model.parameters, "formulation": "floating frame", name: value}
     base = bd.equations_of_motion(model(**values))
-    difference = difference_model(
-        model, name, values, base, bd.equations_of_motion, moves_operators=True
-    )
+    difference = difference_model(model, name, values, base, bd.equations_of_motion)
     assert len(difference.equations) == 4
 
 

@@ -45,17 +45,14 @@ from beamdae.analysis.sensitivities.run_derivatives import (
 )
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
-    require_parameter_names,
-    whole_number_remedy,
+    require_parameters,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
-    as_real,
     record_warnings,
     require_choice,
     short_repr,
-    suggest,
 )
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.interrupts import interruptible, keep_result
@@ -281,8 +278,8 @@ class DifferentiableRun:
     method: GeneralizedAlpha | Radau
     equations: EquationsOfMotion
     start: Any
-    # Derivatives of the model, which other runs of the model share, and phases of this run.
-    _models: dict[str, Any] = field(default_factory=dict, repr=False)
+    # Derivatives of the numbers, and phases by name of a number, once they are known.
+    _numbers: list[NumberDerivatives] = field(default_factory=list, repr=False)
     _phases: dict[str, RunPhases] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -315,7 +312,7 @@ class DifferentiableRun:
 
         `start` is the start of the models. The result serves all objectives.
         """
-        if "numbers" not in self._models:
+        if not self._numbers:
 
             def assemble(mechanism: Any) -> EquationsOfMotion:
                 return as_equations(derivative_call(), mechanism, start)
@@ -323,8 +320,8 @@ class DifferentiableRun:
             first = self.solution.trajectory.intervals[0]
             time = np.array([first.t[0], first.branch])
             base = self.equations if start == self.start else assemble(self.flat())
-            self._models["numbers"] = differentiate_numbers(self.flat, base, assemble, time)
-        return self._models["numbers"]
+            self._numbers.append(differentiate_numbers(self.flat, base, assemble, time))
+        return self._numbers[0]
 
     @cached_property
     def adjoint(self) -> AdjointRun:
@@ -340,22 +337,16 @@ class DifferentiableRun:
             As `difference_model` and `RunPhases.of`.
         """
         if name not in self._phases:
-            self._phases[name] = RunPhases.of(self.adjoint, self._difference(name))
-        return self._phases[name]
-
-    def _difference(self, name: str) -> Difference:
-        key = f"difference {name}"
-        if key not in self._models:
             # Name and call of a flat model are those of a model.
-            self._models[key] = difference_model(
+            difference = difference_model(
                 cast(Model, self.flat),
                 name,
                 self.flat.values,
                 self.equations,
                 assemble_neighbors(self.equations, self.start),
-                moves_operators=True,
             )
-        return self._models[key]
+            self._phases[name] = RunPhases.of(self.adjoint, difference)
+        return self._phases[name]
 
 
 def _require_complete_run(name: str, solution: Solution) -> None:
@@ -381,39 +372,15 @@ def flatten_model(caller: str, model: Any, by: Any, parameters: Any) -> FlatMode
 
     `caller` is the calling function, for messages.
     """
-    names = require_parameter_names(caller, model, by)
+    names = require_parameters(caller, model, by, allows_lists=True)
     values = complete_parameters(caller, model, parameters)
     entries: dict[str, tuple[str, int | None]] = {}
     for name in names:
-        if name not in values:
-            available = [k for k, x in values.items() if _count_numbers(x)]
-            raise BeamdaeError(
-                f"{caller}: {model.name} has no parameter {short_repr(name)}"
-                f"{suggest(str(name), available)}; parameters with derivatives: "
-                f"{', '.join(available) or 'none'}."
-            )
-        count = _count_numbers(values[name])
-        if not count:
-            raise BeamdaeError(
-                f"{caller}: {name} of {model.name} is neither a float nor a list of floats "
-                f"({short_repr(values[name])}) and has no derivative"
-                f"{whole_number_remedy(values[name])}."
-            )
         if isinstance(values[name], float):
             entries[name] = (name, None)
         else:
-            entries |= {f"{name}[{k}]": (name, k) for k in range(count)}
+            entries |= {f"{name}[{k}]": (name, k) for k in range(len(values[name]))}
     return FlatModel(model, values, entries)
-
-
-def _count_numbers(value: Any) -> int:
-    """Return the number of numbers in a float, or in a list or tuple of floats; otherwise 0."""
-    if isinstance(value, float):
-        return 1
-    if not isinstance(value, (tuple, list)):
-        return 0
-    are_real = all(as_real(x) is not None and not isinstance(x, bool) for x in value)
-    return len(value) if are_real else 0
 
 
 def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float, Array]:

@@ -223,7 +223,7 @@ def mode_sensitivities(
     pairs = _simple_pairs(model.name, result, state.linearized, damping)
     eigenvalues, shapes = {}, {}
     for name in names:
-        difference = difference_model(model, name, values, base, assemble, moves_operators=True)
+        difference = difference_model(model, name, values, base, assemble)
         frames = [frame_of(e, about, t) for e in difference.equations]
         if follows_start and linearize_at_rest(frames[-1])[2]:
             raise BeamdaeError(

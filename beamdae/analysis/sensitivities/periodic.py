@@ -232,7 +232,7 @@ def periodic_sensitivities(
     base = replace(equations, q0=drawn.q0, v0=drawn.v0)
     periods, trajectories, differences = {}, {}, {}
     for name in names:
-        difference = difference_model(model, name, values, base, assemble, moves_operators=True)
+        difference = difference_model(model, name, values, base, assemble)
         stretch = 0.0
         if is_function:
             changed = [{**values, name: values[name] + x} for x in difference.steps]

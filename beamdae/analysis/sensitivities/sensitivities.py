@@ -461,7 +461,6 @@ class _Run:
                 self.values,
                 base,
                 assemble,
-                moves_operators=True,
                 needs_high_order=self.needs_high_order,
             )
             for name in self.names

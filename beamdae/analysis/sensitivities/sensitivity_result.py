@@ -11,6 +11,7 @@ import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
+    as_real,
     require_choice,
     require_mapping,
     require_names,
@@ -113,12 +114,13 @@ class ColumnSensitivities(SensitivityResult):
         return {}
 
 
-def require_parameter_names(
-    caller: str, model: Any, by: Any, argument: str = "by"
+def require_parameters(
+    caller: str, model: Any, by: Any, argument: str = "by", *, allows_lists: bool = False
 ) -> tuple[str, ...]:
-    """Return the names in `by` if they are distinct and `model` is a model function.
+    """Return the names in `by` if they are distinct float parameters of the model.
 
-    `caller` is the calling function and `argument` the name of its argument, for messages.
+    `caller` is the calling function and `argument` the name of its argument, for messages. With
+    `allows_lists`, lists and tuples of floats are parameters, too.
     """
     require_model_function(caller, model)
     names = tuple(require_names(caller, argument, by, "a list of names of parameters"))
@@ -126,37 +128,36 @@ def require_parameter_names(
         raise BeamdaeError(
             f"{caller}: {argument} must contain each parameter once, got {short_repr(names)}."
         )
-    return names
 
+    def is_permitted(value: Any) -> bool:
+        return isinstance(value, float) or (allows_lists and _is_list_of_numbers(value))
 
-def require_parameters(caller: str, model: Any, by: Any, argument: str = "by") -> tuple[str, ...]:
-    """Return the names in `by` if they are float parameters of the model.
-
-    `caller` is the calling function and `argument` the name of its argument, for messages.
-    """
-    names = require_parameter_names(caller, model, by, argument)
+    available = [k for k, x in model.parameters.items() if is_permitted(x)]
+    kind = "neither a float nor a list of floats" if allows_lists else "not a float"
     for name in names:
         if name not in model.parameters:
-            available = [k for k, x in model.parameters.items() if isinstance(x, float)]
             raise BeamdaeError(
                 f"{caller}: {model.name} has no parameter {short_repr(name)}"
                 f"{suggest(str(name), available)}; parameters with derivatives: "
                 f"{', '.join(available) or 'none'}."
             )
-        if not isinstance(model.parameters[name], float):
+        value = model.parameters[name]
+        if name not in available:
+            is_whole = isinstance(value, int) and not isinstance(value, bool)
+            remedy = (
+                f"; compare whole numbers by sweep, or write {value}.0 in the model for a real "
+                "number"
+            )
             raise BeamdaeError(
-                f"{caller}: {name} of {model.name} is not a float "
-                f"({short_repr(model.parameters[name])}) and has no derivative"
-                f"{whole_number_remedy(model.parameters[name])}."
+                f"{caller}: {name} of {model.name} is {kind} ({short_repr(value)}) and has no "
+                f"derivative{remedy if is_whole else ''}."
             )
     return names
 
 
-def whole_number_remedy(value: Any) -> str:
-    """Return advice for a whole number that is to be differentiated, "" for other values."""
-    if not isinstance(value, int) or isinstance(value, bool):
-        return ""
-    return f"; compare whole numbers by sweep, or write {value}.0 in the model for a real number"
+def _is_list_of_numbers(value: Any) -> bool:
+    is_list = isinstance(value, (tuple, list)) and len(value) > 0
+    return is_list and all(as_real(x) is not None and not isinstance(x, bool) for x in value)
 
 
 def complete_parameters(caller: str, model: Model, parameters: Any) -> dict[str, Any]:

@@ -408,8 +408,7 @@ def equilibrium_sensitivities(
         return build_loading(source, equations, stages, path.t)
 
     differences = {
-        name: difference_model(model, name, values, path.equations, assemble, moves_operators=True)
-        for name in names
+        name: difference_model(model, name, values, path.equations, assemble) for name in names
     }
     with single_threaded:
         points = _PathPoints(path, load(path.equations))
