@@ -25,7 +25,7 @@ from beamdae.analysis.sensitivities.model_differences import (
     difference_values,
 )
 from beamdae.analysis.sensitivities.sensitivity_result import (
-    ColumnSensitivities,
+    SensitivityResult,
     complete_parameters,
     require_parameters,
 )
@@ -65,7 +65,7 @@ _FORCE_ROUNDING = 1e-11
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class ModeSensitivities(ColumnSensitivities):
+class ModeSensitivities(SensitivityResult):
     """Natural modes and their derivatives; see `mode_sensitivities`.
 
     Attributes

@@ -20,7 +20,7 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
 )
 from beamdae.analysis.sensitivities.run_derivatives import RunDerivatives
 from beamdae.analysis.sensitivities.sensitivity_result import (
-    ColumnSensitivities,
+    SensitivityResult,
     complete_parameters,
     require_parameters,
 )
@@ -61,7 +61,7 @@ _COMPARED_TIMES = 7
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class PeriodicSensitivities(ColumnSensitivities):
+class PeriodicSensitivities(SensitivityResult):
     """A periodic motion and its derivatives; see `periodic_sensitivities`.
 
     Attributes

@@ -123,40 +123,17 @@ class Sensitivities(SensitivityResult):
         """Output times (k,) of the run [s]."""
         return self.solution.t
 
-    def sensitivity(self, column: str, parameter: str) -> pd.Series:
-        """Return the derivative of a column with respect to a parameter, over time.
+    @property
+    def _index(self) -> tuple[str, Array]:
+        return measures.TIME, self.t
 
-        Parameters
-        ----------
-        column
-            Header of an observed column, coordinate, velocity or multiplier, with or without its
-            unit, as in `solution["tip.y"]`.
-        parameter
-            Name of the parameter.
+    @property
+    def _columns(self) -> Mapping[str, Mapping[str, Array]]:
+        return self.columns.observed
 
-        Returns
-        -------
-        pandas.Series
-            Derivative (k,) in the unit of the column per unit of the parameter, indexed by time
-            [s].
-
-        Raises
-        ------
-        BeamdaeError
-            If the parameter is not one of `parameters`, or the name selects no column or several
-            columns. Energies are in `energies`; works are not differentiated.
-        """
-        return self.columns.sensitivity(column, parameter)
-
-    def table(self) -> pd.DataFrame:
-        """Return time and the derivatives of all observed columns with respect to all parameters.
-
-        The header of the derivative of "tip.y [m]" with respect to "E" is "d(tip.y)/d(E) [m per
-        unit of E]".
-        """
-        import pandas as pd
-
-        return pd.DataFrame({measures.TIME: self.t, **self.columns.columns()})
+    def _further_columns(self, parameter: str) -> Mapping[str, Array]:
+        """Return the derivatives of coordinates, velocities and multipliers."""
+        return self.columns.coordinates[parameter]
 
     @property
     def events(self) -> pd.DataFrame:

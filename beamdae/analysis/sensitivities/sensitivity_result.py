@@ -30,7 +30,7 @@ Array = np.ndarray
 
 
 class SensitivityResult(HasTable, ABC):
-    """An analysis and its derivatives with respect to `parameters`, values by name."""
+    """An analysis and the derivatives of its columns with respect to `parameters`."""
 
     parameters: Mapping[str, float]
 
@@ -42,18 +42,6 @@ class SensitivityResult(HasTable, ABC):
     @abstractmethod
     def _summary(self) -> str:
         """Description of the analysis for `repr`."""
-
-    @abstractmethod
-    def table(self) -> pd.DataFrame:
-        """Return the derivatives with respect to all parameters."""
-
-    def _require_parameter(self, caller: str, parameter: str) -> str:
-        name: str = require_choice(caller, "parameter", parameter, list(self.parameters))
-        return name
-
-
-class ColumnSensitivities(SensitivityResult):
-    """Derivatives of columns of a table with respect to parameters."""
 
     @property
     @abstractmethod
@@ -75,7 +63,8 @@ class ColumnSensitivities(SensitivityResult):
         Parameters
         ----------
         column
-            Header of a column, with or without its unit, such as "tip.y".
+            Header of an observed column, with or without its unit, such as "tip.y". Runs and
+            equilibria also have those of coordinates and multipliers, and runs velocities.
         parameter
             Name of the parameter.
 
@@ -83,16 +72,16 @@ class ColumnSensitivities(SensitivityResult):
         -------
         pandas.Series
             Derivative (k,) in the unit of the column per unit of the parameter; NaN where it does
-            not exist. The index is that of the analysis: load factors, numbers of modes, or times
-            [s] at fixed phases (t - t_start) / period.
+            not exist. The index is that of the analysis: times [s], load factors, numbers of modes,
+            or times [s] at fixed phases (t - t_start) / period.
 
         Raises
         ------
         BeamdaeError
             If the parameter is not one of `parameters`, or the name selects no column or several
-            columns.
+            columns; works are not differentiated.
         """
-        parameter = self._require_parameter("sensitivity", parameter)
+        parameter = require_choice("sensitivity", "parameter", parameter, list(self.parameters))
         columns, name = self._columns[parameter], type(self).__name__
         everything = {**self._further_columns(parameter), **columns}
         return select_derivative(everything, column, parameter, self._index, name, columns)
