@@ -616,3 +616,13 @@ def _module_locations(module: Any) -> list[str]:
     """Return the file of a module, or the folders of a namespace package."""
     file = getattr(module, "__file__", None)
     return [file] if file else [str(x) for x in getattr(module, "__path__", ())]
+
+
+def transform_mechanisms(model: Model, change: Callable[[Any], Any]) -> Model:
+    """Return the model whose mechanisms are those of `model` after a change."""
+
+    @wraps(model.build)
+    def build(**values: Any) -> Any:
+        return change(model.build(**values))
+
+    return replace(model, build=build)

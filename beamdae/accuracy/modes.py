@@ -15,6 +15,7 @@ from beamdae.accuracy.runs import describe_refinement
 from beamdae.analysis.continuation.engine import CurveError, prescribe_parameter
 from beamdae.analysis.eigenproblems.eigensolution import EigenSolution, solve_eigenproblem
 from beamdae.analysis.linear_dynamics.linearization import (
+    Frame,
     Linearization,
     linearize_about,
     linearize_at_rest,
@@ -228,8 +229,9 @@ def _linearize_path_end(
     begin[: len(x)] = x
     x = problem.correct(prescribe_parameter, factor, begin, factor).x[: len(x)]
     e = replace(e, q0=x[: e.n], v0=np.zeros(e.n))
-    rest = linearize_at_rest(e, system.loaded.time, partial(system.motion_tangent, factor))
-    return Linearization(e, fine, lin.about, system.loaded.time, *rest)
+    frame = Frame(e, system.loaded.time, partial(system.motion_tangent, factor))
+    rest = linearize_at_rest(frame)
+    return Linearization(e, fine, lin.about, frame.time, *rest)
 
 
 def _prolong_instant(

@@ -83,6 +83,16 @@ class RefinedMechanism(NamedTuple):
     sharpened: tuple[str, ...]
     kept: dict[str, str]
 
+    @property
+    def raised(self) -> tuple[str, ...]:
+        """Names of the beams with elements of a higher degree, because the mesh was chosen."""
+        return tuple(name for name, beam in self.remeshed.items() if beam.has_chosen_mesh)
+
+    @property
+    def halved(self) -> tuple[str, ...]:
+        """Names of the beams with halved elements."""
+        return tuple(name for name in self.remeshed if name not in self.raised)
+
 
 def refine_mesh(beam: Beam, mesh: Mesh) -> Mesh:
     """Return a mesh with halved elements, or of a higher degree if the program chose the mesh."""
@@ -180,6 +190,5 @@ def refine(
     pairs = {name: (beam, final[name]) for name, beam in beams.items()}
     names = equations.q_names, refined_equations.q_names
     prolongation, offset = prolong_coordinates(*names, pairs)
-    raised = tuple(name for name, beam in beams.items() if beam.has_chosen_mesh)
-    halved = tuple(name for name in beams if name not in raised)
-    return Refinement(refined_equations, halved, raised, *refined[2:], prolongation, offset)
+    of_beams = refined.halved, refined.raised, *refined[2:]
+    return Refinement(refined_equations, *of_beams, prolongation, offset)

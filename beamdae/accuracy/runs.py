@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.accuracy.errors import FACTOR, Errors, Refined, Split
-from beamdae.accuracy.refinement import Refinement, refine
+from beamdae.accuracy.refinement import RefinedMechanism, Refinement, refine
 from beamdae.accuracy.values import compare_columns
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.remeshing import list_fixed_beams
@@ -314,7 +314,9 @@ def _repeat(
 
 
 def describe_refinement(
-    equations: EquationsOfMotion, refinement: Refinement | None, run: Solution | None
+    equations: EquationsOfMotion,
+    refinement: Refinement | RefinedMechanism | None,
+    run: Solution | None,
 ) -> Refined:
     """Return the description of what a companion refines: beams and, if there is one, a run."""
     method: Any = None if run is None else run.made_by

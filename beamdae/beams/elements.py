@@ -205,11 +205,14 @@ def element_kernel(element: PointElement) -> ForceKernel:
     return ForceKernel.of_points(local, points, form)
 
 
-def _split_stiffness(layout: ElementDataLayout, data: Array) -> tuple[Array, ...]:
+def _split_stiffness(
+    layout: ElementDataLayout, data: Array, idle: Array | None = None
+) -> tuple[Array, ...]:
     """Return the arrays of `CompliantForm.split`: the rest is bending, and shares of EA and GA.
 
     The shares, at most half, have the size of the bending stiffness. They keep the stiffness
     without resultants regular inside elements, which are eliminated with pivots on the diagonal.
+    Points of elements have stiffness; none is `idle`.
     """
     rest = data.copy()
     values, first = layout.stiffness_values(data), len(layout.stiffness_point)

@@ -375,12 +375,13 @@ class CompliantForm(NamedTuple):
         Function of the numbers of copies (n_data, count) that returns those of the rest of the
         force (n_data, count), those of the points (count, points, data), the retardation times tau
         of g + tau g' - lam = 0, and the multiple of g which that rest adds to lam (count, points,
-        constraints of a point).
+        constraints of a point). A second argument, a mask of constraints, names those whose
+        stiffnesses stay in the rest.
     """
 
     kernel: ConstraintKernel
     operators: Array
-    split: Callable[[Array], tuple[Array, ...]]
+    split: Callable[..., tuple[Array, ...]]
 
 
 class PointForce(NamedTuple):

@@ -1,7 +1,6 @@
 """Gradients by the adjoint: against forward derivatives, closed forms and single differences."""
 
 import importlib
-import re
 
 import numpy as np
 import pytest
@@ -442,16 +441,23 @@ def test_errors_of_fixed_steps_are_reported(step, error, recwarn):
     result = bd.gradient(oscillator, bd.EndValue("mass.x"), "stiffness", method, 4.0)
     actual = abs(result.derivatives["stiffness"] / exact_derivative(4.0) - 1.0)
     assert actual == pytest.approx(error, rel=0.15)
-    messages = [str(x.message) for x in recwarn if "due to the step of" in str(x.message)]
-    assert len(messages) == (actual > 0.05)
-    if messages:
-        estimate = float(messages[0].partition(" estimated at ")[2].partition(" %")[0])
-        # Errors are not exactly proportional to the square of the step.
-        assert estimate == pytest.approx(100.0 * actual, rel=0.4)
+    assert result.errors.total[1] == pytest.approx(actual, rel=0.4)
+    sentences = [str(x.message) for x in recwarn if "gradient: d(objective)/d(stif" in str(x)]
+    assert len(sentences) == (actual > 0.05)
 
 
-def test_regression_errors_near_a_minimum_are_stated_for_a_change_of_the_parameters(recwarn):
-    """The gradient vanishes near a stiffness of 40.46 N/m, and only "88 %" of it was stated."""
+@pytest.mark.parametrize("step", [0.4, 0.3, 0.2, 0.1])
+def test_errors_of_steps_that_resolve_no_vibration_are_large(step):
+    """Numbers by such steps and by half of them may agree by chance."""
+    method = bd.GeneralizedAlpha(step=step)
+    for t_end in (1.5, 2.5, 4.0):
+        result = bd.gradient(oscillator, bd.EndValue("mass.x"), "stiffness", method, t_end)
+        actual = abs(result.array[0] / exact_derivative(t_end) - 1.0)
+        assert 0.7 * actual < result.errors.total[1] < 1.4 * actual
+
+
+def test_regression_errors_near_a_minimum_are_not_reported(recwarn):
+    """The gradient vanishes near a stiffness of 40.46 N/m; an error of 88 % of it was stated."""
     result = bd.gradient(
         oscillator,
         bd.EndValue("mass.x"),
@@ -460,11 +466,12 @@ def test_regression_errors_near_a_minimum_are_stated_for_a_change_of_the_paramet
         1.0,
         parameters={"stiffness": 40.48},
     )
-    (message,) = (str(x.message) for x in recwarn)
-    change = re.search(r", or (\S+) for a change of the parameters by 1 %, for", message)
-    assert "for an objective of 0.9467;" in message
-    error = 0.01 * 40.48 * (result.array[0] - exact_derivative(1.0, 40.48))
-    assert float(change[1]) == pytest.approx(abs(error), rel=0.4)
+    assert abs(result.array[0] / exact_derivative(1.0, 40.48) - 1.0) > 0.5
+    # A relative change of the stiffness changes the objective by less than a thousandth of it.
+    assert 40.48 * abs(result.array[0]) < 1e-3 * result.value
+    assert result.errors.table()["companion"].iloc[1] == pytest.approx(
+        exact_derivative(1.0, 40.48), rel=0.01
+    )
 
 
 @pytest.mark.parametrize(("rtol", "count"), [(1e-2, 1), (1e-4, 0)])
@@ -472,18 +479,14 @@ def test_regression_errors_of_adaptive_steps_are_reported(rtol, count, recwarn):
     objective, method = bd.EndValue("mass.x"), bd.GeneralizedAlpha(rtol=rtol)
     result = bd.gradient(oscillator, objective, "stiffness", method, 4.0)
     error = abs(result.array[0] / exact_derivative(4.0) - 1.0)
-    assert len(recwarn) == (error > 0.05) == count
-    if count:
-        assert (
-            f"gradient: the error of the gradient of {oscillator.name} due to rtol={rtol:g}"
-            in str(recwarn[0].message)
-        )
+    assert (error > 0.05) == count
+    assert sum("gradient: d(objective)" in str(x.message) for x in recwarn) == count
 
 
 @pytest.mark.parametrize("call", [bd.gradient, bd.sensitivities])
 def test_invalid_estimate_error_is_rejected(call):
     objective = [bd.EndValue("mass.x")] if call is bd.gradient else []
-    with pytest.raises(bd.BeamdaeError, match=r"estimate_error must be True or False, got 'yes'"):
+    with pytest.raises(bd.BeamdaeError, match=r"estimate_error must be .*, got 'yes'"):
         call(oscillator, *objective, "stiffness", estimate_error="yes")
 
 

@@ -106,7 +106,7 @@ def test_regression_derivatives_survive_an_interrupt_of_their_error_estimate(cal
         raise KeyboardInterrupt
 
     for module in (gradients, sensitivities):
-        monkeypatch.setattr(module, "_warn_of_step_errors", interrupt)
+        monkeypatch.setattr(module, "warn_of_errors", interrupt)
     spring, _ = model()
     function = getattr(bd, call)
     objective = [bd.EndValue("mass.x")] * (call == "gradient")
@@ -126,7 +126,7 @@ def test_regression_derivatives_of_interrupted_calls_list_warnings(call, monkeyp
         raise KeyboardInterrupt
 
     for module in (gradients, sensitivities):
-        monkeypatch.setattr(module, "_warn_of_step_errors", interrupt)
+        monkeypatch.setattr(module, "warn_of_errors", interrupt)
     spring, _ = model()
     objective = [bd.EndValue("mass.x")] * (call == "gradient")
     with pytest.warns(bd.BeamdaeWarning, match="coarse"), pytest.raises(Interrupted) as caught:

@@ -343,9 +343,9 @@ def test_regression_alpha_after_impact_with_stiff_damper(step):
 def test_derivatives_of_a_run_that_violates_the_balance_of_energy_are_reported():
     """With this damper, steps of 1 ms miss the position by 0.6 m: the run is wrong."""
     arguments = (damped_bounce, "gap", bd.GeneralizedAlpha(step=1e-3))
-    message = "sensitivities: the run of damped_bounce violates the balance of energy"
-    with pytest.warns(bd.BeamdaeWarning, match=message):
+    with pytest.warns(bd.BeamdaeWarning, match="energy: the energy imbalance is") as record:
         bd.sensitivities(*arguments, parameters={"damping": 1e7})
+    assert any("d(upper.y)/d(gap) more than 100 %" in str(x.message) for x in record)
 
 
 @pytest.mark.slow(reason="half a second")

@@ -116,7 +116,7 @@ def test_an_interrupt_of_the_derivatives_preserves_the_run(partial, monkeypatch)
     def interrupt(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(implementation, "_differentiate", interrupt)
+    monkeypatch.setattr(implementation, "RunDerivatives", interrupt)
     if partial == "return":
         run = bd.simulate(oscillator, ALPHA, sensitivities="speed", partial="return")
         assert run.status.kind == "interrupted"

@@ -309,17 +309,20 @@ class LinearizedEquations:
 
 
 def linearize_in_mixed_form(
-    e: EquationsOfMotion, state: State, tangent_at: Callable[[State, Convert], Tangent]
+    e: EquationsOfMotion,
+    state: State,
+    tangent_at: Callable[[State, Convert], Tangent],
+    idle: Array | None = None,
 ) -> LinearizedEquations:
     """Return the linearized equations about a state whose multipliers include the stiff forces.
 
     Their residual includes the compliant constraints without these forces. `tangent_at` returns the
-    tangent of converted equations at a state.
+    tangent of converted equations at a state; see `introduce_resultants` for `idle`.
     """
-    m, form = e.m, introduce_resultants(e)
+    m, form = e.m, introduce_resultants(e, idle)
 
     def convert(equations: EquationsOfMotion) -> EquationsOfMotion:
-        return (form if equations is e else introduce_resultants(equations)).equations
+        return (form if equations is e else introduce_resultants(equations, idle)).equations
 
     tangent = tangent_at(state, convert)
     rows = sp.csc_array(tangent.position_jacobian[m:])

@@ -450,7 +450,7 @@ class FitProblem:
         # The result evaluates the warnings of the last run.
         with warnings.catch_warnings(), skip_result_checks():
             warnings.simplefilter("ignore", BeamdaeWarning)
-            run, _ = differentiate_run(
+            run = differentiate_run(
                 self.model,
                 self.names,
                 self.integrator,

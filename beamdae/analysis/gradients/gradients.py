@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.analysis.gradients.forward_gradients import differentiate_along
 from beamdae.analysis.gradients.number_derivatives import (
     FlatModel,
     NumberDerivatives,
     differentiate_numbers,
 )
-from beamdae.analysis.gradients.objectives import (
-    Objective,
-    SampleGrid,
-    SmoothMaximum,
-    read_column,
-)
+from beamdae.analysis.gradients.objectives import Objective
 from beamdae.analysis.gradients.run_adjoint import transpose_run
 from beamdae.analysis.sensitivities.differentiable_methods import (
     INTERRUPTED_ESTIMATE,
     require_differentiable_method,
-    require_estimate_error,
-    warn_of_step_errors,
-    warn_of_unreliable_run,
+    require_end,
+    warn_of_errors,
 )
 from beamdae.analysis.sensitivities.grouped_runs import differentiate_states
 from beamdae.analysis.sensitivities.model_differences import (
@@ -43,25 +39,22 @@ from beamdae.analysis.sensitivities.run_derivatives import (
 )
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
-    require_parameter_names,
-    whole_number_remedy,
+    require_parameters,
 )
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import (
     BeamdaeError,
-    as_real,
     record_warnings,
+    require_choice,
     short_repr,
-    suggest,
-    warn_user,
 )
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.interrupts import interruptible, keep_result
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
-from beamdae.model_functions import Model
+from beamdae.model_functions import Model, transform_mechanisms
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
 from beamdae.read_only import read_only_data
 from beamdae.results.solution import Solution
@@ -72,14 +65,6 @@ Array = np.ndarray
 # A vibration over 16 periods had derivatives with errors of 2 % with rtol=1e-3, 0.2 % with 1e-4
 # and 0.02 % with 1e-5.
 DEFAULT_METHOD = GeneralizedAlpha(rtol=1e-4)
-# The derivatives in warnings.
-_WORDS = "the gradient"
-_PARAMETER_CHANGE = 0.01  # for which errors are stated
-# Change of ln |y|^p from sample to sample above which a smooth maximum depends on the samples.
-# Gradients of the velocity of a bouncing ball were 66 to 100 % wrong with 6 and more.
-_MAX_CHANGE_BETWEEN_SAMPLES = 4.0
-# Changes of more than this number are not distinguished in messages.
-_MAX_PRINTED_CHANGE = 20.0
 # Copies of the states and of the derivatives with respect to them that are in memory at once.
 _COPIES_OF_ROWS = 3.0
 
@@ -108,7 +93,20 @@ class Gradient:
     parameters: Mapping[str, Any]
     derivatives: Mapping[str, Any]
     solution: Solution
+    _repeat: Callable[[Callable[[Any], Any], Any], Gradient] | None = None
     warnings: tuple[str, ...] = field(default=(), repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Model functions cannot always be pickled; errors that are known are kept.
+        return {**vars(self), "_repeat": None}
+
+    @cached_property
+    def errors(self) -> Any:
+        """Errors of the value and the derivatives, see `Errors`, by a refined repetition.
+
+        Those of derivatives are relative to the largest derivative by relative changes.
+        """
+        return deferred.module("accuracy.derivatives").measure_gradient(self)
 
     def __repr__(self) -> str:
         by = ", ".join(self.derivatives)
@@ -174,10 +172,8 @@ def gradient(
     start
         Start of the run, see `simulate`; not a solution or checkpoint.
     estimate_error
-        True to compute the gradient again, to warn of errors above 5 %: with twice a fixed step, or
-        with ten times the rtol of the integrator and, if the gradients differ by more than
-        5 % (1 % with Radau), with a tenth. With the default integrator, these runs have 0.35 and 3
-        times as many steps as the first. Pass False in loops such as optimizations.
+        True to measure `Gradient.errors` and warn of errors above 4 %, unless this takes more than
+        2 s and eight times the run. Pass False in loops such as optimizations.
 
     Returns
     -------
@@ -196,9 +192,8 @@ def gradient(
     Warns
     -----
     BeamdaeWarning
-        If the run violates the balance of energy or has warnings, a parameter has no effect on the
-        model, differences of the model function depend on their step, the error of the gradient is
-        estimated at more than 5 %, or the peaks of a `SmoothMaximum` are narrower than the steps.
+        If the run has warnings, a parameter has no effect on the model, differences of the model
+        function depend on their step, or the gradient has an error above 4 %.
 
     Examples
     --------
@@ -220,13 +215,21 @@ def gradient(
             f"gradient: objective must be an Objective such as EndValue('tip.y'), got "
             f"{short_repr(objective)}."
         )
-    require_estimate_error("gradient", estimate_error)
-    run = DifferentiableRun.of(
-        flatten_model("gradient", model, by, parameters), integrator, t_end, start
-    )
+    require_choice("gradient", "estimate_error", estimate_error, (True, False))
+    flat = flatten_model("gradient", model, by, parameters)
+    result = _evaluate(flat, objective, integrator, t_end, start)
+    if estimate_error:
+        with keep_result(result, "gradient", INTERRUPTED_ESTIMATE):
+            warn_of_errors(result)
+    return result
+
+
+def _evaluate(
+    flat: FlatModel, objective: Objective, integrator: Any, t_end: float | None, start: Any
+) -> Gradient:
+    """Return the result of `gradient` without a check of its errors."""
+    run = DifferentiableRun.of(flat, integrator, t_end, start)
     value, derivatives = run.differentiate(objective)
-    flat, solution = run.flat, run.solution
-    warn_of_unreliable_run(flat.name, solution)
     shaped: dict[str, Any] = {}
     for (name, (key, k)), derivative in zip(flat.entries.items(), derivatives, strict=True):
         if k is None:
@@ -234,20 +237,18 @@ def gradient(
         else:
             shaped.setdefault(key, []).append(float(derivative))
     given = flat.parameters
-    result = Gradient(
+
+    def repeat(change: Callable[[Any], Any], method: Any) -> Gradient:
+        changed = replace(flat, model=transform_mechanisms(flat.model, change))
+        return _evaluate(changed, objective, method, t_end, start)
+
+    return Gradient(
         value,
         {x: given[x] if isinstance(given[x], float) else tuple(given[x]) for x in shaped},
         {x: y if isinstance(y, float) else np.array(y) for x, y in shaped.items()},
-        solution,
+        run.solution,
+        repeat,
     )
-    if estimate_error:
-        with keep_result(result, "gradient", INTERRUPTED_ESTIMATE):
-            narrow = list(_name_narrow_peaks(solution, objective))
-            for sentence in narrow:
-                warn_user(sentence)
-            if not narrow:
-                _warn_of_step_errors(run, objective, value, derivatives)
-    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,8 +274,10 @@ class DifferentiableRun:
     method: GeneralizedAlpha | Radau
     equations: EquationsOfMotion
     start: Any
-    # Derivatives of the model, which other runs of the model share, and phases of this run.
-    _models: dict[str, Any] = field(default_factory=dict, repr=False)
+    # Derivatives of the numbers, and models and derivatives of the run by name of a number, once
+    # they are known.
+    _numbers: list[NumberDerivatives] = field(default_factory=list, repr=False)
+    _differences: dict[str, Difference] = field(default_factory=dict, repr=False)
     _along: dict[str, RunDerivative] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -307,7 +310,7 @@ class DifferentiableRun:
 
         `start` is the start of the models. The result serves all objectives.
         """
-        if "numbers" not in self._models:
+        if not self._numbers:
 
             def assemble(mechanism: Any) -> EquationsOfMotion:
                 return as_equations(derivative_call(), mechanism, start)
@@ -315,23 +318,8 @@ class DifferentiableRun:
             first = self.solution.trajectory.intervals[0]
             time = np.array([first.t[0], first.branch])
             base = self.equations if start == self.start else assemble(self.flat())
-            self._models["numbers"] = differentiate_numbers(self.flat, base, assemble, time)
-        return self._models["numbers"]
-
-    def with_method(self, method: GeneralizedAlpha | Radau) -> DifferentiableRun:
-        """Return the run by another integrator.
-
-        Raises
-        ------
-        BeamdaeError
-            If this run does not reach its end.
-        """
-        t_end = self.solution.model["t_end"]
-        solution = simulate(self.equations, method, t_end, keep_steps=True)
-        _require_complete_run(self.flat.name, solution)
-        return DifferentiableRun(
-            self.flat, solution, method, self.equations, self.start, self._models
-        )
+            self._numbers.append(differentiate_numbers(self.flat, base, assemble, time))
+        return self._numbers[0]
 
     def differentiate_along(
         self, objective: Objective, names: Sequence[str]
@@ -340,37 +328,29 @@ class DifferentiableRun:
 
         The derivatives of the run serve all objectives.
         """
-        differences = {x: self._difference(x) for x in names}
-        missing = {x: y for x, y in differences.items() if x not in self._along}
+        missing = {x: self._difference(x) for x in names if x not in self._along}
         if missing:
+            self._differences.update(missing)
             self._along.update(differentiate_states(self.solution, self.method, missing))
+        differences = {x: self._differences[x] for x in names}
         along = {x: self._along[x] for x in names}
         value, changes = differentiate_along(objective, self.solution, differences, along)
         return value, np.array([changes[x] for x in names])
 
     def _difference(self, name: str) -> Difference:
-        key = f"difference {name}"
-        if key not in self._models:
-            # Name and call of a flat model are those of a model.
-            self._models[key] = difference_model(
-                cast(Model, self.flat),
-                name,
-                self.flat.values,
-                self.equations,
-                assemble_neighbors(self.equations, self.start),
-                moves_operators=True,
-            )
-        return self._models[key]
+        # Name and call of a flat model are those of a model.
+        return difference_model(
+            cast(Model, self.flat),
+            name,
+            self.flat.values,
+            self.equations,
+            assemble_neighbors(self.equations, self.start),
+        )
 
 
 def _require_complete_run(name: str, solution: Solution) -> None:
     """Reject a run that did not reach its end, or whose states need too much memory."""
-    if not solution.status.success:
-        raise BeamdaeError(
-            f"{derivative_call()}: the run of {name} did not reach its end "
-            f"({solution.status.sentence}); differentiate a shorter run, or change the "
-            "integrator."
-        )
+    require_end(name, solution)
     trajectory, equations = solution.trajectory, solution.equations
     if trajectory.end < solution.model["t_end"] and find_stop(solution) is None:
         raise BeamdaeError(
@@ -391,88 +371,15 @@ def flatten_model(caller: str, model: Any, by: Any, parameters: Any) -> FlatMode
 
     `caller` is the calling function, for messages.
     """
-    names = require_parameter_names(caller, model, by)
+    names = require_parameters(caller, model, by, allows_lists=True)
     values = complete_parameters(caller, model, parameters)
     entries: dict[str, tuple[str, int | None]] = {}
     for name in names:
-        if name not in values:
-            available = [k for k, x in values.items() if _count_numbers(x)]
-            raise BeamdaeError(
-                f"{caller}: {model.name} has no parameter {short_repr(name)}"
-                f"{suggest(str(name), available)}; parameters with derivatives: "
-                f"{', '.join(available) or 'none'}."
-            )
-        count = _count_numbers(values[name])
-        if not count:
-            raise BeamdaeError(
-                f"{caller}: {name} of {model.name} is neither a float nor a list of floats "
-                f"({short_repr(values[name])}) and has no derivative"
-                f"{whole_number_remedy(values[name])}."
-            )
         if isinstance(values[name], float):
             entries[name] = (name, None)
         else:
-            entries |= {f"{name}[{k}]": (name, k) for k in range(count)}
+            entries |= {f"{name}[{k}]": (name, k) for k in range(len(values[name]))}
     return FlatModel(model, values, entries)
-
-
-def _count_numbers(value: Any) -> int:
-    """Return the number of numbers in a float, or in a list or tuple of floats; otherwise 0."""
-    if isinstance(value, float):
-        return 1
-    if not isinstance(value, (tuple, list)):
-        return 0
-    are_real = all(as_real(x) is not None and not isinstance(x, bool) for x in value)
-    return len(value) if are_real else 0
-
-
-def _warn_of_step_errors(
-    run: DifferentiableRun, objective: Objective, value: float, derivatives: Array
-) -> None:
-    """Warn if the gradient depends on the steps of the run.
-
-    Derivatives are compared by the changes of the objective that they predict for equal relative
-    changes of the parameters. Near a minimum, where the gradient vanishes, relative errors are
-    large; the warning therefore also contains the error of these changes.
-    """
-    sizes = np.abs(list(run.flat.values.values()))
-    if not np.any(sizes):
-        sizes = np.ones_like(sizes)
-
-    def changes(gradient: Array) -> dict[str, Array]:
-        return {_WORDS: (sizes * gradient)[None]}
-
-    def repeat(method: GeneralizedAlpha | Radau) -> dict[str, Array]:
-        return changes(run.with_method(method).differentiate(objective)[1])
-
-    def describe(error: float) -> str:
-        change = error * _PARAMETER_CHANGE * float(np.linalg.norm(sizes * derivatives))
-        return (
-            f", or {change:.2g} for a change of the parameters by "
-            f"{100.0 * _PARAMETER_CHANGE:g} %, for an objective of {value:.4g}"
-        )
-
-    warn_of_step_errors(run.flat.name, run.method, lambda: changes(derivatives), repeat, describe)
-
-
-def _name_narrow_peaks(solution: Solution, objective: Objective) -> Iterator[str]:
-    """Yield a sentence on each `SmoothMaximum` whose peaks are narrower than the steps.
-
-    It depends on the steps. Gradients by other steps have similar errors: for velocities of a
-    bouncing ball, their comparison estimated errors of 68 % and 38 % at 6 %.
-    """
-    grid = SampleGrid.of(solution.trajectory)
-    for _, term in objective.terms:
-        if isinstance(term, SmoothMaximum):
-            y = read_column(solution.at_times(grid.t), term.column)[1]
-            change = term.change_between_samples(grid.t, y, grid.weights)
-            if change > _MAX_CHANGE_BETWEEN_SAMPLES:
-                yield (
-                    f"{derivative_call()}: |{term.column}|^{term.exponent:g} changes by a factor "
-                    f"of {np.exp(min(change, _MAX_PRINTED_CHANGE)):.2g} or more from step to step "
-                    "at its peaks, so that its SmoothMaximum and the gradient depend on the steps, "
-                    "with errors of unknown size; use shorter steps or a smaller exponent."
-                )
 
 
 def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float, Array]:

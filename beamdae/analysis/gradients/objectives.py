@@ -327,23 +327,6 @@ class SmoothMaximum(ColumnObjective):
         derivative = norm / mean * weights * ratios ** (p - 1.0) * np.sign(y)
         return largest * norm, derivative
 
-    def change_between_samples(self, t: Array, y: Array, weights: Array) -> float:
-        """Return the change of ln |y|^p between neighboring samples at which |y|^p is large.
-
-        It is a mean with the weights of the samples in the value; `weights` are those of integrals.
-        Samples at the times t [s] (k,) that differ by rounding, as at jumps, are not compared.
-        """
-        sizes = np.abs(y)
-        largest = float(np.max(sizes))
-        if largest == 0.0 or len(t) < 2:
-            return 0.0
-        logarithms = self.exponent * np.log(np.maximum(sizes / largest, np.finfo(float).tiny))
-        shares = weights * np.exp(logarithms)
-        is_jump = np.diff(t) <= _JUMP * np.abs(t[1:])
-        changes = np.where(is_jump, 0.0, np.abs(np.diff(logarithms)))
-        largest_changes = np.maximum(np.append(0.0, changes), np.append(changes, 0.0))
-        return float(shares @ largest_changes / np.sum(shares))
-
     def end_derivative(self, value: float, y: float, rate: float, duration: float) -> float:
         """See `ColumnObjective`."""
         if value == 0.0:

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -230,9 +230,8 @@ def _linearize(name: str, model: Any, about: Any, t: float) -> Linearization:
         full_equations = as_equations(name, model, AS_DRAWN)
         if isinstance(about, Instant):
             return linearize_motion(full_equations, about)
-        equations, time = active_equations(full_equations, None, t)
+        equations, time, tangent_at, _ = frame_of(full_equations, about, t)
         state = find_steady_rotation(equations, time, about)
-        tangent_at = partial(rotating_tangent, equations, time, about)
         description = f"rotation at {about.speed:g} rad/s about {about.center}"
         warnings = drawing_warnings(equations, time, state.q, description)
         return Linearization(
@@ -308,10 +307,9 @@ def linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Lin
 
 
 def _linearize_rest(full_equations: EquationsOfMotion, description: str, t: float) -> Linearization:
-    equations, time = active_equations(full_equations, None, t)
-    tangent_at = partial(tangent_of, equations, time)
-    rest = linearize_at_rest(equations, time, tangent_at)
-    lin = Linearization(equations, full_equations, description, time, *rest)
+    frame = frame_of(full_equations, None, t)
+    rest = linearize_at_rest(frame)
+    lin = Linearization(frame.equations, full_equations, description, frame.time, *rest)
     requested = full_equations
     if requested.start is None:
         # Given velocities have no effect on a state at rest.
@@ -342,28 +340,54 @@ def load_path_end(
 
 def _linearize_path_end(name: str, model: Any, path: Equilibrium) -> Linearization:
     full_equations = path.to_checkpoint().start_equations(as_equations(name, model, AS_DRAWN))
-    _, system, factor = load_path_end(model, full_equations, path)
-    equations = replace(system.equations, q0=full_equations.q0, v0=full_equations.v0)
-    time = system.loaded.time
-    rest = linearize_at_rest(equations, time, partial(system.motion_tangent, factor))
+    frame = frame_of(full_equations, path, path.t, model)
+    rest = linearize_at_rest(frame)
     description = f"equilibrium at load factor {path.factor:g}" if path.loads else EQUILIBRIUM
-    lin = Linearization(equations, full_equations, description, time, *rest)
+    lin = Linearization(frame.equations, full_equations, description, frame.time, *rest)
     return replace(lin, warnings=(*filter(None, (path.end_warning,)), *lin.warnings))
 
 
-def linearize_at_rest(
-    e: EquationsOfMotion, time: Array, tangent_at: TangentFunction
-) -> tuple[State, Tangent, tuple[str, ...], float, TangentFunction]:
-    """Linearize at rest at the start positions of `e`, corrected to close the joints.
+class Frame(NamedTuple):
+    """Equations about whose states of rest or steady rotation a model is linearized.
 
-    Parameters
+    Attributes
     ----------
-    e
+    equations
         Equations of motion with independent constraints.
     time
         (t, branch), at which laws are evaluated; drivers keep the values of this time.
     tangent_at
         Function of a state and a conversion of the equations that returns their matrices.
+    rotation
+        Steady rotation in which the state is at rest, or None.
+    """
+
+    equations: EquationsOfMotion
+    time: Array
+    tangent_at: TangentFunction
+    rotation: Rotation | None = None
+
+
+def frame_of(full_equations: EquationsOfMotion, about: Any, t: float, model: Any = None) -> Frame:
+    """Return the equations of a model for the state `about`, see `modes`.
+
+    `model` is that of the equations; it defaults to their mechanism.
+    """
+    if isinstance(about, Equilibrium):
+        source = model or full_equations.mechanism or full_equations
+        _, system, factor = load_path_end(source, full_equations, about)
+        equations = replace(system.equations, q0=full_equations.q0, v0=full_equations.v0)
+        return Frame(equations, system.loaded.time, partial(system.motion_tangent, factor))
+    equations, time = active_equations(full_equations, None, t)
+    if isinstance(about, Rotation):
+        return Frame(equations, time, partial(rotating_tangent, equations, time, about), about)
+    return Frame(equations, time, partial(tangent_of, equations, time))
+
+
+def linearize_at_rest(
+    frame: Frame,
+) -> tuple[State, Tangent, tuple[str, ...], float, TangentFunction]:
+    """Linearize at rest at the start positions of a frame, corrected to close the joints.
 
     Returns
     -------
@@ -376,6 +400,7 @@ def linearize_at_rest(
     BeamdaeError
         If joints cannot be closed, or the mass matrix is singular or invalid.
     """
+    e, time, tangent_at, _ = frame
     solver = ConsistencySolver(e)
     solver.require_inertia()
     q = solver.state(time, e.q0, np.zeros(e.n)).q

@@ -130,33 +130,26 @@ class Eigenpair:
         return solution[:-1], complex(solution[-1])
 
 
-def apply_pencil(lin: LinearizedEquations, value: complex, z: Array, idle: Array) -> Array:
-    """Return A(l) z; forces of springs in the rows `idle` follow from the deformations."""
-
-    def apply(z: Array) -> Array:
-        return np.asarray(sum(value**k * (x @ z) for k, x in enumerate(lin.pencil.matrices)))
-
-    if idle.size:
-        z = z.copy()
-        z[idle] = 0.0
-        z[idle] = apply(z)[idle]
-    return apply(z)
+def apply_pencil(lin: LinearizedEquations, value: complex, z: Array) -> Array:
+    """Return A(l) z."""
+    return np.asarray(sum(value**k * (x @ z) for k, x in enumerate(lin.pencil.matrices)))
 
 
 def linearize_at(
     e: EquationsOfMotion,
     tangent_at: Callable[..., Tangent],
     x: Array,
+    idle: Array | None = None,
     rotation: Rotation | None = None,
 ) -> LinearizedEquations:
     """Return the equations in mixed form about x = (q, multipliers, stiff forces).
 
     The state is at rest, or in steady rotation. `tangent_at` is a function of a state and a
-    conversion of the equations that returns their matrices.
+    conversion of the equations that returns their matrices; see `introduce_resultants` for `idle`.
     """
     q, lam = np.split(x, [e.n])
     if rotation is not None:
         state = rotating_state(e, rotation, q, lam)
     else:
         state = State(q, np.zeros(e.n), np.zeros(e.n), lam)
-    return linearize_in_mixed_form(e, state, tangent_at)
+    return linearize_in_mixed_form(e, state, tangent_at, idle)

@@ -86,16 +86,15 @@ class MixedStatics:
     control
         Quantity that the path prescribes.
     idle
-        Indices of the forces of springs without stiffness in the model that is differentiated. In
-        models next to it, these forces follow from the deformations. Defaults to those of the
-        system.
+        Mask of the forces of springs without stiffness in the model that is differentiated, see
+        `introduce_resultants`. Defaults to those of the system.
     """
 
     def __init__(
         self, system: LoadedEquations, control: Control, idle: Array | None = None
     ) -> None:
         unloaded, loaded = (
-            StaticEquations(introduce_resultants(x.equations).equations, x.time)
+            StaticEquations(introduce_resultants(x.equations, idle).equations, x.time)
             for x in (system.unloaded, system.loaded)
         )
         self.system, self.control = system, control
@@ -103,35 +102,22 @@ class MixedStatics:
         if idle is None:
             e, first = loaded.equations, system.equations.n + system.equations.m
             rows = loaded.matrix(e.q0, np.zeros(e.m))[first:]
-            idle = first + np.flatnonzero(abs(rows).sum(axis=1) == 0.0)
+            idle = abs(rows).sum(axis=1) == 0.0
         self.idle = idle
 
     def residual(self, x: Array, mu: float) -> Array:
         """Return F, (n + m,)."""
-        result = self.mixed.residual(self._deform(x, mu), mu)[0]
-        result[self.idle] = 0.0
-        return result
+        return self.mixed.residual(x, mu)[0]
 
     def product(self, x: Array, mu: float, along: Tangent) -> Array:
         """Return F_x along.x + F_mu along.p."""
-        x, dx = self._deform(x, mu), along.x.copy()
         matrix, by_parameter = self.mixed.matrix(x, mu), self.mixed.residual(x, mu)[1]
-        dx[self.idle] = 0.0
-        dx[self.idle] = (matrix @ dx)[self.idle]
-        result = matrix @ dx + along.p * by_parameter
-        result[self.idle] = 0.0
-        return np.asarray(result)
+        return np.asarray(matrix @ along.x + along.p * by_parameter)
 
     def motion(self, x: Array, mu: float) -> LinearizedEquations:
         """Return the equations of motion about an equilibrium."""
         e, tangent_at = self.system.equations, partial(self.system.motion_tangent, mu)
-        return linearize_at(e, tangent_at, self._deform(x, mu))
-
-    def _deform(self, x: Array, mu: float) -> Array:
-        if self.idle.size:
-            x = x.copy()
-            x[self.idle] = self.mixed.residual(x, mu)[0][self.idle]
-        return x
+        return linearize_at(e, tangent_at, x, self.idle)
 
 
 class Direction(NamedTuple):
@@ -189,7 +175,7 @@ class ParameterDirection:
         self, difference: Difference, here: MixedStatics, neighbors: Sequence[MixedStatics]
     ) -> None:
         self.reach = max(map(abs, difference.steps))
-        self._models, self._here = (neighbors, difference.steps, difference.weights), here
+        self._models = neighbors, difference.steps, difference.weights
         self._parts = [
             _derive_statics(
                 difference,
@@ -208,12 +194,11 @@ class ParameterDirection:
         with np.errstate(invalid="ignore"):
             unloaded, loaded = (part(point.x) for part in self._parts)
             change = unloaded + point.p * (loaded - unloaded)
-        if self._here.idle.size:
-            # The root of a stiffness has no derivative at zero.
-            at = self.along(np.zeros_like(point.x))
-            differences = at.differentiate(point, MixedStatics.residual)
-            change = np.where(np.isfinite(change), change, differences)
-        return change
+        if np.all(np.isfinite(change)):
+            return change
+        # The root of a stiffness has no derivative at zero.
+        differences = self.along(np.zeros_like(point.x)).differentiate(point, MixedStatics.residual)
+        return np.where(np.isfinite(change), change, differences)
 
     def control_rate(self, point: Point) -> float:
         """Return the derivative of the prescribed quantity at constant x and mu."""
@@ -407,9 +392,7 @@ class FlutterPoint(RegularPoint):
 
         def apply(system: MixedStatics, x: Array, mu: float) -> Array:
             lin = system.motion(x, mu)
-            return np.array(
-                [apply_pencil(lin, pair.value, pair.vector, system.idle) for pair in self._pairs]
-            )
+            return np.array([apply_pencil(lin, pair.value, pair.vector) for pair in self._pairs])
 
         changes = zip(self._pairs, direction.differentiate(self.point, apply), strict=True)
         if not self._is_damped:

@@ -189,7 +189,6 @@ def difference_model(
     base: EquationsOfMotion,
     assemble: Callable[[Any], EquationsOfMotion],
     *,
-    moves_operators: bool = False,
     needs_high_order: bool = True,
 ) -> Difference:
     """Return the models around the value of one parameter.
@@ -201,7 +200,8 @@ def difference_model(
 
     Forces that vanish at the value of the parameter may be missing in `base`, such as damping
     forces at damping = 0. The numbers at this value are then interpolated or extrapolated in the
-    structure of the neighboring models.
+    structure of the neighboring models. The operators of joints may depend on the parameter, as the
+    shape functions at joints of curved floating-frame beams do; see `operator_changes`.
 
     Parameters
     ----------
@@ -213,9 +213,6 @@ def difference_model(
         Equations of the model with `parameters`.
     assemble
         Function that returns the equations of a mechanism.
-    moves_operators
-        True to permit that the operators of joints depend on the parameter, as the shape functions
-        at joints of curved floating-frame beams do; see `operator_changes`.
     needs_high_order
         False to use only two neighbors, with errors of the derivatives up to 1e-5, if their numbers
         are smooth enough and the equations have the structure of `base`.
@@ -237,15 +234,18 @@ def difference_model(
     if not needs_high_order and base.configurations is None:
         # Parts that events activate have structures of their own, which need more neighbors.
         with suppress(BeamdaeError):
-            two = _try_step(model, name, parameters, base, assemble, delta, False, (TWO_NEIGHBORS,))
-            has_structure = two.difference.base is base and two.change > 0.0
-            if has_structure and two.excess <= TWO_NEIGHBORS.max_excess and not np.any(two.kinks):
+            two = _try_step(model, name, parameters, base, assemble, delta, (TWO_NEIGHBORS,))
+            has_structure = two.difference.base is base and all(
+                e.structure == base.structure for e in two.difference.equations
+            )
+            is_smooth = two.change > 0.0 and two.excess <= TWO_NEIGHBORS.max_excess
+            if has_structure and is_smooth and not np.any(two.kinks):
                 return two.difference
     best: _Trial | None = None
     problem: BeamdaeError | None = None
     for _ in range(_MAX_TRIALS):
         try:
-            trial = _try_step(model, name, parameters, base, assemble, delta, moves_operators)
+            trial = _try_step(model, name, parameters, base, assemble, delta)
         except _RejectedError as rejection:
             problem = rejection
             if best is not None:
@@ -406,7 +406,6 @@ def _try_step(
     base: EquationsOfMotion,
     assemble: Callable[[Any], EquationsOfMotion],
     delta: float,
-    moves_operators: bool,
     stencils: Sequence[Stencil] = _STENCILS,
 ) -> _Trial:
     """Return the difference with a step `delta` of the parameter, and its accuracy."""
@@ -417,9 +416,7 @@ def _try_step(
             rejection = problem
             continue
         for equations in neighbors:
-            _require_same_structure(
-                model.name, name, base, neighbors[0], equations, moves_operators
-            )
+            _require_same_structure(model.name, name, base, neighbors[0], equations)
         first, steps = neighbors[0], tuple(k * delta for k in stencil.steps)
         is_unchanged = base.structure == first.structure and forms_of(base) == forms_of(first)
         if not is_unchanged and all(e.structure == first.structure for e in neighbors):
@@ -536,7 +533,6 @@ def _require_same_structure(
     base: EquationsOfMotion,
     one: EquationsOfMotion,
     other: EquationsOfMotion,
-    moves_operators: bool,
 ) -> None:
     """Reject a parameter that changes more than the numbers and the start of a model."""
     advice = "use differences of runs for this parameter"
@@ -551,18 +547,13 @@ def _require_same_structure(
             "the "
             f"same time, or changes their number; separate their times, or {advice}."
         )
-    is_moved = one.structure != other.structure
-    if is_moved and not (
-        moves_operators
-        and has_same_patterns(one.structure, other.structure)
+    if one.structure != other.structure and not (
+        has_same_patterns(one.structure, other.structure)
         and has_same_patterns(base.structure, other.structure)
     ):
-        cause = "" if moves_operators else ", or operators of joints of a floating-frame beam"
-        remedy = "" if moves_operators else "use formulation='exact', or "
         raise BeamdaeError(
-            f"{derivative_call()}: {name} of {model} changes the structure of the "
-            f"equations{cause}; "
-            f"{remedy}{advice}."
+            f"{derivative_call()}: {name} of {model} changes the structure of the equations; "
+            f"{advice}."
         )
     if forms_of(one) != forms_of(other):
         raise BeamdaeError(

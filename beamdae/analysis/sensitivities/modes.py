@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +12,9 @@ from beamdae.analysis.eigenproblems.eigensolution import RIGID
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
-    TangentFunction,
-    active_equations,
+    Frame,
+    frame_of,
     linearize_at_rest,
-    load_path_end,
     model_of_modes,
 )
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
@@ -27,23 +25,19 @@ from beamdae.analysis.sensitivities.model_differences import (
     difference_values,
 )
 from beamdae.analysis.sensitivities.sensitivity_result import (
-    ColumnSensitivities,
+    SensitivityResult,
     complete_parameters,
     require_parameters,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.tangents import tangent_of
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
-from beamdae.equations.starts.steady_rotation import rotating_tangent
 from beamdae.errors import BeamdaeError, record_warnings, short_repr, warn_user
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN
-from beamdae.parts.rotation import Rotation
 from beamdae.read_only import read_only_data
-from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant
 from beamdae.simulation import as_equations
 
@@ -71,7 +65,7 @@ _FORCE_ROUNDING = 1e-11
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class ModeSensitivities(ColumnSensitivities):
+class ModeSensitivities(SensitivityResult):
     """Natural modes and their derivatives; see `mode_sensitivities`.
 
     Attributes
@@ -229,9 +223,9 @@ def mode_sensitivities(
     pairs = _simple_pairs(model.name, result, state.linearized, damping)
     eigenvalues, shapes = {}, {}
     for name in names:
-        difference = difference_model(model, name, values, base, assemble, moves_operators=True)
-        frames = [_Frame.of(e, about, t) for e in difference.equations]
-        if follows_start and not frames[-1].is_balanced:
+        difference = difference_model(model, name, values, base, assemble)
+        frames = [frame_of(e, about, t) for e in difference.equations]
+        if follows_start and linearize_at_rest(frames[-1])[2]:
             raise BeamdaeError(
                 f"{_NAME}: {name} of {model.name} moves the state out of equilibrium, so its modes "
                 "cannot be differentiated; use about='equilibrium'."
@@ -278,60 +272,10 @@ def _simple_pairs(
     return {k: pair for k, pair in pairs.items() if k not in repeated}
 
 
-class _Frame(NamedTuple):
-    """Equations without redundant constraints, whose modes are sought.
-
-    Attributes
-    ----------
-    equations, time
-        The equations, and (t, branch).
-    tangent_at
-        Function of a state and a conversion of the equations that returns their matrices.
-    rotation
-        Steady rotation in which the state is at rest, or None.
-    """
-
-    equations: EquationsOfMotion
-    time: Array
-    tangent_at: TangentFunction
-    rotation: Rotation | None = None
-
-    @classmethod
-    def of(cls, full_equations: EquationsOfMotion, about: Any, t: float) -> _Frame:
-        """Return the equations for the state `about` of a model."""
-        if isinstance(about, Equilibrium):
-            source = full_equations.mechanism or full_equations
-            _, system, factor = load_path_end(source, full_equations, about)
-            tangent_at = partial(system.motion_tangent, factor)
-            return cls(system.equations, system.loaded.time, tangent_at)
-        e, time = active_equations(full_equations, None, t)
-        if isinstance(about, Rotation):
-            return cls(e, time, partial(rotating_tangent, e, time, about), about)
-        return cls(e, time, partial(tangent_of, e, time))
-
-    def linearize(self, x: Array, idle: Array) -> LinearizedEquations:
-        """Return the equations about x = (q, multipliers, stiff forces).
-
-        Forces of springs without stiffness, in the rows `idle`, follow from the deformations.
-        """
-        lin = linearize_at(self.equations, self.tangent_at, x, self.rotation)
-        if not idle.size:
-            return lin
-        x = x.copy()
-        x[idle] = lin.tangent.residual[idle]
-        return linearize_at(self.equations, self.tangent_at, x, self.rotation)
-
-    @property
-    def start(self) -> Array:
-        """Positions of the start that close the joints."""
-        e = self.equations
-        return ConsistencySolver(e).state(self.time, e.q0, np.zeros(e.n)).q
-
-    @property
-    def is_balanced(self) -> bool:
-        """True if the start is an equilibrium."""
-        warnings = linearize_at_rest(self.equations, self.time, self.tangent_at)[2]
-        return not warnings
+def _closed_start(frame: Frame) -> Array:
+    """Return the positions of the start that close the joints."""
+    e = frame.equations
+    return ConsistencySolver(e).state(frame.time, e.q0, np.zeros(e.n)).q
 
 
 class _State:
@@ -342,10 +286,8 @@ class _State:
         self._full = full = lin.linearized_equations
         # Coordinates, multipliers and stiff forces.
         lam = lin.state.lam if full.mixed is None else full.mixed.multipliers
-        self._x, self._idle, self._damping = np.append(lin.state.q, lam), np.zeros(0, int), damping
-        if full.mixed is not None:
-            rows = abs(full.mixed.rows).sum(axis=1)
-            self._idle = len(self._x) - len(rows) + np.flatnonzero(rows == 0.0)
+        self._x, self._damping = np.append(lin.state.q, lam), damping
+        self._idle = None if full.mixed is None else abs(full.mixed.rows).sum(axis=1) == 0.0
         speeds = np.abs(result.eigenvalues[result.eigenvalues != 0.0])
         self._shift = _SHIFT * float(speeds[0] if len(speeds) else 1.0)
         self.linearized = self._select(full)
@@ -354,7 +296,7 @@ class _State:
         return lin if self._damping else lin.symmetrized()
 
     def differentiate(
-        self, difference: Difference, frames: Sequence[_Frame], follows_start: bool, value: float
+        self, difference: Difference, frames: Sequence[Frame], follows_start: bool, value: float
     ) -> Callable[[Eigenpair], tuple[Array, Array]]:
         """Return a function that gives the changes dA z and dM x for eigenpairs.
 
@@ -369,11 +311,18 @@ class _State:
         """
         weights, along = difference.weights, np.zeros_like(self._x)
         if follows_start:
-            along[: self._full.equations.n] = difference_values(weights, [x.start for x in frames])
+            along[: self._full.equations.n] = difference_values(
+                weights, [_closed_start(x) for x in frames]
+            )
 
         def move(direction: Array) -> list[LinearizedEquations]:
             pairs = zip(frames, difference.steps, strict=True)
-            return [x.linearize(self._x + step * direction, self._idle) for x, step in pairs]
+            return [
+                linearize_at(
+                    x.equations, x.tangent_at, self._x + s * direction, self._idle, x.rotation
+                )
+                for x, s in pairs
+            ]
 
         change = self._balance(
             difference_values(weights, [x.tangent.residual for x in move(along)]), value
@@ -386,7 +335,7 @@ class _State:
         neighbors = [self._select(x) for x in move(along + change)]
 
         def apply(pair: Eigenpair) -> tuple[Array, Array]:
-            products = [apply_pencil(x, pair.value, pair.vector, self._idle) for x in neighbors]
+            products = [apply_pencil(x, pair.value, pair.vector) for x in neighbors]
             inertia = [x.tangent.mass @ pair.shape for x in neighbors]
             return difference_values(weights, products), difference_values(weights, inertia)
 

@@ -20,7 +20,7 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
 )
 from beamdae.analysis.sensitivities.run_derivatives import RunDerivatives
 from beamdae.analysis.sensitivities.sensitivity_result import (
-    ColumnSensitivities,
+    SensitivityResult,
     complete_parameters,
     require_parameters,
 )
@@ -61,7 +61,7 @@ _COMPARED_TIMES = 7
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class PeriodicSensitivities(ColumnSensitivities):
+class PeriodicSensitivities(SensitivityResult):
     """A periodic motion and its derivatives; see `periodic_sensitivities`.
 
     Attributes
@@ -232,7 +232,7 @@ def periodic_sensitivities(
     base = replace(equations, q0=drawn.q0, v0=drawn.v0)
     periods, trajectories, differences = {}, {}, {}
     for name in names:
-        difference = difference_model(model, name, values, base, assemble, moves_operators=True)
+        difference = difference_model(model, name, values, base, assemble)
         stretch = 0.0
         if is_function:
             changed = [{**values, name: values[name] + x} for x in difference.steps]

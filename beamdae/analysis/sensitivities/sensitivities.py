@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.analysis.sensitivities.differentiable_methods import (
     INTERRUPTED_ESTIMATE,
     require_differentiable_method,
-    require_estimate_error,
-    warn_of_step_errors,
-    warn_of_unreliable_run,
+    require_end,
+    warn_of_errors,
 )
 from beamdae.analysis.sensitivities.grouped_runs import differentiate_states
 from beamdae.analysis.sensitivities.model_differences import (
@@ -38,7 +38,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.sums import N_BALANCE_SCALARS
 from beamdae.equations.measures import ENERGIES, plan_balance
 from beamdae.equations.model_hash import hash_model
-from beamdae.errors import BeamdaeError, record_warnings, short_repr
+from beamdae.errors import BeamdaeError, record_warnings, require_choice, short_repr
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.integrators.limits import Progress
 from beamdae.interrupts import (
@@ -48,14 +48,12 @@ from beamdae.interrupts import (
     interruptible,
     keep_result,
 )
-from beamdae.model_functions import HasOrigin, Model, model_of
+from beamdae.model_functions import HasOrigin, Model, model_of, transform_mechanisms
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import (
     ColumnDerivatives,
-    derivative_columns,
     derivative_header,
 )
-from beamdae.results.columns import Header, largest_of_kind, remove_unit
 from beamdae.results.outcome import Status
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
@@ -69,12 +67,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Array = np.ndarray
-
-# Effect of a change of a parameter by its value on a column, relative to the largest column of the
-# same unit, below which the step is not checked. Velocities that are zero by constraints had
-# derivatives with effects of 1e-5. It is also the smallest ratio to the largest derivative of the
-# same unit with respect to the same parameter, whose value can be 0 and no measure of its changes.
-_MIN_EFFECT = 1e-4
 
 
 @read_only_data
@@ -99,7 +91,20 @@ class Sensitivities(SensitivityResult):
     parameters: Mapping[str, float]
     trajectories: Mapping[str, Trajectory] = field(repr=False)
     _differences: Mapping[str, Difference] = field(repr=False)
+    _repeat: Callable[[Callable[[Any], Any], Any], Sensitivities] | None = None
     warnings: tuple[str, ...] = field(default=(), repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Model functions cannot always be pickled; errors that are known are kept.
+        return {**vars(self), "_repeat": None}
+
+    @cached_property
+    def errors(self) -> Any:
+        """Errors of the derivatives of observed columns, see `Errors`, by a refined repetition.
+
+        They are relative to the root mean square of the derivative over time.
+        """
+        return deferred.module("accuracy.derivatives").measure_sensitivities(self)
 
     @property
     def _summary(self) -> str:
@@ -111,40 +116,17 @@ class Sensitivities(SensitivityResult):
         """Output times (k,) of the run [s]."""
         return self.solution.t
 
-    def sensitivity(self, column: str, parameter: str) -> pd.Series:
-        """Return the derivative of a column with respect to a parameter, over time.
+    @property
+    def _index(self) -> tuple[str, Array]:
+        return measures.TIME, self.t
 
-        Parameters
-        ----------
-        column
-            Header of an observed column, coordinate, velocity or multiplier, with or without its
-            unit, as in `solution["tip.y"]`.
-        parameter
-            Name of the parameter.
+    @property
+    def _columns(self) -> Mapping[str, Mapping[str, Array]]:
+        return self.columns.observed
 
-        Returns
-        -------
-        pandas.Series
-            Derivative (k,) in the unit of the column per unit of the parameter, indexed by time
-            [s].
-
-        Raises
-        ------
-        BeamdaeError
-            If the parameter is not one of `parameters`, or the name selects no column or several
-            columns. Energies are in `energies`; works are not differentiated.
-        """
-        return self.columns.sensitivity(column, parameter)
-
-    def table(self) -> pd.DataFrame:
-        """Return time and the derivatives of all observed columns with respect to all parameters.
-
-        The header of the derivative of "tip.y [m]" with respect to "E" is "d(tip.y)/d(E) [m per
-        unit of E]".
-        """
-        import pandas as pd
-
-        return pd.DataFrame({measures.TIME: self.t, **self.columns.columns()})
+    def _further_columns(self, parameter: str) -> Mapping[str, Array]:
+        """Return the derivatives of coordinates, velocities and multipliers."""
+        return self.columns.coordinates[parameter]
 
     @property
     def events(self) -> pd.DataFrame:
@@ -283,10 +265,8 @@ def sensitivities(
     start
         Start of the run, see `simulate`; not a solution or checkpoint.
     estimate_error
-        True to compute the run and its derivatives again, to warn of errors above 5 %: with twice a
-        fixed step, or with ten times the rtol of the integrator and, if derivatives differ by more
-        than 1 % (Radau) or 5 %, with a tenth. With Radau, these runs have 0.6 and 1.7 times as many
-        steps as the first.
+        True to measure `Sensitivities.errors` and warn of errors above 4 %, unless this takes more
+        than 2 s and eight times the run.
 
     Returns
     -------
@@ -308,9 +288,8 @@ def sensitivities(
     Warns
     -----
     BeamdaeWarning
-        If the run violates the balance of energy or has warnings, a parameter has no effect on the
-        model, differences of the model function depend on their step, or the error of derivatives
-        of observed columns is estimated at more than 5 %.
+        If the run has warnings, a parameter has no effect on the model, differences of the model
+        function depend on their step, or derivatives of observed columns have errors above 4 %.
 
     Examples
     --------
@@ -326,14 +305,13 @@ def sensitivities(
     >>> print(f"{result.sensitivity('mass.x', 'stiffness').iloc[-1]:.3e} m per N/m")
     2.481e-03 m per N/m
     """
-    require_estimate_error("sensitivities", estimate_error)
-    result, method = differentiate_run(
+    require_choice("sensitivities", "estimate_error", estimate_error, (True, False))
+    result = differentiate_run(
         model, by, integrator, t_end, output_step, parameters=parameters, start=start
     )
-    warn_of_unreliable_run(model.name, result.solution)
     if estimate_error:
         with keep_result(result, "sensitivities", INTERRUPTED_ESTIMATE):
-            _warn_of_step_errors(model.name, result, method)
+            warn_of_errors(result)
     return result
 
 
@@ -347,8 +325,8 @@ def differentiate_run(
     parameters: Mapping[str, Any] | None,
     start: Any,
     needs_high_order: bool = True,
-) -> tuple[Sensitivities, GeneralizedAlpha | Radau]:
-    """Return the result of `sensitivities` without checks of its accuracy, and the method.
+) -> Sensitivities:
+    """Return the result of `sensitivities` without a check of its errors.
 
     See `difference_model` for `needs_high_order`.
 
@@ -360,17 +338,8 @@ def differentiate_run(
     names = require_parameters("sensitivities", model, by)
     values = complete_parameters("sensitivities", model, parameters)
     method = require_differentiable_method(integrator)
-    mechanism = model(**values)
-    differences = _difference_models(
-        model, names, values, mechanism, start, needs_high_order=needs_high_order
-    )
-    solution = simulate(mechanism, method, t_end, output_step, start=start, keep_steps=True)
-    if not solution.status.success:
-        raise BeamdaeError(
-            f"{derivative_call()}: the run of {model.name} did not reach its end "
-            f"({solution.status.sentence}); differentiate a shorter run, or change the integrator."
-        )
-    return _differentiate(values, differences, solution, method), method
+    run = _Run(model, names, values, method, t_end, output_step, start, needs_high_order)
+    return run.differentiate(*run.simulate())
 
 
 def simulate_with(
@@ -405,10 +374,7 @@ def simulate_with(
             "build the model into such a function."
         )
     names = require_parameters("simulate", function, by, "sensitivities")
-    values = dict(function.parameters)
-    method = require_differentiable_method(integrator)
-    mechanism = function() if function is model else model
-    if mechanism is model:
+    if function is not model:
         rebuilt = as_equations("simulate", function(), start)
         if hash_model(rebuilt) != hash_model(as_equations("simulate", model, start)):
             raise BeamdaeError(
@@ -417,25 +383,16 @@ def simulate_with(
                 f"{function.name}."
             )
     if inputs is not None:
-        mechanism = mechanism.with_inputs(inputs)
-    differences = _difference_models(function, names, values, mechanism, start, inputs)
-    solution = simulate(
-        mechanism,
-        method,
-        t_end,
-        output_step,
-        progress,
-        start,
-        keep_steps=True,
-        partial=partial,
-    )
+        function = transform_mechanisms(function, lambda built: built.with_inputs(inputs))
+    values, method = dict(function.parameters), require_differentiable_method(integrator)
+    run = _Run(function, names, values, method, t_end, output_step, start)
+    solution, differences = run.simulate(progress, partial)
     if not solution.status.success:
         return solution
-    warn_of_unreliable_run(function.name, solution)
     try:
-        result = _differentiate(values, differences, solution, method)
+        result = run.differentiate(solution, differences)
         columns = result.columns
-        _warn_of_step_errors(function.name, result, method)
+        warn_of_errors(result)
     except KeyboardInterrupt:
         reason = "interrupted while the derivatives were computed"
         if partial == "raise":
@@ -447,91 +404,65 @@ def simulate_with(
     )
 
 
-def _difference_models(
-    model: Model,
-    names: Sequence[str],
-    values: Mapping[str, Any],
-    mechanism: Any,
-    start: Any,
-    inputs: Mapping[str, Any] | None = None,
-    *,
-    needs_high_order: bool = True,
-) -> dict[str, Difference]:
-    """Return the models around the value of each parameter; `mechanism` is the model itself."""
+@dataclass(frozen=True)
+class _Run:
+    """Run that is differentiated; see `sensitivities` and `difference_model`."""
 
-    def with_inputs(built: Any) -> Any:
-        return built if inputs is None else built.with_inputs(inputs)
+    model: Model
+    names: Sequence[str]
+    values: Mapping[str, Any]
+    method: GeneralizedAlpha | Radau
+    t_end: float | None
+    output_step: float | None
+    start: Any
+    needs_high_order: bool = True
 
-    base = as_equations(derivative_call(), mechanism, start)
-    assemble = assemble_neighbors(base, start, with_inputs)
-    return {
-        name: difference_model(
-            model,
-            name,
-            values,
-            base,
-            assemble,
-            moves_operators=True,
-            needs_high_order=needs_high_order,
+    def simulate(
+        self, progress: Progress | None = None, partial: PartialResult = "raise"
+    ) -> tuple[Solution, dict[str, Difference]]:
+        """Return the run, and the models around the value of each parameter."""
+        mechanism = self.model(**self.values)
+        base = as_equations(derivative_call(), mechanism, self.start)
+        assemble = assemble_neighbors(base, self.start)
+        differences = {
+            name: difference_model(
+                self.model,
+                name,
+                self.values,
+                base,
+                assemble,
+                needs_high_order=self.needs_high_order,
+            )
+            for name in self.names
+        }
+        solution = simulate(
+            mechanism,
+            self.method,
+            self.t_end,
+            self.output_step,
+            progress,
+            self.start,
+            keep_steps=True,
+            partial=partial,
         )
-        for name in names
-    }
+        return solution, differences
 
+    def differentiate(
+        self, solution: Solution, differences: Mapping[str, Difference]
+    ) -> Sensitivities:
+        """Return the derivatives of the run."""
+        require_end(self.model.name, solution)
+        derivatives = differentiate_states(solution, self.method, differences)
+        parameters = {x: float(self.values[x]) for x in differences}
+        trajectories = {name: x.trajectory for name, x in derivatives.items()}
+        return Sensitivities(solution, parameters, trajectories, differences, self.repeat)
 
-def _warn_of_step_errors(
-    name: str, result: Sensitivities, method: GeneralizedAlpha | Radau
-) -> None:
-    """Warn if derivatives of observed columns of the model `name` depend on the steps."""
-    run = result.solution
-
-    def repeat(other: GeneralizedAlpha | Radau) -> dict[str, Array]:
-        output_step = float(run.t[-1] - run.t[0])
-        coarse = simulate(run.equations, other, float(run.t[-1]), output_step, keep_steps=True)
-        # An event may stop this run earlier.
-        rows = run.t <= coarse.trajectory.end
-        coarse = coarse.at_times(run.t[rows])
-        again = _differentiate(result.parameters, result._differences, coarse, other)
-        columns = derivative_columns(again.columns.observed)
-        values = {remove_unit(x): y for x, y in columns.items()}
-        derivatives = _select_significant(result)
-        return {x: np.concatenate([values[x], y[~rows]]) for x, y in derivatives.items()}
-
-    warn_of_step_errors(name, method, lambda: _select_significant(result), repeat)
-
-
-def _select_significant(result: Sensitivities) -> dict[str, Array]:
-    """Return the derivatives (k,) of the observed columns whose parameters have an effect."""
-    run, observed = result.solution, result.columns.observed
-    headers = run.equations.observed_headers
-    duration = float(run.t[-1] - run.t[0])
-    length = run.equations.length
-    motions = {"m": length, "rad": 1.0, "m/s": length / duration, "rad/s": 1.0 / duration}
-    sizes = [
-        max(np.max(np.abs(run.columns[x]), initial=0.0), motions.get(Header.of(x).unit, 0.0))
-        for x in headers
-    ]
-    scales = largest_of_kind(headers, np.array(sizes), others=run._sizes_of_mechanism)
-    significant: dict[str, Array] = {}
-    for name, value in result.parameters.items():
-        slopes = np.array([np.max(np.abs(observed[name][x]), initial=0.0) for x in headers])
-        is_large = slopes > _MIN_EFFECT * largest_of_kind(headers, slopes)
-        is_large &= slopes * (abs(value) or 1.0) > _MIN_EFFECT * scales
-        for header in np.array(headers)[is_large]:
-            significant[remove_unit(derivative_header(header, name))] = observed[name][header]
-    return significant
-
-
-def _differentiate(
-    values: Mapping[str, Any],
-    differences: Mapping[str, Difference],
-    solution: Solution,
-    method: GeneralizedAlpha | Radau,
-) -> Sensitivities:
-    """Return the derivatives of a run."""
-    derivatives = differentiate_states(solution, method, differences)
-    parameters = {x: float(values[x]) for x in differences}
-    trajectories = {name: x.trajectory for name, x in derivatives.items()}
-    return Sensitivities(solution, parameters, trajectories, differences)
+    def repeat(
+        self, change: Callable[[Any], Any], method: GeneralizedAlpha | Radau
+    ) -> Sensitivities:
+        """Return the derivatives of a changed mechanism by another integrator."""
+        run = replace(self, model=transform_mechanisms(self.model, change), method=method)
+        return run.differentiate(*run.simulate())
 
 
 def _differentiate_energies(difference: Difference, times: Array, at: State, along: State) -> Array:

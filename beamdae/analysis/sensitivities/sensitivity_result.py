@@ -11,6 +11,7 @@ import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
+    as_real,
     require_choice,
     require_mapping,
     require_names,
@@ -29,7 +30,7 @@ Array = np.ndarray
 
 
 class SensitivityResult(HasTable, ABC):
-    """An analysis and its derivatives with respect to `parameters`, values by name."""
+    """An analysis and the derivatives of its columns with respect to `parameters`."""
 
     parameters: Mapping[str, float]
 
@@ -41,18 +42,6 @@ class SensitivityResult(HasTable, ABC):
     @abstractmethod
     def _summary(self) -> str:
         """Description of the analysis for `repr`."""
-
-    @abstractmethod
-    def table(self) -> pd.DataFrame:
-        """Return the derivatives with respect to all parameters."""
-
-    def _require_parameter(self, caller: str, parameter: str) -> str:
-        name: str = require_choice(caller, "parameter", parameter, list(self.parameters))
-        return name
-
-
-class ColumnSensitivities(SensitivityResult):
-    """Derivatives of columns of a table with respect to parameters."""
 
     @property
     @abstractmethod
@@ -74,7 +63,8 @@ class ColumnSensitivities(SensitivityResult):
         Parameters
         ----------
         column
-            Header of a column, with or without its unit, such as "tip.y".
+            Header of an observed column, with or without its unit, such as "tip.y". Runs and
+            equilibria also have those of coordinates and multipliers, and runs velocities.
         parameter
             Name of the parameter.
 
@@ -82,16 +72,16 @@ class ColumnSensitivities(SensitivityResult):
         -------
         pandas.Series
             Derivative (k,) in the unit of the column per unit of the parameter; NaN where it does
-            not exist. The index is that of the analysis: load factors, numbers of modes, or times
-            [s] at fixed phases (t - t_start) / period.
+            not exist. The index is that of the analysis: times [s], load factors, numbers of modes,
+            or times [s] at fixed phases (t - t_start) / period.
 
         Raises
         ------
         BeamdaeError
             If the parameter is not one of `parameters`, or the name selects no column or several
-            columns.
+            columns; works are not differentiated.
         """
-        parameter = self._require_parameter("sensitivity", parameter)
+        parameter = require_choice("sensitivity", "parameter", parameter, list(self.parameters))
         columns, name = self._columns[parameter], type(self).__name__
         everything = {**self._further_columns(parameter), **columns}
         return select_derivative(everything, column, parameter, self._index, name, columns)
@@ -113,12 +103,13 @@ class ColumnSensitivities(SensitivityResult):
         return {}
 
 
-def require_parameter_names(
-    caller: str, model: Any, by: Any, argument: str = "by"
+def require_parameters(
+    caller: str, model: Any, by: Any, argument: str = "by", *, allows_lists: bool = False
 ) -> tuple[str, ...]:
-    """Return the names in `by` if they are distinct and `model` is a model function.
+    """Return the names in `by` if they are distinct float parameters of the model.
 
-    `caller` is the calling function and `argument` the name of its argument, for messages.
+    `caller` is the calling function and `argument` the name of its argument, for messages. With
+    `allows_lists`, lists and tuples of floats are parameters, too.
     """
     require_model_function(caller, model)
     names = tuple(require_names(caller, argument, by, "a list of names of parameters"))
@@ -126,37 +117,36 @@ def require_parameter_names(
         raise BeamdaeError(
             f"{caller}: {argument} must contain each parameter once, got {short_repr(names)}."
         )
-    return names
 
+    def is_permitted(value: Any) -> bool:
+        return isinstance(value, float) or (allows_lists and _is_list_of_numbers(value))
 
-def require_parameters(caller: str, model: Any, by: Any, argument: str = "by") -> tuple[str, ...]:
-    """Return the names in `by` if they are float parameters of the model.
-
-    `caller` is the calling function and `argument` the name of its argument, for messages.
-    """
-    names = require_parameter_names(caller, model, by, argument)
+    available = [k for k, x in model.parameters.items() if is_permitted(x)]
+    kind = "neither a float nor a list of floats" if allows_lists else "not a float"
     for name in names:
         if name not in model.parameters:
-            available = [k for k, x in model.parameters.items() if isinstance(x, float)]
             raise BeamdaeError(
                 f"{caller}: {model.name} has no parameter {short_repr(name)}"
                 f"{suggest(str(name), available)}; parameters with derivatives: "
                 f"{', '.join(available) or 'none'}."
             )
-        if not isinstance(model.parameters[name], float):
+        value = model.parameters[name]
+        if name not in available:
+            is_whole = isinstance(value, int) and not isinstance(value, bool)
+            remedy = (
+                f"; compare whole numbers by sweep, or write {value}.0 in the model for a real "
+                "number"
+            )
             raise BeamdaeError(
-                f"{caller}: {name} of {model.name} is not a float "
-                f"({short_repr(model.parameters[name])}) and has no derivative"
-                f"{whole_number_remedy(model.parameters[name])}."
+                f"{caller}: {name} of {model.name} is {kind} ({short_repr(value)}) and has no "
+                f"derivative{remedy if is_whole else ''}."
             )
     return names
 
 
-def whole_number_remedy(value: Any) -> str:
-    """Return advice for a whole number that is to be differentiated, "" for other values."""
-    if not isinstance(value, int) or isinstance(value, bool):
-        return ""
-    return f"; compare whole numbers by sweep, or write {value}.0 in the model for a real number"
+def _is_list_of_numbers(value: Any) -> bool:
+    is_list = isinstance(value, (tuple, list)) and len(value) > 0
+    return is_list and all(as_real(x) is not None and not isinstance(x, bool) for x in value)
 
 
 def complete_parameters(caller: str, model: Model, parameters: Any) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from beamdae.analysis.sensitivities.model_differences import (
 )
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_observable
 from beamdae.analysis.sensitivities.sensitivity_result import (
-    ColumnSensitivities,
+    SensitivityResult,
     complete_parameters,
     require_parameters,
 )
@@ -39,6 +39,7 @@ from beamdae.errors import (
     BeamdaeError,
     format_exception,
     record_warnings,
+    require_choice,
     short_repr,
     warn_user,
 )
@@ -63,7 +64,7 @@ _NAME = "equilibrium_sensitivities"
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class EquilibriumSensitivities(ColumnSensitivities):
+class EquilibriumSensitivities(SensitivityResult):
     """An equilibrium path and its derivatives; see `equilibrium_sensitivities`.
 
     Attributes
@@ -153,7 +154,7 @@ class EquilibriumSensitivities(ColumnSensitivities):
         BeamdaeError
             If the parameter is not one of `parameters`, or `function` is not a function or fails.
         """
-        parameter = self._require_parameter("derivative", parameter)
+        parameter = require_choice("derivative", "parameter", parameter, list(self.parameters))
         if not callable(function):
             raise BeamdaeError(
                 "derivative: function must be a function of an Equilibrium, got "
@@ -408,8 +409,7 @@ def equilibrium_sensitivities(
         return build_loading(source, equations, stages, path.t)
 
     differences = {
-        name: difference_model(model, name, values, path.equations, assemble, moves_operators=True)
-        for name in names
+        name: difference_model(model, name, values, path.equations, assemble) for name in names
     }
     with single_threaded:
         points = _PathPoints(path, load(path.equations))

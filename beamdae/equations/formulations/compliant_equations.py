@@ -6,6 +6,7 @@ of the positions. As unknowns, they are accurate whatever the stiffness (mixed f
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -43,9 +44,13 @@ class CompliantEquations(NamedTuple):
     remainder: Array
 
 
-def introduce_resultants(e: EquationsOfMotion) -> CompliantEquations:
-    """Return the equations with the stiff forces of all terms as unknowns."""
-    p, numbers, rotations = e.p.copy(), [], []
+def introduce_resultants(e: EquationsOfMotion, idle: Array | None = None) -> CompliantEquations:
+    """Return the equations with the stiff forces of all terms as unknowns.
+
+    Those in the mask `idle` are not replaced, and the unknowns are zero: near a stiffness of zero,
+    whose root has no derivative, the equations depend smoothly on the stiffness.
+    """
+    p, numbers, rotations, begin = e.p.copy(), [], [], 0
     diagonals = [np.zeros((2, e.m))]
     for term in e.forces:
         form = term.kernel.compliant
@@ -53,8 +58,11 @@ def introduce_resultants(e: EquationsOfMotion) -> CompliantEquations:
             continue
         size = term.kernel.local.n_data
         columns = p[term.data].reshape((-1, term.count), order="F")
-        columns[:size], points, *parts = form.split(columns[:size].copy())
-        p[term.data] = columns.ravel(order="F")
+        shape = term.count, len(form.operators), form.kernel.size
+        end = begin + math.prod(shape)
+        mask = None if idle is None else idle[begin:end].reshape(shape)
+        columns[:size], points, *parts = form.split(columns[:size].copy(), mask)
+        p[term.data], begin = columns.ravel(order="F"), end
         rotations.append(columns[size:].tobytes())
         numbers.append(points.ravel())
         diagonals.append(np.reshape(parts, (2, -1)))

@@ -253,15 +253,19 @@ class _ElementKernel(_ElementExpression):
         return CompliantForm(ConstraintKernel(own, forces, True), operators, split)
 
 
-def _split_numbers(first: int, rows: int, data: np.ndarray) -> tuple[np.ndarray, ...]:
+def _split_numbers(
+    first: int, rows: int, data: np.ndarray, idle: np.ndarray | None = None
+) -> tuple[np.ndarray, ...]:
     """Return the arrays of `CompliantForm.split` for the numbers of a linear law at `first`."""
-    rest = data.copy()
+    rest, points = data.copy(), data.copy()
     stiffness, damping = (rest[first + k * rows :][:rows] for k in (0, 1))
-    is_elastic = stiffness > 0.0
+    is_idle = np.zeros(stiffness.shape, bool) if idle is None else idle[:, 0].T
+    is_elastic = (stiffness > 0.0) & ~is_idle
     times = np.divide(damping, stiffness, out=np.zeros_like(damping), where=is_elastic)
-    stiffness[:], damping[is_elastic] = 0.0, 0.0
+    points[first:][:rows][is_idle] = 0.0
+    stiffness[~is_idle], damping[is_elastic] = 0.0, 0.0
     times = times.T[:, None]
-    return rest, data.T[:, None], times, np.zeros_like(times)
+    return rest, points.T[:, None], times, np.zeros_like(times)
 
 
 @dataclass(frozen=True)
