@@ -21,11 +21,10 @@ from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.radau_replay import plan_stage_residual
 from beamdae.analysis.sensitivities.radau_steps import (
     MAX_ITERATIONS,
-    ROUNDING,
-    STAGNATION_RATE,
-    TOLERANCE,
     RadauSteps,
     StageMatrices,
+    judge_corrections,
+    measure_block,
     restore_stages,
 )
 from beamdae.analysis.sensitivities.recorded_maps import Gradient
@@ -47,7 +46,6 @@ from beamdae.integrators.radau.stepper import STABILIZED_FORM
 from beamdae.native.loop_functions import (
     combine,
     fill,
-    max_norm,
     pick,
     solve,
     split_complex,
@@ -58,8 +56,6 @@ from beamdae.symbolic.sparse_operators import transpose_pattern
 
 Array = np.ndarray
 
-# Smaller weights have no relative accuracy; those of damped motions decay to it.
-_UNDERFLOW = float(np.finfo(float).tiny / np.finfo(float).eps)
 _PROBLEMS = {
     NOT_CONVERGED: "the transposed equations of the stages do not converge",
     NOT_FINITE: "the derivatives are not finite",
@@ -98,9 +94,6 @@ class RadauAdjoint(RadauSteps):
         Right-hand sides and solutions of the transposed reduced equations.
     change, full_change
         Correction of the weights of one stage.
-    sizes
-        Largest corrections and weights of the equations of motion and of both levels of the
-        constraints, (2, 3).
     step
         Number of steps that remain.
     """
@@ -128,7 +121,6 @@ class RadauAdjoint(RadauSteps):
     imaginary_part: Array
     change: Array
     full_change: Array
-    sizes: Array
     step: int
 
 
@@ -187,27 +179,13 @@ def _solve_weights(adjoint: RadauAdjoint, h: float) -> int:
     fill(adjoint.weights[0], 0.0)
     fill(adjoint.weights[1], 0.0)
     fill(adjoint.weights[2], 0.0)
-    previous = math.inf
+    adjoint.largest = math.inf
     for k in range(MAX_ITERATIONS):
         _set_total(adjoint, h, k > 0)
         _correct_weights(adjoint, h)
-        largest, smallest = 0.0, math.inf
-        for block in range(3):
-            change, size = adjoint.sizes[0, block], adjoint.sizes[1, block]
-            if not math.isfinite(change):
-                return NOT_FINITE
-            if size > _UNDERFLOW:
-                largest = max(largest, change / size)
-                smallest = min(smallest, change / size)
-        rate = largest / previous
-        # The first iteration does not reveal the rate of convergence.
-        is_converged = k > 0 and rate < 1.0 and largest * rate <= TOLERANCE * (1.0 - rate)
-        if is_converged or largest <= TOLERANCE:
-            return DONE
-        # Weights of some equations may be rounding errors.
-        if rate > STAGNATION_RATE and smallest <= ROUNDING:
-            return DONE
-        previous = largest
+        code = judge_corrections(adjoint)
+        if code != NOT_CONVERGED:
+            return code
     return NOT_CONVERGED
 
 
@@ -259,10 +237,7 @@ def _correct_weights(adjoint: RadauAdjoint, h: float) -> None:
     )
     solve(adjoint.complex_solver, adjoint.complex_right)
     split_complex(adjoint.real_part, adjoint.imaginary_part, adjoint.complex_right)
-    change, full, sizes = adjoint.change, adjoint.full_change, adjoint.sizes
-    for block in range(3):
-        sizes[0, block] = 0.0
-        sizes[1, block] = 0.0
+    change, full = adjoint.change, adjoint.full_change
     for i in range(3):
         weights, factors = adjoint.weights[i], (-T_INVERSE[0, i], -T_INVERSE[1, i], T_INVERSE[2, i])
         combine(change, factors, (adjoint.right, adjoint.real_part, adjoint.imaginary_part))
@@ -271,21 +246,11 @@ def _correct_weights(adjoint: RadauAdjoint, h: float) -> None:
         pick(full, at.corrected, change, at.remaining_velocities, 0, at.corrected.size)
         combine(full[2 * n :], (1.0,), (change[n + at.corrected.size :],))
         combine(weights, (1.0, 1.0), (weights, full))
-        first = 2 * n
-        sizes[0, 0] = _larger(sizes[0, 0], max_norm(full[n:first], adjoint.scales))
-        sizes[1, 0] = _larger(sizes[1, 0], max_norm(weights[n:first], adjoint.scales))
+        measure_block(adjoint, 0, full[n : 2 * n], weights[n : 2 * n], adjoint.scales)
         for block in range(2):
-            last = first + m
-            change_size = max_norm(full[first:last], adjoint.unit_weights)
-            size = max_norm(weights[first:last], adjoint.unit_weights)
-            sizes[0, block + 1] = _larger(sizes[0, block + 1], change_size)
-            sizes[1, block + 1] = _larger(sizes[1, block + 1], size)
-            first = last
-
-
-def _larger(one: float, other: float) -> float:
-    """Return the larger number; NaN if `other` is NaN."""
-    return one if one > other else other
+            first, last = 2 * n + block * m, 2 * n + (block + 1) * m
+            values = weights[first:last]
+            measure_block(adjoint, block + 1, full[first:last], values, adjoint.unit_weights)
 
 
 def _reduce_gradient(
@@ -384,7 +349,6 @@ def transpose_radau_steps(start: StartDerivatives, interval: Interval, seeds: Ar
             imaginary_part=np.zeros(reduced),
             change=np.zeros(reduced),
             full_change=np.zeros(size),
-            sizes=np.zeros((2, 3)),
             step=steps,
         )
 

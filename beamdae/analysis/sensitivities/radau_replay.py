@@ -21,11 +21,10 @@ from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.radau_steps import (
     MAX_ITERATIONS,
     MAX_STEP_RATIO,
-    ROUNDING,
-    STAGNATION_RATE,
-    TOLERANCE,
     RadauSteps,
     StageMatrices,
+    judge_corrections,
+    measure_block,
     restore_stages,
 )
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
@@ -44,8 +43,7 @@ from beamdae.integrators.radau.stages import (
     set_stages,
 )
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
-from beamdae.integrators.radau.workspace import RadauWorkspace
-from beamdae.native.loop_functions import combine, max_norm
+from beamdae.native.loop_functions import combine, split_complex
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sums.kernel_sums import (
@@ -54,8 +52,6 @@ from beamdae.symbolic.sums.kernel_sums import (
 
 Array = np.ndarray
 
-# Rounding error of positions, relative to the characteristic length.
-_POSITION_ROUNDING = 1e-16
 _PROBLEMS = {
     NOT_CONVERGED: "the derivatives of the stages do not converge",
     NOT_FINITE: "the derivatives are not finite",
@@ -74,12 +70,12 @@ class RadauReplay(RadauSteps):
         equations.
     directions, inputs
         Directional derivatives of the residual, and their inputs (y, y', dy, dy').
-    negligible
-        Changes of scaled positions that are rounding errors, (k,).
     y, yp
         Current derivatives of (y, y'), one direction a row.
     weights
         Reciprocal scales of (q, h v), (2n,).
+    corrections
+        Corrections of W, (3, size).
     last_w
         Transformed stages of the derivatives in the last step, from which those of the next step
         are predicted, (3k, size).
@@ -93,10 +89,10 @@ class RadauReplay(RadauSteps):
 
     directions: DirectionSums
     inputs: Array
-    negligible: Array
     y: Array
     yp: Array
     weights: Array
+    corrections: Array
     last_w: Array
     results: Array
     last_step: float = 0.0
@@ -140,41 +136,26 @@ def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
     for i in range(3):
         combine(run.last_w[i], (1.0,), (replay.last_w[3 * k + i],))
     predict_stages(run, h)
-    previous = math.inf
+    replay.largest = math.inf
     for _ in range(MAX_ITERATIONS):
         set_stages(run, h)
         for i in range(3):
             _evaluate_derivative(replay, run.t + C[i] * h, i, k)
         correct_stages(run, h)
-        change = _largest_change(run, 0, 2 * n, weights)
-        reaction_change = _largest_change(run, 2 * n, 2 * n + m, replay.unit_weights)
-        if not math.isfinite(change):
-            return NOT_FINITE
-        total, reactions = max_norm(run.y[: 2 * n], weights), 0.0
+        combine(replay.corrections[0], (1.0,), (run.real_change,))
+        split_complex(replay.corrections[1], replay.corrections[2], run.complex_change)
+        # The size of the motion is that at the start of the step, or larger.
+        measure_block(replay, 0, weights[:0], run.y[: 2 * n], weights)
         for i in range(3):
-            total = max(total, max_norm(run.w[i][: 2 * n], weights))
-            reactions = max(reactions, max_norm(run.w[i][2 * n : 2 * n + m], replay.unit_weights))
-        rate = change / previous
-        is_converged = rate < 1.0 and change * rate <= TOLERANCE * total * (1.0 - rate)
-        # The first iteration does not reveal the rate of convergence.
-        is_converged = (previous < math.inf and is_converged) or change <= TOLERANCE * total
-        # If a parameter changes only reactions, or nothing, derivatives of positions are rounding
-        # errors.
-        is_small = (
-            change <= max(ROUNDING * total, replay.negligible[k])
-            or 0.0 < reaction_change <= ROUNDING * reactions
-        )
-        if is_converged or (rate > STAGNATION_RATE and is_small):
+            change, w = replay.corrections[i], run.w[i]
+            measure_block(replay, 0, change[: 2 * n], w[: 2 * n], weights)
+            reactions = change[2 * n : 2 * n + m]
+            measure_block(replay, 1, reactions, w[2 * n : 2 * n + m], replay.unit_weights)
+        code = judge_corrections(replay)
+        if code != NOT_CONVERGED:
             set_stages(run, h)
-            return DONE
-        previous = change
+            return code
     return NOT_CONVERGED
-
-
-def _largest_change(run: RadauWorkspace, first: int, last: int, weights: Array) -> float:
-    """Return the largest weighted correction of these components of W."""
-    real = max_norm(run.real_change[first:last], weights)
-    return max(real, max_norm(run.complex_change[first:last], weights))
 
 
 def _evaluate_derivative(replay: RadauReplay, t: float, i: int, k: int) -> None:
@@ -211,7 +192,6 @@ def differentiate_radau_steps(
     interval: Interval,
     starts: Sequence[Array],
     numbers: Array,
-    steps: Array,
 ) -> Array:
     """Return the derivatives of (q, v, a, lam) at the start and the stages of a smooth interval.
 
@@ -227,9 +207,6 @@ def differentiate_radau_steps(
         Derivatives of the consistent state (q, v, a, lam) at the start, one direction a row.
     numbers
         Derivatives of p, one direction a row, (k, n_p).
-    steps
-        Small changes of the parameters, (k,); derivatives that lead to changes of positions below
-        rounding errors are negligible.
 
     Returns
     -------
@@ -257,10 +234,10 @@ def differentiate_radau_steps(
             **matrices_of_stages.step_fields(form, interval, native),
             directions=make_directions(native),
             inputs=np.zeros(4 * size),
-            negligible=_POSITION_ROUNDING / steps,
             y=np.array([y for y, _ in packed]),
             yp=np.array([yp for _, yp in packed]),
             weights=np.zeros(2 * n),
+            corrections=np.zeros((3, size)),
             last_w=np.zeros((3 * count, size)),
             results=results[count:],
         )

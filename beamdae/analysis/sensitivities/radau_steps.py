@@ -28,8 +28,8 @@ from beamdae.integrators.radau.stages import (
 )
 from beamdae.integrators.radau.stepper import StepTolerance, make_workspace
 from beamdae.integrators.radau.workspace import RadauWorkspace
-from beamdae.native.loop_functions import combine, fill
-from beamdae.native.return_codes import DONE
+from beamdae.native.loop_functions import combine, fill, max_norm
+from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sums.kernel_sums import SumPlan
 
@@ -38,11 +38,16 @@ Array = np.ndarray
 # Newton iterations of the stages of the run, which are converged except for the corrections of
 # positions; the run does not store these.
 _STAGE_ITERATIONS = 2
-# Systems of equations of the stages are solved to this fraction of the size of the solution, ...
-TOLERANCE = 1e-12
-# ... or to rounding errors: corrections below this fraction that do not decrease by half.
-ROUNDING = 1e-7
-STAGNATION_RATE = 0.5
+# Systems of equations of the stages are solved to this fraction of the size of each block of the
+# solution, ...
+_TOLERANCE = 1e-12
+# ... or to rounding errors, which the corrections of a block reveal if they are below this
+# fraction and do not decrease by half. Whole blocks may be rounding errors: a parameter may change
+# only reactions.
+_ROUNDING = 1e-7
+_STAGNATION_RATE = 0.5
+# Smaller values have no relative accuracy; those of damped motions decay to it.
+_UNDERFLOW = float(np.finfo(float).tiny / np.finfo(float).eps)
 MAX_ITERATIONS = 60
 # Stages are predicted from the last step if it was not shorter by more than this factor.
 MAX_STEP_RATIO = 1.5
@@ -104,6 +109,7 @@ class StageMatrices:
             "rows": np.ascontiguousarray(np.hstack(interval.rows)),
             "scales": 1.0 / form.equations.position_scales,
             "unit_weights": np.ones(form.equations.m),
+            "sizes": np.zeros((2, 3)),
         }
 
 
@@ -122,6 +128,10 @@ class RadauSteps:
         at all stages, (3 steps + 1, 3n + m).
     scales, unit_weights
         Reciprocal scales of the coordinates, (n,); ones (m,).
+    sizes
+        Largest corrections and values of up to three blocks of unknowns, (2, 3).
+    largest
+        Largest ratio of both in the last iteration; infinite before the first one.
     """
 
     run: RadauWorkspace
@@ -131,6 +141,8 @@ class RadauSteps:
     rows: Array
     scales: Array
     unit_weights: Array
+    sizes: Array
+    largest: float = math.inf
 
 
 def restore_stages(known: RadauSteps, step: int, h: float) -> int:
@@ -171,3 +183,41 @@ def restore_stages(known: RadauSteps, step: int, h: float) -> int:
         combine(known.stages[i], (1.0,), (run.stages[i],))
         combine(known.rates[i], (1.0,), (run.rates[i],))
     return DONE
+
+
+def measure_block(
+    known: RadauSteps, block: int, change: Array, value: Array, weights: Array
+) -> None:
+    """Enlarge the `sizes` of a block to those of a correction and of a value."""
+    known.sizes[0, block] = _larger(known.sizes[0, block], max_norm(change, weights))
+    known.sizes[1, block] = _larger(known.sizes[1, block], max_norm(value, weights))
+
+
+def _larger(one: float, other: float) -> float:
+    """Return the larger number; NaN if `other` is NaN."""
+    return one if one > other else other
+
+
+def judge_corrections(known: RadauSteps) -> int:
+    """Return DONE or NOT_FINITE, or NOT_CONVERGED if another iteration is needed.
+
+    `sizes` are those of the iteration; they are reset.
+    """
+    previous, largest, smallest = known.largest, 0.0, math.inf
+    for block in range(3):
+        change, size = known.sizes[0, block], known.sizes[1, block]
+        known.sizes[0, block] = 0.0
+        known.sizes[1, block] = 0.0
+        if not math.isfinite(change):
+            return NOT_FINITE
+        if size > _UNDERFLOW:
+            largest = max(largest, change / size)
+            smallest = min(smallest, change / size)
+    known.largest = largest
+    if largest <= _TOLERANCE:
+        return DONE
+    # The first iteration does not reveal the rate of convergence.
+    rate = largest / previous
+    if previous < math.inf and rate < 1.0 and largest * rate <= _TOLERANCE * (1.0 - rate):
+        return DONE
+    return DONE if rate > _STAGNATION_RATE and smallest <= _ROUNDING else NOT_CONVERGED

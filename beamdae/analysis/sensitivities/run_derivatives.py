@@ -103,7 +103,6 @@ class RunDerivatives:
         phases = [Phase.first(x, intervals[0].configuration) for x in self._differences.values()]
         for phase in phases:
             require_inner_breakpoints(phase.active, self._solution.trajectory)
-        parameter_steps = np.array([max(map(abs, x.steps)) for x in self._differences.values()])
         rows: list[list[Interval]] = []
         all_shifts: list[Array] = []
         before: Interval | None = None
@@ -125,9 +124,7 @@ class RunDerivatives:
             if locate_numbers(steps_of, has_all) is None:
                 steps_of = has_all
             if isinstance(self._method, Radau):
-                nodes = differentiate_radau_steps(
-                    derivatives, steps_of, active, firsts, numbers, parameter_steps
-                )
+                nodes = differentiate_radau_steps(derivatives, steps_of, active, firsts, numbers)
             else:
                 nodes = differentiate_alpha_steps(
                     self._method, derivatives, steps_of, active, moved, numbers, shifts
