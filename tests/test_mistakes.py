@@ -4,12 +4,11 @@ import traceback
 
 import casadi as ca
 import pytest
+from command_line import invoke
 from robustness.inputs.bad_values import _HOSTILE_VALUES as HOSTILE_VALUES
 from robustness.judge import check_sentence
-from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae.cli.app import app
 from beamdae.errors import as_real, as_text, require_mapping, require_sequence, unbox_scalar
 from beamdae.results.outcome import Status
 
@@ -100,7 +99,7 @@ def test_saved_runs_have_no_attribute_that_needs_the_model(tmp_path):
 
 
 def test_new_with_a_long_name(tmp_path):
-    result = CliRunner().invoke(app, ["new", str(tmp_path / f"{'x' * 300}.py")])
+    result = invoke("new", str(tmp_path / f"{'x' * 300}.py"))
     assert result.exit_code == 2
     assert "1 to 120 bytes" in result.output
     assert not list(tmp_path.iterdir())

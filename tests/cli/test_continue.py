@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import invoke
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae.cli.app import app
 from beamdae.results.outcome import Status
 
 BALL = '''
@@ -42,7 +41,7 @@ def run(tmp_path, monkeypatch):
     # Pictures take longer than these runs.
     monkeypatch.setattr("beamdae.cli.run_outputs.draw_run", lambda run, solution: None)
     Path("ball.py").write_text(BALL)
-    return lambda *arguments: CliRunner().invoke(app, ["run", "ball.py", *ROWS, *arguments])
+    return lambda *arguments: invoke("run", "ball.py", *ROWS, *arguments)
 
 
 def read(name):

@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import invoke
 from model_texts import SWING as MODEL
 from numpy.testing import assert_allclose
 from turning import turning
-from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae.cli.app import app
 from beamdae.cli.commands.sweep import parse_values
 
 
@@ -50,7 +49,7 @@ def test_sweep_writes_a_table_plots_and_a_page(tmp_path):
     path.write_text(MODEL)
     arguments = ["sweep", str(path), "--over", "speed=1:9:3", "--over", "turns=1,2", "--jobs", "1"]
     arguments += ["--of", "bob.x", "--integrator", "generalized-alpha", "--step", "5e-3"]
-    result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path)])
+    result = invoke(*arguments, "--out", str(tmp_path))
     assert result.exit_code == 0
     assert "6 cases, 4 reached the end time" in result.output
     assert "too fast" in result.output
@@ -73,7 +72,7 @@ def test_regression_sweeps_name_the_columns_that_the_terminal_omits(tmp_path):
     arguments += ["--integrator", "generalized-alpha", "--step", "5e-3", "--out", str(tmp_path)]
     outputs = {}
     for of in ((), ("--of", "end.y")):
-        result = CliRunner().invoke(app, [*arguments, "--no-page", *of], env={"COLUMNS": "400"})
+        result = invoke(*arguments, "--no-page", *of, env={"COLUMNS": "400"})
         outputs[of] = " ".join(result.stdout.split())
     every, one = outputs.values()
     line = every[every.index("not shown: ") :]
@@ -89,17 +88,17 @@ def test_sweep_of_a_file_runs_and_resumes(tmp_path):
     path = tmp_path / "sweep.py"
     path.write_text(MODEL + SWEEP)
     arguments = ["sweep", str(path), "--jobs", "1", "--out", str(tmp_path)]
-    result = CliRunner().invoke(app, arguments)
+    result = invoke(*arguments)
     assert result.exit_code == 0
     table = pd.read_csv(tmp_path / "speeds" / "sweep.csv")
     assert list(table["status"]) == ["ok", "failed"]
-    again = CliRunner().invoke(app, [*arguments, "--of", "bob.x"])
+    again = invoke(*arguments, "--of", "bob.x")
     assert "2 stored before" in again.output
     assert again.exit_code == 0
     assert "bob.x max [m]" in pd.read_csv(tmp_path / "speeds" / "sweep.csv")
-    document = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
+    document = json.loads(invoke(*arguments, "--json").stdout)
     assert [case["status"] for case in document["cases"]] == ["ok", "failed"]
-    compared = CliRunner().invoke(app, ["compare", str(path)])
+    compared = invoke("compare", str(path))
     assert "speeds is a sweep; use beamdae sweep." in compared.output
 
 
@@ -124,7 +123,7 @@ def test_studies_start_from_a_state(command, tmp_path):
     over = ["--over", "speed=1,2"] if command == "sweep" else []
     arguments = [command, str(path), *over, "--jobs", "1", "--no-picture", "--no-page"]
     arguments += ["--start", "bob.angle=90deg", "--out", str(tmp_path)]
-    result = CliRunner().invoke(app, arguments)
+    result = invoke(*arguments)
     assert result.exit_code == 0, result.output
     rows = pd.read_csv(next(tmp_path.rglob("trajectories/*.csv")))
     assert rows["bob.y [m]"][0] == pytest.approx(1.0)

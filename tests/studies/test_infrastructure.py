@@ -10,11 +10,10 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from command_line import invoke
 from study_models import swing
-from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae.cli.app import app
 from beamdae.errors import KernelWarning
 from beamdae.results.outcome import Status
 from beamdae.studies.execution import executors
@@ -75,7 +74,7 @@ def test_exit_code_of_a_study_with_lost_tasks(tmp_path, monkeypatch):
     model = tmp_path / "model.py"
     model.write_text(MODEL.replace("BODY", "pass"))
     command = ["sweep", str(model), *OVER, "--out", str(tmp_path / "results")]
-    result = CliRunner().invoke(app, command)
+    result = invoke(*command)
     assert result.exit_code == 3
     assert "not run: 2 of 3 runs, because connection-lost. Client lost; run the same" in (
         result.output

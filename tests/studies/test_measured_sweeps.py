@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import invoke
 
 import beamdae as bd
-from beamdae.cli.app import app
 from beamdae.studies.sweeps.model_measures import buckling_factors, natural_frequencies
 from beamdae.studies.sweeps.sweep_results import create_sweep_page
 
@@ -127,7 +126,7 @@ def here(tmp_path, monkeypatch):
 
 
 def measure(*options):
-    return CliRunner().invoke(app, ["sweep", "drops.py", *options, "--no-page", "--no-picture"])
+    return invoke("sweep", "drops.py", *options, "--no-page", "--no-picture")
 
 
 @pytest.mark.slow(reason="starts worker processes")
