@@ -9,9 +9,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from command_line import invoke
+from study_runs import run_serially
 
 import beamdae as bd
-from beamdae.studies.execution.executors import SerialPool
 
 ARM = """
 import numpy as np
@@ -71,9 +71,7 @@ def command(tmp_path, monkeypatch):
 @pytest.fixture
 def serial(monkeypatch):
     """Run studies without worker processes; their outputs do not depend on them."""
-    monkeypatch.setattr(
-        "beamdae.studies.execution.executors.LocalPool", lambda workers: SerialPool()
-    )
+    run_serially(monkeypatch)
 
 
 def assert_usage_error(result, *words):

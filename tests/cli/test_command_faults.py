@@ -8,9 +8,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from command_line import invoke
+from study_runs import run_serially
 from terminals import process, shell
-
-from beamdae.studies.execution.executors import SerialPool
 
 MODEL = '''
 import os
@@ -304,9 +303,7 @@ def test_little_memory_is_reported_in_one_sentence(here, limit):
 
 @pytest.fixture
 def serial(monkeypatch):
-    monkeypatch.setattr(
-        "beamdae.studies.execution.executors.LocalPool", lambda workers: SerialPool()
-    )
+    run_serially(monkeypatch)
 
 
 FAILING = "mech.add(bd.Moment('m', on=bob.at(0.0, 0.0), law=lambda t: t * (0.0105 - t) ** 0.5))"

@@ -13,7 +13,6 @@ from command_line import invoke
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.results.outcome import Status
 
 BALL = '''
 """A ball that bounces on a floor, with a horizontal force."""
@@ -170,8 +169,9 @@ def test_a_run_interrupted_at_its_end_is_not_resumed(run, monkeypatch):
     simulate = bd.simulate
 
     def interrupted(*arguments, **options):
-        status = Status("interrupted", "interrupted after the last step")
-        return replace(simulate(*arguments, **options), status=status)
+        run = simulate(*arguments, **options)
+        sentence = "interrupted after the last step"
+        return replace(run, status=replace(run.status, kind="interrupted", sentence=sentence))
 
     monkeypatch.setattr("beamdae.simulation.simulate", interrupted)
     result = run("--t-end", "0.1", "--no-page")

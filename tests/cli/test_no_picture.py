@@ -6,7 +6,7 @@ import pytest
 from command_line import invoke
 from model_texts import COLUMN as MODEL
 
-from beamdae.errors import BeamdaeError
+import beamdae as bd
 
 COMMANDS = {
     "run": ["--no-estimate"],
@@ -84,7 +84,7 @@ def test_regression_skipped_pictures_of_earlier_results_are_removed(
 @pytest.mark.slow(reason="starts a process")
 def test_a_study_prints_its_results_before_it_writes_page_and_pictures(tmp_path, monkeypatch):
     def fail(*arguments):
-        raise BeamdaeError("this file fails")
+        raise bd.BeamdaeError("this file fails")
 
     monkeypatch.setattr("beamdae.studies.sweeps.sweep_results.write_page", fail)
     monkeypatch.setattr("beamdae.report.pictures.figures.save_figure", fail)

@@ -5,10 +5,8 @@ from pathlib import Path
 
 import pytest
 import typer
-from command_line import invoke
+from command_line import app, invoke
 from terminals import in_terminal, process
-
-from beamdae.cli.app import app
 
 WIDTHS = (60, 80, 120)
 MODEL = '''

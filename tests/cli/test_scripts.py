@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 from command_line import invoke
+from study_runs import run_serially
 from terminals import process, shell
-
-from beamdae.studies.execution.executors import SerialPool
 
 MODEL = '''
 import sys
@@ -146,9 +145,7 @@ def test_a_file_that_fails_to_import_is_a_row_of_the_list(here):
 
 @pytest.mark.slow(reason="runs a study twice")
 def test_json_document_of_a_study(here, monkeypatch):
-    monkeypatch.setattr(
-        "beamdae.studies.execution.executors.LocalPool", lambda workers: SerialPool()
-    )
+    run_serially(monkeypatch)
     result = invoke("compare", "model.py", "--json")
     document = parse(result.stdout)
     assert result.exit_code == 0, result.output

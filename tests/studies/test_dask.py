@@ -9,10 +9,9 @@ import sys
 import pandas as pd
 import pytest
 from study_models import swing
+from study_runs import DaskPool, SerialPool, run_study
 
 import beamdae as bd
-from beamdae.studies.execution import study_run
-from beamdae.studies.execution.executors import DaskPool, SerialPool
 
 
 @pytest.fixture
@@ -50,8 +49,8 @@ def test_study_survives_a_killed_worker_and_has_the_serial_table(tmp_path, distr
             if progress.done == 4 and len(pids) == 2:
                 os.kill(pids.pop(), signal.SIGKILL)
 
-        results = study_run.run_study(STUDY, tmp_path / "dask", DaskPool(address), kill_one)
-        repeated = study_run.run_study(STUDY, tmp_path / "dask", DaskPool(address))
+        results = run_study(STUDY, tmp_path / "dask", DaskPool(address), kill_one)
+        repeated = run_study(STUDY, tmp_path / "dask", DaskPool(address))
         # The second run had no tasks, and its connection must be closed nevertheless.
         with pytest.raises(ValueError, match="No clients found"):
             distributed.Client.current()
@@ -62,7 +61,7 @@ def test_study_survives_a_killed_worker_and_has_the_serial_table(tmp_path, distr
     assert list(swept.table["rows"].fillna(0.0)) == [401.0, 0.0, 401.0]
     assert len(pids) == 1
     assert len(repeated.table) == len(STUDY.cases)
-    serial = study_run.run_study(STUDY, tmp_path / "serial", SerialPool())
+    serial = run_study(STUDY, tmp_path / "serial", SerialPool())
     assert set(results.table["status"]) == {"ok"}
     pd.testing.assert_frame_equal(
         results.table.drop(columns=VARIABLE_COLUMNS), serial.table.drop(columns=VARIABLE_COLUMNS)

@@ -13,14 +13,11 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 from study_models import singular_torque
+from study_runs import Limits, LocalPool, ModelFile, SerialPool, run_study
 
 import beamdae as bd
-from beamdae.cli.model_files.model_file import ModelFile
 from beamdae.studies.case_summaries import summarize_cases
-from beamdae.studies.execution import study_run
-from beamdae.studies.execution.executors import LocalPool, SerialPool
 from beamdae.studies.store.store import Store
-from beamdae.studies.tasks import Limits
 
 ALPHA = bd.GeneralizedAlpha(step=2e-3)
 REFERENCES = (bd.Ida(rtol=1e-7), bd.GeneralizedAlpha(step=5e-4, newton_tolerance=1e-10))
@@ -53,7 +50,7 @@ def create_study(cases, references=COARSE, **settings):
 
 
 def run(study, folder, executor=None, progress=None):
-    return study_run.run_study(study, folder, executor or SerialPool(), progress)
+    return run_study(study, folder, executor or SerialPool(), progress)
 
 
 STEPS = (0.02, 0.01, 0.005)
