@@ -41,13 +41,6 @@ def test_measures_match_the_exact_motion(speed_radius_sweep):
     assert not any(c.startswith("tip.y") for c in speed_radius_sweep.table)
 
 
-def test_root_mean_square_is_over_time_and_not_over_rows():
-    """The last row is closer to the one before it than the others."""
-    swept = run_sweep({"speed": [4.0]}, output_step=0.15)
-    mean = 0.5 + np.sin(3.2) / 6.4
-    assert_allclose(swept.table["tip.x RMS [m]"], np.sqrt(mean), rtol=1e-3)
-
-
 @pytest.mark.slow(reason="half a second and more")
 def test_errors_of_the_checked_cases_are_those_of_the_runs():
     """Errors of every 20th case and of the last one are measured."""
