@@ -127,18 +127,6 @@ def test_repr_names_the_columns_of_a_constrained_system():
     assert repr(bd.simulate(system, t_end=0.01)).endswith("; observed: q0, q1, r>")
 
 
-def test_reasons_have_no_final_period():
-    """They are completed to a sentence where they are printed."""
-
-    @bd.model(t_end=1.0)
-    def failing(text=""):
-        raise ValueError(text)
-
-    texts = ("no such part.", "the reason ...")
-    table = bd.compare([bd.Case(failing, {"text": x}, bd.Radau()) for x in texts])
-    assert [x.rpartition(": ")[2] for x in table["reason"]] == ["no such part", "the reason"]
-
-
 @pytest.mark.parametrize("name", list(HOSTILE_VALUES))
 def test_argument_checks_accept_hostile_objects(name):
     value = HOSTILE_VALUES[name](None)
