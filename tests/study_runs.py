@@ -3,6 +3,7 @@
 from beamdae.cli.model_files.model_file import ModelFile
 from beamdae.errors import KernelWarning
 from beamdae.results.outcome import Status
+from beamdae.studies.case_summaries import summarize_cases
 from beamdae.studies.execution.executors import DaskPool, LocalPool, SerialPool, TaskResult
 from beamdae.studies.execution.study_run import run_study
 from beamdae.studies.study_page import create_study_page
@@ -19,6 +20,7 @@ __all__ = [
     "create_study_page",
     "run_serially",
     "run_study",
+    "summarize_cases",
 ]
 
 

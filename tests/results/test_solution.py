@@ -3,6 +3,7 @@
 import gc
 import json
 import weakref
+from importlib import metadata
 
 import numpy as np
 import pandas as pd
@@ -259,6 +260,8 @@ def test_csv_contains_the_table_and_json_the_metadata(tmp_path):
     assert sidecar["result"]["energy_imbalance"] == solution.quality.energy_imbalance
     assert set(sidecar["versions"]) == {"beamdae", "casadi", "scikit-sundae", "numpy", "scipy"}
     assert sidecar["versions"]["beamdae"] == bd.__version__
+    others = ("casadi", "scikit-sundae", "numpy", "scipy")
+    assert all(sidecar["versions"][x] == metadata.version(x) for x in others)
 
 
 def test_a_file_in_place_of_the_folder_is_reported(tmp_path):
