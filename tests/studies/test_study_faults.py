@@ -206,7 +206,8 @@ DRIVER = """
 import sys
 from pathlib import Path
 if __name__ == "__main__":
-                study = ModelFile(Path("file.py")).studies["masses"]
+    from study_runs import LocalPool, ModelFile, run_study
+    study = ModelFile(Path("file.py")).studies["masses"]
     print("ready", flush=True)
     report = lambda progress: print("done", progress.done, flush=True)
     results = run_study(study, Path("out"), LocalPool(2), report)
