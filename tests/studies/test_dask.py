@@ -68,15 +68,12 @@ def test_study_survives_a_killed_worker_and_has_the_serial_table(tmp_path, distr
     )
 
 
-@pytest.mark.parametrize(
-    "address", ["../a/b\\c", "nowhere", "", "tcp://:8786", "tcp://host:99999", "host name:8786"]
-)
-def test_address_without_host_and_port_is_rejected_before_dask_is_imported(address, monkeypatch):
+def test_address_without_host_and_port_is_rejected_before_dask_is_imported(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(
-        bd.BeamdaeError, match=r"^swing_sweep: scheduler '.*' is not the address of a D"
-    ):
-        bd.sweep(swing, {"mass": [1.0]}, scheduler=address)
+    message = r"^swing_sweep: scheduler '.*' is not the address of a D"
+    for x in ("../a/b\\c", "nowhere", "", "tcp://:8786", "tcp://host:99999", "host name:8786"):
+        with pytest.raises(bd.BeamdaeError, match=message):
+            bd.sweep(swing, {"mass": [1.0]}, scheduler=x)
 
 
 @pytest.mark.parametrize("address", ["host:8786", "tcp://10.0.0.1:8786", "tls://[fe80::1%eth0]:1"])
