@@ -1,5 +1,9 @@
 """Pages of made-up studies, and functions that read and use them in a browser."""
 
+import base64
+import json
+import math
+import re
 from importlib.resources import files
 
 import numpy as np
@@ -9,8 +13,28 @@ from beamdae.report.page.page_data import CurveBlock
 
 T = np.linspace(0.0, 2.0, 41)
 RESOLUTION = 1e-6  # of the reference
+HALF_STEP = 0.5 / 65534  # largest error of stored values, relative to their range
+MISSING_CODE = 65535
 ODD_LABEL = '</script><b>"it\'s" & <!-- Ida(rtol=0.01)'
 FAILURE = "Newton did not converge at t = 1.2 s"
+
+
+def read_page(path):
+    """Return the data of a page with decoded arrays."""
+    (text,) = re.findall(
+        r'<script type="application/json" id="data">(.*?)</script>',
+        path.read_text(encoding="utf-8"),
+        re.DOTALL,
+    )
+    return json.loads(text, object_hook=decode)
+
+
+def decode(value):
+    if "u16" not in value:
+        return value
+    codes = np.frombuffer(base64.b64decode(value["u16"]), "<u2")
+    numbers = value["low"] + value["step"] * codes
+    return np.where(codes == MISSING_CODE, math.nan, 10.0**numbers if value.get("log") else numbers)
 
 
 def build_curves(error, t=T):

@@ -6,14 +6,7 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
-from beamdae.beams.beam import Beam
-from beamdae.beams.materials import Material
-from beamdae.beams.sections import Section
-from beamdae.curves.plane_curves import Arc, PlaneCurve
-from beamdae.parts.bodies.rigid_body import Ground, RigidBody
-from beamdae.parts.forces.surfaces import LineSurface
-from beamdae.parts.joints.joint import Joint, Revolute
-from beamdae.parts.mechanism import Mechanism
+import beamdae as bd
 
 
 class SampleMechanism:
@@ -26,48 +19,48 @@ class SampleMechanism:
     """
 
     def __init__(self) -> None:
-        self.mechanism = Mechanism(gravity=(0.0, -9.81))
+        self.mechanism = bd.Mechanism(gravity=(0.0, -9.81))
 
     @property
-    def ground(self) -> Ground:
+    def ground(self):
         """Ground of the mechanism, without coordinates."""
         return self.mechanism.ground
 
     @cached_property
-    def disk(self) -> RigidBody:
+    def disk(self) -> bd.RigidBody:
         """Rigid body of 1 kg and 0.1 kg m^2 with its center of mass at (0.5, 0.4) m."""
-        return self.mechanism.add(RigidBody("disk", 1.0, 0.1, (0.5, 0.4)))
+        return self.mechanism.add(bd.RigidBody("disk", 1.0, 0.1, (0.5, 0.4)))
 
     @cached_property
-    def beam(self) -> Beam:
+    def beam(self) -> bd.Beam:
         """Beam of one element along `curve`."""
-        return self.mechanism.add(Beam("beam", self.curve, self.section, elements=1))
+        return self.mechanism.add(bd.Beam("beam", self.curve, self.section, elements=1))
 
     @cached_property
-    def hinge(self) -> Joint:
+    def hinge(self) -> bd.Joint:
         """Hinge between the ground and the disk at the origin."""
         ends = self.ground.at(0.0, 0.0), self.disk.at(0.0, 0.0)
-        return self.mechanism.add(Revolute("hinge", *ends))
+        return self.mechanism.add(bd.Revolute("hinge", *ends))
 
     @cached_property
-    def floor(self) -> LineSurface:
+    def floor(self) -> bd.LineSurface:
         """Horizontal surface at y = -0.1 m."""
-        return LineSurface(self.ground.at(0.0, -0.1))
+        return bd.LineSurface(self.ground.at(0.0, -0.1))
 
     @cached_property
-    def curve(self) -> PlaneCurve:
+    def curve(self) -> bd.Curve:
         """Arc of 1 m length and 1 m radius that starts at (0, 1) m."""
-        return Arc(1.0, 1.0, start=(0.0, 1.0))
+        return bd.Arc(1.0, 1.0, start=(0.0, 1.0))
 
     @cached_property
-    def material(self) -> Material:
+    def material(self) -> bd.Material:
         """Steel with a Young's modulus of 210 GPa and a density of 7850 kg/m^3."""
-        return Material(E=2.1e11, nu=0.3, rho=7850.0)
+        return bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 
     @cached_property
-    def section(self) -> Section:
+    def section(self) -> bd.Section:
         """Steel rectangle of 20 mm width and 4 mm height."""
-        return Section.rectangle(self.material, width=0.02, height=0.004)
+        return bd.Section.rectangle(self.material, width=0.02, height=0.004)
 
 
 def _joint_arguments(m: Any) -> dict[str, Any]:

@@ -15,9 +15,11 @@ from beamdae.equations.formulations.sums import InputLayout, assemble_reactions
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.integrators.ida import stepper
+from beamdae.native.object_code import is_native_enabled
 from beamdae.sundials.library import UnavailableError
 from beamdae.symbolic.sums.kernel_sums import evaluate_sum
 
+compiled = pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
 # Stiffness, mass and damping of order one, so that finite differences have eight correct digits.
 SOFT_MATERIAL = bd.Material(E=60.0, nu=0.3, rho=1.3)
 

@@ -6,10 +6,9 @@ import os
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from command_line import invoke
 
 import beamdae as bd
-from beamdae.cli.app import app
 
 # Each reading way is a statement of the model function or module; {} is the name of the file.
 MODULE_READS = {
@@ -81,7 +80,7 @@ def write_model(name="", module="none", function=None, data=()):
 
 
 def run(*arguments):
-    return CliRunner().invoke(app, [str(x) for x in arguments])
+    return invoke(*arguments)
 
 
 def fill(name):

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 import beamdae as bd
-from beamdae import errors
 
 HIDING = Path(__file__).with_name("hidden_packages")
 NO_COMPILER = ("numba", "llvmlite")
@@ -106,7 +105,7 @@ def run_python(folder, hidden, *arguments):
 def test_auto_uses_radau_if_ida_cannot_be_imported(monkeypatch):
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
     monkeypatch.setitem(sys.modules, "beamdae.integrators.ida.python_solver", None)
-    monkeypatch.setattr(errors, "_issued_messages", set())
+    monkeypatch.setattr("beamdae.errors._issued_messages", set())
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
     mech.observe("ball", ball.point)
@@ -114,7 +113,7 @@ def test_auto_uses_radau_if_ida_cannot_be_imported(monkeypatch):
         warnings.simplefilter("always")
         runs = [bd.simulate(mech, t_end=1.0) for _ in range(2)]
     (warning,) = issued
-    assert warning.category is errors.KernelWarning
+    assert warning.category.__name__ == "KernelWarning"
     assert re.match(r"Auto: scikit-sundae cannot .*; Radau is used", str(warning.message))
     for run in runs:
         assert run.integrator["method"] == "Radau"

@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import invoke
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae.cli.app import app
 
 ROOT = Path(__file__).parents[1]
 TUTORIALS = ROOT / "models" / "tutorials"
@@ -63,7 +62,7 @@ def run_command(line, arguments):
     """Run a command on an example; for other files, check that its options exist."""
     is_example = any(argument.startswith("example:") for argument in arguments)
     executed = arguments if is_example else [arguments[0], "--help"]
-    result = CliRunner(env={"COLUMNS": "200"}).invoke(app, executed)
+    result = invoke(*executed, env={"COLUMNS": "200"})
     assert result.exit_code == 0, f"{line}: {result.output}"
     options = [argument for argument in arguments if argument.startswith("--")]
     assert is_example or all(option in result.output for option in options), line

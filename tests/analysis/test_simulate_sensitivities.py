@@ -4,11 +4,10 @@ import pickle
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import invoke
 
 import beamdae as bd
 from beamdae.analysis.sensitivities import sensitivities as implementation
-from beamdae.cli.app import app
 from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.report.run_page import build_run_page
 from beamdae.results.columns import Header
@@ -176,7 +175,7 @@ def test_the_command_writes_derivatives(tmp_path):
 
     def run(*arguments):
         command = ("run", str(tmp_path / "fall.py"), "--out", str(tmp_path), *arguments)
-        return CliRunner().invoke(app, [*command, "--no-picture", "--no-page", "--no-estimate"])
+        return invoke(*command, "--no-picture", "--no-page", "--no-estimate")
 
     result = run("--sensitivities", "mass, drag", "--output-step", "0.1")
     assert result.exit_code == 0, result.output

@@ -4,9 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
-
-from beamdae.cli.app import app
+from command_line import invoke
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -24,14 +22,14 @@ def arm(angle=0.3):
 """
 
 
-def invoke(*arguments):
-    return CliRunner().invoke(app, ["run", "model.py", *arguments])
+def run(*arguments):
+    return invoke("run", "model.py", *arguments)
 
 
 @pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("accuracy", ["1%", "0.01", " 1 %"])
 def test_errors_are_in_json_and_in_the_document(accuracy):
-    result = invoke("--accuracy", accuracy, "--json", "--no-page")
+    result = run("--accuracy", accuracy, "--json", "--no-page")
     assert result.exit_code == 0, result.output
     document = json.loads(result.stdout)
     assert document["accuracy"]["required"] == pytest.approx(0.01)
@@ -46,7 +44,7 @@ def test_errors_are_in_json_and_in_the_document(accuracy):
 
 @pytest.mark.slow(reason="writes a page and a picture")
 def test_errors_are_printed_and_on_the_page():
-    result = invoke("--accuracy", "0.1%")
+    result = run("--accuracy", "0.1%")
     assert result.exit_code == 0, result.output
     assert "the largest error" in result.stdout
     assert all(x in result.stdout for x in ("error", "largest", "rows"))
@@ -64,7 +62,7 @@ def test_an_accuracy_that_is_not_reached_writes_the_run_and_exits_with_1(columns
         encoding="utf-8",
     )
     limits = "--t-end", "20", "--time-limit", "1e-3", "--no-page", "--no-picture"
-    result = invoke("--accuracy", "1%", *columns, *limits)
+    result = run("--accuracy", "1%", *columns, *limits)
     assert result.exit_code == 1
     assert "accuracy 0.01 is not reached" in result.stderr
     assert "time limit" in result.stderr

@@ -5,19 +5,17 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import invoke
 from model_texts import SHAKER
 from numpy.testing import assert_allclose
 from PIL import Image
-from typer.testing import CliRunner
-
-from beamdae.cli.app import app
 
 
 @pytest.fixture
 def bode(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "shaker.py").write_text(SHAKER)
-    return lambda *arguments: CliRunner().invoke(app, ["bode", "shaker.py", *arguments])
+    return lambda *arguments: invoke("bode", "shaker.py", *arguments)
 
 
 def test_bode_writes_a_table_with_the_peak(bode, tmp_path):
@@ -56,11 +54,11 @@ def test_bode_states_margins_of_pid_loops_and_why_one_has_none(tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     (tmp_path / "loop.py").write_text(LOOP)
     arguments = ["bode", "loop.py", "--input", "push.Fx", "--no-page", "--no-picture"]
-    shown = CliRunner().invoke(app, arguments)
+    shown = invoke(*arguments)
     assert shown.exit_code == 0, shown.output
     assert "loop of servo" in shown.stdout
     assert "warning: margins: the command of idle does not depend on the motion" in shown.stdout
-    result = CliRunner().invoke(app, [*arguments, "--json"])
+    result = invoke(*arguments, "--json")
     (crossover,) = json.loads(result.stdout)["margins"]["servo"]
     # |kp + kd s| = m w^2 at the gain crossover, and the plant turns the phase by -180 degrees.
     w = np.sqrt((40.0**2 + np.sqrt(40.0**4 + 4.0 * 2.0**2 * 1e6)) / (2.0 * 2.0**2))
@@ -92,9 +90,9 @@ def test_the_largest_of_many_peaks_are_shown(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "train.py").write_text(TRAIN)
     arguments = ["bode", "train.py", "--output", "mass.x", "--no-page", "--no-picture"]
-    peaks = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)["peaks"]
+    peaks = json.loads(invoke(*arguments, "--json").stdout)["peaks"]
     largest = sorted(peaks, key=lambda peak: -peak["magnitude"])
-    shown = CliRunner().invoke(app, arguments).stdout
+    shown = invoke(*arguments).stdout
     are_shown = [f"{peak['frequency [Hz]']:.6g} " in shown for peak in largest]
     assert are_shown == [True] * 10 + [False] * 2
 

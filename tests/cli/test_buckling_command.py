@@ -5,17 +5,15 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from command_line import invoke
 from model_texts import STRUT
-from typer.testing import CliRunner
-
-from beamdae.cli.app import app
 
 
 @pytest.fixture
 def buckling(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("column.py").write_text(STRUT, encoding="utf-8")
-    return lambda *arguments: CliRunner().invoke(app, ["buckling", "column.py", *arguments])
+    return lambda *arguments: invoke("buckling", "column.py", *arguments)
 
 
 @pytest.mark.slow(reason="half a second and more")

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
+from command_line import invoke
+from study_runs import run_serially
 
 import beamdae as bd
-from beamdae.cli.app import app
-from beamdae.studies.execution.executors import SerialPool
 
 ARM = """
 import numpy as np
@@ -64,7 +63,7 @@ def command(tmp_path, monkeypatch):
 
     def run(name, source, *arguments):
         Path("model.py").write_text(source)
-        return CliRunner().invoke(app, [name, "model.py", *arguments])
+        return invoke(name, "model.py", *arguments)
 
     return run
 
@@ -72,9 +71,7 @@ def command(tmp_path, monkeypatch):
 @pytest.fixture
 def serial(monkeypatch):
     """Run studies without worker processes; their outputs do not depend on them."""
-    monkeypatch.setattr(
-        "beamdae.studies.execution.executors.LocalPool", lambda workers: SerialPool()
-    )
+    run_serially(monkeypatch)
 
 
 def assert_usage_error(result, *words):
@@ -387,7 +384,7 @@ def test_check_reports_the_errors_of_run(command, name):
 @pytest.mark.slow(reason="starts a process that imports everything")
 def test_list_describes_a_model_by_its_file_if_its_function_has_no_docstring(tmp_path):
     (tmp_path / "good.py").write_text("'''Of the file.'''\n" + ARM.replace("A falling strip.", ""))
-    assert "Of the file." in CliRunner().invoke(app, ["list", str(tmp_path)]).stdout
+    assert "Of the file." in invoke("list", str(tmp_path)).stdout
 
 
 @pytest.mark.parametrize(
@@ -402,7 +399,7 @@ def test_list_without_models(tmp_path, monkeypatch, path, words):
     monkeypatch.chdir(tmp_path)
     Path("empty").mkdir()
     Path("bad.py").write_text("1 / 0\n")
-    assert_usage_error(CliRunner().invoke(app, ["list", path]), path, words)
+    assert_usage_error(invoke("list", path), path, words)
 
 
 def test_model_file_leaves_no_module_behind(command):
@@ -437,7 +434,7 @@ def test_public_names_exist_whatever_was_imported_first():
 
 
 def test_version_of_the_package_is_printed():
-    result = CliRunner().invoke(app, ["--version"])
+    result = invoke("--version")
     assert (result.exit_code, result.stdout) == (0, f"beamdae {bd.__version__}\n")
 
 
@@ -451,10 +448,6 @@ def test_draw_shows_a_model_without_a_run(command):
         command("draw", NO_START),
         "draw: nowhere consists of equations without a shape; only a Mechanism",
     )
-
-
-def invoke(*arguments):
-    return CliRunner().invoke(app, list(arguments))
 
 
 def test_examples_are_listed_with_their_descriptions(tmp_path, monkeypatch):

@@ -7,11 +7,9 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from command_line import invoke
+from study_runs import run_serially
 from terminals import process, shell
-from typer.testing import CliRunner
-
-from beamdae.cli.app import app
-from beamdae.studies.execution.executors import SerialPool
 
 MODEL = '''
 import os
@@ -266,7 +264,7 @@ def test_regression_a_swallowed_interrupt_ends_a_study_before_it_starts(here, nu
 
 @pytest.mark.slow(reason="a fifth of a second")
 def test_a_run_at_its_time_limit_keeps_its_results(here):
-    result = CliRunner().invoke(app, ["run", "model.py", "--t-end", "9", "--time-limit", "1e-9"])
+    result = invoke("run", "model.py", "--t-end", "9", "--time-limit", "1e-9")
     assert result.exit_code == 1, result.output
     assert "reached the time limit of 1e-09 s" in result.stderr
     assert Path("results/arm.csv").exists()
@@ -305,9 +303,7 @@ def test_little_memory_is_reported_in_one_sentence(here, limit):
 
 @pytest.fixture
 def serial(monkeypatch):
-    monkeypatch.setattr(
-        "beamdae.studies.execution.executors.LocalPool", lambda workers: SerialPool()
-    )
+    run_serially(monkeypatch)
 
 
 FAILING = "mech.add(bd.Moment('m', on=bob.at(0.0, 0.0), law=lambda t: t * (0.0105 - t) ** 0.5))"
@@ -325,7 +321,7 @@ def failing():
     source = MODEL.replace("# building", FAILING).replace("mass=2.0", "mass=2.0, elements=1")
     Path("model.py").write_text(source + study, encoding="utf-8")
     for _ in range(2):
-        result = CliRunner().invoke(app, ["compare", "model.py"])
+        result = invoke("compare", "model.py")
         assert result.exit_code == 1, result.output
         assert result.stderr.count("failed: arm") >= 2
         assert Path("results/failing/report.html").exists()

@@ -9,12 +9,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import invoke
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae.cli.app import app
-from beamdae.results.outcome import Status
 
 BALL = '''
 """A ball that bounces on a floor, with a horizontal force."""
@@ -42,7 +40,7 @@ def run(tmp_path, monkeypatch):
     # Pictures take longer than these runs.
     monkeypatch.setattr("beamdae.cli.run_outputs.draw_run", lambda run, solution: None)
     Path("ball.py").write_text(BALL)
-    return lambda *arguments: CliRunner().invoke(app, ["run", "ball.py", *ROWS, *arguments])
+    return lambda *arguments: invoke("run", "ball.py", *ROWS, *arguments)
 
 
 def read(name):
@@ -171,8 +169,9 @@ def test_a_run_interrupted_at_its_end_is_not_resumed(run, monkeypatch):
     simulate = bd.simulate
 
     def interrupted(*arguments, **options):
-        status = Status("interrupted", "interrupted after the last step")
-        return replace(simulate(*arguments, **options), status=status)
+        run = simulate(*arguments, **options)
+        sentence = "interrupted after the last step"
+        return replace(run, status=replace(run.status, kind="interrupted", sentence=sentence))
 
     monkeypatch.setattr("beamdae.simulation.simulate", interrupted)
     result = run("--t-end", "0.1", "--no-page")

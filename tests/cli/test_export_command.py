@@ -4,17 +4,15 @@ import json
 from pathlib import Path
 
 import pytest
+from command_line import invoke
 from model_texts import SPRUNG
-from typer.testing import CliRunner
-
-from beamdae.cli.app import create_app
 
 MODEL = SPRUNG
 
 
 def run(*arguments):
     command = ["export", "model.py", "--fmu", "model.fmu", "--platforms", "none", *arguments]
-    return CliRunner().invoke(create_app("export"), command)
+    return invoke(*command)
 
 
 @pytest.mark.slow(reason="half a second")

@@ -6,9 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
-
-from beamdae.cli.app import app
+from command_line import invoke
 
 MODEL = '''
 import beamdae as bd
@@ -49,7 +47,7 @@ def here(tmp_path, monkeypatch):
 
 def run(*arguments):
     arguments = ["fit", "model.py", *arguments, "--step", "0.002", "--set", "damping=0"]
-    return CliRunner().invoke(app, arguments)
+    return invoke(*arguments)
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -132,6 +130,6 @@ def test_columns_of_data_may_have_other_names(here):
     assert '--data-column "Laser [mm]=mass.x"' in result.stderr
     arguments = ["run", "model.py", "--data", "laser.csv", "--no-page"]
     mapped = [*arguments, "--data-column", "Zeit [ms]=t", "--data-column", "Laser [mm]=mass.x"]
-    shown = CliRunner().invoke(app, [*mapped, "--set", "stiffness=40", "--set", "damping=0"])
+    shown = invoke(*mapped, "--set", "stiffness=40", "--set", "damping=0")
     assert shown.exit_code == 0, shown.output
     assert "mass.x [m]" in shown.output

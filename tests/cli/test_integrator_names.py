@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from command_line import invoke
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae.cli.app import app
 
 MODEL = '''
 from dataclasses import dataclass
@@ -105,7 +104,7 @@ def run(tmp_path, monkeypatch):
     monkeypatch.setattr("beamdae.cli.run_outputs.draw_run", lambda run, solution: None)
     Path("model.py").write_text(MODEL, encoding="utf-8")
     fixed = ["run", "model.py", "--no-estimate", "--no-page"]
-    return lambda *arguments: CliRunner().invoke(app, [*fixed, *arguments])
+    return lambda *arguments: invoke(*fixed, *arguments)
 
 
 def read_settings():
@@ -194,16 +193,16 @@ def test_sweep_in_processes_with_an_integrator_of_the_model_file(tmp_path, monke
     monkeypatch.chdir(tmp_path)
     Path("model.py").write_text(MODEL, encoding="utf-8")
     arguments = ["sweep", "model.py", "--over", "mass=1,2", "--integrator", "euler", "--jobs", "2"]
-    result = CliRunner().invoke(app, arguments)
+    result = invoke(*arguments)
     assert result.exit_code == 0, result.output
-    again = CliRunner().invoke(app, arguments)
+    again = invoke(*arguments)
     assert again.exit_code == 0
     assert "2 stored before" in again.output
 
 
 @pytest.mark.slow(reason="runs a model twice")
 def test_error_is_estimated_with_an_integrator_of_the_model_file(run):
-    result = CliRunner().invoke(app, ["run", "model.py", "--integrator", "euler", "--verify"])
+    result = invoke("run", "model.py", "--integrator", "euler", "--verify")
     assert result.exit_code == 0, result.output
     assert "ImplicitEuler step=0.005" in result.output
     assert "end error rows" in " ".join(result.output.split())

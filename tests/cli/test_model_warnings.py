@@ -6,9 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
-
-from beamdae.cli.app import app
+from command_line import invoke
 
 MODEL = """
 import beamdae as bd
@@ -64,7 +62,7 @@ def run(name, *more):
     pictures = () if command in WITHOUT_PICTURES else ("--no-picture",)
     pictures = () if "--plot" in name else pictures
     arguments = [command, "spring.py", *COMMANDS[name], *pictures, *more]
-    return CliRunner().invoke(app, arguments)
+    return invoke(*arguments)
 
 
 @pytest.mark.parametrize(
@@ -96,7 +94,7 @@ def test_regression_run_compares_with_more_accurate_beams(folder):
     """The command, which estimates errors of time steps itself, also left out those of beams."""
     soft = MODEL.replace("bd.sine(0.1, frequency)", "15.0").replace("t_end=0.02", "t_end=0.3")
     Path("soft.py").write_text(soft, encoding="utf-8")
-    result = CliRunner().invoke(app, ["run", "soft.py", "--no-page"])
+    result = invoke("run", "soft.py", "--no-page")
     assert result.exit_code == 0, result.output
     errors = json.loads(Path("results/spring.json").read_text(encoding="utf-8"))["errors"]
     # Two elements that bend by 0.6 rad with moderate strains; steps cause 1e-3.

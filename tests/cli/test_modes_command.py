@@ -5,19 +5,17 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import invoke
 from model_texts import CROSS
 from numpy.testing import assert_allclose
 from PIL import Image
-from typer.testing import CliRunner
-
-from beamdae.cli.app import app
 
 
 @pytest.fixture
 def modes(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "cross.py").write_text(CROSS)
-    return lambda *arguments: CliRunner().invoke(app, ["modes", "cross.py", *arguments])
+    return lambda *arguments: invoke("modes", "cross.py", *arguments)
 
 
 @pytest.mark.slow(reason="draws pictures")

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from command_line import invoke
 from model_texts import COLUMN as MODEL
-from typer.testing import CliRunner
 
-from beamdae.cli.app import app
-from beamdae.errors import BeamdaeError
+import beamdae as bd
 
 COMMANDS = {
     "run": ["--no-estimate"],
@@ -23,7 +22,7 @@ def call(tmp_path, command, *options):
     path = tmp_path / "column.py"
     path.write_text(MODEL)
     arguments = [command, str(path), *COMMANDS[command], *options, "--out", str(tmp_path / "out")]
-    result = CliRunner().invoke(app, arguments)
+    result = invoke(*arguments)
     return result, {x.suffix for x in tmp_path.glob("out/**/*") if x.is_file()}
 
 
@@ -85,7 +84,7 @@ def test_regression_skipped_pictures_of_earlier_results_are_removed(
 @pytest.mark.slow(reason="starts a process")
 def test_a_study_prints_its_results_before_it_writes_page_and_pictures(tmp_path, monkeypatch):
     def fail(*arguments):
-        raise BeamdaeError("this file fails")
+        raise bd.BeamdaeError("this file fails")
 
     monkeypatch.setattr("beamdae.studies.sweeps.sweep_results.write_page", fail)
     monkeypatch.setattr("beamdae.report.pictures.figures.save_figure", fail)
@@ -107,11 +106,11 @@ def test_run_draws_the_selected_columns_over_another_one_and_measured_data(tmp_p
     data.write_text("t [ms],tip.x [mm],tip.y [mm]\n0,0,1000\n2,0,999\n")
     options = ["--no-estimate", "--no-page", "--out", str(tmp_path / "out")]
     plot = ["--plot", "tip.y", "--plot", "strut", "--x", "tip.x", "--data", str(data)]
-    result = CliRunner().invoke(app, ["run", str(path), *plot, *options])
+    result = invoke("run", str(path), *plot, *options)
     assert result.exit_code == 0, result.output
     assert (tmp_path / "out/column.png").stat().st_size > 5000
     options = ["--no-estimate", "--no-picture", "--out", str(tmp_path / "out")]
-    result = CliRunner().invoke(app, ["run", str(path), "--data", str(data), *options])
+    result = invoke("run", str(path), "--data", str(data), *options)
     assert result.exit_code == 0, result.output
     assert "data of tip.x [m]" in (tmp_path / "out/column.html").read_text()
 

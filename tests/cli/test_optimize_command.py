@@ -5,9 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
-
-from beamdae.cli.app import app
+from command_line import invoke
 
 MODEL = '''
 import beamdae as bd
@@ -26,7 +24,7 @@ def oscillator(stiffness=40.0, mass=bd.param(1.0, "kg", "mass on the spring")):
 
 
 def run(*arguments):
-    return CliRunner().invoke(app, ["optimize", "model.py", *arguments])
+    return invoke("optimize", "model.py", *arguments)
 
 
 @pytest.mark.slow(reason="one second")

@@ -3,9 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
-
-from beamdae.cli.app import app, create_app
+from command_line import invoke
 
 
 @pytest.mark.parametrize(
@@ -19,7 +17,7 @@ from beamdae.cli.app import app, create_app
     ],
 )
 def test_values_that_are_not_plain_are_rejected_by_typer(option):
-    result = CliRunner().invoke(create_app("run"), ["run", "example:hub_beam", *option])
+    result = invoke("run", "example:hub_beam", *option)
     assert result.exit_code == 2
     assert option[0] in result.stderr
 
@@ -29,7 +27,7 @@ def test_times_and_speeds_of_commands_may_have_units(tmp_path):
     folder = tmp_path / "out"
     skipped = ["--no-page", "--no-picture", "--out", str(folder)]
     run = ["run", "example:governor", "--t-end", "2ms", "--output-step", "1ms", "--no-estimate"]
-    assert CliRunner().invoke(create_app("run"), [*run, *skipped]).exit_code == 0
+    assert invoke(*run, *skipped).exit_code == 0
     table = pd.read_csv(next(folder.glob("*.csv")))
     np.testing.assert_allclose(table["t [s]"], [0.0, 1e-3, 2e-3], rtol=1e-12)
 
@@ -47,7 +45,7 @@ def test_lists_of_names_are_accepted_by_all_commands(arguments, tmp_path):
     path = tmp_path / "leaf.py"
     path.write_text(LEAF)
     command, *options = arguments
-    result = CliRunner().invoke(app, [command, str(path), *options, "--out", str(tmp_path)])
+    result = invoke(command, path, *options, "--out", tmp_path)
     if "tip.z" in options[-1]:
         assert result.exit_code == 2
         assert "there is no column 'tip.z'" in " ".join(result.output.split())

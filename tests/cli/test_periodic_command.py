@@ -6,17 +6,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import invoke
 from model_texts import VAN_DER_POL
-from typer.testing import CliRunner
-
-from beamdae.cli.app import app
 
 
 @pytest.fixture
 def periodic(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("model.py").write_text(VAN_DER_POL, encoding="utf-8")
-    return lambda *arguments: CliRunner().invoke(app, ["periodic", "model.py", *arguments])
+    return lambda *arguments: invoke("periodic", "model.py", *arguments)
 
 
 @pytest.mark.slow(reason="half a second and more")

@@ -7,11 +7,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import invoke
 from model_texts import OSCILLATOR
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
-
-from beamdae.cli.app import app
 
 
 def amplitude(rate, force=0.1):
@@ -23,7 +21,7 @@ def amplitude(rate, force=0.1):
 def response(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("oscillator.py").write_text(OSCILLATOR, encoding="utf-8")
-    return lambda *arguments: CliRunner().invoke(app, ["response", "oscillator.py", *arguments])
+    return lambda *arguments: invoke("response", "oscillator.py", *arguments)
 
 
 @pytest.mark.slow(reason="a curve and its picture")
@@ -81,7 +79,7 @@ def test_columns_of_the_picture_can_be_chosen(response):
     arguments = ["--plot", "bob.x", "--plot", "bob.x_dot", "--no-page", "--settle", "1"]
     over = ["--over", "frequency=0.26:0.36", "--max-points", "2"]
     for command in (["response", *over], ["periodic", "--period", "5"]):
-        result = CliRunner().invoke(app, [command[0], "oscillator.py", *command[1:], *arguments])
+        result = invoke(command[0], "oscillator.py", *command[1:], *arguments)
         assert result.exit_code in (0, 1), result.output
         assert "no observed column" not in result.output
         assert Path(f"results/oscillator_{command[0]}.png").stat().st_size > 1000

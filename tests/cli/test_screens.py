@@ -5,10 +5,8 @@ from pathlib import Path
 
 import pytest
 import typer
+from command_line import app, invoke
 from terminals import in_terminal, process
-from typer.testing import CliRunner
-
-from beamdae.cli.app import app
 
 WIDTHS = (60, 80, 120)
 MODEL = '''
@@ -111,7 +109,7 @@ def test_every_command_fits_the_terminal(here, command):
 )
 def test_lists_and_facts_at_extreme_widths(here, width):
     for command in (["list", "."], ["check", "model.py", "--no-predict"], ["examples"]):
-        result = CliRunner().invoke(app, command, env={"COLUMNS": width})
+        result = invoke(*command, env={"COLUMNS": width})
         assert result.exit_code == 0, result.output
         assert max(map(len, result.stdout.splitlines())) <= int(width)
         assert ("not shown: " in result.stdout) == (command[0] == "list" and width != "200")
@@ -182,7 +180,7 @@ def test_list_executes_only_files_that_define_models_or_studies(here):
     Path("named.py").write_text(
         "from beamdae import model as m\n\ndef lone(): pass\n\nlone = m(t_end=2.5)(lone)\n"
     )
-    result = CliRunner().invoke(app, ["list", "."], env={"COLUMNS": ""})
+    result = invoke("list", ".", env={"COLUMNS": ""})
     assert result.exit_code == 1
     assert not Path("ran").exists()
     tables = {}
@@ -207,7 +205,7 @@ def test_list_of_a_study_omits_models_of_other_files(here):
         "import beamdae as bd\narm = bd.load_model('model.py')\n"
         "@bd.study()\ndef third():\n    return [bd.Case(arm)]\n"
     )
-    result = CliRunner().invoke(app, ["list", "study.py"])
+    result = invoke("list", "study.py")
     assert result.exit_code == 0
     assert "third" in result.stdout
     assert "swings" not in result.stdout
@@ -224,7 +222,7 @@ def test_regression_help_texts_keep_brackets(monkeypatch, columns):
         texts = [command.help, *(getattr(x, "help", None) for x in command.params)]
         brackets = re.findall(r"\[[^\]]*\]", " ".join(filter(None, texts)))
         for _ in range(2 if name == "run" else 1):  # Texts are the same after a help page.
-            shown = CliRunner().invoke(app, [name, "--help"]).stdout
+            shown = invoke(name, "--help").stdout
             assert [x for x in brackets if x not in shown] == [], name
         found += brackets
     assert "[mm]" in found
@@ -233,7 +231,7 @@ def test_regression_help_texts_keep_brackets(monkeypatch, columns):
 @pytest.mark.slow(reason="a fifth of a second")
 def test_help_of_flags_does_not_mention_booleans():
     for command in ([], ["run"], ["compare"]):
-        result = CliRunner().invoke(app, [*command, "--help"])
+        result = invoke(*command, "--help")
         assert result.exit_code == 0
         assert "bool" not in result.stdout.lower()
     assert "--time-limit" in result.stdout

@@ -5,11 +5,9 @@ import re
 from pathlib import Path
 
 import pytest
+from command_line import invoke
+from study_runs import run_serially
 from terminals import process, shell
-from typer.testing import CliRunner
-
-from beamdae.cli.app import app
-from beamdae.studies.execution.executors import SerialPool
 
 MODEL = '''
 import sys
@@ -45,10 +43,6 @@ KEYS = {
 }
 
 
-def invoke(*arguments):
-    return CliRunner().invoke(app, list(arguments))
-
-
 def parse(text):
     """Parse a JSON document as a strict reader does."""
     return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
@@ -57,7 +51,7 @@ def parse(text):
 @pytest.mark.parametrize("command", KEYS)
 def test_json_document_of_each_command(here, command):
     arguments, keys = KEYS[command]
-    result = invoke(command, *arguments, "--json")
+    result = invoke(*command, *arguments, "--json")
     assert result.exit_code == 0, result.output
     document = parse(result.stdout)
     assert set(document) >= COMMON | keys
@@ -89,7 +83,7 @@ def test_the_guide_lists_the_keys_of_documents(here):
     } | {"view"}
     assert set(guide_keys) == (KEYS.keys() | others) - {"new"}
     for command in ("check", "static", "draw"):
-        document = parse(invoke(command, *KEYS[command][0], "--json").stdout)
+        document = parse(invoke(*command, *KEYS[command][0], "--json").stdout)
         assert guide_keys[command] <= set(document)
     for command, (_, keys) in KEYS.items():
         assert keys - {"model"} <= guide_keys.get(command, set())
@@ -98,7 +92,7 @@ def test_the_guide_lists_the_keys_of_documents(here):
 @pytest.mark.parametrize("command", KEYS)
 def test_a_quiet_command_prints_nothing(here, command):
     Path("model.py").write_text(MODEL.replace("print", "len"), encoding="utf-8")
-    result = invoke(command, *KEYS[command][0], "--quiet")
+    result = invoke(*command, *KEYS[command][0], "--quiet")
     assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
 
 
@@ -151,9 +145,7 @@ def test_a_file_that_fails_to_import_is_a_row_of_the_list(here):
 
 @pytest.mark.slow(reason="runs a study twice")
 def test_json_document_of_a_study(here, monkeypatch):
-    monkeypatch.setattr(
-        "beamdae.studies.execution.executors.LocalPool", lambda workers: SerialPool()
-    )
+    run_serially(monkeypatch)
     result = invoke("compare", "model.py", "--json")
     document = parse(result.stdout)
     assert result.exit_code == 0, result.output
@@ -189,9 +181,9 @@ def test_an_interrupted_run_prints_its_document(here):
 
 @pytest.mark.slow(reason="prints help at several widths")
 def test_help_lists_exit_codes_and_is_wrapped_at_every_width():
-    assert "Exit codes: 0 success" in CliRunner().invoke(app, ["--help"]).stdout
+    assert "Exit codes: 0 success" in invoke("--help").stdout
     for width in (20, 40, 60, 100):
-        text = CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": str(width)}).stdout
+        text = invoke("run", "--help", env={"COLUMNS": str(width)}).stdout
         # Boxes would cut words on narrow screens.
         assert ("╭" in text) == (width >= 80)
         if 40 < width < 80:

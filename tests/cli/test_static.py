@@ -6,10 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import invoke
 from matplotlib.image import imread
-from typer.testing import CliRunner
-
-from beamdae.cli.app import app
 
 TRUSS = """
 import beamdae as bd
@@ -63,7 +61,7 @@ def static(tmp_path, monkeypatch):
     Path("truss.py").write_text(LOW_TRUSS)
 
     def run(*arguments, model="truss"):
-        return CliRunner().invoke(app, ["static", "truss.py", "--model", model, *arguments])
+        return invoke("static", "truss.py", "--model", model, *arguments)
 
     return run
 

@@ -3,37 +3,50 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import invoke
 from model_texts import SWING as MODEL
 from numpy.testing import assert_allclose
-from turning import turning
-from typer.testing import CliRunner
 
+VALUES = """
 import beamdae as bd
-from beamdae.cli.app import app
-from beamdae.cli.commands.sweep import parse_values
 
 
+@bd.model(t_end=1e-3)
+def mass(speed=1.0, turns=1, color="red", at=(0.0, 0.0), length=bd.param(1.0, "m", "length")):
+    mech = bd.Mechanism()
+    mech.observe("mass", mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0))).point)
+    return mech
+"""
+
+
+@pytest.mark.slow(reason="ten sweeps")
 @pytest.mark.parametrize(
-    ("name", "text", "values"),
+    ("over", "read"),
     [
-        ("speed", "1,2.5", [1.0, 2.5]),
-        ("speed", "0.1:0.5:5", [0.1, 0.2, 0.3, 0.4, 0.5]),
-        ("speed", "1e-3:10:5:log", [1e-3, 1e-2, 0.1, 1.0, 10.0]),
-        ("speed", "3:3:1", [3.0]),
-        ("turns", "4:16:4", [4, 8, 12, 16]),
-        ("color", "red, a:b", ["red", "a:b"]),
-        ("at", "(1, 0), (2.0, 3)", [(1, 0), (2.0, 3)]),
-        ("lists", "[[1, 2], [3]],[]", [[[1, 2], [3]], []]),
+        ("speed=1,2.5", ["1.0", "2.5"]),
+        ("speed=0.1:0.5:5", ["0.1", "0.2", "0.3", "0.4", "0.5"]),
+        ("speed=1e-3:10:5:log", ["0.001", "0.01", "0.1", "1.0", "10.0"]),
+        ("speed=3:3:1", ["3.0"]),
+        ("turns=4:16:4", ["4", "8", "12", "16"]),
+        ("color=red, a:b", ["red", "a:b"]),
+        ("at=(1, 0), (2.0, 3)", ["(1.0, 0.0)", "(2.0, 3.0)"]),
+        ("length=50cm:1 m:3", ["0.5", "0.75", "1.0"]),
+        ("length=1mm:0.1 m:3:log", ["0.001", "0.01", "0.1"]),
+        ("length=850mm,0.9", ["0.85", "0.9"]),
     ],
 )
-def test_values_of_over(name, text, values):
-    more = turning.parameters | {"at": (0.0, 0.0), "lists": []}
-    assert parse_values(replace(turning, parameters=more), name, text) == values
+def test_values_of_over(over, read, tmp_path):
+    path = tmp_path / "values.py"
+    path.write_text(VALUES)
+    options = ("--over", over, "--jobs", "1", "--out", tmp_path, "--no-page", "--no-picture")
+    result = invoke("sweep", path, *options)
+    assert result.exit_code == 0, result.output
+    (file,) = tmp_path.rglob("sweep.csv")
+    assert list(pd.read_csv(file, dtype=str).iloc[:, 0]) == read
 
 
 SWEEP = """
@@ -50,7 +63,7 @@ def test_sweep_writes_a_table_plots_and_a_page(tmp_path):
     path.write_text(MODEL)
     arguments = ["sweep", str(path), "--over", "speed=1:9:3", "--over", "turns=1,2", "--jobs", "1"]
     arguments += ["--of", "bob.x", "--integrator", "generalized-alpha", "--step", "5e-3"]
-    result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path)])
+    result = invoke(*arguments, "--out", str(tmp_path))
     assert result.exit_code == 0
     assert "6 cases, 4 reached the end time" in result.output
     assert "too fast" in result.output
@@ -73,7 +86,7 @@ def test_regression_sweeps_name_the_columns_that_the_terminal_omits(tmp_path):
     arguments += ["--integrator", "generalized-alpha", "--step", "5e-3", "--out", str(tmp_path)]
     outputs = {}
     for of in ((), ("--of", "end.y")):
-        result = CliRunner().invoke(app, [*arguments, "--no-page", *of], env={"COLUMNS": "400"})
+        result = invoke(*arguments, "--no-page", *of, env={"COLUMNS": "400"})
         outputs[of] = " ".join(result.stdout.split())
     every, one = outputs.values()
     line = every[every.index("not shown: ") :]
@@ -89,31 +102,18 @@ def test_sweep_of_a_file_runs_and_resumes(tmp_path):
     path = tmp_path / "sweep.py"
     path.write_text(MODEL + SWEEP)
     arguments = ["sweep", str(path), "--jobs", "1", "--out", str(tmp_path)]
-    result = CliRunner().invoke(app, arguments)
+    result = invoke(*arguments)
     assert result.exit_code == 0
     table = pd.read_csv(tmp_path / "speeds" / "sweep.csv")
     assert list(table["status"]) == ["ok", "failed"]
-    again = CliRunner().invoke(app, [*arguments, "--of", "bob.x"])
+    again = invoke(*arguments, "--of", "bob.x")
     assert "2 stored before" in again.output
     assert again.exit_code == 0
     assert "bob.x max [m]" in pd.read_csv(tmp_path / "speeds" / "sweep.csv")
-    document = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
+    document = json.loads(invoke(*arguments, "--json").stdout)
     assert [case["status"] for case in document["cases"]] == ["ok", "failed"]
-    compared = CliRunner().invoke(app, ["compare", str(path)])
+    compared = invoke("compare", str(path))
     assert "speeds is a sweep; use beamdae sweep." in compared.output
-
-
-@pytest.mark.parametrize(
-    ("text", "values"),
-    [
-        ("50cm:1 m:3", [0.5, 0.75, 1.0]),
-        ("1mm:0.1 m:3:log", [1e-3, 1e-2, 0.1]),
-        ("850mm,0.9", [0.85, 0.9]),
-    ],
-)
-def test_values_of_over_have_units(text, values):
-    model = bd.load_model("example:pendulum")
-    assert parse_values(model, "radius", text) == pytest.approx(values)
 
 
 @pytest.mark.slow(reason="starts worker processes")
@@ -124,7 +124,7 @@ def test_studies_start_from_a_state(command, tmp_path):
     over = ["--over", "speed=1,2"] if command == "sweep" else []
     arguments = [command, str(path), *over, "--jobs", "1", "--no-picture", "--no-page"]
     arguments += ["--start", "bob.angle=90deg", "--out", str(tmp_path)]
-    result = CliRunner().invoke(app, arguments)
+    result = invoke(*arguments)
     assert result.exit_code == 0, result.output
     rows = pd.read_csv(next(tmp_path.rglob("trajectories/*.csv")))
     assert rows["bob.y [m]"][0] == pytest.approx(1.0)

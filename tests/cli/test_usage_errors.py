@@ -4,10 +4,8 @@ import shlex
 from pathlib import Path
 
 import pytest
+from command_line import invoke
 from model_texts import COLUMN, CROSS, OSCILLATOR, SHAKER, SPRUNG, STRUT, SWING, VAN_DER_POL
-from typer.testing import CliRunner
-
-from beamdae.cli.app import app
 
 STRIP = """
 import numpy as np
@@ -516,7 +514,7 @@ def test_usage_errors_are_one_line_and_write_nothing(tmp_path, monkeypatch, name
         for line, sentence in errors:
             command, *arguments = shlex.split(line.replace("LONG", LONG))
             model = "model.py" if source else "example:pendulum"
-            result = CliRunner().invoke(app, [command, model, *arguments])
+            result = invoke(command, model, *arguments)
             assert (result.exit_code, result.stdout) == (2, ""), line
             (message,) = result.stderr.splitlines()
             assert message.startswith("error: "), line

@@ -16,14 +16,14 @@ LINE = bd.Line((0.0, 0.0), (0.8, 0.0))
 @pytest.mark.parametrize("elements", [10**7, 10**9, 10**15])
 def test_regression_more_elements_than_fit_into_memory_are_rejected_at_once(elements):
     """Previously, ten million elements exhausted the memory of the machine after 25 s."""
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(
         bd.BeamdaeError,
         match=rf"^beam: a run with elements={elements} needs about .* GB of memory, but .*; "
         r"use at most elements=\d+\.$",
     ):
         bd.Beam("beam", LINE, STRIP, elements=elements)
-    assert time.perf_counter() - begin < 1.0
+    assert time.process_time() - begin < 1.0
 
 
 @pytest.mark.parametrize("section", [STRIP, bd.Section.circle(ALLOY, 0.001)], ids=["strip", "wire"])

@@ -12,7 +12,6 @@ from numpy.testing import assert_allclose
 from support import NumericEquations
 
 import beamdae as bd
-from beamdae.parts.observables import motion_quantity
 from beamdae.symbolic.statements import (
     ConstraintKernel,
     ConstraintStatement,
@@ -20,6 +19,7 @@ from beamdae.symbolic.statements import (
     ForceStatement,
     Local,
     Piece,
+    Quantity,
     Variable,
 )
 
@@ -243,12 +243,8 @@ def test_regression_ambiguous_headers_are_rejected():
     mech = pushed()
     place = mech.part("second").at(3.0, 0.0)
     mech.observe("c", place)
-    mech.observe(
-        "c.x",
-        replace(
-            motion_quantity(place), columns=(Variable("", "m"), *motion_quantity(place).columns[1:])
-        ),
-    )
+    x = Quantity((Variable("", "m"),), (place.piece,), lambda local: local.q[0])
+    mech.observe("c.x", x)
     with pytest.raises(
         bd.BeamdaeError, match=r"headers must be unique, but some are repeated: c.x \[m\]"
     ):

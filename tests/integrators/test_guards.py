@@ -137,9 +137,9 @@ every_integrator = pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda x:
 )
 def test_regression_extreme_inputs_end_with_a_reason(integrator, extreme):
     """Such runs took minutes and gigabytes."""
-    begin = time.perf_counter()
+    begin = time.process_time()
     solution = bd.simulate(strip_on_a_hinge(elements=4, **extreme), integrator, 0.7)
-    assert time.perf_counter() - begin < 120.0
+    assert time.process_time() - begin < 120.0
     assert solution.status.kind in ("limited", "failed")
     reasons = (
         "steps have shrunk to",
@@ -159,9 +159,9 @@ def test_regression_limits_of_time_end_runs_that_overflow_or_stall(integrator):
     dense = bd.Material(E=68.95e9, nu=0.3, rho=1e70)
     limited = type(integrator)(rtol=1e-4, time_limit=0.05)
     for model in (strip_on_a_hinge(material=dense), strip_on_a_hinge(force=1e9)):
-        begin = time.perf_counter()
+        begin = time.process_time()
         solution = bd.simulate(model, limited, 0.1)
-        assert time.perf_counter() - begin < 10.0
+        assert time.process_time() - begin < 10.0
         assert np.isfinite(solution.q).all()
 
 

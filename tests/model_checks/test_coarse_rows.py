@@ -12,7 +12,6 @@ import pytest
 from mechanisms import dropped_ball as ball
 
 import beamdae as bd
-from beamdae.report.run_page import build_run_page
 
 STEEL = bd.Material.of("steel")
 PERIOD = 2.0 * np.pi / 20.0  # of the mass of `vibration` [s]
@@ -244,7 +243,7 @@ def test_curves_show_the_values_with_the_output_step(
     assert not refine(float(found[1])).row_warnings
 
 
-def test_the_sentence_names_value_rows_and_remedy():
+def test_the_sentence_names_value_rows_and_remedy(tmp_path):
     with pytest.warns(bd.BeamdaeWarning, match="the output rows miss") as caught:
         run = bd.simulate(ball)
     (sentence,) = [str(x.message) for x in caught]
@@ -254,7 +253,7 @@ def test_the_sentence_names_value_rows_and_remedy():
         r"them with output_step=1e-05\.",
         sentence,
     )
-    assert build_run_page(run, "ball")["notes"][0] == sentence
+    assert sentence in run.page(tmp_path / "ball.html").read_text(encoding="utf-8")
     (sentence,) = vibration(1.9).row_warnings
     assert "the output rows miss values between them, " in sentence
     assert re.search(r", where they reach only \S+ m, also in \S+, \S+; ", sentence)

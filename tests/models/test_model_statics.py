@@ -5,12 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import invoke
 from numpy.testing import assert_allclose
 from test_models import FOLDER, MODELS
-from typer.testing import CliRunner
 
 import beamdae as bd
-from beamdae.cli.app import app
 
 # Messages of models without a unique equilibrium.
 SENTENCES = {
@@ -34,8 +33,8 @@ INDIFFERENT = {"inverted_pendulum": "(last converged load factor: 0)"}
 @pytest.mark.slow(reason="a path and a picture of every model")
 @pytest.mark.parametrize("name", MODELS)
 def test_static_command_finds_equilibrium_or_says_why_not(name, tmp_path):
-    result = CliRunner().invoke(
-        app, ["static", str(FOLDER / f"{name}.py"), "--out", str(tmp_path)], env={"COLUMNS": "200"}
+    result = invoke(
+        *["static", str(FOLDER / f"{name}.py"), "--out", str(tmp_path)], env={"COLUMNS": "200"}
     )
     output = " ".join((result.stdout + result.stderr).split())
     if name in INDIFFERENT and result.exit_code == 1:

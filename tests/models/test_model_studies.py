@@ -6,12 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from study_runs import LocalPool, ModelFile, run_study
 
 import beamdae as bd
-from beamdae.cli.model_files.model_file import ModelFile
-from beamdae.studies.execution import study_run
-from beamdae.studies.execution.executors import LocalPool
-from beamdae.studies.execution.study_run import StudyPlan
 
 FOLDER = Path(__file__).parents[2] / "models" / "studies"
 FILES = sorted(FOLDER.glob("*_integrators.py"))
@@ -35,9 +32,8 @@ def test_a_study_has_at_least_sixty_cases_of_all_integrators(path):
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
 def test_first_group_of_a_study_shows_the_expected_orders(path, tmp_path):
     (study,) = studies(path).values()
-    group_of = StudyPlan.of(study).group_by_case
-    first = [case for case in study.cases if group_of[id(case)] == group_of[id(study.cases[0])]]
-    results = study_run.run_study(replace(study, cases=tuple(first)), tmp_path, LocalPool())
+    first = [case for case in study.cases if case.group == study.cases[0].group]
+    results = run_study(replace(study, cases=tuple(first)), tmp_path, LocalPool())
     assert set(results.table["status"]) == {"ok"}
     (reference,) = results.references.values()
     # References of two methods, one of order five, one extrapolated: far below all reported errors.
@@ -58,7 +54,7 @@ def test_first_group_of_a_study_shows_the_expected_orders(path, tmp_path):
 @pytest.mark.slow(reason="ten runs of the hub beam in worker processes")
 def test_study_of_both_formulations(tmp_path):
     (study,) = studies(FOLDER / "hub_beam_formulations.py").values()
-    results = study_run.run_study(study, tmp_path, LocalPool())
+    results = run_study(study, tmp_path, LocalPool())
     assert set(results.table["status"]) == {"ok"}
     assert {case.parameters.get("formulation") for case in study.cases} == {None, "exact"}
 

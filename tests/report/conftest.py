@@ -25,14 +25,15 @@ def browser():
 
 @pytest.fixture
 def open_page(browser, tmp_path):
-    """Return a function that opens a page in a tab.
+    """Return a function that opens a page in a tab, given by its data or a result that has one.
 
     After the test, the console must be empty and no other address may have been requested.
     """
     messages, requests, contexts = [], [], []
 
     def show(page, **settings):
-        path = write_page(tmp_path / "page.html", page)
+        path = tmp_path / "page.html"
+        write_page(path, page) if isinstance(page, dict) else page.page(path)
         context = browser.new_context(**settings)
         contexts.append(context)
         tab = context.new_page()

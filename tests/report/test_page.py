@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import math
 import re
@@ -13,12 +12,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from pages import (
+    HALF_STEP,
     ODD_NAMES,
     T,
     build_case,
     curve_block,
     odd_page,
     page_with_files,
+    read_page,
     study_page,
     sweep_page,
 )
@@ -26,32 +27,13 @@ from pages import (
 import beamdae as bd
 from beamdae.report.page.page_file import list_page_files, write_page
 
-HALF_STEP = 0.5 / 65534  # largest error of stored values, relative to their range
-MISSING_CODE = 65535
-
-
-def read_data(path):
-    """Return the data of a page with decoded arrays."""
-    (text,) = re.findall(
-        r'<script type="application/json" id="data">(.*?)</script>', path.read_text(), re.DOTALL
-    )
-    return json.loads(text, object_hook=decode)
-
-
-def decode(value):
-    if "u16" not in value:
-        return value
-    codes = np.frombuffer(base64.b64decode(value["u16"]), "<u2")
-    numbers = value["low"] + value["step"] * codes
-    return np.where(codes == MISSING_CODE, math.nan, 10.0**numbers if value.get("log") else numbers)
-
 
 def test_pages_store_all_entries(tmp_path):
     page = study_page() | {"title": "{{script}} {{data}}"}
     before = deepcopy(page)
     path = write_page(tmp_path / "new" / "page.html", page)
     assert page == before
-    data = read_data(path)
+    data = read_page(path)
     for name in ("title", "subtitle", "made", "notes", "columns"):
         assert data[name] == page[name]
     ignored = dict.fromkeys(("curves", "series", "rank", "frames", "at", "file"))
@@ -75,7 +57,7 @@ def test_errors_keep_their_relative_accuracy_over_many_decades(tmp_path):
     error = [0.0, 1e-15, 3e-9, 2.5e-2]
     page = study_page()
     page["cases"] = [build_case(0, "Ida", 1.0, 1.0, curves={"t": [0, 1, 2, 3], "error": error})]
-    curves = read_data(write_page(tmp_path / "page.html", page))["cases"][0]["curves"]
+    curves = read_page(write_page(tmp_path / "page.html", page))["cases"][0]["curves"]
     stored = curves["error"]["error"]
     assert math.isnan(stored[0])
     # 13.4 decades in equal steps of the logarithm.
@@ -96,7 +78,7 @@ def test_missing_and_infinite_numbers_are_stored_as_missing(tmp_path):
         | {"values": {"steps": -math.inf}},
         build_case(1, "Ida", 1.0, 1.0, curves={"t": [0, 1], "observed": {"x": [None, math.nan]}}),
     ]
-    first, second = read_data(write_page(tmp_path / "page.html", page))["cases"]
+    first, second = read_page(write_page(tmp_path / "page.html", page))["cases"]
     assert (first["error"], first["cost"], first["values"]["steps"]) == (None, None, None)
     assert_allclose(first["curves"]["observed"]["x"], [1.0, *[math.nan] * 4, 3.0])
     assert first["curves"]["observed"]["y"].tolist() == constant

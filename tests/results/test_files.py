@@ -328,11 +328,15 @@ def test_an_escaped_table_is_read_back_by_pandas(tmp_path):
     assert_frame_equal(rows, escape_table(table), check_dtype=False)
 
 
-@pytest.mark.parametrize("rows", [0, 1, 701])
+@pytest.mark.parametrize("rows", [0, 1, 7001])
 def test_tables_of_numbers_have_the_text_of_pandas(tmp_path, monkeypatch, rows):
     monkeypatch.setattr(files, "_BLOCK_ROWS", 300)
-    numbers = np.random.default_rng(1).standard_normal((rows, 3))
+    random = np.random.default_rng(1)
+    numbers = random.standard_normal((rows, 3))
     numbers[::5, 1], numbers[1::5, 1], numbers[2::5, 2] = np.nan, -0.0, np.inf
+    numbers[3::5, 2], numbers[4::5, 2] = 5e-324, 1.7976931348623157e308
+    # Numbers of every size.
+    numbers[:, 0] = random.integers(0, 2**64, rows, dtype=np.uint64).view(float)
     table = pd.DataFrame(numbers, columns=["t [s]", "tip.x [m]", "a, b"])
     text = write_table(tmp_path / "table.csv", table, {}).read_bytes().decode()
     assert text == table.to_csv(index=False)

@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 import beamdae as bd
-from beamdae.results.outcome import Status
 
 # Methods besides `table` and `to_csv`, which all results have.
 METHODS = {
@@ -97,7 +96,7 @@ def disk():
 def results(disk):
     run = bd.simulate(disk, bd.GeneralizedAlpha(1e-2), t_end=0.1, output_step=0.01)
     points = (bd.BoundaryPoint("cusp", 1.5, 1.5),)
-    ok, two = Status("ok", "reached the end"), np.array([1.0, 2.0])
+    ok, two = run.status, np.array([1.0, 2.0])
     return {
         "Solution": run,
         "PeriodicMotion": bd.PeriodicMotion(run, 0.1),

@@ -203,3 +203,9 @@ def test_regression_extremes_contain_peaks_between_steps():
             solution = bd.simulate(mech, integrator, t_end=0.05, output_step=1e-3)
         forces.append(solution.step_extremes["floor.N"].max)
     assert_allclose(forces[0], forces[1], rtol=3e-3)
+
+
+def test_root_mean_square_is_over_time_and_not_over_rows():
+    t, x = np.array([0.0, 1.0, 1.0, 1.0, 3.0]), np.array([1.0, 1.0, 5.0, 1.0, 1.0])
+    assert MEASURES["RMS"](t, x) == pytest.approx(1.0)
+    assert MEASURES["RMS"](t[:1], -x[:1]) == 1.0

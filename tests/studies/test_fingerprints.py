@@ -16,12 +16,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from study_models import swing
+from study_runs import LocalPool, ModelFile, SerialPool, run_study
 
 import beamdae as bd
-from beamdae.cli.model_files.model_file import ModelFile
 from beamdae.studies import case as case_module
-from beamdae.studies.execution import study_run
-from beamdae.studies.execution.executors import LocalPool, SerialPool
 from beamdae.studies.store.file_hashes import digest_package
 from beamdae.studies.store.fingerprints import FingerprintError, digest, digest_transferable
 from beamdae.studies.store.store import Store
@@ -59,7 +57,7 @@ def fingerprint(study):
 def count_stored_runs(study, folder, executor=None):
     """Run a study; return the number of runs that were stored before, and of all runs."""
     progress = []
-    results = study_run.run_study(study, folder, executor or SerialPool(), progress.append)
+    results = run_study(study, folder, executor or SerialPool(), progress.append)
     assert set(results.table["status"]) == {"ok"}, list(results.table["reason"])
     return progress[0].stored, progress[0].total
 
@@ -197,7 +195,7 @@ def test_regression_results_expire_when_a_file_read_by_the_model_changes(tmp_pat
     assert [store.load(task)[0] is not None for task in tasks] == [True, False]
     # Equations cached in this process are built again.
     (tmp_path / "five.csv").write_text("4.5\n")
-    results = study_run.run_study(study, tmp_path / "out", SerialPool())
+    results = run_study(study, tmp_path / "out", SerialPool())
     masses = [results.outcome(case).table["energy.kinetic [J]"].iloc[-1] for case in study.cases]
     assert masses[1] / masses[0] == pytest.approx(2.0 * 4.5)
 

@@ -10,17 +10,11 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from command_line import invoke
 from study_models import swing
-from typer.testing import CliRunner
+from study_runs import KernelWarning, LocalPool, LosingPool, SerialPool, run_study
 
 import beamdae as bd
-from beamdae.cli.app import app
-from beamdae.errors import KernelWarning
-from beamdae.results.outcome import Status
-from beamdae.studies.execution import executors
-from beamdae.studies.execution.executors import LocalPool, SerialPool, TaskResult
-from beamdae.studies.execution.study_run import run_study
-from beamdae.studies.tasks import Outcome
 
 MODEL = """import os
 import sys
@@ -44,16 +38,6 @@ OVER = ("--over", "mass=1,2,3")
 STUDY = bd.Study("swings", tuple(bd.Case(swing, {"mass": m}) for m in (1.0, 2.0, 3.0)))
 
 
-class LosingPool(SerialPool):
-    """Executor that loses all tasks but the first one."""
-
-    def run_tasks(self, tasks):
-        yield from super().run_tasks(tasks[:1])
-        for task in tasks[1:]:
-            status = Status("not run", "connection-lost.\nClient lost")
-            yield TaskResult(task, Outcome(status), storable=False)
-
-
 # Reasons and cells ----------------------------------------------------------------------------
 
 
@@ -71,11 +55,12 @@ def test_lost_tasks_have_their_own_status_and_are_run_again(tmp_path):
 
 @pytest.mark.slow(reason="draws pictures")
 def test_exit_code_of_a_study_with_lost_tasks(tmp_path, monkeypatch):
-    monkeypatch.setattr(executors, "create_executor", lambda *_: LosingPool())
+    executor = "beamdae.studies.execution.executors.create_executor"
+    monkeypatch.setattr(executor, lambda *_: LosingPool())
     model = tmp_path / "model.py"
     model.write_text(MODEL.replace("BODY", "pass"))
     command = ["sweep", str(model), *OVER, "--out", str(tmp_path / "results")]
-    result = CliRunner().invoke(app, command)
+    result = invoke(*command)
     assert result.exit_code == 3
     assert "not run: 2 of 3 runs, because connection-lost. Client lost; run the same" in (
         result.output

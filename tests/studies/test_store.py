@@ -16,15 +16,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from study_models import swing
+from study_runs import Limits, SerialPool, run_study
 
 import beamdae as bd
 from beamdae.results.outcome import Status
 from beamdae.studies.column_measures import measure_table
-from beamdae.studies.execution import study_run
-from beamdae.studies.execution.executors import SerialPool
 from beamdae.studies.store import store
 from beamdae.studies.store.store import Store
-from beamdae.studies.tasks import Limits, Outcome, Task
+from beamdae.studies.tasks import Outcome, Task
 from beamdae.studies.unique_names import create_file_names
 
 CASE = bd.Case(swing, {"mass": 1.0}, bd.GeneralizedAlpha(step=0.01))
@@ -223,13 +222,13 @@ def test_a_folder_in_the_place_of_a_file_is_refused_before_the_first_run(tmp_pat
     with pytest.raises(
         bd.BeamdaeError, match=r"\.json: the path must be a file, but is a folder; remove"
     ):
-        study_run.run_study(STUDY, tmp_path, SerialPool())
+        run_study(STUDY, tmp_path, SerialPool())
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
-    return folder, study_run.run_study(STUDY, folder, SerialPool())
+    return folder, run_study(STUDY, folder, SerialPool())
 
 
 @pytest.mark.slow(reason="half a second")
@@ -242,12 +241,12 @@ def test_regression_damaged_results_are_run_again_with_a_warning(run):
         bd.BeamdaeWarning,
         match=r"\.csv: the trajectory has changed since it was written, so .* run",
     ):
-        again = study_run.run_study(STUDY, folder, SerialPool(), seen.append)
+        again = run_study(STUDY, folder, SerialPool(), seen.append)
     assert (seen[0].stored, seen[0].total) == (3, 4)
     assert len(again.notes) == 1
     pd.testing.assert_frame_equal(again.outcome(CASE).table, before.outcome(CASE).table)
     # The warning is not repeated: the results are complete now.
-    assert study_run.run_study(STUDY, folder, SerialPool()).notes == ()
+    assert run_study(STUDY, folder, SerialPool()).notes == ()
 
 
 def test_trajectories_are_named_after_their_case(run):
@@ -293,7 +292,7 @@ def test_a_run_with_two_labels_is_stored_once(tmp_path, run):
         bd.Case(swing, {"mass": 2.0}, CASE.integrator),
     )
     for cases in ((by_default, explicit), (explicit, by_default)):
-        results = study_run.run_study(replace(STUDY, cases=cases), tmp_path, SerialPool())
+        results = run_study(replace(STUDY, cases=cases), tmp_path, SerialPool())
         assert results.table["trajectory"].nunique() == 1
         assert (tmp_path / results.table["trajectory"][0]).is_file()
 
@@ -321,10 +320,10 @@ def test_regression_a_full_disk_ends_the_study_with_an_error(tmp_path, monkeypat
         with pytest.raises(
             bd.BeamdaeError, match="the file cannot be written: No space left on device"
         ):
-            study_run.run_study(STUDY, tmp_path, SerialPool())
+            run_study(STUDY, tmp_path, SerialPool())
     assert not list(tmp_path.rglob("*.scratch"))
     seen = []
-    results = study_run.run_study(STUDY, tmp_path, SerialPool(), seen.append)
+    results = run_study(STUDY, tmp_path, SerialPool(), seen.append)
     assert seen[0].stored == 1
     assert results.notes == ()
     assert set(results.table["status"]) == {"ok"}
@@ -353,7 +352,7 @@ def test_scratch_files_of_killed_processes_are_removed(filled):
 @pytest.mark.slow(reason="a fifth of a second")
 def test_formulas_in_tables_are_escaped_and_numbers_stay_numbers(tmp_path):
     cases = (bd.Case(swing, {"note": "=1+2", "mass": 1.0}, CASE.integrator),)
-    results = study_run.run_study(replace(STUDY, cases=cases), tmp_path, SerialPool())
+    results = run_study(replace(STUDY, cases=cases), tmp_path, SerialPool())
     table = pd.read_csv(tmp_path / "cases.csv")
     assert table["note"][0] == "'=1+2"
     assert table["mass"][0] == 1.0

@@ -7,9 +7,9 @@ import sys
 import numpy as np
 import pytest
 from study_models import swing
+from study_runs import Limits
 
 import beamdae as bd
-from beamdae.studies.tasks import Limits
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
 REFERENCES = (bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3))

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from study_runs import SerialPool, run_study
 
 import beamdae as bd
-from beamdae.studies.execution.executors import SerialPool
-from beamdae.studies.execution.study_run import run_study
 
 
 @bd.model(t_end=1.0)

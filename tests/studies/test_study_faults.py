@@ -14,13 +14,9 @@ import pandas as pd
 import pytest
 from slow_study import slow_study
 from study_models import swing
+from study_runs import Limits, LocalPool, SerialPool, create_study_page, run_study
 
 import beamdae as bd
-from beamdae.studies.execution import executors, study_run
-from beamdae.studies.execution.executors import LocalPool, SerialPool
-from beamdae.studies.execution.study_run import StudyResults
-from beamdae.studies.study_page import create_study_page
-from beamdae.studies.tasks import Limits, Outcome
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
 REFERENCES = (bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3))
@@ -107,7 +103,7 @@ def test_regression_compare_has_a_row_for_each_exception(tmp_path, monkeypatch):
 # Incomplete studies -------------------------------------------------------------------------------
 
 
-def check_complete(results: StudyResults) -> StudyResults:
+def check_complete(results):
     """Check that the results have all that pictures, page and terminal need, and return them."""
     assert len(results.table) == len(results.study.cases)
     for column in ("status", "reason", "error [-]", "wall time [s]", "below resolution", "steps"):
@@ -117,7 +113,7 @@ def check_complete(results: StudyResults) -> StudyResults:
     assert pd.read_csv(results.folder / "cases.csv").shape == results.table.shape
     assert create_study_page(results)["cases"]
     for case in results.study.cases:
-        assert isinstance(results.outcome(case), Outcome)
+        assert results.outcome(case).status.kind in ("ok", "failed", "interrupted")
         results.frames_of(case)
     return results
 
@@ -125,11 +121,11 @@ def check_complete(results: StudyResults) -> StudyResults:
 @pytest.mark.parametrize("kinds", [("base", "mute"), ("base", "none")])
 def test_regression_study_with_a_group_without_a_successful_case_has_all_tables(tmp_path, kinds):
     study = create_study(*create_faulty_cases(*kinds))
-    results = check_complete(study_run.run_study(study, tmp_path, SerialPool()))
+    results = check_complete(run_study(study, tmp_path, SerialPool()))
     assert results.failed
     assert not results.interrupted
     # Stored failures give the same table.
-    again = check_complete(study_run.run_study(results.study, tmp_path, SerialPool()))
+    again = check_complete(run_study(results.study, tmp_path, SerialPool()))
     assert list(again.table["reason"]) == list(results.table["reason"])
 
 
@@ -152,14 +148,12 @@ class InterruptingPool(SerialPool):
 def test_interrupt_at_any_moment_leaves_a_complete_study(tmp_path, after):
     """The moments are before the first run ends, during the references and during the cases."""
     study = create_study(bd.Case(swing, {}, ALPHA), bd.Case(swing, {}, bd.Ida(rtol=1e-3)))
-    results = check_complete(study_run.run_study(study, tmp_path, InterruptingPool(after)))
+    results = check_complete(run_study(study, tmp_path, InterruptingPool(after)))
     assert results.interrupted
     assert len(results.outcomes) == after
     assert list(results.table["status"]) == ["interrupted" if after < 4 else "ok", "interrupted"]
     reports = []
-    assert not check_complete(
-        study_run.run_study(study, tmp_path, SerialPool(), reports.append)
-    ).interrupted
+    assert not check_complete(run_study(study, tmp_path, SerialPool(), reports.append)).interrupted
     assert reports[0].stored == after
 
 
@@ -174,7 +168,7 @@ def is_alive(pid):
 @pytest.mark.slow(reason="processes die and are started again")
 def test_processes_that_die_or_hang_are_rows(tmp_path, monkeypatch, capfd):
     # It includes the start of a process, which takes seconds on a busy machine.
-    monkeypatch.setattr(executors, "_KILL_DELAY", 20.0)
+    monkeypatch.setattr("beamdae.studies.execution.executors._KILL_DELAY", 20.0)
     marker = tmp_path / "children"
     kinds = [*REASONS, "interrupt", "at once", "at once, 3", "killed", "hanging"]
     harmless = ["talkative", "threads", "children", "fork", "elsewhere", "none"]
@@ -212,13 +206,11 @@ DRIVER = """
 import sys
 from pathlib import Path
 if __name__ == "__main__":
-    from beamdae.cli.model_files.model_file import ModelFile
-    from beamdae.studies.execution import study_run
-    from beamdae.studies.execution.executors import LocalPool
+    from study_runs import LocalPool, ModelFile, run_study
     study = ModelFile(Path("file.py")).studies["masses"]
     print("ready", flush=True)
     report = lambda progress: print("done", progress.done, flush=True)
-    results = study_run.run_study(study, Path("out"), LocalPool(2), report)
+    results = run_study(study, Path("out"), LocalPool(2), report)
     print("end", results.interrupted, len(results.table), flush=True)
     print("bye", flush=True)
     sys.stdin.read()
@@ -266,7 +258,7 @@ def test_regression_numbers_of_any_size_have_labels_and_cells(tmp_path):
     assert {case.label for case in cases} == {ALPHA.label}
     assert all(case.group.startswith("swing(note=") for case in cases)
     assert len({case.fingerprint(0.1, 0.01) for case in cases}) == len(cases)
-    results = study_run.run_study(create_study(*cases), tmp_path, InterruptingPool(2))
+    results = run_study(create_study(*cases), tmp_path, InterruptingPool(2))
     assert list(results.table["group"]) == [case.group for case in cases]
     assert len(pd.read_csv(tmp_path / "cases.csv")) == len(cases)
     with pytest.raises(bd.BeamdaeError, match="swing: mass must be finite"):

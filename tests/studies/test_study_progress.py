@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import pytest
 from study_models import swing
+from study_runs import SerialPool, run_study
 
 import beamdae as bd
-from beamdae.studies.execution import study_run
-from beamdae.studies.execution.executors import SerialPool
 
 REFERENCES = (bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3))
 
@@ -19,11 +18,11 @@ def test_progress_reports_the_remaining_time(tmp_path):
     reports = []
     cases = tuple(bd.Case(swing, {}, x) for x in (bd.GeneralizedAlpha(5e-3), bd.Ida(rtol=1e-3)))
     study = bd.Study("progress", cases, references=REFERENCES)
-    study_run.run_study(study, tmp_path, SerialPool(), reports.append)
+    run_study(study, tmp_path, SerialPool(), reports.append)
     assert reports[0].remaining_time is None
     assert all(report.remaining_time >= 0.0 for report in reports[1:])
     assert reports[-1].remaining_time == 0.0
     more = replace(study, cases=(*study.cases, bd.Case(swing, {}, bd.Radau(rtol=1e-3))))
     again = []
-    study_run.run_study(more, tmp_path, SerialPool(), again.append)
+    run_study(more, tmp_path, SerialPool(), again.append)
     assert again[0].remaining_time > 0.0, "stored runs count"

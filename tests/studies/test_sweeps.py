@@ -13,7 +13,6 @@ from numpy.testing import assert_allclose
 from turning import ALPHA, THICK, THIN, run_sweep, turning
 
 import beamdae as bd
-from beamdae.studies.column_measures import MEASURES
 
 # The table ----------------------------------------------------------------------------------------
 
@@ -40,12 +39,6 @@ def test_measures_match_the_exact_motion(speed_radius_sweep):
     mean = r**2 * (0.5 + np.sin(2.0 * w * t) / (4.0 * w * t))
     assert_allclose(completed["tip.x RMS [m]"], np.sqrt(mean), rtol=1e-6)
     assert not any(c.startswith("tip.y") for c in speed_radius_sweep.table)
-
-
-def test_root_mean_square_is_over_time_and_not_over_rows():
-    t, x = np.array([0.0, 1.0, 1.0, 1.0, 3.0]), np.array([1.0, 1.0, 5.0, 1.0, 1.0])
-    assert MEASURES["RMS"](t, x) == pytest.approx(1.0)
-    assert MEASURES["RMS"](t[:1], -x[:1]) == 1.0
 
 
 @pytest.mark.slow(reason="half a second and more")
