@@ -6,7 +6,7 @@ the motion of the mechanism itself, such as the decreasing inertia of a retracte
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -15,8 +15,9 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from beamdae.analysis.linear_dynamics.law_derivatives import differentiate_law
-from beamdae.analysis.linear_dynamics.linear_model import StateReduction
+from beamdae.analysis.linear_dynamics.linear_model import LinearModel, reduce_to_states
 from beamdae.analysis.linear_dynamics.linearization import Linearization, linearize_motion
+from beamdae.equations.equations_of_motion import Observable
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.model_checks.load_derivatives import LoadDerivatives, RunState, differentiate_loads
 from beamdae.results.trajectory import Instant, Trajectory
@@ -60,8 +61,10 @@ class LinearizedState:
         """Mass matrix (n, n)."""
         return self.lin.tangent.mass
 
-    def reduce(self, without: Collection[str] = ()) -> StateReduction | None:
-        """Return the reduced equations without the derivatives of some loads; None if rigid."""
+    def reduce(
+        self, without: Collection[str] = (), reads: Sequence[Observable] = ()
+    ) -> LinearModel:
+        """Return the state-space model, with `reads` as outputs, without derivatives of loads."""
         tangent = self.lin.tangent
         for name in self.loads.keys() & set(without):
             stiffness, damping, _ = self.loads[name]
@@ -69,21 +72,17 @@ class LinearizedState:
                 stiffness=sp.csc_array(tangent.stiffness - stiffness),
                 damping=sp.csc_array(tangent.damping - damping),
             )
-        reduction = StateReduction(replace(self.lin, tangent=tangent), ())
-        return reduction if len(reduction.x_indices) else None
+        return reduce_to_states(replace(self.lin, tangent=tangent), (), reads)
 
     def find_growing(self, min_rate: float, without: Collection[str] = ()) -> Modes:
         """Return the modes that grow faster than a rate [1/s], one of each conjugate pair."""
-        reduction = self.reduce(without)
-        if reduction is None:
-            return Modes(np.zeros(0, complex), np.zeros((self.lin.equations.n, 0)))
-        matrix = reduction.linear_model(()).A
+        model = self.reduce(without)
         # Shift and invert: of stiff structures, rounding errors of A reach the slow modes.
-        inverses, vectors = la.eig(np.linalg.inv(matrix - min_rate * np.eye(len(matrix))))
+        shifted = model.A - min_rate * np.eye(len(model.A))
+        inverses, vectors = np.linalg.eig(np.linalg.inv(shifted))
         values = min_rate + 1.0 / inverses
         is_growing = (values.real > min_rate) & (values.imag >= 0.0)
-        motions = reduction.z @ vectors[: len(reduction.x_indices), is_growing]
-        return Modes(values[is_growing], motions)
+        return Modes(values[is_growing], model._motions @ vectors[:, is_growing])
 
     def find_cause(self, rate: float) -> str:
         """Return the names of loads without which no vibration grows at half of a rate [1/s]."""
@@ -134,24 +133,22 @@ def _sampled_poles(
     If `opened` is not None, commands of sampled loops and of these loads are constant.
     The sampling intervals must be multiples of the shortest one, and divisors of the longest one.
     """
-    equations, reduction = run.lin.full_equations, run.reduce(opened or ())
+    equations = run.lin.full_equations
     terms = equations.controllers
     intervals = np.array([x.controller.every for x in terms])
     ratios = np.round(intervals / np.min(intervals)).astype(int)
     is_regular = np.abs(intervals / np.min(intervals) - ratios) < _ROUNDING
-    if reduction is None or not is_regular.all() or np.any(np.max(ratios) % ratios):
-        return np.zeros(0, complex)
     laws = [differentiate_law(equations, trajectory, x, k) for k, x in enumerate(terms)]
-    model = reduction.linear_model([read for term in terms for read in term.reads])
-    place = {int(row): k for k, row in enumerate(reduction.x_indices)}
+    if None in laws or not is_regular.all() or np.any(np.max(ratios) % ratios):
+        return np.zeros(0, complex)
+    model = run.reduce(opened or (), [read for term in terms for read in term.reads])
+    place = {state.name: k for k, state in enumerate(model.states)}
     step, total = la.expm(np.min(intervals) * model.A), np.eye(len(model.A))
     for k in range(int(np.max(ratios))):
         sample, first = np.eye(len(model.A)), 0
         for term, law, ratio in zip(terms, laws, ratios, strict=True):
-            if law is None:
-                return np.zeros(0, complex)
             by_reads, by_values = law
-            own = [place[x] for x in range(term.rows.start, term.rows.stop)]
+            own = [place[x.name] for x in equations.coordinates[term.rows]]
             outputs = model.C[first : first + by_reads.shape[1]]
             first += by_reads.shape[1]
             if k % ratio == 0:
