@@ -63,11 +63,14 @@ _DIFFERENCE_STEP = 2e-5
 _NEUTRAL_RATIO = 1e-9
 # A run has returned to its final state where it differs by at most this fraction of the range of
 # each coordinate and velocity; coordinates with a far smaller range than others are at rest. Number
-# of times at which states are compared.
-_RETURN_DISTANCE = 0.2
-_REST_RATIO = 1e-6
-_RETURN_SAMPLES = 4001
-_REFINED_RETURN_SAMPLES = 201  # around the nearest of these times
+# of times at which states are compared, and around the nearest of these times.
+_RETURN_DISTANCE, _REST_RATIO = 0.2, 1e-6
+_RETURN_SAMPLES, _REFINED_RETURN_SAMPLES = 4001, 201
+# Largest distance of the moduli of multipliers of undamped vibrations from 1, by errors of runs and
+# of multipliers close to a resonance; a damping ratio of 0.1 % has 6e-3 at the first resonance.
+_UNDAMPED_MARGIN = 1e-3
+_MIN_UNDAMPED = 2  # multipliers of a vibration; a fold has one that is 1
+LINEAR_REMEDY = "or, for small motions, use bd.linearize(...).frequency_response"
 _TINY = 1e-300  # avoids a division by zero
 
 
@@ -506,29 +509,43 @@ def estimate_period(solution: Solution) -> float | None:
     Differences are measured relative to the ranges of (q, v) in the second half of the run.
     """
     trajectory, is_angle = solution.trajectory, solution.equations.is_angle
+    last = trajectory.intervals[-1].state
 
     def differences(times: Array) -> Array:
         state = trajectory.at(times)[1]
-        last = trajectory.intervals[-1].state
         q = state.q - last.q[-1]
         q -= np.where(is_angle, FULL_TURN * np.round(q / FULL_TURN), 0.0)
         return np.concatenate([q, state.v - last.v[-1]], axis=1)
 
-    times = np.linspace(trajectory.end, trajectory.start, _RETURN_SAMPLES)
-    changes = differences(times[::-1])[::-1]
-    ranges = np.ptp(changes[: _RETURN_SAMPLES // 2], axis=0)
+    times = np.linspace(trajectory.start, trajectory.end, _RETURN_SAMPLES)
+    changes = differences(times)
+    ranges = np.ptp(changes[_RETURN_SAMPLES // 2 :], axis=0)
     largest = np.repeat([np.max(x) for x in np.split(ranges, 2)], len(is_angle))
     ranges[ranges <= _REST_RATIO * largest] = np.inf
-    distance = np.max(np.abs(changes / ranges), axis=1)
+    # From the end backward.
+    distance = np.max(np.abs(changes / ranges), axis=1)[::-1]
     departed = int(np.argmax(distance > 2.0 * _RETURN_DISTANCE))
-    is_near = distance < _RETURN_DISTANCE
-    is_near[:departed] = False
-    if not departed or not is_near.any():
+    near = departed + np.flatnonzero(distance[departed:] < _RETURN_DISTANCE)
+    if not departed or not len(near):
         return None
-    first = int(np.argmax(is_near))
-    count = int(np.argmin(np.append(is_near[first:], False)))
-    nearest = first + int(np.argmin(distance[first : first + count]))
-    earlier, later = times[[min(nearest + 1, len(times) - 1), nearest - 1]]
-    around = np.linspace(earlier, later, _REFINED_RETURN_SAMPLES)
+    near = near[: int(np.argmax(np.append(np.diff(near) > 1, True))) + 1]
+    nearest = len(times) - 1 - int(near[np.argmin(distance[near])])
+    around = np.linspace(times[max(nearest - 1, 0)], times[nearest + 1], _REFINED_RETURN_SAMPLES)
     distance = np.linalg.norm(differences(around) / ranges, axis=1)
     return float(trajectory.end - around[np.argmin(distance)])
+
+
+def explain_failure(reason: str, multipliers: Array) -> str:
+    """Return the reason why no motion is found, with missing damping as its likely cause."""
+    moduli = np.abs(multipliers)
+    moduli = moduli[np.abs(moduli - 1.0) <= _UNDAMPED_MARGIN]
+    if len(moduli) < _MIN_UNDAMPED:
+        return reason
+    # In a period of the loads, vibrations with their frequency decay by 2 pi times the ratio.
+    ratio = max(-float(np.mean(np.log(moduli))) / FULL_TURN, 0.0)
+    return (
+        f"{reason.partition(';')[0]}, probably because vibrations have a damping ratio of only "
+        f"{100.0 * ratio:.3f} % ({len(moduli)} multipliers have a modulus near 1), so that errors "
+        "of runs are amplified at resonances; add damping, such as damping= of the sections, "
+        f"{LINEAR_REMEDY}"
+    )
