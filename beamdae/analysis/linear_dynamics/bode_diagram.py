@@ -476,14 +476,12 @@ def _peak_ratios(size: Array) -> dict[int, float]:
 
     A side ends where the response exceeds the maximum.
     """
-    ratios = {}
-    for k in (np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1).tolist():
-        sides = size[k - 1 :: -1], size[k + 1 :]
-        higher = [np.flatnonzero(side > size[k]) for side in sides]
-        ends = [int(x[0]) if len(x) else None for x in higher]
-        base = max(np.min(side[:end]) for side, end in zip(sides, ends, strict=True))
-        ratios[k] = float(size[k] / base)
-    return ratios
+    # Imported here because importing scipy.signal takes as long as a short run.
+    from scipy.signal import find_peaks
+
+    peaks, properties = find_peaks(np.log(size), prominence=0.0)
+    ratios = np.exp(properties["prominences"])
+    return dict(zip(peaks.tolist(), ratios.tolist(), strict=True))
 
 
 def divide_units(output: Variable, source: Variable) -> str:

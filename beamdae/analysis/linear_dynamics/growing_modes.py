@@ -148,8 +148,9 @@ def _sampled_poles(
     intervals = np.array([x.controller.every for x in terms])
     ratios = np.round(intervals / np.min(intervals)).astype(int)
     is_regular = np.abs(intervals / np.min(intervals) - ratios) < _ROUNDING
-    laws = [_differentiate_law(equations, trajectory, x, k) for k, x in enumerate(terms)]
-    if None in laws or not is_regular.all() or np.any(np.max(ratios) % ratios):
+    found = [_differentiate_law(equations, trajectory, x, k) for k, x in enumerate(terms)]
+    laws = [x for x in found if x is not None]
+    if len(laws) < len(found) or not is_regular.all() or np.any(np.max(ratios) % ratios):
         return np.zeros(0, complex)
     model = run.reduce(opened or (), [read for term in terms for read in term.reads])
     place = {state.name: k for k, state in enumerate(model.states)}
@@ -222,7 +223,7 @@ def _list_points(
     for k in np.argsort(extremity, kind="stable")[:_MAX_TRIED_SAMPLES]:
         yield indices[k], arguments[k]
     jumps = np.abs(np.diff(commands, axis=0))
-    k, drive = np.unravel_index(np.argmax(jumps), jumps.shape)
+    k, drive = map(int, np.unravel_index(np.argmax(jumps), jumps.shape))
     begin, end = arguments[k : k + 2]
     first, last = commands[k : k + 2, drive]
     for _ in range(_BISECTIONS if first != last else 0):

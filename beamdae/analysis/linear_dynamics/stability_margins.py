@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -513,11 +514,11 @@ def _find_phase_crossovers(
         return float(np.angle(-first[1]) + change) - _FULL_TURN * f * loop.delay
 
     low, high = sorted((phase(*first), phase(*last)))
-    levels = np.arange(np.ceil(low / _FULL_TURN), np.ceil(high / _FULL_TURN))[:_MAX_CROSSOVERS]
-    levels = _FULL_TURN * levels
+    turns = np.arange(np.ceil(low / _FULL_TURN), np.ceil(high / _FULL_TURN))
+    levels = _FULL_TURN * turns[:_MAX_CROSSOVERS]
     levels = levels[np.maximum(levels - low, high - levels) > _PHASE_ROUNDING]
     return [
-        _find_root(lambda f, x=x: phase(f, loop.at(f)) - x, first[0], last[0])
+        _find_root(partial(lambda level, f: phase(f, loop.at(f)) - level, x), first[0], last[0])
         for x in levels.tolist()
     ]
 

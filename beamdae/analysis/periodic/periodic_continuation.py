@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from beamdae.analysis.continuation.engine import (
     prescribe_parameter,
 )
 from beamdae.analysis.periodic.load_periods import Loads
-from beamdae.analysis.periodic.period_map import PeriodMap, build_periodic_equations
+from beamdae.analysis.periodic.period_map import PeriodMap, as_radau, build_periodic_equations
 from beamdae.analysis.periodic.shooting import (
     LINEAR_REMEDY,
     MAX_SETTLING_PERIODS,
@@ -76,8 +76,6 @@ Array = np.ndarray
 _NAME = "frequency_response"
 # Largest relative tolerance of the runs; with larger ones, their errors dominate the tangents.
 _MAX_RTOL = 1e-8
-# Settings of the integrator that Radau adopts in its place.
-_LIMITS = ("max_step", "max_steps", "time_limit")
 # Smallest permitted step, relative to the first step.
 _MIN_STEP_RATIO = 1e-3
 # Critical points are located with this error, relative to a step.
@@ -194,7 +192,7 @@ def frequency_response(
     model.complete({parameter: ends[0]})
     method = Radau(_MAX_RTOL) if integrator is None else integrator
     require_integrator(_NAME, method)
-    method = _choose_method(method)
+    method = as_radau(method, _MAX_RTOL) or method
     period_at = (lambda frequency: 1.0 / frequency) if period is None else period
     begin = require_finite(_NAME, "t_start", t_start)
     first_step = require_positive(_NAME, "step", step)
@@ -242,18 +240,6 @@ def frequency_response(
     if not warnings_are_ignored():
         warn_of_result(response._list_warnings(includes_model=False)[not status.success :])
     return response
-
-
-def _choose_method(integrator: Integrator) -> Integrator:
-    """Return the integrator of the runs: accurate Radau in place of other adaptive steps."""
-    name, value = integrator.accuracy
-    if name != "rtol":
-        return integrator
-    rtol = min(value, _MAX_RTOL)
-    if isinstance(integrator, Radau):
-        return replace(integrator, rtol=rtol)
-    limits: dict[str, Any] = {name: getattr(integrator, name, None) for name in _LIMITS}
-    return Radau(rtol, **limits)
 
 
 @dataclass(frozen=True, eq=False)

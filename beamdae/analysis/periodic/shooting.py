@@ -18,6 +18,7 @@ import scipy.linalg as la
 
 from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.engine import (
+    Control,
     CurveError,
     Factors,
     Point,
@@ -54,6 +55,7 @@ _STAGNATION_RATIO = 0.5
 # A matrix is kept if the change of the deviation differs from the predicted one by less than this
 # fraction.
 _MAX_PREDICTION_ERROR = 0.3
+_MAX_PERIOD_CHANGE = 0.5  # of the logarithm of a free period in a correction
 # Largest step of finite differences with respect to the parameter, relative to its range, and
 # largest relative change of the period. Tangents have errors of the step, and of the errors of
 # runs, about 1e-9, over the step. The distance d of a multiplier from 1 amplifies both by 1 / d; it
@@ -310,6 +312,8 @@ class PeriodProblem(Problem):
         assert base is not None
         if last is None and p == base.p and np.array_equal(x, base.x):
             return base
+        if self.is_free and last is not None and abs(p - last.p) > _MAX_PERIOD_CHANGE:
+            raise CurveError("the period changes too much in a step")
         before = last or base
         matrix = before.matrix
         run = self.shoot(x, p, matrix.persistent, before.run.amplitudes)
@@ -421,7 +425,7 @@ def solve_shooting(
     BeamdaeError
         If loads or drivers are not periodic or, with `free_period`, depend on time.
     """
-    x, control = np.concatenate([q, v]), prescribe_parameter
+    x, control = np.concatenate([q, v]), cast(Control, prescribe_parameter)
     p = float(np.log(period_map.period)) if free_period else 0.0
 
     def map_at(p: float) -> PeriodMap:
@@ -431,12 +435,10 @@ def solve_shooting(
     kept = None if before is None else before.matrix
     run = problem.shoot(x, p, None if kept is None else kept.persistent, amplitudes)
     if free_period:
+        # Corrections are orthogonal to the time derivative at the start.
         rate = run.rates[0] / max(float(np.linalg.norm(run.rates[0])), _TINY)
         row = rate @ run.projection
-
-        def control(y: Array, p: float) -> Row:
-            """Return the phase: corrections are orthogonal to the time derivative at the start."""
-            return Row(float(row @ (y - x)), row, 0.0)
+        control = lambda y, _: Row(float(row @ (y - x)), row, 0.0)  # noqa: E731
 
     base = PeriodLinearization(problem, x, p, run, kept)
     try:
