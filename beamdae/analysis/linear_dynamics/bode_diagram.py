@@ -56,15 +56,14 @@ _MAX_FREQUENCY_RATIO = 1e6  # of the range
 _MAX_FREQUENCIES, _MIN_FREQUENCIES = 600, 60
 _FREQUENCY_WORK = 1e10  # frequencies times number of states cubed; about ten seconds
 _PEAK_SHARE = 0.5  # of the frequencies are beside poles
-# Distances from lightly damped poles, in half widths of their peaks: at 1, the response has half of
-# the power of the peak. All poles have the first ones.
+# Distances from poles, in half widths of their peaks: at 1, the response has half of the power of
+# the peak. All poles have the first ones, slow ones the others, too.
 _HALF_POWER_POSITIONS = np.array([-1.0, 0.0, 1.0])
 _PEAK_POSITIONS = np.array([-6.0, -3.0, -1.5, -0.7, -0.3, 0.3, 0.7, 1.5, 3.0, 6.0])
-_MIN_DAMPING_RATIO = 1e-6  # smaller ones are rounding errors of stiff structures
-_UNDAMPED_WIDTH = 1e-5  # relative half width in place of that of undamped poles
-# Shift of the positions beside undamped poles, where the response is infinite, and the minimum
-# distance of all frequencies from these poles, in half widths.
-_UNDAMPED_SHIFT, _MIN_POLE_DISTANCE = 0.1, 0.05
+# Damping ratios that are rounding errors of stiff structures, and least half width of peaks, both
+# relative to the frequency.
+_UNDAMPED_WIDTH = 1e-6
+_UNDAMPED_DISTANCE = 0.1  # from undamped poles, where the response is infinite, in half widths
 # Minimum ratio of listed peaks to the response beside them. Rounding errors cause lower ones, most
 # of all at undamped modes that the input does not excite; those that it excites are far higher.
 _MIN_PEAK_RATIO, _MIN_UNDAMPED_RATIO = 1.01, 2.0**0.5
@@ -206,7 +205,7 @@ class Bode(HasTable, HasPage):
         import pandas as pd
 
         poles = self.model.poles
-        is_undamped = np.abs(poles.real) <= _MIN_DAMPING_RATIO * np.abs(poles)
+        is_undamped = np.abs(poles.real) <= _UNDAMPED_WIDTH * np.abs(poles)
         undamped = np.abs(poles.imag[is_undamped]) / (2.0 * np.pi)
         rows = []
         for x in self.transfer_functions:
@@ -424,44 +423,48 @@ def choose_frequencies(
     """
     poles = all_poles[all_poles.imag >= 0.0]
     sizes = np.abs(poles) / (2.0 * np.pi)
-    known = np.sort(sizes[~_are_zero(poles)])
-    if not len(known):
-        known = np.ones(1)
-    listed = select_poles(poles)
-    low = known[0] / _FREQUENCY_MARGIN
-    peaks = [
-        size
-        for pole, size in zip(poles[listed], sizes[listed], strict=True)
-        if _is_oscillating(pole) and abs(pole.real) < _MAX_PEAK_DAMPING * abs(pole)
-    ]
-    high = min(max([known[0], *peaks]) * _FREQUENCY_MARGIN, low * _MAX_FREQUENCY_RATIO)
+    slowest = float(np.min(sizes[~_are_zero(poles)], initial=np.inf))
+    slowest = slowest if np.isfinite(slowest) else 1.0
+    oscillates = np.array([_is_oscillating(x) for x in poles], bool)
     if ends is None:
-        lowest = min(peaks, default=known[0])
-        high = min(high, max(find_resolved_frequency(float(high)), _MIN_RANGE * lowest))
-    else:
-        low, high = ends
+        listed = np.isin(np.arange(len(poles)), select_poles(poles))
+        is_peak = listed & oscillates & (np.abs(poles.real) < _MAX_PEAK_DAMPING * np.abs(poles))
+        low = slowest / _FREQUENCY_MARGIN
+        high = _FREQUENCY_MARGIN * max(slowest, np.max(sizes[is_peak], initial=0.0))
+        high = min(high, low * _MAX_FREQUENCY_RATIO)
+        lowest = np.min(sizes[is_peak], initial=np.inf) if is_peak.any() else slowest
+        ends = low, min(high, max(find_resolved_frequency(float(high)), _MIN_RANGE * lowest))
+    low, high = ends
     work = _FREQUENCY_WORK / max(n_states, 1) ** 3
     count = int(np.clip(work, _MIN_FREQUENCIES, _MAX_FREQUENCIES))
-    near, undamped = [], []
-    n_peaks = int(_PEAK_SHARE * count) // (len(_PEAK_POSITIONS) + len(_HALF_POWER_POSITIONS))
-    for pole, size in zip(poles, sizes, strict=True):
-        if not _is_oscillating(pole) or not low <= pole.imag / (2.0 * np.pi) <= high:
-            continue
-        center, width = pole.imag / (2.0 * np.pi), abs(pole.real) / (2.0 * np.pi)
-        if width <= _MIN_DAMPING_RATIO * size:
-            width = _UNDAMPED_WIDTH * size
-            undamped.append((center, _MIN_POLE_DISTANCE * width))
-            center += _UNDAMPED_SHIFT * width
-        near.append(center + width * _HALF_POWER_POSITIONS)
-        if len(near) <= 2 * n_peaks:
-            near.append(center + width * _PEAK_POSITIONS)
-    near_poles = np.concatenate([np.zeros(0), *near])
-    near_poles = near_poles[(near_poles > low) & (near_poles < high)]
-    grid = np.geomspace(low, high, max(count - len(near_poles), _MIN_FREQUENCIES // 2))
-    frequencies = np.unique(np.concatenate([grid, near_poles]))
-    for center, distance in undamped:
-        frequencies = frequencies[np.abs(frequencies - center) >= distance]
-    return frequencies
+    rates = poles.imag / (2.0 * np.pi)
+    peaks = poles[oscillates & (rates >= low) & (rates <= high)]
+    n_slow = int(_PEAK_SHARE * count) // (len(_PEAK_POSITIONS) + len(_HALF_POWER_POSITIONS))
+    near = np.concatenate(
+        [
+            frequencies_beside(peaks, _HALF_POWER_POSITIONS, _UNDAMPED_WIDTH).ravel(),
+            frequencies_beside(peaks[:n_slow], _PEAK_POSITIONS, _UNDAMPED_WIDTH).ravel(),
+        ]
+    )
+    near = near[(near > low) & (near < high)]
+    grid = np.geomspace(low, high, max(count - len(near), _MIN_FREQUENCIES // 2))
+    frequencies = np.concatenate([grid, near])
+    for pole in peaks[np.abs(peaks.real) <= _UNDAMPED_WIDTH * np.abs(peaks)]:
+        resonance = pole.imag / (2.0 * np.pi)
+        distance = _UNDAMPED_DISTANCE * _UNDAMPED_WIDTH * resonance
+        is_near = np.abs(frequencies - resonance) < distance
+        frequencies[is_near] = resonance + distance
+    return np.unique(frequencies)
+
+
+def frequencies_beside(poles: Array, positions: Array, least_width: float) -> Array:
+    """Return frequencies [Hz] beside poles (k, n), at positions in half widths of their peaks.
+
+    The half width is at least `least_width` of the frequency of the pole.
+    """
+    centers = np.abs(poles.imag) / (2.0 * np.pi)
+    widths = np.maximum(np.abs(poles.real) / (2.0 * np.pi), least_width * centers)
+    return np.asarray(centers[:, None] + widths[:, None] * positions)
 
 
 def _is_oscillating(pole: complex) -> bool:
@@ -473,14 +476,12 @@ def _peak_ratios(size: Array) -> dict[int, float]:
 
     A side ends where the response exceeds the maximum.
     """
-    ratios = {}
-    for k in (np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1).tolist():
-        sides = size[k - 1 :: -1], size[k + 1 :]
-        higher = [np.flatnonzero(side > size[k]) for side in sides]
-        ends = [int(x[0]) if len(x) else None for x in higher]
-        base = max(np.min(side[:end]) for side, end in zip(sides, ends, strict=True))
-        ratios[k] = float(size[k] / base)
-    return ratios
+    # Imported here because importing scipy.signal takes as long as a short run.
+    from scipy.signal import find_peaks
+
+    peaks, properties = find_peaks(np.log(size), prominence=0.0)
+    ratios = np.exp(properties["prominences"])
+    return dict(zip(peaks.tolist(), ratios.tolist(), strict=True))
 
 
 def divide_units(output: Variable, source: Variable) -> str:

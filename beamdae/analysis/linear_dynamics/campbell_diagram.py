@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq, linear_sum_assignment
 
 from beamdae.analysis.eigenproblems.eigensolution import DECAY
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
@@ -47,9 +48,8 @@ _DECAY_WEIGHT = 0.5
 # MAC with each mode at the other one, up to this number of times.
 _MIN_MAC = 0.5
 _MAX_HALVINGS = 5
-# Resonances are improved until their speed changes less, relative to the speed.
-_SPEED_TOLERANCE = 1e-7
-_MAX_SOLUTIONS = 60  # of modes per resonance; bisections of the interval need 20
+# Relative error of the speeds of resonances.
+_SPEED_TOLERANCE = 1e-11
 # A larger deviation of the frequency, relative to that of the excitation, is a change from one mode
 # to another.
 _MAX_DEVIATION = 1e-3
@@ -90,31 +90,6 @@ class _Stop(NamedTuple):
     modes: Modes
     order: Array
     lost: Array
-
-
-class _End(NamedTuple):
-    """End of an interval of speeds that contains a resonance.
-
-    Attributes
-    ----------
-    speed
-        Rotation speed [rad/s].
-    modes, mode
-        Modes at this speed, and the index of the mode of the resonance.
-    """
-
-    speed: float
-    modes: Modes
-    mode: int
-
-    @property
-    def rate(self) -> float:
-        """Frequency of the mode [rad/s]."""
-        return abs(float(self.modes.eigenvalues[self.mode].imag))
-
-    def deviation(self, multiple: int) -> float:
-        """Return the difference of the frequency and that of the excitation [rad/s]."""
-        return self.rate - multiple * abs(self.speed)
 
 
 @read_only_data
@@ -181,23 +156,22 @@ class Campbell(HasTable, HasPage):
         Of warnings that differ only in numbers, the one with the largest percentages is returned,
         or else the one at the fastest rotation.
         """
-        # Warnings of the model do not depend on the speed.
-        sets = [set(at_speed.warnings) for at_speed in self.modes]
-        common = set.intersection(*sets) if len(sets) > 1 else set()
-        first = [x for at_speed in self.modes[:1] for x in at_speed.warnings if x in common]
         kinds: dict[str, dict[float, str]] = {}
         for speed, at_speed in zip(self.speeds.tolist(), self.modes, strict=True):
-            for sentence in (x for x in at_speed.warnings if x not in common):
+            for sentence in at_speed.warnings:
                 kinds.setdefault(kind_of_message(sentence), {})[speed] = sentence
-        described = [(sentence, sentence) for sentence in first]
+        described = []
         for sentences in kinds.values():
             speeds = sorted(sentences)
             worst = max(speeds, key=lambda x: (stated_error(sentences[x]), abs(x)))
-            sentence, where = sentences[worst], f"{worst:g} rad/s"
+            sentence, where = sentences[worst], f"at {worst:g} rad/s, "
             if len(speeds) > 1:
                 ends = f"{speeds[0]:g} to {speeds[-1]:g}"
-                where = f"{len(speeds)} speeds from {ends} rad/s (here {where})"
-            described.append((sentence, f"at {where}, {sentence}"))
+                where = f"at {len(speeds)} speeds from {ends} rad/s (here {worst:g} rad/s), "
+                # Warnings of the model do not depend on the speed.
+                is_common = len(speeds) == len(self.modes) and len(set(sentences.values())) == 1
+                where = "" if is_common else where
+            described.append((sentence, f"{where}{sentence}"))
         return described
 
     def _describe_lost_modes(self) -> tuple[str, ...]:
@@ -289,12 +263,19 @@ class Campbell(HasTable, HasPage):
 
         numbers = self.with_multiples(multiples).multiples
         rows = []
-        for mode, before, after in self._intervals:
-            for multiple in numbers:
-                speed = self._find_resonance(before, after, multiple)
-                # At rest, motions without stiffness have the frequency of an excitation: zero.
-                if speed:
-                    rows.append((speed, multiple * abs(speed) / (2.0 * np.pi), mode + 1, multiple))
+        for before, after in pairwise(sorted(self._stops, key=lambda stop: stop.speed)):
+            # Given speeds may not ascend: modes are not necessarily followed from `before`.
+            lost = [
+                b.lost
+                for a, b in pairwise(self._stops)
+                if min(a.speed, b.speed) < after.speed and before.speed < max(a.speed, b.speed)
+            ]
+            rows += [
+                (speed, multiple * abs(speed) / (2.0 * np.pi), mode + 1, multiple)
+                for mode in (np.flatnonzero(~np.any(lost, axis=0)).tolist() if lost else ())
+                for multiple in numbers
+                for speed in self._find_resonances(before, after, mode, multiple)
+            ]
         rows.sort(key=lambda row: abs(row[0]))
         names = ["speed [rad/s]", "frequency [Hz]", "mode", "multiple"]
         return pd.DataFrame(rows, columns=names)
@@ -303,76 +284,37 @@ class Campbell(HasTable, HasPage):
     def _solver(self) -> _ModeSolver:
         return _ModeSolver(self)
 
-    @property
-    def _intervals(self) -> Iterator[tuple[int, _End, _End]]:
-        """Intervals of ascending speeds in which each mode, from 0, is followed; rest ends one."""
-        for before, after in pairwise(sorted(self._stops, key=lambda stop: stop.speed)):
-            # Given speeds may not ascend: modes are not necessarily followed from `before`.
-            lost = [
-                b.lost
-                for a, b in pairwise(self._stops)
-                if min(a.speed, b.speed) < after.speed and before.speed < max(a.speed, b.speed)
-            ]
-            for mode in np.flatnonzero(~np.any(lost, axis=0)).tolist() if lost else ():
-                first, last = (_End(x.speed, x.modes, int(x.order[mode])) for x in (before, after))
-                if first.speed < 0.0 < last.speed:
-                    rest = self._match(0.0, first, last)
-                    yield mode, first, rest
-                    yield mode, rest, last
-                else:
-                    yield mode, first, last
+    def _find_resonances(
+        self, before: _Stop, after: _Stop, mode: int, multiple: int
+    ) -> Iterator[float]:
+        """Yield the speeds between two stops at which a frequency is a multiple of the speed.
 
-    def _match(self, speed: float, before: _End, after: _End) -> _End:
-        """Return the mode at a speed whose shape is closest to the modes at two other speeds."""
-        at_speed = self._solver(speed)
-        mac = before.modes.mac(at_speed)[before.mode] + after.modes.mac(at_speed)[after.mode]
-        return _End(speed, at_speed, int(np.argmax(mac)))
-
-    def _find_resonance(self, before: _End, after: _End, multiple: int) -> float | None:
-        """Return the speed at which a frequency is a multiple of the speed, if there is one.
-
-        The mode is followed by its shape, and the interval between both speeds is reduced by the
-        Illinois method (M. Dowell & P. Jarratt, BIT 11, 1971) for the squares of frequency and
-        speed, between which centrifugal stiffening gives a linear relation (R. Southwell).
+        The mode is followed by its shape. Roots are those of the difference between the squares of
+        frequency and excitation over the square of the speed, between which centrifugal stiffening
+        gives a linear relation (R. Southwell).
         """
+        ends = [(x.modes, int(x.order[mode])) for x in (before, after)]
 
-        def residual(end: _End) -> float:
-            return end.rate**2 - (multiple * end.speed) ** 2
+        def find_rate(speed: float) -> float:
+            modes = self._solver(speed)
+            mac = np.sum([other.mac(modes)[k] for other, k in ends], axis=0)
+            return abs(float(modes.eigenvalues[int(np.argmax(mac))].imag))
 
-        left, right = residual(before), residual(after)
-        if (left < 0.0) == (right < 0.0) or all(
-            abs(x.deviation(multiple)) <= _EQUAL * multiple * abs(x.speed) for x in (before, after)
-        ):
-            return None
-        last = None
-        for k in range(_MAX_SOLUTIONS):
-            squares = before.speed * abs(before.speed), after.speed * abs(after.speed)
-            share = left / (left - right)
-            square = (1.0 - share) * squares[0] + share * squares[1]
+        def difference(square: float) -> float:
             speed = float(np.copysign(np.sqrt(abs(square)), square))
-            if speed == 0.0:
-                return None
-            is_narrow = after.speed - before.speed <= _SPEED_TOLERANCE * abs(speed)
-            if last is not None and (
-                is_narrow or abs(speed - last.speed) <= _SPEED_TOLERANCE * abs(speed)
-            ):
-                is_resonance = abs(last.deviation(multiple)) < _MAX_DEVIATION * multiple * abs(
-                    speed
-                )
-                return speed if is_resonance else None
-            if k > _MAX_SOLUTIONS // 2:
-                # A change of the mode: its frequency jumps.
-                speed = 0.5 * (before.speed + after.speed)
-            middle = self._match(speed, before, after)
-            value = residual(middle)
-            if (value < 0.0) == (left < 0.0):
-                right *= 0.5 if last is not None and (residual(last) < 0.0) == (left < 0.0) else 1.0
-                before, left = middle, value
-            else:
-                left *= 0.5 if last is not None and (residual(last) < 0.0) == (right < 0.0) else 1.0
-                after, right = middle, value
-            last = middle
-        return None
+            return find_rate(speed) ** 2 - multiple**2 * abs(square)
+
+        speeds = [before.speed, *[0.0] * (before.speed < 0.0 < after.speed), after.speed]
+        for pair in pairwise(np.sign(speeds) * np.square(speeds)):
+            values = [difference(x) for x in pair]
+            excitations = multiple**2 * np.abs(pair)
+            if values[0] * values[1] >= 0.0 or np.all(np.abs(values) <= 2.0 * _EQUAL * excitations):
+                continue
+            tolerance = 2.0 * _SPEED_TOLERANCE
+            square = brentq(difference, *pair, xtol=1e-16 * max(excitations), rtol=tolerance)
+            # At rest, motions without stiffness have the frequency of an excitation: zero.
+            if abs(difference(square)) < 2.0 * _MAX_DEVIATION * multiple**2 * abs(square):
+                yield float(np.copysign(np.sqrt(abs(square)), square))
 
 
 @interruptible
@@ -491,9 +433,6 @@ def _follow(
     mac = start.modes.mac(after)[start.order]
     decayed, decays = (np.array(x.kinds) == DECAY for x in (start.modes, after))
     weights = np.where(decays & ~decayed[start.order, None], _DECAY_WEIGHT, 1.0)
-    # Imported here because it takes longer than the modes of one speed.
-    from scipy.optimize import linear_sum_assignment
-
     rows, matches = linear_sum_assignment(-weights * mac)
     lost = mac[rows, matches] < _MIN_MAC
     if halvings and lost.any():

@@ -6,17 +6,19 @@ the motion of the mechanism itself, such as the decreasing inertia of a retracte
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from beamdae.analysis.linear_dynamics.law_derivatives import differentiate_law
-from beamdae.analysis.linear_dynamics.linear_model import StateReduction
+from beamdae.analysis.linear_dynamics.linear_model import LinearModel, reduce_to_states
 from beamdae.analysis.linear_dynamics.linearization import Linearization, linearize_motion
+from beamdae.equations.controller_reads import evaluate_reads
+from beamdae.equations.equations_of_motion import ControllerTerm, EquationsOfMotion, Observable
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.model_checks.load_derivatives import LoadDerivatives, RunState, differentiate_loads
 from beamdae.results.trajectory import Instant, Trajectory
@@ -26,6 +28,15 @@ Array = np.ndarray
 # Growth rates that remain without the loads that cause a growth, relative to it
 _MAX_OPEN_RATIO = 0.5
 _ROUNDING = 1e-9  # of numbers of samples
+# Samples at which a law is evaluated, and those at which its derivatives are tried: those whose
+# commands are farthest from their extremes, which may be limits.
+_MAX_SAMPLES, _MAX_TRIED_SAMPLES = 60, 12
+# Steps of finite differences, relative to the ranges of the arguments in the run, and largest
+# relative deviation of those of two adjacent steps, which agree unless the law has a limit or a
+# switch there. Means of differences follow laws that round their readings, as those of encoders.
+_STEPS, _MEANS, _MAX_DEVIATION = np.geomspace(3e-2, 1e-6, 10), np.linspace(1.0, 1.5, 9), 3e-2
+# Between two samples, the point at which a command is in the middle of its range.
+_BISECTIONS, _MIDDLE = 40, (0.25, 0.75)
 
 
 class Modes(NamedTuple):
@@ -60,8 +71,10 @@ class LinearizedState:
         """Mass matrix (n, n)."""
         return self.lin.tangent.mass
 
-    def reduce(self, without: Collection[str] = ()) -> StateReduction | None:
-        """Return the reduced equations without the derivatives of some loads; None if rigid."""
+    def reduce(
+        self, without: Collection[str] = (), reads: Sequence[Observable] = ()
+    ) -> LinearModel:
+        """Return the state-space model, with `reads` as outputs, without derivatives of loads."""
         tangent = self.lin.tangent
         for name in self.loads.keys() & set(without):
             stiffness, damping, _ = self.loads[name]
@@ -69,21 +82,17 @@ class LinearizedState:
                 stiffness=sp.csc_array(tangent.stiffness - stiffness),
                 damping=sp.csc_array(tangent.damping - damping),
             )
-        reduction = StateReduction(replace(self.lin, tangent=tangent), ())
-        return reduction if len(reduction.x_indices) else None
+        return reduce_to_states(replace(self.lin, tangent=tangent), (), reads)
 
     def find_growing(self, min_rate: float, without: Collection[str] = ()) -> Modes:
         """Return the modes that grow faster than a rate [1/s], one of each conjugate pair."""
-        reduction = self.reduce(without)
-        if reduction is None:
-            return Modes(np.zeros(0, complex), np.zeros((self.lin.equations.n, 0)))
-        matrix = reduction.linear_model(()).A
+        model = self.reduce(without)
         # Shift and invert: of stiff structures, rounding errors of A reach the slow modes.
-        inverses, vectors = la.eig(np.linalg.inv(matrix - min_rate * np.eye(len(matrix))))
+        shifted = model.A - min_rate * np.eye(len(model.A))
+        inverses, vectors = np.linalg.eig(np.linalg.inv(shifted))
         values = min_rate + 1.0 / inverses
         is_growing = (values.real > min_rate) & (values.imag >= 0.0)
-        motions = reduction.z @ vectors[: len(reduction.x_indices), is_growing]
-        return Modes(values[is_growing], motions)
+        return Modes(values[is_growing], model._motions @ vectors[:, is_growing])
 
     def find_cause(self, rate: float) -> str:
         """Return the names of loads without which no vibration grows at half of a rate [1/s]."""
@@ -134,24 +143,23 @@ def _sampled_poles(
     If `opened` is not None, commands of sampled loops and of these loads are constant.
     The sampling intervals must be multiples of the shortest one, and divisors of the longest one.
     """
-    equations, reduction = run.lin.full_equations, run.reduce(opened or ())
+    equations = run.lin.full_equations
     terms = equations.controllers
     intervals = np.array([x.controller.every for x in terms])
     ratios = np.round(intervals / np.min(intervals)).astype(int)
     is_regular = np.abs(intervals / np.min(intervals) - ratios) < _ROUNDING
-    if reduction is None or not is_regular.all() or np.any(np.max(ratios) % ratios):
+    found = [_differentiate_law(equations, trajectory, x, k) for k, x in enumerate(terms)]
+    laws = [x for x in found if x is not None]
+    if len(laws) < len(found) or not is_regular.all() or np.any(np.max(ratios) % ratios):
         return np.zeros(0, complex)
-    laws = [differentiate_law(equations, trajectory, x, k) for k, x in enumerate(terms)]
-    model = reduction.linear_model([read for term in terms for read in term.reads])
-    place = {int(row): k for k, row in enumerate(reduction.x_indices)}
+    model = run.reduce(opened or (), [read for term in terms for read in term.reads])
+    place = {state.name: k for k, state in enumerate(model.states)}
     step, total = la.expm(np.min(intervals) * model.A), np.eye(len(model.A))
     for k in range(int(np.max(ratios))):
         sample, first = np.eye(len(model.A)), 0
         for term, law, ratio in zip(terms, laws, ratios, strict=True):
-            if law is None:
-                return np.zeros(0, complex)
             by_reads, by_values = law
-            own = [place[x] for x in range(term.rows.start, term.rows.stop)]
+            own = [place[x.name] for x in equations.coordinates[term.rows]]
             outputs = model.C[first : first + by_reads.shape[1]]
             first += by_reads.shape[1]
             if k % ratio == 0:
@@ -162,3 +170,91 @@ def _sampled_poles(
     # Delays have multipliers of zero.
     multipliers = np.where(multipliers == 0.0, np.finfo(float).tiny, multipliers)
     return np.log(multipliers) / np.max(intervals)
+
+
+def _differentiate_law(
+    equations: EquationsOfMotion, trajectory: Trajectory, term: ControllerTerm, stream: int
+) -> tuple[Array, Array] | None:
+    """Return the derivatives of a sampled law by its reads and by its values before a sample.
+
+    A law is a function of the user, which may have limits, switches, delays and rounding. The
+    derivatives are those at a sample, or between two samples with commands at opposite limits, at
+    which the commands depend on the reads and the law has no limit or jump nearby; None if there is
+    no such point, as for relays. `stream` is the number of the controller.
+    """
+    controller = term.controller
+    every, n_driven = controller.every, len(controller.drives)
+    first, last = np.ceil(trajectory.start / every) + 1, np.floor(trajectory.end / every)
+    if not controller.reads or last - first < 1:
+        return None
+    samples = first - 1 + np.geomspace(1, last - first + 1, _MAX_SAMPLES)
+    indices = np.unique(np.minimum(samples, last).astype(int))
+    reads = evaluate_reads(term, equations.p, *trajectory.at(every * indices))
+    before = trajectory.positions_at(every * (indices - 0.5))[:, term.rows]
+    arguments, n_reads = np.hstack([reads, before]), reads.shape[1]
+    # The new commands among the values, which delays hold back.
+    newest = slice(n_driven * controller.delay, n_driven * (1 + controller.delay))
+
+    def evaluate(index: int, x: Array) -> Array:
+        return controller.next_values(every * index, index, x[:n_reads], x[n_reads:], stream)
+
+    ranges = np.ptp(arguments, axis=0)
+    scales = np.where(ranges > 0.0, ranges, 1.0 + np.abs(arguments[0]))
+    for index, x in _list_points(lambda *at: evaluate(*at)[newest], indices.tolist(), arguments):
+        derivatives = _difference(partial(evaluate, index), x, scales)
+        if derivatives is not None and np.any(derivatives[newest, :n_reads]):
+            by_reads, by_values = np.split(derivatives / scales, [n_reads], axis=1)
+            return by_reads, by_values
+    return None
+
+
+def _list_points(
+    command: Callable[[int, Array], Array], indices: Sequence[int], arguments: Array
+) -> Iterator[tuple[int, Array]]:
+    """Yield samples, those with the most central commands first, and a point between limits.
+
+    It is between the samples where a command jumps most: if all commands are at limits, a law
+    depends on the reads there.
+    """
+    commands = np.array([command(*x) for x in zip(indices, arguments, strict=True)])
+    low, high = np.min(commands, axis=0), np.max(commands, axis=0)
+    half_range = np.maximum(0.5 * (high - low), np.finfo(float).tiny)
+    extremity = np.max(np.abs(commands - 0.5 * (low + high)) / half_range, axis=1)
+    for k in np.argsort(extremity, kind="stable")[:_MAX_TRIED_SAMPLES]:
+        yield indices[k], arguments[k]
+    jumps = np.abs(np.diff(commands, axis=0))
+    k, drive = map(int, np.unravel_index(np.argmax(jumps), jumps.shape))
+    begin, end = arguments[k : k + 2]
+    first, last = commands[k : k + 2, drive]
+    for _ in range(_BISECTIONS if first != last else 0):
+        middle = 0.5 * (begin + end)
+        share = (command(indices[k], middle)[drive] - first) / (last - first)
+        if _MIDDLE[0] < share < _MIDDLE[1]:
+            yield indices[k], middle
+            return
+        begin, end = (middle, end) if share <= _MIDDLE[0] else (begin, middle)
+
+
+def _difference(law: Callable[[Array], Array], x: Array, scales: Array) -> Array | None:
+    """Return the derivatives (values, arguments) of a law, times scales, or None at a jump.
+
+    Means of backward and forward differences with two adjacent steps agree.
+    """
+    at, coarse, derivatives = law(x), None, np.array(np.nan)
+    for step in _STEPS:
+        sides = step * _MEANS * np.array([[-1.0], [1.0]])
+        slopes = [
+            [np.mean([(law(x + h * dx) - at) / h for h in side], axis=0) for side in sides]
+            for dx in np.diag(scales)
+        ]
+        fine = np.array(slopes)
+        if coarse is not None:
+            # Values have different units.
+            sizes = np.max(np.abs(fine), axis=(0, 1))
+            agrees = np.ptp(np.hstack([coarse, fine]), axis=1) <= _MAX_DEVIATION * sizes
+            is_new = agrees & np.isnan(derivatives)
+            derivatives = np.where(is_new, np.mean(fine, axis=1), derivatives)
+        if np.isfinite(derivatives).all():
+            return derivatives.T
+        coarse = fine
+    return None

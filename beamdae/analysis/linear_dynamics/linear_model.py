@@ -54,6 +54,8 @@ Array = np.ndarray
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
+Matrices = tuple[Array, Array, Array, Array]
+
 # State matrices are dense; memory grows with the square of the number of coordinates.
 _MAX_COORDINATES = 2000
 # Shift of the inverse from which slow poles are computed [1/s]: not small, because free motions are
@@ -65,15 +67,14 @@ _PAIR_TOLERANCE = 1e-6
 _MIN_GRID_SIZE = 20
 # A resonance is missed if the response at the frequencies beside it is below this fraction of its
 # peak. At a distance of 0.3 half bandwidths, a response is 4 % smaller than at the peak.
-_MIN_PEAK_SHARE = 0.95
-_DISTANCE_RATIO = 0.3
+_MIN_PEAK_SHARE, _DISTANCE_RATIO = 0.95, 0.3
 # Damping ratios of vibrations with a finite peak; smaller ones are rounding errors.
-_MAX_DAMPING_RATIO = 0.3
-_MIN_DAMPING_RATIO = 1e-9
+_MIN_DAMPING_RATIO, _MAX_DAMPING_RATIO = 1e-9, 0.3
+# Distance from resonances at which their peaks are evaluated, relative to the frequency: those of
+# modes without damping are infinite.
+_PEAK_DISTANCE = 1e-6
 _MAX_NAMES = 4  # of inputs or outputs without a finite derivative
 _FINITE_REMEDY = "or add a small positive number under a square root of zero"
-# Distance from undamped resonances at which responses are compared, relative to the frequency.
-_UNDAMPED_DISTANCE = 1e-6
 
 
 @read_only_data
@@ -120,6 +121,7 @@ class LinearModel(HasPage):
     warnings: tuple[str, ...]
     _linearization: Linearization | None = field(default=None, repr=False)
     _request: _Request | None = field(default=None, repr=False)
+    _motions: Array | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         inputs, outputs = (", ".join(x.name for x in y) for y in (self.inputs, self.outputs))
@@ -263,11 +265,10 @@ class LinearModel(HasPage):
         |.| are the norms of rows and columns. Rounding errors of the transfer matrix are
         proportional to this product, even where the response is zero by symmetry.
         """
-        bounds = []
-        for f in frequencies:
-            shifted = 2j * np.pi * f * np.eye(len(self.A)) - self.A
-            gains = np.linalg.solve(shifted.T, self.C.T.astype(complex))
-            bounds.append(np.outer(la.norm(gains, axis=0), la.norm(self.B, axis=0)))
+        identity = np.eye(len(self.A))
+        system = self.A, identity, self.C, np.zeros_like(self.C)
+        gains = [transfer_matrix(system, 2j * np.pi * f) for f in frequencies]
+        bounds = np.linalg.norm(gains, axis=2)[:, :, None] * np.linalg.norm(self.B, axis=0)
         return np.asarray(np.median(bounds, axis=0))
 
     def find_missed_peaks(self, frequencies: Array, response: Array) -> list[str]:
@@ -276,58 +277,58 @@ class LinearModel(HasPage):
         if len(grid) < _MIN_GRID_SIZE:
             return []
         rates, decays = self.poles.imag / (2.0 * np.pi), np.abs(self.poles.real) / (2.0 * np.pi)
-        is_inside = (rates > grid[0]) & (rates < grid[-1])
-        vibrates = decays < rates * _MAX_DAMPING_RATIO
-        is_undamped = decays <= rates * _MIN_DAMPING_RATIO
-        distances = np.min(np.abs(rates[:, None] - grid), axis=1)
-        missed: dict[float, tuple[float, float]] = {}
-        for k in np.flatnonzero(is_inside & vibrates & (distances > _DISTANCE_RATIO * decays)):
+        is_inside = (rates > grid[0]) & (rates < grid[-1]) & (decays < rates * _MAX_DAMPING_RATIO)
+        is_far = np.min(np.abs(rates[:, None] - grid), axis=1) > _DISTANCE_RATIO * decays
+        shares = {}
+        for k in np.flatnonzero(is_inside & is_far).tolist():
             after = int(np.searchsorted(grid, rates[k]))
-            # Peaks of modes without damping are infinite.
-            at = rates[k] * (1.0 + _UNDAMPED_DISTANCE * is_undamped[k])
-            peak = np.abs(self.evaluate_response([float(at)])[0])
+            peak = np.abs(self.evaluate_response([rates[k] * (1.0 + _PEAK_DISTANCE)])[0])
             nearest = np.max(np.abs(response[rows[after - 1 : after + 1]]), axis=0)
-            share = float(np.min(nearest[peak > 0.0] / peak[peak > 0.0], initial=1.0))
-            if share < _MIN_PEAK_SHARE:
-                bandwidth = 0.0 if is_undamped[k] else 2.0 * float(decays[k])
-                missed[float(rates[k])] = (share, bandwidth)
-        if not missed:
+            shares[k] = float(np.min(nearest[peak > 0.0] / peak[peak > 0.0], initial=1.0))
+        worst = min(shares, key=lambda k: shares[k], default=0)
+        if shares.get(worst, 1.0) >= _MIN_PEAK_SHARE:
             return []
-        f = min(missed, key=lambda x: missed[x])
-        share, bandwidth = missed[f]
-        more = f" (as do {len(missed) - 1} others)" if len(missed) > 1 else ""
-        if bandwidth == 0.0:
+        place = f"frequency_response: the resonance at {rates[worst]:.6g} Hz lies between"
+        if decays[worst] <= rates[worst] * _MIN_DAMPING_RATIO:
             return [
-                f"frequency_response: the resonance at {f:.6g} Hz{more} lies between frequencies "
-                "and has no damping, so its peak is infinite and the largest response depends on "
-                "the frequencies; add damping."
+                f"{place} frequencies and has no damping, so its peak is infinite and the largest "
+                "response depends on the frequencies; add damping."
             ]
         return [
-            f"frequency_response: the resonance at {f:.6g} Hz{more} lies between frequencies "
-            f"that reach {format_percent(share)} of its peak, because its bandwidth is "
-            f"{bandwidth:.2g} Hz; add those of abs(model.poles.imag) / (2 * np.pi) between "
-            f"{grid[0]:.4g} and {grid[-1]:.4g} Hz to the frequencies."
+            f"{place} frequencies that reach {format_percent(shares[worst])} of its peak, because "
+            f"its bandwidth is {2.0 * decays[worst]:.2g} Hz; add those of abs(model.poles.imag) / "
+            f"(2 * np.pi) between {grid[0]:.4g} and {grid[-1]:.4g} Hz to the frequencies."
         ]
 
     def evaluate_response(self, values: Sequence[float]) -> Array:
-        """Return the transfer matrix at frequencies [Hz], (k, outputs, inputs)."""
-        response = np.zeros((len(values), len(self.outputs), len(self.inputs)), complex)
-        right, diagonal = self.B.astype(complex), np.arange(len(self.A))
+        """Return the transfer matrix at frequencies [Hz], (k, outputs, inputs).
+
+        Raises
+        ------
+        BeamdaeError
+            If it is infinite at one of them.
+        """
+        response = np.zeros((len(values), *self.D.shape), complex)
         for row, f in zip(response, values, strict=True):
-            try:
-                with np.errstate(all="ignore"):
-                    shifted = -self.A.astype(complex)
-                    shifted[diagonal, diagonal] += 2j * np.pi * f
-                    row[:] = self.C @ np.linalg.solve(shifted, right) + self.D
-            except np.linalg.LinAlgError:
-                row[:] = np.nan
-            if not np.all(np.isfinite(row)):
+            row[:] = transfer_matrix((self.A, self.B, self.C, self.D), 2j * np.pi * f)
+            if not np.isfinite(row).all():
                 raise BeamdaeError(
-                    f"frequency_response: the response at {f:g} Hz is infinite because "
-                    "an undamped mode or a free motion has this frequency; choose "
-                    "other frequencies."
+                    f"frequency_response: the response at {f:g} Hz is infinite because an undamped "
+                    "mode or a free motion has this frequency; choose other frequencies."
                 )
         return response
+
+
+def transfer_matrix(system: Matrices, point: complex) -> Array:
+    """Return C (s I - A)^-1 B + D of a system at a point s; it is not finite at a pole."""
+    a, b, c, d = system
+    shifted = -a.astype(complex)
+    np.einsum("ii->i", shifted)[...] += point
+    try:
+        with np.errstate(all="ignore"):
+            return np.asarray(c @ np.linalg.solve(shifted, b.astype(complex)) + d)
+    except np.linalg.LinAlgError:
+        return np.full(d.shape, complex("nan"))
 
 
 def compute_poles(matrix: Array) -> Array:
@@ -477,7 +478,7 @@ def build_linear_model(model: Any, lin: Linearization, request: _Request) -> Lin
             f"linearize: the model has {lin.equations.n} coordinates, more than the "
             f"maximum of {_MAX_COORDINATES}; use fewer elements."
         )
-    linear = StateReduction(lin, model_inputs).linear_model(observables)
+    linear = reduce_to_states(lin, model_inputs, observables)
     is_finite = np.isfinite(np.hstack([linear.C, linear.D])).all(axis=1)
     undefined = [
         x.header for x, finite in zip(linear.outputs, is_finite, strict=True) if not finite
@@ -689,138 +690,134 @@ def _select_outputs(model: LinearModel, headers: Sequence[str]) -> LinearModel:
     )
 
 
-class StateReduction:
-    """Reduction to independent coordinates x and rates w: dq = Z x, dv = Y w + W x.
+def reduce_to_states(
+    lin: Linearization,
+    inputs: Sequence[ModelInput] = (),
+    observables: Sequence[Observable] = (),
+) -> LinearModel:
+    """Return the state-space model of independent coordinates x and rates w.
 
-    W is nonzero only if constraints act on velocities; it satisfies V W = -J Z with the Jacobians
-    J and V of these constraints (see `linearization`).
+    dq = Z x and dv = Y w + W x satisfy the constraints without those of the inputs. W is nonzero
+    only if constraints act on velocities; it satisfies V W = -J Z with the Jacobians J and V of
+    these constraints (see `linearization`). The outputs are the columns of `observables`.
     """
-
-    def __init__(self, lin: Linearization, inputs: Sequence[ModelInput]) -> None:
-        self.lin, self.e, self.inputs = lin, lin.equations, inputs
-        e, tangent = self.e, lin.tangent
-        constraint_names = {name for one in inputs for name in one.constraints}
-        rows = {name: k for k, name in enumerate(e.lam_names)}
-        missing = [name for name in constraint_names if name not in rows]
-        if missing:
-            raise BeamdaeError(
-                f"linearize: {missing[0]} is inactive or redundant and cannot be an input; "
-                "choose other inputs."
-            )
-        is_input = np.zeros(e.m, bool)
-        is_input[[rows[name] for name in constraint_names]] = True
-        nonholonomic = lin.linearized_equations.nonholonomic
-        by_q, by_v = tangent.position_jacobian.toarray(), tangent.velocity_jacobian.toarray()
-        scales = e.position_scales
-        self.x_indices, self.z = _independent_coordinates(by_q[~is_input & ~nonholonomic], scales)
-        velocity_rows = np.where(nonholonomic[:, None], by_v, by_q)[~is_input]
-        self.w_indices, self.y = _independent_coordinates(velocity_rows, scales)
-        self.w = np.zeros((e.n, len(self.x_indices)))
-        if nonholonomic.any():
-            right = np.zeros((int(np.sum(~is_input)), len(self.x_indices)))
-            right[nonholonomic[~is_input]] = -by_q[nonholonomic] @ self.z
-            self.w = la.lstsq(velocity_rows, right)[0]
-        self.w = self.w - self.y @ self.w[self.w_indices]
-        self.rows, self.by_q, self.nonholonomic = rows, by_q, nonholonomic
-        # The rates of first-order states are not independent.
-        has_inertia = ~np.isin(self.w_indices, e.states)
-        self.w_indices, self.y = self.w_indices[has_inertia], self.y[:, has_inertia]
-        self.solve = solve_for_accelerations(e, tangent)
-
-    def linear_model(self, observables: Sequence[Observable]) -> LinearModel:
-        """Return the state-space model with the columns of `observables` as outputs."""
-        e, lin, tangent = self.e, self.lin, self.lin.tangent
-        nx, nw = len(self.x_indices), len(self.w_indices)
-        # Derivatives with respect to (x, w, u), by columns.
-        dq = np.hstack([self.z, np.zeros((e.n, nw + len(self.inputs)))])
-        dv = np.hstack([self.w, self.y, np.zeros((e.n, len(self.inputs)))])
-        if len(e.states):
-            forces = tangent.stiffness @ dq + tangent.damping @ dv
-            for k, one in enumerate(self.inputs):
-                forces[:, nx + nw + k] += one.force
-            # The rows of the states are x' - f.
-            dv[e.states] -= forces[e.states]
-        right = np.zeros((e.n + e.m, dq.shape[1]))
-        right[: e.n] = -(tangent.stiffness @ dq + tangent.damping @ dv)
-        right[e.n :][self.nonholonomic] = -self.by_q[self.nonholonomic] @ dv
-        for k, one in enumerate(self.inputs):
-            right[: e.n, nx + nw + k] -= one.force
-            for name, size in one.constraints.items():
-                right[e.n + self.rows[name], nx + nw + k] = -size
-        solution = np.stack([self.solve(column) for column in right.T], axis=1)
-        da, dlam = solution[: e.n], solution[e.n :]
-        rates = np.vstack([dv[self.x_indices], da[self.w_indices]])
-        if lin.rotation is not None:
-            # Observables are functions of velocities in the inertial frame.
-            generator = RotatingCoordinates.from_equations(e).generator
-            dv = dv + lin.rotation.speed * (generator @ dq)
-        by_column, values, outputs = self._differentiate_outputs(observables, dq, dv, da, dlam)
-        states = [e.coordinates[k] for k in self.x_indices]
-        states += [e.coordinates[k].rate for k in self.w_indices]
-        return LinearModel(
-            rates[:, : nx + nw],
-            rates[:, nx + nw :],
-            by_column[:, : nx + nw],
-            by_column[:, nx + nw :],
-            tuple(states),
-            tuple(one.quantity for one in self.inputs),
-            outputs,
-            np.concatenate([lin.state.q[self.x_indices], lin.state.v[self.w_indices]]),
-            values,
-            lin.about,
-            lin.warnings,
-            lin if e.mechanism is not None else None,
+    e, tangent = lin.equations, lin.tangent
+    driven = [name for one in inputs for name in one.constraints]
+    missing = [name for name in driven if name not in e.lam_names]
+    if missing:
+        raise BeamdaeError(
+            f"linearize: {missing[0]} is inactive or redundant and cannot be an input; "
+            "choose other inputs."
         )
+    scales, nonholonomic = e.position_scales, lin.linearized_equations.nonholonomic
+    by_q, by_v = tangent.position_jacobian.toarray(), tangent.velocity_jacobian.toarray()
+    remains = np.array([name not in driven for name in e.lam_names], bool)
+    places, z = _independent_coordinates(by_q[remains & ~nonholonomic], scales)
+    velocity_rows = np.where(nonholonomic[:, None], by_v, by_q)[remains]
+    rates, y = _independent_coordinates(velocity_rows, scales)
+    w = np.zeros_like(z)
+    if nonholonomic.any():
+        right = np.where(nonholonomic[:, None], -by_q @ z, 0.0)[remains]
+        w = la.lstsq(velocity_rows, right)[0]
+    w = w - y @ w[rates]
+    # The rates of first-order states are not independent.
+    has_inertia = ~np.isin(rates, e.states)
+    rates, y = rates[has_inertia], y[:, has_inertia]
+    # Derivatives with respect to (x, w, u), by columns.
+    n_states = len(places) + len(rates)
+    dq = np.hstack([z, np.zeros((e.n, len(rates) + len(inputs)))])
+    dv = np.hstack([w, y, np.zeros((e.n, len(inputs)))])
+    by_inputs = np.zeros((e.n + e.m, dq.shape[1]))
+    for k, one in enumerate(inputs, n_states):
+        by_inputs[: e.n, k] = one.force
+        for name, size in one.constraints.items():
+            by_inputs[e.n + e.lam_names.index(name), k] = size
+    # The rows of first-order states are x' - f.
+    forces = tangent.stiffness @ dq + tangent.damping @ dv + by_inputs[: e.n]
+    dv[e.states] -= forces[e.states]
+    right = -by_inputs
+    right[: e.n] -= tangent.stiffness @ dq + tangent.damping @ dv
+    right[e.n :][nonholonomic] -= by_q[nonholonomic] @ dv
+    solve = solve_for_accelerations(e, tangent)
+    solution = np.stack([solve(column) for column in right.T], axis=1)
+    da, dlam = solution[: e.n], solution[e.n :]
+    derivatives = np.vstack([dv[places], da[rates]])
+    if lin.rotation is not None:
+        # Observables are functions of velocities in the inertial frame.
+        generator = RotatingCoordinates.from_equations(e).generator
+        dv = dv + lin.rotation.speed * (generator @ dq)
+    dp = np.zeros((len(lin.full_equations.p), dq.shape[1]))
+    for k, one in enumerate(inputs, n_states):
+        change = np.eye(dq.shape[1])[k]
+        for name, size in one.constraints.items():
+            # The displacement of a driver depends on the states.
+            change = -by_q[e.lam_names.index(name)] @ dq / size
+        dp[list(one.indices)] = change
+    outputs, values, names = _differentiate_outputs(lin, observables, dq, dv, da, dlam, dp)
+    coordinates = [e.coordinates[k] for k in places]
+    return LinearModel(
+        derivatives[:, :n_states],
+        derivatives[:, n_states:],
+        outputs[:, :n_states],
+        outputs[:, n_states:],
+        (*coordinates, *(e.coordinates[k].rate for k in rates)),
+        tuple(one.quantity for one in inputs),
+        names,
+        np.concatenate([lin.state.q[places], lin.state.v[rates]]),
+        values,
+        lin.about,
+        lin.warnings,
+        lin if e.mechanism is not None else None,
+        _motions=dq[:, :n_states],
+    )
 
-    def _differentiate_outputs(
-        self, observables: Sequence[Observable], dq: Array, dv: Array, da: Array, dlam: Array
-    ) -> tuple[Array, Array, tuple[Variable, ...]]:
-        """Return the Jacobian of the outputs, their values, and their names and units.
 
-        The columns of the Jacobian belong to (x, w, u).
-        """
-        lin, full = self.lin, self.lin.full_equations
-        # Multipliers of inactive or redundant constraints are zero; row -1 refers to the appended
-        # zero.
-        rows = [self.rows.get(name, -1) for name in full.lam_names]
-        lam = np.append(lin.state.lam, 0.0)[rows] if rows else np.zeros(0)
-        full_dlam = np.vstack([dlam, np.zeros((1, dlam.shape[1]))])[rows]
-        dp = np.zeros((len(full.p), dq.shape[1]))
-        for k, one in enumerate(self.inputs, dq.shape[1] - len(self.inputs)):
-            change = np.eye(dq.shape[1])[k]
-            for name, size in one.constraints.items():
-                # The displacement of a driver depends on the states.
-                change = -self.by_q[self.rows[name]] @ dq / size
-            dp[list(one.indices)] = change
-        # The changes of accelerations below omit those of the constraints along a motion.
-        moves = np.any(lin.state.v) or np.any(lin.state.a)
-        derivatives, values, names = [np.zeros((0, dq.shape[1]))], [np.zeros(0)], []
-        for o in observables:
-            if full.redundant and o.rows.stop > o.rows.start and self.e.m < full.m:
-                raise BeamdaeError(
-                    f"linearize: {o.name} cannot be an output because the linear model "
-                    "does not determine reactions of redundant joints; choose other "
-                    "outputs."
-                )
-            q, v = o.operator @ lin.state.q, o.operator @ lin.state.v
-            data = full.p[o.data]
-            if o.has_accelerations and (lin.rotation is not None or moves):
-                frame = "in a rotating frame" if lin.rotation is not None else "of a moving state"
-                raise BeamdaeError(
-                    f"linearize: {o.name} cannot be an output {frame}, because it depends on "
-                    "accelerations; choose other outputs, or linearize about='equilibrium'."
-                )
-            arguments = [lin.time, q, v, data, lam[o.rows]]
-            arguments += [o.operator @ lin.state.a] * o.has_accelerations
-            _, by_q, by_v, by_data, by_lam, *by_a = o.function.jacobians(*arguments)
-            parts = [(by_q, o.operator @ dq), (by_v, o.operator @ dv), (by_data, dp[o.data])]
-            parts += [(by_lam, full_dlam[o.rows])] + [(by, o.operator @ da) for by in by_a]
-            derivatives.append(np.sum([_apply_derivative(*part) for part in parts], axis=0))
-            values.append(o.function(*(x[None] for x in arguments))[0])
-            for column in o.columns:
-                name = ".".join(filter(None, (o.name, column.name)))
-                names.append(Variable(name, column.unit))
-        return np.vstack(derivatives), np.concatenate(values), tuple(names)
+def _differentiate_outputs(
+    lin: Linearization,
+    observables: Sequence[Observable],
+    dq: Array,
+    dv: Array,
+    da: Array,
+    dlam: Array,
+    dp: Array,
+) -> tuple[Array, Array, tuple[Variable, ...]]:
+    """Return the Jacobian of the outputs, their values, and their names and units.
+
+    The changes of coordinates, velocities, accelerations, multipliers and numbers, by columns,
+    belong to (x, w, u).
+    """
+    e, full = lin.equations, lin.full_equations
+    # Multipliers of inactive or redundant constraints are zero: row -1 is the appended zero.
+    known = {name: k for k, name in enumerate(e.lam_names)}
+    rows = np.array([known.get(name, -1) for name in full.lam_names], int)
+    lam = np.append(lin.state.lam, 0.0)[rows]
+    dlam = np.vstack([dlam, np.zeros((1, dlam.shape[1]))])[rows]
+    # The changes of accelerations omit those of the constraints along a motion.
+    moves = lin.rotation is not None or np.any(lin.state.v) or np.any(lin.state.a)
+    derivatives, values, names = [np.zeros((0, dq.shape[1]))], [np.zeros(0)], []
+    for o in observables:
+        if full.redundant and o.rows.stop > o.rows.start and e.m < full.m:
+            raise BeamdaeError(
+                f"linearize: {o.name} cannot be an output because the linear model does not "
+                "determine reactions of redundant joints; choose other outputs."
+            )
+        if o.has_accelerations and moves:
+            frame = "in a rotating frame" if lin.rotation is not None else "of a moving state"
+            raise BeamdaeError(
+                f"linearize: {o.name} cannot be an output {frame}, because it depends on "
+                "accelerations; choose other outputs, or linearize about='equilibrium'."
+            )
+        q, v, a = (o.operator @ x for x in lin.state[:3])
+        arguments = [lin.time, q, v, full.p[o.data], lam[o.rows], *[a] * o.has_accelerations]
+        changes = [o.operator @ dq, o.operator @ dv, dp[o.data], dlam[o.rows], o.operator @ da]
+        _, *jacobians = o.function.jacobians(*arguments)
+        pairs = zip(jacobians, changes, strict=False)
+        derivatives.append(np.sum([_apply_derivative(*pair) for pair in pairs], axis=0))
+        values.append(o.function(*(x[None] for x in arguments))[0])
+        for column in o.columns:
+            name = ".".join(filter(None, (o.name, column.name)))
+            names.append(Variable(name, column.unit))
+    return np.vstack(derivatives), np.concatenate(values), tuple(names)
 
 
 def _apply_derivative(derivative: Array, changes: Array) -> Array:

@@ -4,16 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.optimize as opt
 
-from beamdae.analysis.linear_dynamics.bode_diagram import find_growing_poles
-from beamdae.analysis.linear_dynamics.command_loops import inject_at_command
-from beamdae.analysis.linear_dynamics.linear_model import LinearModel, compute_poles, find_inputs
+from beamdae.analysis.linear_dynamics.bode_diagram import find_growing_poles, frequencies_beside
+from beamdae.analysis.linear_dynamics.linear_model import (
+    LinearModel,
+    Matrices,
+    ModelInput,
+    compute_poles,
+    differentiate_part_laws,
+    find_inputs,
+    reduce_to_states,
+    transfer_matrix,
+)
+from beamdae.analysis.linear_dynamics.linearization import Linearization
+from beamdae.equations.assembly.coordinate_map import map_coordinates
+from beamdae.equations.commands import compile_commands, differentiate_laws
 from beamdae.errors import (
     BeamdaeError,
     format_count,
@@ -30,7 +42,10 @@ from beamdae.errors import (
 )
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
+from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.signals import State as SignalState
 from beamdae.results.displays import HasTable
+from beamdae.symbolic.statements import Variable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,13 +64,15 @@ _MAX_FREQUENCIES = 20_000
 _MIN_DIVIDED, _MIN_MAGNITUDE, _MAX_MAGNITUDE = 5e-4, 1e-3, 1e9
 # Phases [rad] closer to -180 degrees are those of loops without damping, not crossovers.
 _PHASE_ROUNDING = 1e-9
-# Positions beside poles, in half widths of their peaks.
-_NEAR_POLES = np.array([-3.0, -1.0, -0.3, 0.0, 0.3, 1.0, 3.0])
-_MIN_WIDTH = 1e-6  # relative half width
+# Positions beside poles, in half widths of their peaks, and the least width relative to a pole.
+_NEAR_POLES, _MIN_WIDTH = np.array([-3.0, -1.0, -0.3, 0.0, 0.3, 1.0, 3.0]), 1e-6
 # Errors of multipliers of stiff structures, and of double ones at 1.
 _MULTIPLIER_ROUNDING = 1e-7
 _NYQUIST_ROUNDING = 1e-9  # of the phase of negative multipliers
+# Loops with a delay have a phase crossover in each turn of the phase.
+_MAX_CROSSOVERS = 1000
 _MAX_DELAY = 1000  # samples; each adds one state
+_FULL_TURN = 2.0 * np.pi
 
 
 class Crossover(NamedTuple):
@@ -160,7 +177,7 @@ class StabilityMargins(HasTable):
 
 
 class _Loop(NamedTuple):
-    """Loop transfer function L of x' = A x + B u, -u = C x + D u (or x_k+1), with a delay [s].
+    """Loop transfer function L of x' = A x + b u, -u = c x + d u (or x_k+1), with a delay [s].
 
     `every` is None in continuous time; otherwise, there is no `delay`.
     """
@@ -169,26 +186,19 @@ class _Loop(NamedTuple):
     b: Array
     c: Array
     d: float
-    every: float | None
-    delay: float
+    every: float | None = None
+    delay: float = 0.0
 
     def at(self, f: float) -> complex:
-        """Return L at a frequency [Hz]; NaN at a pole."""
-        w = 2.0 * np.pi * f
+        """Return L without its delay at a frequency [Hz]; not finite at a pole."""
+        w = _FULL_TURN * f
         point = 1j * w if self.every is None else np.exp(1j * w * self.every)
-        try:
-            with np.errstate(all="ignore"):
-                state = np.linalg.solve(point * np.eye(len(self.a)) - self.a, self.b + 0j)
-                value = complex(self.c @ state + self.d) * np.exp(-1j * w * self.delay)
-        except np.linalg.LinAlgError:
-            return complex("nan")
-        return complex(value)
+        system = self.a, self.b[:, None], self.c[None], np.array([[self.d]])
+        return complex(transfer_matrix(system, point)[0, 0])
 
     def poles(self, is_closed: bool) -> Array:
         """Return the poles without delay [1/s]."""
-        matrix = self.a
-        if is_closed:
-            matrix = matrix - np.outer(self.b, self.c) / (1.0 + self.d)
+        matrix = self.a - is_closed * np.outer(self.b, self.c) / (1.0 + self.d)
         if self.every is None:
             return compute_poles(matrix)
         multipliers = np.linalg.eigvals(matrix).astype(complex)
@@ -290,7 +300,9 @@ def margins(
         )
     loop = _build_loop(model, at, controller, every, delay)
     crossovers = _find_crossovers(loop)
-    count = _count_unstable_poles(loop, [x.frequency for x in crossovers if x.kind == "gain"])
+    gains = [x for x in crossovers if x.kind == "phase"]
+    phases = [x for x in crossovers if x.kind == "gain"]
+    count = _count_unstable_poles(loop, [x.frequency for x in phases])
     warnings: tuple[str, ...] = ()
     if count:
         warnings = (
@@ -298,8 +310,6 @@ def margins(
             "the margins are not distances from instability; check the sign and the gain of the "
             "controller.",
         )
-    gains = [x for x in crossovers if x.kind == "phase"]
-    phases = [x for x in crossovers if x.kind == "gain"]
     none = Crossover("", math.nan, math.inf, math.inf, math.inf)
     gain = min(gains, key=lambda x: abs(math.log(x.gain_margin)), default=none)
     phase = min(phases, key=lambda x: abs(x.phase_margin), default=none)
@@ -330,24 +340,20 @@ def _build_loop(model: LinearModel, at: Any, controller: Any, every: Any, delay:
             f"margins: at must name the input or pid at which the loop is opened ({names})."
         )
     name = inputs[0] if at is None else at
-    if isinstance(name, str) and name not in inputs and name in commands and lin is not None:
+    if isinstance(name, str) and name not in inputs and name in commands:
+        assert lin is not None
+        assert mechanism is not None
         is_default = type(controller) is float and controller == 1.0
         if not is_default or every is not None:
             raise BeamdaeError(
                 f"margins: {name} closes the loop itself, in continuous time; omit controller and "
                 "every."
             )
-        closed = inject_at_command(lin, name)
-        b, c = closed.B[:, 0], closed.C[0]
+        dead_time = require_non_negative("margins", "delay", delay)
+        closed = _inject_at_command(lin, mechanism, name)
         # x' = A x + b (w - u), u = c x: without the feedback through w = u + disturbance.
-        return _Loop(
-            closed.A - np.outer(b, c),
-            b,
-            -c,
-            0.0,
-            None,
-            require_non_negative("margins", "delay", delay),
-        )
+        b, c = closed.B[:, 0], closed.C[0]
+        return _Loop(closed.A - np.outer(b, c), b, -c, 0.0, None, dead_time)
     columns = find_inputs(model.inputs, name)
     if len(columns) != 1:
         raise BeamdaeError(
@@ -355,171 +361,214 @@ def _build_loop(model: LinearModel, at: Any, controller: Any, every: Any, delay:
             f"{suggest(name, [*inputs, *commands])}; use the name of an input of the linear model "
             "or of a pid."
         )
-    (column,) = columns
     system, interval = _as_system(controller, len(model.outputs), every)
+    plant, dead_time, samples = model, 0.0, 0
     if interval is None:
-        plant = (model.A, model.B[:, column], model.C, model.D[:, column])
-        dead_time, samples = require_non_negative("margins", "delay", delay), 0
+        dead_time = require_non_negative("margins", "delay", delay)
     else:
-        sampled = model.state_space(interval)
-        plant = (sampled.A, sampled.B[:, column], sampled.C, sampled.D[:, column])
-        dead_time, samples = 0.0, require_count("margins", "delay", delay, 0, _MAX_DELAY)
-    a, b, c, d = _connect(plant, system)
-    for _ in range(samples):
+        plant = model.state_space(interval)
+        samples = require_count("margins", "delay", delay, 0, _MAX_DELAY)
+    loop = _connect((plant.A, plant.B[:, columns], plant.C, plant.D[:, columns]), system)
+    if samples:
         # The state of a sample of delay is the value of the loop at the sample before.
-        a = np.block([[a, np.zeros((len(a), 1))], [c, np.zeros((1, 1))]])
-        b, c, d = np.append(b, d), np.append(np.zeros(len(c)), 1.0), 0.0
-    if abs(1.0 + d) <= np.finfo(float).eps * (1.0 + abs(d)):
+        first, last = np.eye(samples)[:, :1], np.eye(samples)[-1:]
+        loop = _connect(loop, (np.eye(samples, k=-1), first, last, np.zeros((1, 1))))
+    a, b, c, d = loop
+    if abs(1.0 + d[0, 0]) <= np.finfo(float).eps * (1.0 + abs(d[0, 0])):
         raise BeamdaeError(
             f"margins: the loop at {name} is algebraic with the gain -1, so that it has no "
             "solution; change the gain, or add a delay."
         )
-    return _Loop(a, b, c, d, interval, dead_time)
+    return _Loop(a, b[:, 0], c[0], float(d[0, 0]), interval, dead_time)
 
 
-def _connect(
-    plant: tuple[Array, Array, Array, Array], controller: tuple[Array, Array, Array, Array]
-) -> tuple[Array, Array, Array, float]:
-    """Return the series of a plant with one input and a controller with one output."""
-    (a, b, c, d), (ak, bk, ck, dk) = plant, controller
+def _inject_at_command(lin: Linearization, mechanism: Mechanism, name: str) -> LinearModel:
+    """Return the linear model from a disturbance, added to the output of a `pid`, to this output.
+
+    All loops are closed. The first output of the model is the command before the disturbance.
+    """
+    commands = compile_commands(lin.equations)
+    command = next((x for x in commands if x.is_output and x.name.startswith(f"{name}: ")), None)
+    if command is None:
+        raise BeamdaeError(
+            f"margins: the command of {name} does not depend on the motion, so there is no loop; "
+            "use sensors in its error."
+        )
+    if command.has_limits:
+        value, limit, distance = command.excess(lin.time, *lin.state[:2])
+        if distance >= 0.0:
+            raise BeamdaeError(
+                f"margins: the command of {name} {value:.4g} is at or beyond its limit "
+                f"{limit:.4g}, where the loop is open; linearize about a state with a command "
+                "between its limits."
+            )
+    laws = list(differentiate_laws(mechanism, name, lin.time, lin.state))
+    if not laws:
+        raise BeamdaeError(
+            f"margins: no law of a part contains the output of {name}; pass it to a force, a "
+            "moment or a state as it is, or in a formula."
+        )
+    force = np.zeros(lin.equations.n)
+    for part, slopes in laws:
+        if isinstance(part, SignalState):
+            # The row of the state is x' - rate.
+            force[map_coordinates(mechanism).slice_of(part)] -= slopes[0]
+        elif len(part.inputs) == len(slopes):
+            inputs = differentiate_part_laws(mechanism, part, lin)
+            force += sum(slope * x.force for slope, x in zip(slopes, inputs, strict=True))
+        else:
+            raise BeamdaeError(
+                f"margins: the loop cannot be opened at {name} because {part.name} is not a force, "
+                "a moment or a state; open it at an input instead."
+            )
+    full, data = lin.full_equations, command.observable.data
+    shifted = slice(len(full.p) + data.start, len(full.p) + data.stop)
+    extended = replace(full, p=np.concatenate([full.p, command.numbers]))
+    disturbance = ModelInput(Variable(name, "-"), force, {})
+    observable = replace(command.observable, data=shifted)
+    return reduce_to_states(replace(lin, full_equations=extended), [disturbance], [observable])
+
+
+def _connect(first: Matrices, second: Matrices) -> Matrices:
+    """Return the series of two systems."""
+    (a, b, c, d), (ak, bk, ck, dk) = first, second
     matrix = np.block([[a, np.zeros((len(a), len(ak)))], [bk @ c, ak]])
-    return (
-        matrix,
-        np.concatenate([b, bk @ d]),
-        np.concatenate([dk[0] @ c, ck[0]]),
-        float(dk[0] @ d),
-    )
+    return matrix, np.vstack([b, bk @ d]), np.hstack([dk @ c, ck]), dk @ d
 
 
-def _as_system(
-    controller: Any, count: int, every: Any
-) -> tuple[tuple[Array, Array, Array, Array], float | None]:
+def _as_system(controller: Any, count: int, every: Any) -> tuple[Matrices, float | None]:
     """Return the matrices of a controller with one command, and its sampling interval."""
     # Imported here because importing scipy.signal takes as long as a short run.
     from scipy.signal import dlti, lti
 
     interval = None if every is None else require_positive("margins", "every", every)
-    if isinstance(controller, (lti, dlti)):
-        system = controller.to_ss()
-        a, b, c, d = (
-            np.atleast_2d(np.asarray(x, float)) for x in (system.A, system.B, system.C, system.D)
-        )
-        if not np.size(system.A):
-            a, b, c = np.zeros((0, 0)), np.zeros((0, d.shape[1])), np.zeros((len(d), 0))
-        own = getattr(system, "dt", None)
-        if own is not None and (isinstance(own, bool) or not own > 0.0):
-            raise BeamdaeError(
-                f"margins: the discrete controller must have an interval dt in s, got {own!r}."
+    if not isinstance(controller, (lti, dlti)):
+        gains = [controller]
+        if not np.isscalar(controller):
+            gains = require_sequence(
+                "margins", "controller", controller, "a gain, gains or a system of scipy.signal"
             )
-        if d.shape != (1, count):
+        row = np.array([[require_finite("margins", "controller", x) for x in gains]])
+        if row.shape[1] != count:
             raise BeamdaeError(
-                f"margins: controller must have {format_count(count, 'input')} (the outputs of the "
-                f"linear model) and 1 output, got {d.shape[1]} and {d.shape[0]}."
+                f"margins: controller must have one gain per output of the linear model ({count}), "
+                f"got {short_repr(controller)}; select outputs with linearize(outputs=...)."
             )
-        if interval is not None and own != interval:
-            raise BeamdaeError(
-                f"margins: every = {interval:g} s differs from the interval dt of the controller, "
-                f"{own if own is None else format(own, 'g')}; pass a discrete controller with this "
-                "dt and omit every."
-            )
-        return (a, b, c, d), None if own is None else float(own)
-    gains = [controller]
-    if not np.isscalar(controller):
-        gains = require_sequence(
-            "margins", "controller", controller, "a gain, gains or a system of scipy.signal"
-        )
-    row = np.array([[require_finite("margins", "controller", x) for x in gains]])
-    if row.shape[1] != count:
+        return (np.zeros((0, 0)), np.zeros((0, count)), np.zeros((1, 0)), row), interval
+    system = controller.to_ss()
+    d = np.atleast_2d(np.asarray(system.D, float))
+    size = int(np.sqrt(np.size(system.A)))
+    a, b = np.reshape(system.A, (size, size)), np.reshape(system.B, (size, d.shape[1]))
+    own = getattr(system, "dt", None)
+    if own is not None and (isinstance(own, bool) or not own > 0.0):
         raise BeamdaeError(
-            f"margins: controller must have one gain per output of the linear model ({count}), got "
-            f"{short_repr(controller)}; select outputs with linearize(outputs=...)."
+            f"margins: the discrete controller must have an interval dt in s, got {own!r}."
         )
-    return (np.zeros((0, 0)), np.zeros((0, count)), np.zeros((1, 0)), row), interval
+    if d.shape != (1, count):
+        raise BeamdaeError(
+            f"margins: controller must have {format_count(count, 'input')} (the outputs of the "
+            f"linear model) and 1 output, got {d.shape[1]} and {d.shape[0]}."
+        )
+    if interval is not None and own != interval:
+        raise BeamdaeError(
+            f"margins: every = {interval:g} s differs from the interval dt of the controller, "
+            f"{own if own is None else format(own, 'g')}; pass a discrete controller with this "
+            "dt and omit every."
+        )
+    return (a, b, np.reshape(system.C, (1, size)), d), None if own is None else float(own)
 
 
 def _find_crossovers(loop: _Loop) -> list[Crossover]:
     """Return all crossovers in ascending order of their frequencies."""
-    grid, values = _sample(loop)
-    crossovers = [_gain_limit(f, x) for f, x in _find_real_ends(loop)]
-    sizes, angles = np.log(np.abs(values)), np.angle(-values)
-    for k in range(len(grid) - 1):
-        ends = float(grid[k]), float(grid[k + 1])
-        if sizes[k] * sizes[k + 1] < 0.0 or sizes[k] == 0.0:
-            f = _find_root(lambda x: math.log(abs(loop.at(x))), *ends)
+    crossovers, gains = [], _list_ends(loop)
+    for (first, begin), (last, end) in pairwise(_sample(loop)):
+        sizes = math.log(abs(begin)), math.log(abs(end))
+        if sizes[0] * sizes[1] < 0.0 or sizes[0] == 0.0:
+            f = _find_root(lambda x: math.log(abs(loop.at(x))), first, last)
             # From 0 to 360 degrees.
-            lag = float(np.angle(-loop.at(f))) % (2.0 * np.pi)
-            margin = math.degrees(lag if lag <= np.pi else lag - 2.0 * np.pi)
-            crossovers.append(Crossover("gain", f, math.nan, margin, lag / (2.0 * np.pi * f)))
-        is_turning = abs(angles[k]) < 0.5 * np.pi and abs(angles[k + 1]) < 0.5 * np.pi
-        is_clear = max(abs(angles[k]), abs(angles[k + 1])) > _PHASE_ROUNDING
-        if is_turning and is_clear and angles[k] * angles[k + 1] < 0.0:
-            f = _find_root(lambda x: float(np.angle(-loop.at(x))), *ends)
-            crossovers.append(_gain_limit(f, abs(loop.at(f))))
-    limits = 1.0 / _MAX_MAGNITUDE, 1.0 / _MIN_MAGNITUDE
-    crossovers = [
-        x for x in crossovers if x.kind == "gain" or limits[0] < x.gain_margin < limits[1]
+            lag = (float(np.angle(-loop.at(f))) - _FULL_TURN * f * loop.delay) % _FULL_TURN
+            margin = math.degrees(lag if lag <= np.pi else lag - _FULL_TURN)
+            crossovers.append(Crossover("gain", f, math.nan, margin, lag / (_FULL_TURN * f)))
+        if max(abs(begin), abs(end)) > _MIN_DIVIDED and len(gains) < _MAX_CROSSOVERS:
+            roots = _find_phase_crossovers(loop, (first, begin), (last, end))
+            gains += [(f, abs(loop.at(f))) for f in roots]
+    crossovers += [
+        Crossover("phase", f, 1.0 / size, math.nan, math.nan)
+        for f, size in gains
+        if _MIN_MAGNITUDE < size < _MAX_MAGNITUDE
     ]
     return sorted(crossovers, key=lambda x: x.frequency)
 
 
-def _gain_limit(f: float, size: float) -> Crossover:
-    return Crossover("phase", f, 1.0 / size if size else math.inf, math.nan, math.nan)
+def _find_phase_crossovers(
+    loop: _Loop, first: tuple[float, complex], last: tuple[float, complex]
+) -> list[float]:
+    """Return the first frequencies with a phase of -180 degrees between two samples.
+
+    In between, the phase without the delay changes by less than half a turn.
+    """
+
+    def phase(f: float, value: complex) -> float:
+        """Return the phase above -180 degrees [rad], continuous from the first sample."""
+        change = np.angle(value / first[1])
+        return float(np.angle(-first[1]) + change) - _FULL_TURN * f * loop.delay
+
+    low, high = sorted((phase(*first), phase(*last)))
+    turns = np.arange(np.ceil(low / _FULL_TURN), np.ceil(high / _FULL_TURN))
+    levels = _FULL_TURN * turns[:_MAX_CROSSOVERS]
+    levels = levels[np.maximum(levels - low, high - levels) > _PHASE_ROUNDING]
+    return [
+        _find_root(partial(lambda level, f: phase(f, loop.at(f)) - level, x), first[0], last[0])
+        for x in levels.tolist()
+    ]
 
 
 def _find_root(function: Callable[[float], float], low: float, high: float) -> float:
     return float(opt.brentq(function, low, high, xtol=1e-14 * high, rtol=1e-13))
 
 
-def _find_real_ends(loop: _Loop) -> list[tuple[float, float]]:
+def _list_ends(loop: _Loop) -> list[tuple[float, float]]:
     """Return frequency and magnitude at the ends of all frequencies where L is negative."""
     ends = [(0.0, loop.at(0.0))]
     if loop.every is not None:
-        last = 0.5 / loop.every
-        ends.append((last, loop.at(last)))
+        ends.append((0.5 / loop.every, loop.at(0.5 / loop.every)))
     elif not loop.delay:
         ends.append((math.inf, complex(loop.d)))
     return [(f, abs(x)) for f, x in ends if np.isfinite(x) and x.real < 0.0]
 
 
-def _sample(loop: _Loop) -> tuple[Array, Array]:
+def _sample(loop: _Loop) -> list[tuple[float, complex]]:
     """Return frequencies [Hz] between which magnitude and phase change little, and the values."""
     poles = np.concatenate([loop.poles(is_closed=False), loop.poles(is_closed=True)])
     poles = poles[np.isfinite(poles) & (np.abs(poles) > _MIN_POLE)]
-    scales = np.abs(poles) / (2.0 * np.pi)
-    if loop.delay:
-        scales = np.append(scales, 1.0 / loop.delay)
-    if not len(scales):
-        scales = np.ones(1)
-    low = float(np.min(scales)) * 10.0**-_DECADES
-    high = float(np.max(scales)) * 10.0**_DECADES
+    scales = np.abs(poles) / _FULL_TURN
+    scales = np.append(scales, 1.0 / loop.delay) if loop.delay else scales
+    low, high = np.min(scales, initial=np.inf), np.max(scales, initial=0.0)
+    low, high = (low, high) if len(scales) else (1.0, 1.0)
+    low, high = low * 10.0**-_DECADES, high * 10.0**_DECADES
     if loop.every is not None:
         high = 0.5 / loop.every
         low = min(low, 1e-3 * high)
     count = int(_POINTS_PER_DECADE * math.log10(high / low)) + 2
-    grid = [np.geomspace(low, high, count)]
-    centers = np.abs(poles.imag) / (2.0 * np.pi)
-    widths = np.maximum(np.abs(poles.real) / (2.0 * np.pi), _MIN_WIDTH * centers)
-    near = np.add.outer(centers, np.zeros(len(_NEAR_POLES))) + np.outer(widths, _NEAR_POLES)
-    grid.append(near[(near > low) & (near < high)])
-    known = {float(f): loop.at(float(f)) for f in np.unique(np.concatenate(grid))}
-    pending = list(pairwise(sorted(known)))
+    near = frequencies_beside(poles, _NEAR_POLES, _MIN_WIDTH).ravel()
+    near = near[(near > low) & (near < high)]
+    grid = np.unique(np.concatenate([np.geomspace(low, high, count), near]))
+    known = {f: loop.at(f) for f in grid.tolist()}
+    pending = list(pairwise(known))
     while pending and len(known) < _MAX_FREQUENCIES:
         divided = []
         for first, last in pending:
-            ends = known[first], known[last]
-            if max(map(abs, ends)) < _MIN_DIVIDED or last < (1.0 + _MIN_SPACING) * first:
+            begin, end = known[first], known[last]
+            if max(abs(begin), abs(end)) < _MIN_DIVIDED or last < (1.0 + _MIN_SPACING) * first:
                 continue
-            change = ends[1] / ends[0] if ends[0] else complex("nan")
-            if not (
-                abs(np.angle(change)) < _MAX_CHANGE
-                and abs(math.log(abs(change) or 1e-300)) < _MAX_CHANGE
-            ):
+            change = end / begin if begin else complex("nan")
+            is_small = abs(np.angle(change)) < _MAX_CHANGE
+            if not (is_small and abs(math.log(abs(change) or 1e-300)) < _MAX_CHANGE):
                 middle = math.sqrt(first * last)
                 known[middle] = loop.at(middle)
                 divided += [(first, middle), (middle, last)]
         pending = divided
-    grid_values = [(f, x) for f, x in sorted(known.items()) if np.isfinite(x) and x]
-    return np.array([f for f, _ in grid_values]), np.array([x for _, x in grid_values])
+    return [(f, x) for f, x in sorted(known.items()) if np.isfinite(x) and x]
 
 
 def _count_unstable_poles(loop: _Loop, crossovers: Sequence[float]) -> int:
@@ -530,12 +579,9 @@ def _count_unstable_poles(loop: _Loop, crossovers: Sequence[float]) -> int:
         # Negative multipliers have no conjugate.
         is_pair &= growing.imag * loop.every < np.pi * (1.0 - _NYQUIST_ROUNDING)
     count = len(growing) + int(np.sum(is_pair))
-    if not loop.delay:
-        return count
-    for f in crossovers:
-        w, step = 2.0 * np.pi * f, 1e-6 * f
-        is_falling = abs(loop.at(f + step)) < abs(loop.at(f - step))
-        lag = float(np.angle(-loop.at(f) * np.exp(1j * w * loop.delay))) % (2.0 * np.pi)
-        n_crossings = max(math.floor((w * loop.delay - lag) / (2.0 * np.pi)) + 1, 0)
+    for f in crossovers if loop.delay else ():
+        is_falling = abs(loop.at((1.0 + 1e-6) * f)) < abs(loop.at((1.0 - 1e-6) * f))
+        lag = float(np.angle(-loop.at(f))) % _FULL_TURN
+        n_crossings = max(math.floor(f * loop.delay - lag / _FULL_TURN) + 1, 0)
         count += (2 if is_falling else -2) * n_crossings
     return max(count, 0)

@@ -36,9 +36,7 @@ _TEST_PERIODS = (0.29, 0.618)
 _LATER_PERIODS = 2.0 ** np.arange(1.0, 41.0)
 # Search for the period that is suggested instead: first step and largest change, relative to the
 # period, and maximum number of steps.
-_PERIOD_STEP = 1e-5
-_MAX_PERIOD_CHANGE = 0.05
-_MAX_SECANT_STEPS = 12
+_PERIOD_STEP, _MAX_PERIOD_CHANGE, _MAX_SECANT_STEPS = 1e-5, 0.05, 12
 
 
 class Loads:
@@ -124,38 +122,31 @@ class Loads:
         if ratio <= _TOLERANCE:
             return
         name = self._form.names[row].removeprefix("velocity of ").removeprefix("correction of ")
-        time, turn = float(self._times[k]), None
-        parts = e.mechanism.parts if e.mechanism else {}
-        part = parts.get(name.rpartition(".")[0]) if row >= 2 * e.n else None
+        time, advice = float(self._times[k]), ""
+        is_constraint, is_rate = row >= 2 * e.n, row >= 2 * e.n + e.m
         difference = f"{ratio:.2g} of the range of the loads"
-        if row >= 2 * e.n:
+        if is_constraint:
             unit = "rad" if np.tile(e.constraint_is_angle, 2)[row - 2 * e.n] else "m"
-            change = ratio * self._sizes[row]
-            difference = f"{change:.3g} {unit}{'/s' * (row >= 2 * e.n + e.m)}"
-        if isinstance(part, Driver):
-            drifts, halves = (
-                (self._at(self._times + x * self.period) - self._at(self._times))[:, row]
-                for x in (1.0, 0.5)
-            )
-            rate = abs(float(np.mean(drifts))) / self.period
-            is_uniform = abs(2.0 * halves[0] - drifts[0]) <= _TOLERANCE
-            if np.ptp(drifts) <= _TOLERANCE and not is_uniform:
-                raise BeamdaeError(
-                    f"{name}: this driver vibrates about a rotation at {rate:.6g} rad/s, which "
-                    f"makes no whole number of turns in the period of {self.period:g} s, so that "
-                    "no motion repeats; for small vibrations about the rotation, use "
-                    "bd.linearize(..., about=bd.rotation(speed)) and its frequency_response."
-                )
-            turn = FULL_TURN / rate if rate else None
+            difference = f"{ratio * self._sizes[row]:.3g} {unit}{'/s' * is_rate}"
 
         def change_after(period: float) -> float:
             now, later = self._at(np.array([time, time + period]))
             return float(self._remove_turns((later - now)[None])[0, row])
 
-        roots = find_nearby_root(change_after, self.period)
-        advice = "".join(f", {x:.9g} s" for x in roots if self.repeat_after(x))
-        if not advice and turn is not None and self.repeat_after(turn):
-            advice = f": a full turn takes {turn:.9g} s, use a multiple of it"
+        period = find_nearby_root(change_after, self.period)
+        parts = e.mechanism.parts if e.mechanism else {}
+        part = parts.get(name.rpartition(".")[0]) if is_constraint else None
+        if period is not None and self.repeat_after(period):
+            advice = f", {period:.9g} s"
+        elif isinstance(part, Driver):
+            drifts = self._at(self._times + self.period) - self._at(self._times)
+            rate = abs(float(np.mean(drifts[:, row]))) / self.period
+            if rate > _TOLERANCE / self.period:
+                advice = (
+                    f": a full turn takes {FULL_TURN / rate:.9g} s, use a multiple of it; for "
+                    "small vibrations about the rotation, use bd.linearize(..., "
+                    f"about=bd.rotation({rate:.6g})) and its frequency_response"
+                )
         raise BeamdaeError(
             f"{part.name if part else self._find_load(name)}: loads or drivers at t = {time:.6g} s "
             f"differ by {difference} and do not repeat after the period of {self.period:g} s; set "
@@ -175,8 +166,8 @@ class Loads:
         return max(found, key=lambda x: found[x])
 
 
-def find_nearby_root(function: Callable[[float], float], start: float) -> list[float]:
-    """Return the root within 5 % of `start`, by the secant method, as list with up to one entry."""
+def find_nearby_root(function: Callable[[float], float], start: float) -> float | None:
+    """Return the root within 5 % of `start`, by the secant method, with nine digits, or None."""
     a, b = start, start * (1.0 + _PERIOD_STEP)
     f_a, f_b = function(a), function(b)
     for _ in range(_MAX_SECANT_STEPS):
@@ -184,6 +175,6 @@ def find_nearby_root(function: Callable[[float], float], start: float) -> list[f
             break
         a, b, f_a = b, b - f_b * (b - a) / (f_b - f_a), f_b
         if not abs(b / start - 1.0) < _MAX_PERIOD_CHANGE:
-            return []
+            return None
         f_b = function(b)
-    return [float(f"{b:.9g}")]
+    return float(f"{b:.9g}")

@@ -37,6 +37,8 @@ Array = np.ndarray
 # disturbance of the variational equations. At most this fraction of it is more accurate.
 _COARSE_RTOL = 1e-4
 _COARSENING_RATIO = 1e-1
+# Settings of an integrator that Radau adopts in its place.
+_LIMITS = ("max_step", "max_steps", "time_limit")
 _OUTPUT_TIMES = 201  # in a period, including both ends
 # Rank tolerance of Newton's matrix. Disturbances that shrink below it within a period need no
 # linearization: Newton's method leaves them to the run (Lust, Roose, Spence & Champneys, SIAM J.
@@ -77,6 +79,17 @@ def build_periodic_equations(function: str, model: Any, start: Any = None) -> Eq
             "are not supported; remove them, or model contacts by smooth forces such as Contact."
         )
     return equations
+
+
+def as_radau(integrator: Integrator, max_rtol: float = np.inf) -> Radau | None:
+    """Return `Radau` with the same rtol, at most `max_rtol`, and limits; None for fixed steps."""
+    name, value = integrator.accuracy
+    if name != "rtol":
+        return None
+    if isinstance(integrator, Radau):
+        return integrator if value <= max_rtol else replace(integrator, rtol=max_rtol)
+    limits: dict[str, Any] = {name: getattr(integrator, name, None) for name in _LIMITS}
+    return Radau(min(value, max_rtol), **limits)
 
 
 @dataclass(frozen=True)
@@ -120,10 +133,7 @@ class PeriodMap:
         Other methods resolve undamped fast vibrations, which are not part of the motion, with up to
         a hundred times as many steps.
         """
-        name, value = self.integrator.accuracy
-        if isinstance(self.integrator, Radau):
-            return self.integrator
-        return Radau(value) if name == "rtol" else None
+        return as_radau(self.integrator)
 
     @property
     def stages(self) -> list[PeriodMap]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,11 +27,13 @@ from beamdae.analysis.continuation.engine import (
     prescribe_parameter,
 )
 from beamdae.analysis.periodic.load_periods import Loads
-from beamdae.analysis.periodic.period_map import PeriodMap, build_periodic_equations
+from beamdae.analysis.periodic.period_map import PeriodMap, as_radau, build_periodic_equations
 from beamdae.analysis.periodic.shooting import (
+    LINEAR_REMEDY,
     MAX_SETTLING_PERIODS,
     PeriodProblem,
     Tolerance,
+    explain_failure,
     linearization_at,
     settle_and_solve,
 )
@@ -74,21 +76,12 @@ Array = np.ndarray
 _NAME = "frequency_response"
 # Largest relative tolerance of the runs; with larger ones, their errors dominate the tangents.
 _MAX_RTOL = 1e-8
-# Settings of the integrator that Radau adopts in its place.
-_LIMITS = ("max_step", "max_steps", "time_limit")
 # Smallest permitted step, relative to the first step.
 _MIN_STEP_RATIO = 1e-3
 # Critical points are located with this error, relative to a step.
 _RESOLUTION = 3e-3
 _FOLD = "fold"
 _KINDS = {LIMIT: _FOLD, BRANCH: "branch point", DOUBLING: DOUBLING, FLUTTER: "torus point"}
-_LINEAR_REMEDY = "or, for small motions, use bd.linearize(...).frequency_response"
-# Largest distance of the moduli of multipliers of undamped vibrations from 1, by errors of runs and
-# of multipliers close to a resonance; a damping ratio of 0.1 % has 6e-3 at the first resonance.
-_UNDAMPED_MARGIN = 1e-3
-# Vibrations are damped if their multipliers decay by more than this in a period, on average.
-_MIN_DECAY = 1e-5
-_MIN_UNDAMPED = 2  # multipliers of a vibration; a fold has one that is 1
 
 
 @single_threaded
@@ -199,7 +192,7 @@ def frequency_response(
     model.complete({parameter: ends[0]})
     method = Radau(_MAX_RTOL) if integrator is None else integrator
     require_integrator(_NAME, method)
-    method = _choose_method(method)
+    method = as_radau(method, _MAX_RTOL) or method
     period_at = (lambda frequency: 1.0 / frequency) if period is None else period
     begin = require_finite(_NAME, "t_start", t_start)
     first_step = require_positive(_NAME, "step", step)
@@ -247,18 +240,6 @@ def frequency_response(
     if not warnings_are_ignored():
         warn_of_result(response._list_warnings(includes_model=False)[not status.success :])
     return response
-
-
-def _choose_method(integrator: Integrator) -> Integrator:
-    """Return the integrator of the runs: accurate Radau in place of other adaptive steps."""
-    name, value = integrator.accuracy
-    if name != "rtol":
-        return integrator
-    rtol = min(value, _MAX_RTOL)
-    if isinstance(integrator, Radau):
-        return replace(integrator, rtol=rtol)
-    limits: dict[str, Any] = {name: getattr(integrator, name, None) for name in _LIMITS}
-    return Radau(rtol, **limits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,10 +309,10 @@ class ResponseCurve:
         if run.relative_deviation > self.tolerance.accepted:
             reason = (
                 f"no periodic motion was found at {self.describe(0.0)}; change start=, increase "
-                f"settle= {_LINEAR_REMEDY}"
+                f"settle= {LINEAR_REMEDY}"
             )
             multipliers = floquet_multipliers(run.resolved_monodromy())
-            raise CurveError(_explain_failure(reason, multipliers, period_map.period))
+            raise CurveError(explain_failure(reason, multipliers))
         problem = PeriodProblem(self.map_at, self.tolerance, varies=True)
         return problem.complete(Point(problem, run.state, 0.0, linear), np.zeros(0))
 
@@ -384,8 +365,8 @@ def _follow_curve(
         except CurveError as error:
             reason = _failure_reason(error)
             if not isinstance(error, BeamdaeError):
-                reason = f"{reason}; reduce step= {_LINEAR_REMEDY}"
-                reason = _explain_failure(reason, points[-1].multipliers, points[-1].period)
+                reason = f"{reason}; reduce step= {LINEAR_REMEDY}"
+                reason = explain_failure(reason, points[-1].multipliers)
             return Status("failed", f"{curve.describe(point.p)}: {reason}")
         critical += [(_KINDS[x.kind], curve.value(x.point.p)) for x in found]
         point = segment.end
@@ -413,30 +394,3 @@ def _explain(segment: Segment) -> list[CriticalPoint]:
 
 def _failure_reason(error: Exception) -> str:
     return re.sub("^(periodic|frequency_response): ", "", str(error)).rstrip(".")
-
-
-def _explain_failure(reason: str, multipliers: Array, period: float) -> str:
-    """Return the reason why no motion is found, with missing damping as its likely cause."""
-    moduli = np.abs(multipliers)
-    moduli = moduli[np.abs(moduli - 1.0) <= _UNDAMPED_MARGIN]
-    if len(moduli) < _MIN_UNDAMPED:
-        return reason
-    decay = -float(np.mean(np.log(moduli)))
-    modulus, amount = "1", "damping, such as damping= of the sections,"
-    cause = "are undamped", "amplitudes at resonances are infinite"
-    if decay > _MIN_DECAY:
-        # In a period of the loads, vibrations with their frequency decay by 2 pi times the ratio.
-        modulus, ratio = f"{1.0 - decay:.6g}", decay / (2.0 * np.pi)
-        required = _UNDAMPED_MARGIN / (2.0 * np.pi)
-        cause = (
-            f"have a damping ratio of only {100.0 * ratio:.2g} %",
-            "errors of runs are amplified at resonances",
-        )
-        amount = (
-            f"damping to a ratio above {100.0 * required:.2g} %, such as damping= of the sections "
-            f"above {required * period / np.pi:.1g} s,"
-        )
-    return (
-        f"{reason.partition(';')[0]}, probably because vibrations {cause[0]} ({len(moduli)} "
-        f"multipliers have the modulus {modulus}) and {cause[1]}; add {amount} {_LINEAR_REMEDY}"
-    )

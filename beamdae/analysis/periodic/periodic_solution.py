@@ -23,6 +23,7 @@ from beamdae.analysis.periodic.shooting import (
     MAX_SETTLING_PERIODS,
     Tolerance,
     estimate_period,
+    explain_failure,
     settle_and_solve,
     solve_shooting,
 )
@@ -50,25 +51,17 @@ from beamdae.results.periodic_motion import (
 Array = np.ndarray
 
 _NAME = "periodic"
-# Steps of the variational equations are halved until the estimated error of the largest modulus of
-# a multiplier is at most this amount.
-_MULTIPLIER_TOLERANCE = 1e-5
-# A multiplier that changes by more than this fraction when steps are halved is that of a mode which
-# the steps do not resolve, unless the change is smaller than the second value.
-_MAX_RELATIVE_CHANGE = 0.1
-_VANISHING_MULTIPLIER = 1e-30
-_ORDER_RATIO = 2.0**-5  # of the errors of Radau IIA if steps are halved
-_TINY = 1e-300  # avoids a division by zero
-_MAX_REFINEMENTS = 4
+# Steps of the variational equations are halved up to this number of times, until the largest
+# modulus of a multiplier changes by at most this amount.
+_MAX_REFINEMENTS, _MULTIPLIER_TOLERANCE = 4, 1e-5
+# A largest modulus that changes by more than this fraction is that of a mode which the steps do not
+# resolve, unless it vanishes.
+_MAX_RELATIVE_CHANGE, _VANISHING_MULTIPLIER = 0.1, 1e-30
 # Parts of the monodromy matrix below this fraction of its norm are neglected.
 _MULTIPLIER_RANK_TOLERANCE = 1e-6
-# Loads are at a resonance if the distance of a multiplier from 1 is below this value.
-_RESONANCE_DISTANCE = 1e-3
 # A motion is a state of rest if its rates, relative to amplitudes and period, are below this value.
 _REST_TOLERANCE = 1e-6
 _MINOR_DEVIATION = 0.1  # relative to the largest one
-# Below this relative deviation, the accuracy of the integrator may limit the convergence.
-_INTEGRATOR_LIMITED_DEVIATION = 1e-4
 
 
 @single_threaded
@@ -294,34 +287,22 @@ def _describe_outcome(
         )
     if deviation <= limits.accepted:
         return Status("ok", "repeats after one period")
+    sentence = (
+        f"after {iterations} iterations the end of the period differs from the start by "
+        f"{deviation:.3g} times the amplitude"
+    )
     state = _find_drifting_state(run)
     if state:
-        return Status(
-            "failed",
-            f"after {iterations} iterations the end of the period differs from the start by "
-            f"{deviation:.3g} times the amplitude, mostly in the state {state!r}; omit it if it "
-            "grows in each period, such as a work, or change start= or increase settle=",
-        )
-    sentence = (
-        f"after {iterations} iterations the end of the period differs from the "
-        f"start by {deviation:.3g} times the amplitude"
-    )
+        sentence += f", mostly in the state {state!r}; omit it if it grows in each period, such as "
+        return Status("failed", f"{sentence}a work, or change start= or increase settle=")
+    sentence += "; change start=, increase settle= or use a more accurate integrator"
     period_map = run.period_map
-    loads = Loads(period_map.equations, period_map.begin, period_map.period)
-    is_autonomous = not is_free and loads.are_constant
-    distance = np.min(np.abs(multipliers - 1.0), initial=np.inf)
-    if not is_free and not is_autonomous and distance < _RESONANCE_DISTANCE:
-        return Status(
-            "failed",
-            f"{sentence} at a resonance: an undamped free motion repeats after the period of "
-            f"{run.period_map.period:g} s; add damping or use another period of the loads",
-        )
-    sentence += "; change start= or increase settle="
-    if deviation < _INTEGRATOR_LIMITED_DEVIATION:
-        sentence += ", or use a more accurate integrator"
-    if is_autonomous:
+    if is_free:
+        return Status("failed", sentence)
+    if Loads(period_map.equations, period_map.begin, period_map.period).are_constant:
         sentence += ", or omit period= to find the period of the free motion"
-    return Status("failed", sentence)
+        return Status("failed", sentence)
+    return Status("failed", explain_failure(sentence, multipliers))
 
 
 def _find_drifting_state(run: PeriodRun) -> str:
@@ -334,39 +315,25 @@ def _find_drifting_state(run: PeriodRun) -> str:
 
 
 def _refine_multipliers(run: PeriodRun) -> tuple[Array, float]:
-    """Return the Floquet multipliers and an error estimate.
+    """Return the Floquet multipliers, and the change of the largest modulus by halved steps.
 
-    The estimate is the change of the largest modulus if the steps are halved, or that expected of
-    all further halvings. Of the matrix with twice the first steps, only the restriction to the
-    range of the next matrix is computed.
+    Of the matrix with twice the first steps, only the restriction to the range of the next matrix
+    is computed.
     """
-    multipliers, persistent = np.zeros(0, complex), None
-    change, error, is_resolved = np.inf, np.inf, False
-    first = run.steps_per_node
-    for refinement in range(_MAX_REFINEMENTS + 1):
-        try:
+    multipliers, persistent, error = np.zeros(0, complex), None, np.inf
+    for steps in run.steps_per_node / 2.0 ** np.arange(_MAX_REFINEMENTS + 1):
+        with suppress(LinearizationError):
             monodromy = run.monodromy(
-                steps_per_node=first / 2**refinement,
-                tolerance=_MULTIPLIER_RANK_TOLERANCE,
-                persistent=persistent,
+                steps_per_node=steps, tolerance=_MULTIPLIER_RANK_TOLERANCE, persistent=persistent
             )
-        except LinearizationError:
-            continue
-        refined = floquet_multipliers(monodromy)
-        persistent = run.persistent_disturbances(monodromy)
-        if not multipliers.size:
-            with suppress(LinearizationError):
-                multipliers = _restricted_multipliers(run, monodromy, 2.0 * first / 2**refinement)
-        if multipliers.size:
-            last_change = change
-            change = _modulus_change(refined, multipliers)
-            error = change * _remaining_share(change, last_change)
-            least = max(_MAX_RELATIVE_CHANGE * largest_modulus(refined), _VANISHING_MULTIPLIER)
-            is_resolved = change <= least
-        multipliers = refined
-        if error <= _MULTIPLIER_TOLERANCE and is_resolved:
-            break
-    return multipliers, float(error)
+            coarse, multipliers = multipliers, floquet_multipliers(monodromy)
+            persistent = run.persistent_disturbances(monodromy)
+            coarse = coarse if coarse.size else _restrict_multipliers(run, monodromy, 2.0 * steps)
+            error = _modulus_change(multipliers, coarse)
+            least = max(_MAX_RELATIVE_CHANGE * largest_modulus(multipliers), _VANISHING_MULTIPLIER)
+            if error <= min(_MULTIPLIER_TOLERANCE, least):
+                break
+    return multipliers, error
 
 
 def _modulus_change(refined: Array, multipliers: Array) -> float:
@@ -386,17 +353,7 @@ def _modulus_change(refined: Array, multipliers: Array) -> float:
     return float(np.append(possible, abs(largest - largest_modulus(multipliers))).max())
 
 
-def _remaining_share(change: float, last_change: float) -> float:
-    """Return the error after the last of two successive halvings, relative to its change.
-
-    The changes form a geometric series whose ratio is at least that of the order 5. Without a
-    contraction, or a previous change, the error is the change.
-    """
-    ratio = max(change / max(last_change, _TINY), _ORDER_RATIO)
-    return min(1.0, ratio / (1.0 - ratio)) if np.isfinite(last_change) and ratio < 1.0 else 1.0
-
-
-def _restricted_multipliers(run: PeriodRun, monodromy: Array, steps_per_node: float) -> Array:
+def _restrict_multipliers(run: PeriodRun, monodromy: Array, steps_per_node: float) -> Array:
     """Return multipliers with other steps, restricted to the range of a monodromy matrix.
 
     Steps are not halved: with nearly the same steps, multipliers agree whatever their errors.

@@ -7,7 +7,7 @@ deviations of the runs (Broyden, Math. Comp. 19 (1965) 577).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,10 +18,12 @@ import scipy.linalg as la
 
 from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.engine import (
+    Control,
     CurveError,
     Factors,
     Point,
     Problem,
+    Row,
     prescribe_parameter,
 )
 from beamdae.analysis.periodic.load_periods import FULL_TURN
@@ -53,6 +55,7 @@ _STAGNATION_RATIO = 0.5
 # A matrix is kept if the change of the deviation differs from the predicted one by less than this
 # fraction.
 _MAX_PREDICTION_ERROR = 0.3
+_MAX_PERIOD_CHANGE = 0.5  # of the logarithm of a free period in a correction
 # Largest step of finite differences with respect to the parameter, relative to its range, and
 # largest relative change of the period. Tangents have errors of the step, and of the errors of
 # runs, about 1e-9, over the step. The distance d of a multiplier from 1 amplifies both by 1 / d; it
@@ -63,11 +66,14 @@ _DIFFERENCE_STEP = 2e-5
 _NEUTRAL_RATIO = 1e-9
 # A run has returned to its final state where it differs by at most this fraction of the range of
 # each coordinate and velocity; coordinates with a far smaller range than others are at rest. Number
-# of times at which states are compared.
-_RETURN_DISTANCE = 0.2
-_REST_RATIO = 1e-6
-_RETURN_SAMPLES = 4001
-_REFINED_RETURN_SAMPLES = 201  # around the nearest of these times
+# of times at which states are compared, and around the nearest of these times.
+_RETURN_DISTANCE, _REST_RATIO = 0.2, 1e-6
+_RETURN_SAMPLES, _REFINED_RETURN_SAMPLES = 4001, 201
+# Largest distance of the moduli of multipliers of undamped vibrations from 1, by errors of runs and
+# of multipliers close to a resonance; a damping ratio of 0.1 % has 6e-3 at the first resonance.
+_UNDAMPED_MARGIN = 1e-3
+_MIN_UNDAMPED = 2  # multipliers of a vibration; a fold has one that is 1
+LINEAR_REMEDY = "or, for small motions, use bd.linearize(...).frequency_response"
 _TINY = 1e-300  # avoids a division by zero
 
 
@@ -107,9 +113,7 @@ class ShootingMatrix:
         The run, in terms of whose basis the derivatives are expressed.
     values
         Monodromy matrix minus the identity, bordered by the derivative with respect to the
-        parameter of the problem, (k, k + 1). If the period is an unknown, the derivative with
-        respect to its logarithm is the column before, and the last row is the phase condition:
-        changes of the state are orthogonal to its time derivative.
+        parameter of the problem, (k, k + 1).
     shift
         Derivative of the consistent state with respect to this parameter (2 n,), without its part
         in terms of the basis: drivers move with the parameter.
@@ -121,63 +125,36 @@ class ShootingMatrix:
 
     @classmethod
     def of(
-        cls,
-        run: PeriodRun,
-        is_free: bool = False,
-        by_parameter: tuple[Array, Array] | None = None,
-        directions: Sequence[Array] = (),
-        **options: Any,
+        cls, run: PeriodRun, shift: Any = 0.0, change: Any = 0.0, *directions: Array, **options: Any
     ) -> ShootingMatrix:
-        """Return the derivatives, with those of the state and of the deviation by a parameter.
+        """Return the derivatives, with those of state and deviation by a parameter, (2 n,) each.
 
-        They are exact on the `directions`, see `PeriodRun.monodromy`.
+        They are exact on these derivatives and `directions`, see `PeriodRun.monodromy`.
         """
-        shift, change = (np.zeros(len(run.scales)),) * 2 if by_parameter is None else by_parameter
+        shift, change = (np.broadcast_to(x, len(run.scales)) for x in (shift, change))
         inner, change = run.projection @ shift, run.projection @ change
-        directions = directions or (run.rates if is_free else (change, inner))
-        matrix = run.resolved_monodromy(*directions, **options)
+        matrix = run.resolved_monodromy(change, inner, *directions, **options)
         matrix = matrix - np.eye(len(matrix))
         # The derivative at a constant state in terms of the basis.
         values = np.column_stack([matrix, change - matrix @ inner])
-        if is_free:
-            start, end = run.rates
-            phase = np.append(start / max(float(np.linalg.norm(start)), _TINY), [0.0, 0.0])
-            values = np.vstack([np.insert(values, -1, end, axis=1), phase])
         return cls(run, values, shift - run.basis @ inner)
+
+    @classmethod
+    def of_free(cls, run: PeriodRun, **options: Any) -> ShootingMatrix:
+        """Return the derivatives whose parameter is the logarithm of the period."""
+        last = run.solution.trajectory.intervals[-1].state
+        rate = run.period_map.period * np.concatenate([last.v[-1], last.a[-1]])
+        return cls.of(run, 0.0, rate, run.rates[0], **options)
 
     @cached_property
     def monodromy(self) -> Array:
         """Monodromy matrix (k, k)."""
-        size = self.run.basis.shape[1]
-        return self.values[:size, :size] + np.eye(size)
+        return self.values[:, :-1] + np.eye(len(self.values))
 
     @cached_property
     def persistent(self) -> Array:
         """Disturbances (2 n, r) that persist over the period."""
         return self.run.persistent_disturbances(self.monodromy)
-
-    @cached_property
-    def basis(self) -> Array:
-        """Admissible disturbances of the unknowns."""
-        return np.asarray(la.block_diag(self.run.basis, np.eye(self._extra)))
-
-    @cached_property
-    def projection(self) -> Array:
-        """Matrix that expresses changes of the unknowns in terms of `basis`."""
-        return np.asarray(la.block_diag(self.run.projection, np.eye(self._extra)))
-
-    @property
-    def _extra(self) -> int:
-        """Number of unknowns besides the state."""
-        return len(self.values) - self.run.basis.shape[1]
-
-    def pad(self, values: Array) -> Array:
-        """Return values for the state with zeros for the other unknowns."""
-        return np.append(values, np.zeros(self._extra))
-
-    def reduce(self, run: PeriodRun) -> Array:
-        """Return the deviation of a run in terms of `basis`."""
-        return np.asarray(self.projection @ self.pad(run.difference))
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,21 +199,17 @@ class PeriodLinearization:
         return min((self.run, self.best or self.run), key=lambda x: x.relative_deviation)
 
     @property
-    def state(self) -> Array:
-        """Consistent unknowns at the start of the run."""
-        return np.append(self.run.state, self.x[len(self.run.scales) :])
-
-    @property
     def residual(self) -> Array:
         """Deviation, and distance from the consistent state."""
-        off = self._complement(self.x - self.state)
-        return np.asarray(self.matrix.basis @ self.matrix.reduce(self.run) + off)
+        basis = self.matrix.run
+        deviation = basis.basis @ (basis.projection @ self.run.difference)
+        return np.asarray(deviation + self._complement(self.x - self.run.state))
 
     @property
     def by_parameter(self) -> Array:
         """Derivative of the residual with respect to the parameter."""
         matrix = self.matrix
-        return np.asarray(matrix.basis @ matrix.values[:, -1] - matrix.pad(matrix.shift))
+        return np.asarray(matrix.run.basis @ matrix.values[:, -1] - matrix.shift)
 
     @property
     def alternating(self) -> PeriodLinearization:
@@ -247,15 +220,16 @@ class PeriodLinearization:
     def bordered(self, column: Array, row: Array, corner: float) -> Factors:
         """Return the factors of the bordered Jacobian; states that are all periodic remain."""
         matrix, off = self.matrix, self._complement(column)
-        top = np.column_stack([matrix.values[:, :-1], matrix.projection @ column])
-        small = np.vstack([top, np.append(row @ matrix.basis, corner - row @ off)])
+        top = np.column_stack([matrix.values[:, :-1], matrix.run.projection @ column])
+        small = np.vstack([top, np.append(row @ matrix.run.basis, corner - row @ off)])
         if not np.isfinite(small).all():
             raise CurveError("the linearized equations are not finite")
         return _Factors(self, np.linalg.pinv(small, rcond=_NEUTRAL_RATIO), off, row)
 
     def _complement(self, change: Array) -> Array:
         """Return the part of a change of the unknowns that the joints do not allow."""
-        return np.asarray(change - self.matrix.basis @ (self.matrix.projection @ change))
+        run = self.matrix.run
+        return np.asarray(change - run.basis @ (run.projection @ change))
 
 
 class _Factors(NamedTuple):
@@ -268,26 +242,26 @@ class _Factors(NamedTuple):
 
     def solve(self, right: Array) -> Array:
         """Return the solution for a right-hand side."""
-        matrix, off = self.linear.matrix, self.linear._complement(right[:-1])
-        reduced = np.append(matrix.projection @ right[:-1], right[-1] - self.row @ off)
+        run, off = self.linear.matrix.run, self.linear._complement(right[:-1])
+        reduced = np.append(run.projection @ right[:-1], right[-1] - self.row @ off)
         *inner, last = self.inverse @ reduced
-        return np.append(matrix.basis @ inner + off - last * self.off, last)
+        return np.append(run.basis @ inner + off - last * self.off, last)
 
 
 @dataclass(frozen=True, eq=False)
 class PeriodProblem(Problem):
-    """Periodic motions: the state, and the logarithm of a free period, as unknowns.
+    """Periodic motions: the state is the unknown.
 
     Attributes
     ----------
     map_at
-        Function that returns the map over a period for a parameter from 0 to 1.
+        Function that returns the map over a period for a parameter.
     tolerance
         Tolerance of the period.
     is_free
-        True if the period is an unknown.
+        True if the parameter is the logarithm of the period.
     varies
-        True if the map depends on the parameter.
+        True if the map depends on another parameter, from 0 to 1.
     base
         A similar motion, which gives the sizes of changes and the first matrix; None before the
         first run.
@@ -310,7 +284,7 @@ class PeriodProblem(Problem):
         assert self.base is not None
         run = self.base.run
         scales = equalize_deformations(run.solution.equations, run.scales.reshape(2, -1)).ravel()
-        return np.append(1.0 / (scales * np.sqrt(scales.size)), np.ones(int(self.is_free)))
+        return np.asarray(1.0 / (scales * np.sqrt(scales.size)))
 
     def measure(self, step: Array) -> float:
         """Return the root mean square of a step relative to the amplitudes."""
@@ -338,15 +312,18 @@ class PeriodProblem(Problem):
         assert base is not None
         if last is None and p == base.p and np.array_equal(x, base.x):
             return base
+        if self.is_free and last is not None and abs(p - last.p) > _MAX_PERIOD_CHANGE:
+            raise CurveError("the period changes too much in a step")
         before = last or base
         matrix = before.matrix
         run = self.shoot(x, p, matrix.persistent, before.run.amplitudes)
         if last is None:
             return PeriodLinearization(self, x, p, run, matrix)
         linear = PeriodLinearization(self, x, p, run, None, last.iterations + 1, last.best_run)
-        step = np.append(matrix.projection @ (linear.state - last.state), p - last.p)
+        projection = matrix.run.projection
+        step = np.append(projection @ (run.state - last.run.state), p - last.p)
         predicted = matrix.values @ step
-        error = matrix.reduce(run) - matrix.reduce(last.run) - predicted
+        error = projection @ (run.difference - last.run.difference) - predicted
         if run.relative_deviation <= self.tolerance.target:
             # Errors of the runs would spoil directions in which all states are periodic.
             return replace(linear, kept=matrix)
@@ -367,10 +344,7 @@ class PeriodProblem(Problem):
         """
         try:
             period_map = self.map_at(p)
-            if self.is_free:
-                period_map = replace(period_map, period=float(np.exp(x[-1])))
-            states = np.split(x[: 2 * period_map.equations.n], 2)
-            q, v = period_map.make_consistent(*states)
+            q, v = period_map.make_consistent(*np.split(x, 2))
             return PeriodRun.from_state(period_map, q, v, persistent, amplitudes)
         except CurveError:
             raise
@@ -383,8 +357,10 @@ class PeriodProblem(Problem):
         Those by the parameter are differences to a point toward the middle of the range, because
         the model may not exist beyond its ends.
         """
+        if self.is_free:
+            return ShootingMatrix.of_free(run)
         if not self.varies:
-            return ShootingMatrix.of(run, self.is_free)
+            return ShootingMatrix.of(run)
         step = _DIFFERENCE_STEP if p < 0.5 else -_DIFFERENCE_STEP
         period_map = self.map_at(p + step)
         stretch = abs(period_map.period / run.period_map.period - 1.0)
@@ -395,7 +371,7 @@ class PeriodProblem(Problem):
         # With the same amplitudes, the errors of both runs are similar.
         other = PeriodRun(period_map, period_map.run(q, v, run.solution.equations.scales))
         shift, change = other.state - run.state, other.difference - run.difference
-        return ShootingMatrix.of(run, by_parameter=(shift / step, change / step))
+        return ShootingMatrix.of(run, shift / step, change / step)
 
     def is_solved(self, linear: PeriodLinearization, size: float, last: float) -> bool:
         """Return True if the deviation is within the tolerance, and so is the next correction.
@@ -417,7 +393,7 @@ class PeriodProblem(Problem):
     def complete(self, point: Point, step: Array) -> Point:
         """Return a motion with its own matrix and sizes; it needs no further correction."""
         linear = linearization_at(point)
-        linear = replace(linear, kept=None, problem=self, x=linear.state)
+        linear = replace(linear, kept=None, problem=self, x=linear.run.state)
         problem = replace(self, base=linear)
         return replace(point, problem=problem, x=linear.x, linearization=linear)
 
@@ -449,15 +425,25 @@ def solve_shooting(
     BeamdaeError
         If loads or drivers are not periodic or, with `free_period`, depend on time.
     """
-    problem = PeriodProblem(lambda _: period_map, tolerance, free_period)
-    x = np.concatenate([q, v, [np.log(period_map.period)] if free_period else []])
+    x, control = np.concatenate([q, v]), cast(Control, prescribe_parameter)
+    p = float(np.log(period_map.period)) if free_period else 0.0
+
+    def map_at(p: float) -> PeriodMap:
+        return replace(period_map, period=float(np.exp(p))) if free_period else period_map
+
+    problem = PeriodProblem(map_at, tolerance, free_period)
     kept = None if before is None else before.matrix
-    run = problem.shoot(x, 0.0, None if kept is None else kept.persistent, amplitudes)
-    base = PeriodLinearization(problem, x, 0.0, run, kept)
+    run = problem.shoot(x, p, None if kept is None else kept.persistent, amplitudes)
+    if free_period:
+        # Corrections are orthogonal to the time derivative at the start.
+        rate = run.rates[0] / max(float(np.linalg.norm(run.rates[0])), _TINY)
+        row = rate @ run.projection
+        control = lambda y, _: Row(float(row @ (y - x)), row, 0.0)  # noqa: E731
+
+    base = PeriodLinearization(problem, x, p, run, kept)
     try:
-        return linearization_at(
-            replace(problem, base=base).correct(prescribe_parameter, 0.0, x, 0.0)
-        )
+        target = control(x, p).value
+        return linearization_at(replace(problem, base=base).correct(control, target, x, p))
     except CurveError as error:
         nearest = error.nearest
         if isinstance(error, BeamdaeError) or not isinstance(nearest, PeriodLinearization):
@@ -506,29 +492,43 @@ def estimate_period(solution: Solution) -> float | None:
     Differences are measured relative to the ranges of (q, v) in the second half of the run.
     """
     trajectory, is_angle = solution.trajectory, solution.equations.is_angle
+    last = trajectory.intervals[-1].state
 
     def differences(times: Array) -> Array:
         state = trajectory.at(times)[1]
-        last = trajectory.intervals[-1].state
         q = state.q - last.q[-1]
         q -= np.where(is_angle, FULL_TURN * np.round(q / FULL_TURN), 0.0)
         return np.concatenate([q, state.v - last.v[-1]], axis=1)
 
-    times = np.linspace(trajectory.end, trajectory.start, _RETURN_SAMPLES)
-    changes = differences(times[::-1])[::-1]
-    ranges = np.ptp(changes[: _RETURN_SAMPLES // 2], axis=0)
+    times = np.linspace(trajectory.start, trajectory.end, _RETURN_SAMPLES)
+    changes = differences(times)
+    ranges = np.ptp(changes[_RETURN_SAMPLES // 2 :], axis=0)
     largest = np.repeat([np.max(x) for x in np.split(ranges, 2)], len(is_angle))
     ranges[ranges <= _REST_RATIO * largest] = np.inf
-    distance = np.max(np.abs(changes / ranges), axis=1)
+    # From the end backward.
+    distance = np.max(np.abs(changes / ranges), axis=1)[::-1]
     departed = int(np.argmax(distance > 2.0 * _RETURN_DISTANCE))
-    is_near = distance < _RETURN_DISTANCE
-    is_near[:departed] = False
-    if not departed or not is_near.any():
+    near = departed + np.flatnonzero(distance[departed:] < _RETURN_DISTANCE)
+    if not departed or not len(near):
         return None
-    first = int(np.argmax(is_near))
-    count = int(np.argmin(np.append(is_near[first:], False)))
-    nearest = first + int(np.argmin(distance[first : first + count]))
-    earlier, later = times[[min(nearest + 1, len(times) - 1), nearest - 1]]
-    around = np.linspace(earlier, later, _REFINED_RETURN_SAMPLES)
+    near = near[: int(np.argmax(np.append(np.diff(near) > 1, True))) + 1]
+    nearest = len(times) - 1 - int(near[np.argmin(distance[near])])
+    around = np.linspace(times[max(nearest - 1, 0)], times[nearest + 1], _REFINED_RETURN_SAMPLES)
     distance = np.linalg.norm(differences(around) / ranges, axis=1)
     return float(trajectory.end - around[np.argmin(distance)])
+
+
+def explain_failure(reason: str, multipliers: Array) -> str:
+    """Return the reason why no motion is found, with missing damping as its likely cause."""
+    moduli = np.abs(multipliers)
+    moduli = moduli[np.abs(moduli - 1.0) <= _UNDAMPED_MARGIN]
+    if len(moduli) < _MIN_UNDAMPED:
+        return reason
+    # In a period of the loads, vibrations with their frequency decay by 2 pi times the ratio.
+    ratio = max(-float(np.mean(np.log(moduli))) / FULL_TURN, 0.0)
+    return (
+        f"{reason.partition(';')[0]}, probably because vibrations have a damping ratio of only "
+        f"{100.0 * ratio:.3f} % ({len(moduli)} multipliers have a modulus near 1), so that errors "
+        "of runs are amplified at resonances; add damping, such as damping= of the sections, "
+        f"{LINEAR_REMEDY}"
+    )

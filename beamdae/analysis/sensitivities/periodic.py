@@ -216,8 +216,11 @@ def periodic_sensitivities(
         equations, method, float(motion.solution.t[0]), motion.period
     )
     run = PeriodRun(period_map, motion.solution)
-    matrix = ShootingMatrix.of(run, period is None, directions=run.rates, tolerance=EXACT_RANK)
-    singular_values = np.linalg.svd(matrix.values[:, :-1], compute_uv=False)
+    matrix = ShootingMatrix.of_free(run, tolerance=EXACT_RANK)
+    jacobian = matrix.values[:, :-1]
+    if period is None:
+        jacobian = np.vstack([matrix.values, np.append(run.rates[0], 0.0)])
+    singular_values = np.linalg.svd(jacobian, compute_uv=False)
     if not singular_values[-1] > _MIN_SINGULAR_VALUE * singular_values[0]:
         raise BeamdaeError(
             f"{_NAME}: neighboring motions of {model.name} are periodic, too, so the motion has no "
@@ -240,7 +243,9 @@ def periodic_sensitivities(
             stretch = float(np.dot(difference.weights, lengths))
         elif period is not None:
             _require_constant_period(model.name, run, difference)
-        periods[name], trajectories[name] = _differentiate(matrix, method, difference, stretch)
+        periods[name], trajectories[name] = _differentiate(
+            run, jacobian, method, difference, stretch
+        )
         differences[name] = difference
     return PeriodicSensitivities(
         motion, {name: float(values[name]) for name in names}, periods, trajectories, differences
@@ -260,13 +265,13 @@ def _evaluate_period(period: Callable[..., Any], values: Mapping[str, Any]) -> f
 
 
 def _differentiate(
-    matrix: ShootingMatrix, method: Radau, difference: Difference, stretch: float
+    run: PeriodRun, jacobian: Array, method: Radau, difference: Difference, stretch: float
 ) -> tuple[float, Trajectory]:
     """Return the derivatives of the period and of the states at fixed times.
 
     `stretch` is the derivative of a prescribed period.
     """
-    run, name, jacobian = matrix.run, difference.name, matrix.values[:, :-1]
+    name = difference.name
     last, count = run.solution.trajectory.intervals[-1].state, run.basis.shape[1]
     end_rate = np.concatenate([last.v[-1], last.a[-1]])
     phase, change = jacobian[count:, :count], np.zeros(len(run.scales))
