@@ -103,8 +103,6 @@ class SystemPlan(NamedTuple):
     tangent_targets, added_targets, row_targets
         Indices of the non-zeros of `pattern`, of added constants and of the last row in the
         non-zeros of `bordered`.
-    part_rows
-        First coordinate of each part, and the number of coordinates.
     idle_loops
         Compiled loop of a system that no longer exists, which the next system uses: building its
         workspace takes as long as several load steps.
@@ -116,7 +114,6 @@ class SystemPlan(NamedTuple):
     tangent_targets: Array
     added_targets: Array
     row_targets: Array
-    part_rows: Array
     idle_loops: deque[StepLoop[StaticWorkspace]]
 
 
@@ -126,7 +123,6 @@ def _plan_system(
     unloaded: Structure,
     loaded: Structure,
     added: tuple[int, ...],
-    part_rows: tuple[int, ...],
 ) -> SystemPlan:
     parts = [plan_static_sums(structure) for structure in (common, unloaded, loaded)]
     patterns = [x.pattern for x in parts]
@@ -162,7 +158,6 @@ def _plan_system(
         tangent_targets=tangent_targets,
         added_targets=tangent_targets[diagonal].astype(np.uint32),
         row_targets=row_targets,
-        part_rows=np.array(part_rows, np.intp),
         idle_loops=deque(maxlen=1),
     )
 
@@ -318,8 +313,7 @@ class StaticProblem(Problem):
         self._usage = _usage_of(common if varied is None else last.structure)
         self._held = len(held)
         added = (*held, *range(last.n + self._rigid, last.n + last.m))
-        part_rows = (*(part.rows.start for part in last.parts), last.n)
-        plan = _plan_system(common, only_unloaded, only_loaded, added, part_rows)
+        plan = _plan_system(common, only_unloaded, only_loaded, added)
         self._plan, self.pattern = plan, plan.pattern
         size = plan.pattern.shape[0]
         self._weights = np.append(1.0 / last.group_scales, np.zeros(size - last.n))
@@ -348,7 +342,7 @@ class StaticProblem(Problem):
             for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
                 plan.set_data(total, p)
                 set_time(total, *self._time)
-        run.saddle.part_scales[:], run.weights[:] = self._part_scales, self._weights
+        run.weights[:] = self._weights
         run.center, run.scale = 0.0, 1.0
         run.remainder[:] = self._remainder
         run.added[: self._held], run.added[self._held :] = 0.0, -1.0
@@ -366,9 +360,8 @@ class StaticProblem(Problem):
         at_start = self.start(self._initial_q)
         mu = 0.0 if self._varied is None else self._varied.begin
         run = self._run(at_start, mu, EVALUATE_TANGENT)
-        scale_by_reference(run.saddle, run.nonzeros)
-        for k, coordinate in enumerate(self._held_coordinates):
-            run.added[k] = run.saddle.joint_size / run.saddle.scales[coordinate] ** 2
+        scale_by_reference(run.saddle, run.nonzeros, self._part_scales)
+        run.added[: self._held] = run.saddle.scales[self._held_coordinates] ** -2.0
         run.has_tangent = 0
         run.sizes[:-1] = run.saddle.scales
         bordered = self._plan.bordered
@@ -402,8 +395,8 @@ class StaticProblem(Problem):
                 saddle=SaddlePoint.of(
                     self.pattern,
                     plan.tangent_targets,
-                    plan.part_rows,
-                    self._rigid,
+                    self._n,
+                    self.rigid_size,
                     self._remainder,
                 ),
                 nonzeros=np.zeros(nnz),
