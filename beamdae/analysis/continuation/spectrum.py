@@ -14,7 +14,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
-from beamdae.analysis.continuation.counts import Count
+from beamdae.analysis.continuation.counts import Count, pair_neighbors
 
 Array = np.ndarray
 
@@ -83,7 +83,8 @@ def count_growing(flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_
         divergent, oscillating = is_real & (values.real > 0.0), ~is_real
         roots = 1.0 / np.sqrt(values.astype(complex))
         spectrum = np.append(roots, -roots)
-    return Count(int(divergent.sum()), int(oscillating.sum()) // 2, spectrum=spectrum)
+    pairs = pair_neighbors(spectrum)
+    return Count(int(divergent.sum()), int(oscillating.sum()) // 2, pairs=pairs)
 
 
 def _find_all(

@@ -54,7 +54,7 @@ NEGLIGIBLE_STIFFNESS = 1e-22
 _MIN_PIVOT_RATIO = 1e-13
 # Steps of equilibration: each halves the logarithm of the ratio of rows. Largest compliance, and
 # size of multipliers before.
-_EQUILIBRATIONS, _MAX_COMPLIANCE, _FIRST_SIZE = 12, 0.5, 0.5
+_EQUILIBRATIONS, _MAX_COMPLIANCE, _FIRST_SIZE = 10, 0.5, 0.5
 # Memory of the cached index arrays [bytes]: about 3 kB per element of a beam.
 _MAX_CACHED_BYTES = 16 * 2**20
 
@@ -77,6 +77,9 @@ class SaddlePattern(NamedTuple):
         Compliances beside G^T G.
     diagonal
         Diagonal entries of the coordinates.
+    groups, group_rows, group_columns, pairs
+        First coordinate of the part of each coordinate, and multipliers; pairs of these groups that
+        share terms, and the index of each term in them.
     plan
         Elimination in order, each multiplier after the coordinates that it couples.
     """
@@ -94,6 +97,10 @@ class SaddlePattern(NamedTuple):
     product_right: Array
     reduced: Array
     diagonal: Array
+    groups: Array
+    group_rows: Array
+    group_columns: Array
+    pairs: Array
     plan: FixedOrder
 
 
@@ -156,18 +163,19 @@ class SaddlePoint:
 
     @classmethod
     def of(
-        cls, pattern: sp.csc_array, positions: Array, n: int, rigid: int, remainder: Array
+        cls, pattern: sp.csc_array, positions: Array, parts: Array, rigid: int, remainder: Array
     ) -> SaddlePoint:
         """Return the work arrays for tangents with this pattern, without natural sizes.
 
-        The non-zeros of the tangent are at `positions` in the argument of `count_signs`. The first
-        `rigid` of the n + m unknowns have no compliance; that of the others is 1. Constraints with
+        The non-zeros of the tangent are at `positions` in the argument of `count_signs`. `parts`
+        contains the first coordinate of the part of each coordinate, (n,). The first `rigid` of the n + m unknowns have no compliance; that of the others is 1. Constraints with
         a `remainder`, (m,), are beside a stiffness of the same motion.
         """
-        positions = positions.astype(np.uint32)
+        n, positions = len(parts), positions.astype(np.uint32)
         indices = pattern.indices.astype(np.intp).tobytes()
         starts = pattern.indptr.astype(np.intp).tobytes()
-        saddle = _plan_saddle_point(n, (remainder == 0.0).tobytes(), starts, indices)
+        shared = (remainder == 0.0).tobytes()
+        saddle = _plan_saddle_point(parts.astype(np.intp).tobytes(), shared, starts, indices)
         stiffness, products = int(np.sum(saddle.shares < 1.0)) // 2, len(saddle.product_left)
         return cls(
             pattern=saddle,
@@ -197,31 +205,27 @@ def scale_by_reference(run: SaddlePoint, tangent: Array, sizes: Array) -> None:
     `sizes` are first sizes of the coordinates, (n,). The final ones make all parts equally stiff:
     otherwise, rounding errors of large and stiff parts would exceed the stiffness of small and soft
     ones (D. Ruiz, A scaling algorithm to equilibrate both rows and columns norms in matrices,
-    RAL-TR-2001-034). By Sylvester's law of inertia, they do not change the number of negative
-    eigenvalues.
+    RAL-TR-2001-034). Parts without stiffness are as stiff as their softest spring or, without
+    springs, as what their joints attach them to. By Sylvester's law of inertia, sizes do not change
+    the number of negative eigenvalues.
     """
-    n, plan, count = len(sizes), run.pattern.plan, len(run.scales)
+    n, count, pattern = len(sizes), len(run.scales), run.pattern
     scales = np.append(sizes, np.full(count - n, _FIRST_SIZE))
     _set_weights(run, scales)
-    _assemble_terms(run, tangent)
-    starts, factors = plan.starts, np.ones(count)
-    rows, columns = plan.positions, np.repeat(np.arange(count), np.diff(starts))
-    entries = np.abs(run.nonzeros[plan.sources])
-    # Coordinates without stiffness are as stiff as their softest spring or, without springs, as
-    # what their joints attach them to.
-    stiffness, spring = 0, 2
-    kinds = np.searchsorted([n, run.rigid], plan.order[rows], "right")
-    is_stiffness, is_spring = ((kinds == kind) & (entries > 0.0) for kind in (stiffness, spring))
-    has_stiffness, has_springs = (
-        np.logical_or.reduceat(x, starts[:-1])[columns] for x in (is_stiffness, is_spring)
-    )
-    softest = np.minimum.reduceat(np.where(is_spring, entries, np.inf), starts[:-1])[columns]
-    is_used = np.where(has_stiffness, is_stiffness, ~has_springs | (entries == softest))
-    entries[(plan.order[columns] < n) & ~is_used] = 0.0
+    rows, columns = pattern.group_rows, pattern.group_columns
+    entries, softest, factors = np.zeros(len(rows)), np.full(count, np.inf), np.ones(count)
+    np.maximum.at(entries, pattern.pairs, np.abs(run.weights * tangent[run.sources]))
+    is_stiffness = (rows < n) & (entries > NEGLIGIBLE_STIFFNESS)
+    is_spring = (rows >= run.rigid) & (entries > 0.0)
+    np.minimum.at(softest, columns[is_spring], entries[is_spring])
+    is_softest = np.isinf(softest[columns]) | (entries == softest[columns])
+    is_used = np.where(np.isin(columns, columns[is_stiffness]), is_stiffness, is_softest)
+    entries[(columns < n) & ~is_used] = 0.0
     for _ in range(_EQUILIBRATIONS):
-        largest = np.maximum.reduceat(entries * factors[rows] * factors[columns], starts[:-1])
+        largest = np.zeros(count)
+        np.maximum.at(largest, columns, entries * factors[rows] * factors[columns])
         factors /= np.sqrt(np.where(largest > 0.0, largest, 1.0))
-    scales[plan.order] *= factors
+    scales *= factors[pattern.groups]
     scales[run.rigid :] = np.minimum(scales[run.rigid :], math.sqrt(_MAX_COMPLIANCE))
     _set_weights(run, scales)
     run.reference = 0.0
@@ -298,13 +302,18 @@ def shift_diagonal(run: SaddlePoint, shift: float) -> None:
 
 
 @bounded_cache(_MAX_CACHED_BYTES, array_bytes)
-def _plan_saddle_point(n: int, is_shared: bytes, starts: bytes, indices: bytes) -> SaddlePattern:
+def _plan_saddle_point(
+    parts: bytes, is_shared: bytes, starts: bytes, indices: bytes
+) -> SaddlePattern:
     """Return the saddle-point matrix of tangents (n + m, n + m) with this CSC pattern.
 
-    `is_shared` are the flags of the constraints in G^T G, (m,).
+    `parts` are the first coordinates of parts, (n,), `is_shared` the flags of the constraints in
+    G^T G, (m,).
     """
     indptr, rows = np.frombuffer(starts, np.intp), np.frombuffer(indices, np.intp)
-    size, shared = len(indptr) - 1, np.frombuffer(is_shared, bool)
+    groups, shared = np.frombuffer(parts, np.intp), np.frombuffer(is_shared, bool)
+    n, size = len(groups), len(indptr) - 1
+    groups = np.append(groups, np.arange(n, size))
     columns = np.repeat(np.arange(size), np.diff(indptr))
     (stiffness,) = np.nonzero((rows < n) == (columns < n))
     (joints,) = np.nonzero((rows >= n) & (columns < n))
@@ -322,6 +331,7 @@ def _plan_saddle_point(n: int, is_shared: bytes, starts: bytes, indices: bytes) 
     indptr = np.searchsorted(entries, np.arange(size + 1) * size).astype(np.int32)
     ones, at = np.ones(len(entries)), (entries % size).astype(np.int32)
     pattern = sp.csc_array((ones, at, indptr), shape=(size, size))
+    group_keys, group_pairs = np.unique(groups[j] * size + groups[i], return_inverse=True)
     # Opposite entries; those without a partner differ from zero.
     mixed = stiffness[rows[stiffness] != columns[stiffness]]
     low, high = np.minimum(rows[mixed], columns[mixed]), np.maximum(rows[mixed], columns[mixed])
@@ -342,6 +352,10 @@ def _plan_saddle_point(n: int, is_shared: bytes, starts: bytes, indices: bytes) 
         product_right=right.astype(unsigned),
         reduced=np.flatnonzero(is_compliance & np.append(np.zeros(n, bool), shared)[rows]),
         diagonal=diagonal[:n].astype(unsigned),
+        groups=groups,
+        group_rows=group_keys % max(size, 1),
+        group_columns=group_keys // max(size, 1),
+        pairs=group_pairs.ravel(),
         plan=FixedOrder.of(pattern, _elimination_order(pattern, n, rows[joints], columns[joints])),
     )
 

@@ -304,6 +304,8 @@ class StaticProblem(Problem):
         self._rigid, self._remainder = forms[1].joint_count, forms[1].remainder
         self._time, self._n, self._varied = loaded.time, last.n, varied
         self._initial_q, self._part_scales = last.q0, last.part_scales
+        starts = np.array([part.rows.start for part in last.parts], np.intp)
+        self._parts = starts[np.searchsorted(starts, np.arange(last.n), "right") - 1]
         if varied is None:
             common, only_unloaded, only_loaded = _split_structures(first, last)
         else:
@@ -395,7 +397,7 @@ class StaticProblem(Problem):
                 saddle=SaddlePoint.of(
                     self.pattern,
                     plan.tangent_targets,
-                    self._n,
+                    self._parts,
                     self.rigid_size,
                     self._remainder,
                 ),
@@ -475,7 +477,7 @@ class StaticProblem(Problem):
             return Count(0, 0, free=self._n - self._rigid)
         m = len(x) - self._n
         free = signs.above - signs.below
-        by_signs = Count(signs.below - m, 0, 0, free, *self._root_of_determinant(signs))
+        by_signs = Count(signs.below - m, 0, 0, free, *self._pair_of_determinant(signs))
         if signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size or self._rigid >= self._n:
             return by_signs
         try:
@@ -487,13 +489,13 @@ class StaticProblem(Problem):
             return by_signs
         return count_growing(flexibility, *self._motion_matrices(point))._replace(free=free)
 
-    def _root_of_determinant(self, signs: SaddlePoint) -> tuple[Array, float]:
-        """Return +-l with l^2 = -det K in admissible motions, and the logarithm of its unit."""
+    def _pair_of_determinant(self, signs: SaddlePoint) -> tuple[Array, float]:
+        """Return the pair of +-l with l^2 = -det K in admissible motions, and log |l|."""
         if signs.below != signs.above or signs.below < 0:
-            return np.zeros(0), 0.0
+            return np.zeros((2, 0)), 0.0
         is_negative = (signs.below - len(signs.scales) + self._n) % 2 == 1
         log_unit = 0.5 * float(np.sum(np.log(np.abs(signs.factors.pivots))))
-        return np.array([-1.0, 1.0]) * (1.0 if is_negative else 1j), log_unit
+        return np.array([[0.0], [1.0 if is_negative else -1.0]]), log_unit
 
     def _motion_matrices(self, point: Point) -> tuple[sp.csc_array, sp.csc_array]:
         """Return mass (n, n) and damping (n + m, n) in natural sizes, with that of constraints."""
