@@ -9,11 +9,10 @@ import numpy as np
 
 Array = np.ndarray
 
-# Positions between two points at which interpolated motions are examined, closely and roughly.
-_SHARES, _ROUGH_SHARES = np.linspace(0.0, 1.0, 101), np.linspace(0.0, 1.0, 21)
-# Motions can change between two points only if they do where a parabola through the point before
-# is bent by this factor.
-_BEND_FACTOR = 4.0
+# Positions between two points at which interpolated motions are examined.
+_SHARES = np.linspace(0.0, 1.0, 101)
+# Largest logarithm of the ratio of units: squares of larger ratios exceed the range of numbers.
+_MAX_LOG_UNIT = 300.0
 # Real parts up to this fraction of an eigenvalue between points are interpolation errors.
 _MIN_GROWTH = 1e-5
 # Largest deviation of a change from the mean rate, relative to the largest rate, of a pair of
@@ -58,7 +57,7 @@ class Count(NamedTuple):
 
 
 class Neighbor(NamedTuple):
-    """Count beside a point, at a distance relative to that of the ends."""
+    """Count beside a point, at a distance along the curve relative to that of the ends."""
 
     counts: Count
     distance: float
@@ -81,19 +80,6 @@ def find_growth_change(first: Count, last: Count) -> float:
     if not len(inner):
         return 0.5
     return float(_SHARES[inner[0] + 1 if inner[0] < len(_SHARES) // 2 else inner[0] - 2])
-
-
-def can_hide_growth(first: Count, last: Count, before: Neighbor) -> bool:
-    """Return True if other motions may grow between two points than at both.
-
-    `before` is the point before the first one, at a distance relative to that of both.
-    """
-    begin, end, earlier = _match_pairs(first, last, before.counts)
-    t, change = _ROUGH_SHARES[:, None], end - begin
-    curvature = (change - (begin - earlier) / before.distance) / (1.0 + before.distance)
-    bend = _BEND_FACTOR * t * (t - 1.0) * curvature
-    growing = _count_growing(begin + change * t + bend, _MIN_GROWTH)
-    return bool((growing != growing[0]).any())
 
 
 def find_hidden_growth(
@@ -125,9 +111,8 @@ def _match_pairs(*counts: Count) -> Array:
     matched = np.empty((len(counts), 2, 1, size), complex)
     for k, count in enumerate(counts):
         cut, factor = (count.pairs.shape[1] - size) // 2, math.exp(count.log_unit - unit)
-        matched[k, :, 0] = count.pairs[:, cut : cut + size]
-        matched[k, 0] *= factor
-        matched[k, 1] *= factor**2
+        matched[k, 0] = factor * count.pairs[0, cut : cut + size]
+        matched[k, 1] = factor**2 * count.pairs[1, cut : cut + size]
     return matched
 
 

@@ -15,7 +15,6 @@ import numpy as np
 from beamdae.analysis.continuation.counts import (
     Count,
     Neighbor,
-    can_hide_growth,
     find_growth_change,
     find_hidden_growth,
     find_hidden_turn,
@@ -169,7 +168,7 @@ def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float 
     way = width * (segment.values[1] - segment.values[0])
     change = high.point.p - low.point.p
     share = find_hidden_turn(change, way * low.rate, way * high.rate)
-    if share is None and low.counts.pairs.size and _can_hide_growth(segment, low, high):
+    if share is None and low.counts.pairs.size:
         try:
             neighbors = [_find_neighbor(x, way) for x in (low, high)]
         except CurveError:
@@ -177,23 +176,6 @@ def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float 
         share = find_hidden_growth(low.counts, neighbors[0], high.counts, neighbors[1])
     is_far = share is not None and width * min(share, 1.0 - share) > _HIDDEN_WIDTH
     return share if is_far else None
-
-
-def _can_hide_growth(segment: Segment, low: _Sample, high: _Sample) -> bool:
-    """Return False if the last point of the curve shows that counts do not differ between."""
-    before, begin, end = segment.before, segment.begin, segment.end
-    if before is None or low.point is not begin or high.point is not end:
-        return True
-    last, step = (_measure_way(x, y) for x, y in ((before, begin), (begin, end)))
-    neighbor = Neighbor(before.monitor, last / step)
-    return can_hide_growth(low.counts, high.counts, neighbor)
-
-
-def _measure_way(begin: Point, end: Point) -> float:
-    """Return the distance of two points with their parameters, in natural sizes."""
-    problem = begin.problem
-    change = problem.difference(end.x, begin.x) * problem.weights
-    return float(np.hypot(np.linalg.norm(change), end.p - begin.p))
 
 
 def _find_neighbor(sample: _Sample, way: float) -> Neighbor:

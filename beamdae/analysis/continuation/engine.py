@@ -347,8 +347,6 @@ class Segment:
         Control that changes monotonically along the curve, and its values at both points.
     begin_tangent, end_tangent
         Tangents at both points, with respect to the control; None to compute that at the end.
-    before
-        Point of the curve before the first one, or None.
     """
 
     begin: Point
@@ -357,7 +355,6 @@ class Segment:
     values: tuple[float, float]
     begin_tangent: Tangent
     end_tangent: Tangent | None = None
-    before: Point | None = None
 
     def at(self, position: float) -> Point:
         """Return the point at a position from 0 to 1.
@@ -500,9 +497,8 @@ def follow(
 
 
 class _LastStep(NamedTuple):
-    """Begin of a step, direction there, its change, and that of its control; 0 for arc length."""
+    """Direction at the begin of a step, its change, and that of its control; 0 for arc length."""
 
-    begin: Point
     direction: Tangent
     chord: Tangent
     size: float
@@ -605,7 +601,6 @@ def _take_step(
             cosine = _cosine(problem, tangent, segment.direction, weight)
             if steps.by_arc_length:
                 _require_near(control, target, trial, segment, 1.0 if is_corner else cosine)
-            segment = replace(segment, before=progress.last.begin if progress.last else None)
             found = explain(segment)
             if passes:
                 segment, found = segment.end_between(_TARGET, found)
@@ -624,7 +619,7 @@ def _take_step(
     grown = grown if steps.by_arc_length else min(grown, steps.largest)
     end = segment.end
     chord = Tangent(problem.difference(end.x, begin.x), end.p - begin.p)
-    done = _LastStep(begin, trial.direction, chord, 0.0 if trial.is_arc else trial.reach)
+    done = _LastStep(trial.direction, chord, 0.0 if trial.is_arc else trial.reach)
     return segment, found, _Progress(end, segment.direction, grown, done, trial.is_last)
 
 
@@ -688,7 +683,7 @@ def _extrapolate(problem: Problem, last: _LastStep | None, trial: _Trial, weight
     change = trial.change
     if last is None:
         return change
-    _, start, chord, before = last
+    start, chord, before = last
     length, unit = trial.reach, trial.direction
     if trial.is_arc:
         # Lengths must be smooth functions.

@@ -168,8 +168,9 @@ class SaddlePoint:
         """Return the work arrays for tangents with this pattern, without natural sizes.
 
         The non-zeros of the tangent are at `positions` in the argument of `count_signs`. `parts`
-        contains the first coordinate of the part of each coordinate, (n,). The first `rigid` of the n + m unknowns have no compliance; that of the others is 1. Constraints with
-        a `remainder`, (m,), are beside a stiffness of the same motion.
+        contains the first coordinate of the part of each coordinate, (n,). The first `rigid` of the
+        n + m unknowns have no compliance; that of the others is 1. Constraints with a `remainder`,
+        (m,), are beside a stiffness of the same motion.
         """
         n, positions = len(parts), positions.astype(np.uint32)
         indices = pattern.indices.astype(np.intp).tobytes()
