@@ -64,18 +64,13 @@ from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.native.object_code import is_native_enabled
 from beamdae.native.return_codes import DONE, SINGULAR
 from beamdae.symbolic.sparse_operators import column_indices
-from beamdae.symbolic.sums.kernel_sums import Kernel, SumPlan, set_matrix_factors, set_time
+from beamdae.symbolic.sums.kernel_sums import SumPlan, set_matrix_factors, set_time
 
 Array = np.ndarray
 
-# Machine code that is not in the cache is compiled when interpreted evaluations have taken longer
-# than compiling would. Times [s]: of an interpreted evaluation, as 100 + n coordinates; of
-# compiling a kernel, and more for each of its instructions; and of compiling the loop.
-_COORDINATE_SECONDS = 4e-6
-_OTHER_COORDINATES = 100
-_KERNEL_SECONDS = 0.01
-_INSTRUCTION_SECONDS = 6e-5
-_LOOP_SECONDS = 3.0
+# Machine code that is not in the cache is compiled after so many evaluations of a structure: one
+# takes about a millisecond, compiling the loop a few seconds.
+_INTERPRETED_EVALUATIONS = 1000
 
 # Number of solutions with the same factors, each with the residual of the one before.
 _SOLUTIONS = 2
@@ -164,12 +159,9 @@ def _plan_system(
 
 @dataclass
 class Usage:
-    """Estimated time of the interpreted evaluations with a structure in this process [s].
+    """Number of interpreted evaluations with a structure in this process."""
 
-    The time of what has been compiled is subtracted.
-    """
-
-    seconds: float = 0.0
+    evaluations: int = 0
 
 
 @cache_on_owner
@@ -319,9 +311,7 @@ class StaticProblem(Problem):
         self._plan, self.pattern = plan, plan.pattern
         size = plan.pattern.shape[0]
         self._weights = np.append(1.0 / last.group_scales, np.zeros(size - last.n))
-        self._compilation_seconds = np.inf
         self._set_loop(self._take_idle_loop() or self._make_loop(compiles=False))
-        self._compilation_seconds = np.inf if self.is_native else self._estimate_compilation()
 
     def _take_idle_loop(self) -> StepLoop[StaticWorkspace] | None:
         """Return a loop with a workspace of the same layout, if there is one."""
@@ -639,38 +629,10 @@ class StaticProblem(Problem):
         run.center, run.scale, run.has_forces = value, 1.0 / step, 0
 
     def _compile_if_used(self, count: int) -> None:
-        """Add `count` evaluations; compile kernels, then the loop, when this takes less time."""
-        if self.is_native:
+        """Add `count` evaluations; compile the kernels and the loop after many."""
+        if self.is_native or not is_native_enabled():
             return
-        usage = self._usage
-        usage.seconds += count * _COORDINATE_SECONDS * (_OTHER_COORDINATES + self._n)
-        if usage.seconds <= self._compilation_seconds:
-            return
-        usage.seconds -= self._compilation_seconds
-        missing = self._missing_kernels()
-        for kernel in missing:
-            kernel.load_native()
-        self._set_loop(self._make_loop(compiles=not missing))
-        was_compiled = not self._missing_kernels() if missing else self.is_native
-        self._compilation_seconds = self._estimate_compilation() if was_compiled else np.inf
-
-    def _missing_kernels(self) -> list[Kernel]:
-        """Return the kernels whose machine code is not in the cache."""
-        kernels = {
-            id(batch.kernel): batch.kernel
-            for plans in self._plan.sums
-            for plan in plans
-            for batch in plan.batches
-        }
-        return [x for x in kernels.values() if x.load_native(compiles=False) is None]
-
-    def _estimate_compilation(self) -> float:
-        """Return the time of compiling the missing kernels or, if there are none, the loop [s]."""
-        if not is_native_enabled():
-            return np.inf
-        missing = self._missing_kernels()
-        seconds = [
-            _KERNEL_SECONDS + _INSTRUCTION_SECONDS * kernel.function.n_instructions()
-            for kernel in missing
-        ]
-        return sum(seconds) if missing else _LOOP_SECONDS
+        self._usage.evaluations += count
+        if self._usage.evaluations > _INTERPRETED_EVALUATIONS:
+            self._usage.evaluations = 0
+            self._set_loop(self._make_loop(compiles=True))
