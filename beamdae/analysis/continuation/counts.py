@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,8 @@ Array = np.ndarray
 
 # Positions between two points at which interpolated motions are examined.
 _SHARES = np.linspace(0.0, 1.0, 101)
+# Largest logarithm of the ratio of units: squares of larger ratios exceed the range of numbers.
+_MAX_LOG_UNIT = 300.0
 # Real parts up to this fraction of an eigenvalue between points are interpolation errors.
 _MIN_GROWTH = 1e-5
 # Largest deviation of a change from the mean rate, relative to the largest rate, of a pair of
@@ -28,18 +31,18 @@ class Count(NamedTuple):
         Motions that alternate from period to period.
     free
         Motions without stiffness.
-    spectrum
-        Complex numbers in pairs l, -l or conjugate ones. Motions grow if Re l > 0; where their
-        number changes, two of these numbers meet, or have no real part.
+    pairs
+        Mean (l1 + l2) / 2 and (l1 - l2)^2 / 4 of neighboring eigenvalues, (2, k). Both are smooth
+        functions along a curve, also where the eigenvalues meet.
     log_unit
-        Logarithm of the unit of these numbers: determinants exceed the range of numbers.
+        Logarithm of the unit of eigenvalues: determinants exceed the range of numbers.
     """
 
     divergent: int
     oscillating: int
     alternating: int = 0
     free: int = 0
-    spectrum: Array = np.zeros(0)
+    pairs: Array = np.zeros((2, 0))
     log_unit: float = 0.0
 
     @property
@@ -54,18 +57,22 @@ class Count(NamedTuple):
 
 
 class Neighbor(NamedTuple):
-    """Count beside a point, at a distance relative to that of the ends."""
+    """Count beside a point, at a distance along the curve relative to that of the ends."""
 
     counts: Count
     distance: float
 
 
+def pair_neighbors(values: Array) -> Array:
+    """Return `Count.pairs` of eigenvalues in pairs l, -l or conjugate ones."""
+    values = values[np.lexsort((values.real, values.imag))]
+    lower, upper = values[:-1], values[1:]
+    return np.array([0.5 * (upper + lower), 0.25 * (upper - lower) ** 2])
+
+
 def find_growth_change(first: Count, last: Count) -> float:
     """Return a position from 0 to 1 that brackets the change of growing motions closely."""
-    pairs = _pair_neighbors(first, last)
-    if pairs is None:
-        return 0.5
-    begin, end = pairs
+    begin, end = _match_pairs(first, last)
     growing = _count_growing(begin + (end - begin) * _SHARES[:, None], 0.0)
     firsts = np.argmax(growing != growing[0], axis=0)[growing[0] != growing[-1]]
     # Neighbors of those that meet seem to change at one of the ends.
@@ -80,13 +87,10 @@ def find_hidden_growth(
 ) -> float | None:
     """Return a position from 0 to 1 where other motions may grow than at both ends, or None.
 
-    Mean and difference of neighboring eigenvalues, (l1 - l2)^2, are smooth where the eigenvalues
-    meet. They are interpolated by cubic polynomials, with the derivatives at both ends.
+    Pairs are interpolated by cubic polynomials, with the derivatives at both ends.
     """
-    pairs = _pair_neighbors(first, first_beside.counts, last, last_beside.counts)
-    if pairs is None:
-        return None
-    begin, begin_near, end, end_near = pairs
+    counts = first, first_beside.counts, last, last_beside.counts
+    begin, begin_near, end, end_near = _match_pairs(*counts)
     begin_rate = (begin_near - begin) / first_beside.distance
     end_rate = (end_near - end) / last_beside.distance
     t, change = _SHARES[:, None], end - begin
@@ -97,25 +101,19 @@ def find_hidden_growth(
     largest = np.maximum(np.abs(begin_rate), np.abs(end_rate))
     is_same = (error <= _MAX_RATE_ERROR * largest + _MIN_CHANGE * size).all(axis=(0, 1))
     differs = (growing != growing[0]) & (growing[0] == growing[-1]) & is_same
-    return _middle_of(differs.any(axis=1))
+    (selected,) = np.nonzero(differs.any(axis=1))
+    return float(_SHARES[selected[len(selected) // 2]]) if len(selected) else None
 
 
-def _pair_neighbors(*counts: Count) -> Array | None:
-    """Return mean and (l1 - l2)^2 / 4 of neighbors among the slowest eigenvalues.
-
-    They are those of each count in one unit, (counts, 2, 1, k); None if there are no pairs.
-    """
-    size, unit = min(len(x.spectrum) for x in counts), max(x.log_unit for x in counts)
-    if size < 2:
-        return None
-    pairs = []
-    for count in counts:
-        values = count.spectrum.astype(complex) * np.exp(count.log_unit - unit)
-        values = values[np.lexsort((values.real, values.imag))]
-        cut = (len(values) - size) // 2
-        lower, upper = values[cut : cut + size - 1], values[cut + 1 : cut + size]
-        pairs.append([0.5 * (upper + lower), 0.25 * (upper - lower) ** 2])
-    return np.array(pairs)[:, :, None]
+def _match_pairs(*counts: Count) -> Array:
+    """Return the pairs of the slowest eigenvalues of each count in one unit, (counts, 2, 1, k)."""
+    size, unit = min(x.pairs.shape[1] for x in counts), max(x.log_unit for x in counts)
+    matched = np.empty((len(counts), 2, 1, size), complex)
+    for k, count in enumerate(counts):
+        cut, factor = (count.pairs.shape[1] - size) // 2, math.exp(count.log_unit - unit)
+        matched[k, 0] = factor * count.pairs[0, cut : cut + size]
+        matched[k, 1] = factor**2 * count.pairs[1, cut : cut + size]
+    return matched
 
 
 def _count_growing(pairs: Array, min_growth: float) -> Array:
@@ -126,15 +124,13 @@ def _count_growing(pairs: Array, min_growth: float) -> Array:
 
 
 def find_hidden_turn(change: float, begin_rate: float, end_rate: float) -> float | None:
-    """Return a position from 0 to 1 where a quantity may reverse that changes by `change`."""
-    if begin_rate * end_rate <= 0.0:
+    """Return a position from 0 to 1 where a quantity may reverse that changes by `change`.
+
+    Its rate is a parabola with these values at both ends and this mean; it has no sign change if
+    its control points have one sign.
+    """
+    middle = 3.0 * change - begin_rate - end_rate
+    product = begin_rate * end_rate
+    if product <= 0.0 or middle * begin_rate >= 0.0 or middle**2 <= product:
         return None
-    line = begin_rate + (end_rate - begin_rate) * _SHARES
-    bend = 6.0 * (change - 0.5 * (begin_rate + end_rate)) * _SHARES * (1.0 - _SHARES)
-    return _middle_of((line + bend) * begin_rate < 0.0)
-
-
-def _middle_of(mask: Array) -> float | None:
-    """Return the middle of the positions with this mask, or None."""
-    selected = np.flatnonzero(mask)
-    return float(_SHARES[selected[len(selected) // 2]]) if len(selected) else None
+    return (begin_rate - middle) / (begin_rate - 2.0 * middle + end_rate)

@@ -168,7 +168,7 @@ def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float 
     way = width * (segment.values[1] - segment.values[0])
     change = high.point.p - low.point.p
     share = find_hidden_turn(change, way * low.rate, way * high.rate)
-    if share is None and len(low.counts.spectrum):
+    if share is None and low.counts.pairs.size:
         try:
             neighbors = [_find_neighbor(x, way) for x in (low, high)]
         except CurveError:
@@ -205,86 +205,149 @@ def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
     return CriticalPoint(position, BRANCH, point, critical_mode(low.point))
 
 
+class _Test(NamedTuple):
+    """Bordered test function g: [[J, b], [b^T, 0]] (v, g) = (0, 1), zero where J is singular.
+
+    For motions that alternate, J is that of the sum of monodromy matrix and identity.
+    """
+
+    border: Array
+    alternates: bool
+
+    @classmethod
+    def at(cls, point: Point, alternates: bool) -> _Test:
+        """Return the function with the critical mode of a point as its border."""
+        mode = critical_mode(_select_matrix(point, alternates))
+        return cls(point.problem.mode_weights**2 * mode, alternates)
+
+    def __call__(self, point: Point) -> tuple[float, Array]:
+        """Return g and the mode v."""
+        matrix = _select_matrix(point, self.alternates)
+        factors = matrix.bordered(self.border, self.border, 0.0)
+        solution = factors.solve(np.append(np.zeros(len(point.x)), 1.0))
+        return float(solution[-1]), solution[:-1]
+
+
+def _select_matrix(point: Point, alternates: bool) -> Point:
+    linear: Any = point.linearization
+    return replace(point, linearization=linear.alternating) if alternates else point
+
+
+class _Root:
+    """Samples of a test function in a segment, and the two with different signs.
+
+    Attributes
+    ----------
+    segment, test
+        Segment and test function.
+    ends
+        Positions and points on both sides of the root.
+    first, largest
+        Value at the first sample, and largest value at the first ends.
+    has_change
+        True if the signs differ.
+    positions, points
+        Positions of samples by value, and points by position.
+    mode
+        Mode of the last sample.
+    """
+
+    def __init__(self, segment: Segment, test: _Test, low: _Sample, high: _Sample) -> None:
+        self.segment, self.test, self.ends = segment, test, [low[:2], high[:2]]
+        (self.first, _), (last, self.mode) = test(low.point), test(high.point)
+        self.largest = max(abs(self.first), abs(last))
+        self.has_change = self.first * last < 0.0
+        self.positions = {self.first: low.position, last: high.position}
+        self.points = dict(self.ends)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Positions on both sides of the root."""
+        return self.ends[0][0], self.ends[1][0]
+
+    def estimate(self) -> float:
+        """Return the position of the root by interpolation."""
+        left, right = self.bounds
+        return min(max(_interpolate_inversely(self.positions), left), right)
+
+    def sample(self, share: float) -> bool:
+        """Add a sample between both ends, which it narrows; return False at a pole."""
+        position, point = _point_between(self.segment, self.ends[0], self.ends[1], share)
+        value, self.mode = self.test(point)
+        self.ends[0 if value * self.first > 0.0 else 1] = position, point
+        self.positions[value], self.points[position] = position, point
+        return abs(value) <= self.largest
+
+    def sample_beside(
+        self, first: tuple[float, Point], last: tuple[float, Point], at: float
+    ) -> None:
+        """Add a sample between two points beside the root, if there is space."""
+        if first[0] < at < last[0]:
+            share = (at - first[0]) / (last[0] - first[0])
+            position, point = _point_between(self.segment, first, last, share)
+            self.positions[self.test(point)[0]], self.points[position] = position, point
+
+    def narrow(self) -> float | None:
+        """Narrow the ends down to where rounding moves points; return half their distance.
+
+        Return None at a pole, or if the samples do not suffice.
+        """
+        for k in range(_MAX_SAMPLES):
+            (left, right), root = self.bounds, self.estimate()
+            # Long steps may pass a critical point at their very beginning.
+            tolerance = REGULAR_DISTANCE * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
+            # Closer to a crossing, rounding moves points along the critical mode.
+            is_left_far, is_right_far = (
+                root - left > 2.0 * tolerance,
+                right - root > 2.0 * tolerance,
+            )
+            if not (is_left_far or is_right_far):
+                return tolerance
+            aimed = root - tolerance if is_left_far else root + tolerance
+            is_wide = right - left > _WIDE * tolerance
+            if k % 3 == 2 and is_wide:
+                aimed = 0.5 * (left + right)  # interpolation may converge slowly
+            aimed = min(max(aimed, left + 0.5 * tolerance), right - 0.5 * tolerance)
+            try:
+                is_regular = self.sample((aimed - left) / (right - left))
+            except CurveError:
+                if not is_wide:
+                    return tolerance
+                is_regular = self.sample(0.5)
+            if not is_regular:
+                return None
+        return None
+
+
 def _find_root(
     segment: Segment, low: _Sample, high: _Sample, alternates: bool
 ) -> tuple[float, Point, Array] | None:
     """Return position, point and mode where the Jacobian is singular.
 
     Return None without a sign change, at a pole, or if the samples do not suffice.
-
-    The root is that of the bordered test function g: [[J, b], [b^T, 0]] (v, g) = (0, 1). For
-    motions that alternate, J is that of the sum of monodromy matrix and identity.
     """
-
-    def view(point: Point) -> Point:
-        linear: Any = point.linearization
-        return replace(point, linearization=linear.alternating) if alternates else point
-
-    def test(point: Point) -> tuple[float, Array]:
-        factors = view(point).bordered(border, border, 0.0)
-        solution = factors.solve(np.append(np.zeros(len(point.x)), 1.0))
-        return float(solution[-1]), solution[:-1]
-
-    weights = segment.begin.problem.mode_weights
     for end in (low.point, high.point):
-        border = weights**2 * critical_mode(view(end))
-        (a, _), (b, mode) = test(low.point), test(high.point)
-        if a * b < 0.0:
+        test = _Test.at(end, alternates)
+        root = _Root(segment, test, low, high)
+        if root.has_change:
             break
     else:
         return None
-    ends, largest = [low[:2], high[:2]], max(abs(a), abs(b))
-    samples, points = {a: low.position, b: high.position}, dict(ends)
-    for k in range(_MAX_SAMPLES):
-        left, right = ends[0][0], ends[1][0]
-        root = min(max(_interpolate_inversely(samples), left), right)
-        # Long steps may pass a critical point at their very beginning.
-        tolerance = REGULAR_DISTANCE * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
-        # Closer to a crossing, rounding moves points along the critical mode.
-        is_left_far, is_right_far = root - left > 2.0 * tolerance, right - root > 2.0 * tolerance
-        if not (is_left_far or is_right_far):
-            break
-        aimed = root - tolerance if is_left_far else root + tolerance
-        if k % 3 == 2 and right - left > _WIDE * tolerance:
-            aimed = 0.5 * (left + right)  # interpolation may converge slowly
-        aimed = min(max(aimed, left + 0.5 * tolerance), right - 0.5 * tolerance)
-        try:
-            share = (aimed - left) / (right - left)
-            position, point = _point_between(segment, ends[0], ends[1], share)
-        except CurveError:
-            if right - left <= _WIDE * tolerance:
-                break
-            position, point = _point_between(segment, ends[0], ends[1], 0.5)
-        value, mode = test(point)
-        if abs(value) > largest:
-            # The sign changes at a pole of g, where the bordered matrix is singular.
-            return None
-        ends[0 if value * a > 0.0 else 1] = position, point
-        samples[value] = position
-        points[position] = point
-    else:
+    tolerance = root.narrow()
+    if tolerance is None:
         return None
-    (left, first), (right, last) = ends
     # Samples on both sides, so that the cubic is that of the neighborhood.
-    sides = (
-        ((low.position, low.point), ends[0], left - 2.0 * tolerance),
-        (ends[1], (high.position, high.point), right + 2.0 * tolerance),
-    )
-    for first_end, last_end, aimed in sides:
-        if first_end[0] < aimed < last_end[0]:
-            share = (aimed - first_end[0]) / (last_end[0] - first_end[0])
-            position, point = _point_between(segment, first_end, last_end, share)
-            samples[test(point)[0]], points[position] = position, point
-    position = min(max(_interpolate_inversely(samples), left), right)
-    turns = low.rate * high.rate < 0.0
-    if turns:
+    (left, first), (right, last) = ends = tuple(root.ends)
+    root.sample_beside(low[:2], ends[0], left - 2.0 * tolerance)
+    root.sample_beside(ends[1], high[:2], right + 2.0 * tolerance)
+    position = root.estimate()
+    if low.rate * high.rate < 0.0:
         share = (position - left) / (right - left)
-        point = segment.part(first, last, left, right).at(share)
-    else:
-        point = interpolate(points, position)
-    if not (turns or alternates) and _opposes(point, border) > _MAX_IMPERFECTION:
+        return position, segment.part(first, last, left, right).at(share), root.mode
+    point = interpolate(root.points, position)
+    if not alternates and _opposes(point, test.border) > _MAX_IMPERFECTION:
         raise CurveError("the stability changes abruptly")
-    return position, point, mode
+    return position, point, root.mode
 
 
 def _interpolate_inversely(samples: dict[float, float]) -> float:

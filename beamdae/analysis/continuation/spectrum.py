@@ -1,20 +1,21 @@
-"""Growing motions about an equilibrium: M q'' + D q' + K q + G^T lam = 0, G q - C lam = 0.
+"""Slow motions of linear systems, and growing motions about an equilibrium.
 
-Eigenvalues are computed from the flexibility, the inverse of the saddle-point matrix of K, G and C:
-slow motions are then its largest ones, whatever the stiffest ones are.
+The equations are M q'' + D q' + K q + G^T lam = 0, G q - C lam = 0. Eigenvalues are computed from
+the flexibility, the inverse of the saddle-point matrix of K, G and C: slow motions are then its
+largest ones, whatever the stiffest ones are. Large systems use an invariant space found by ARPACK.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
-from beamdae.analysis.continuation.counts import Count
+from beamdae.analysis.continuation.counts import Count, pair_neighbors
 
 Array = np.ndarray
 
@@ -29,10 +30,99 @@ _ROUNDING, _ROUNDING_OF_GROWTH = 1e-6, 1e-13
 # are rounding errors.
 _NEGLIGIBLE = 1e-7
 # Largest number of coordinates for dense matrices; beyond, number of the slowest motions that are
-# sought, relative tolerance of their eigenvalues, and number of restarts.
-_MAX_DENSE, _SLOW_COUNT, _LANCZOS_TOLERANCE, _MAX_RESTARTS = 300, 20, 1e-12, 20
+# sought.
+_MAX_DENSE, _SLOW_COUNT = 300, 20
 # Eigenvalues of the mass, with ones on its diagonal, up to this size are rounding errors.
 _NEGLIGIBLE_MASS = 1e-12
+# Relative accuracy of ARPACK, and in clusters; numbers of eigenvalues beyond the wanted ones, and
+# of searches and their restarts.
+_ARPACK_TOLERANCE, _CLUSTER_TOLERANCE, _CLUSTER_VECTORS = 1e-12, 1e-3, 80
+EXTRA_VALUES, _MAX_SEARCHES, _MAX_RESTARTS = 2, 30, 20
+# Directions of found motions below this fraction of the others depend on them.
+_DEPENDENCE_RATIO = 1e-10
+
+
+class SlowSpace(NamedTuple):
+    """Invariant space of the flexibility.
+
+    Attributes
+    ----------
+    basis, images
+        Orthonormal motions (N, k), and their images under the flexibility.
+    is_complete
+        True if it contains all wanted motions.
+    """
+
+    basis: Array
+    images: Array
+    is_complete: bool
+
+    @property
+    def reduced(self) -> Array:
+        """Flexibility in this space, (k, k)."""
+        return np.asarray(self.basis.T @ self.images)
+
+
+def find_slow_space(
+    respond: Callable[[Array], Array],
+    size: int,
+    number: int,
+    find_missing: Callable[[Array, float], float] = lambda *_: 0.0,
+    which: str = "LM",
+) -> SlowSpace:
+    """Return motions that span the slowest modes.
+
+    Found motions are removed from the flexibility, and the largest eigenvalue of the rest tells
+    which modes are complete. So copies of multiple eigenvalues are found, too.
+
+    Parameters
+    ----------
+    respond
+        Flexibility, from motions (N, k) to their images.
+    size, number
+        N, and number of eigenvalues of the first search.
+    find_missing
+        Function from eigenvalues of the flexibility to the number of missing modes, if all that are
+        larger than the second argument are known.
+    which
+        Measure of eigenvalues in searches after the first, see `scipy.sparse.linalg.eigs`: growing
+        motions are among the slowest ones, whatever is sought.
+    """
+    basis, images = np.zeros((2, size, 0))
+
+    def remove(y: Array) -> Array:
+        return y - basis @ (basis.T @ y)
+
+    def multiply(y: Array) -> Array:
+        return remove(respond(remove(y.reshape(-1, 1))))
+
+    operator = LinearOperator((size, size), multiply, dtype=float)
+    tolerance, bound = _ARPACK_TOLERANCE, np.inf
+    for k in range(_MAX_SEARCHES):
+        if basis.shape[1] + number > size // 2:
+            break
+        start = np.random.default_rng(k).standard_normal(size)
+        settings = {"v0": start, "tol": tolerance, "maxiter": _MAX_RESTARTS}
+        if tolerance > _ARPACK_TOLERANCE:
+            number, settings["ncv"] = EXTRA_VALUES, _CLUSTER_VECTORS
+        try:
+            found, vectors = eigs(operator, number, which=which if k else "LM", **settings)
+        except ArpackNoConvergence as error:
+            # Decays at nearly the same rate are not separated.
+            found, vectors = error.eigenvalues, error.eigenvectors
+            if not len(found) and tolerance > _ARPACK_TOLERANCE:
+                break
+            tolerance = _CLUSTER_TOLERANCE
+        if k and len(found):
+            bound = float(np.max(np.abs(found.imag if which == "LI" else found)))
+        new = la.orth(remove(np.hstack([vectors.real, vectors.imag])), _DEPENDENCE_RATIO)
+        basis, images = np.hstack([basis, new]), np.hstack([images, respond(new)])
+        inverses = la.eigvals(basis.T @ images)
+        missing = int(np.ceil(find_missing(inverses, (1.0 - tolerance) * bound)))
+        if missing <= 0:
+            return SlowSpace(basis, images, True)
+        number = EXTRA_VALUES + (2 * missing if k or which == "LI" else 0)
+    return SlowSpace(basis, images, False)
 
 
 class Flexibility(NamedTuple):
@@ -83,7 +173,8 @@ def count_growing(flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_
         divergent, oscillating = is_real & (values.real > 0.0), ~is_real
         roots = 1.0 / np.sqrt(values.astype(complex))
         spectrum = np.append(roots, -roots)
-    return Count(int(divergent.sum()), int(oscillating.sum()) // 2, spectrum=spectrum)
+    pairs = pair_neighbors(spectrum)
+    return Count(int(divergent.sum()), int(oscillating.sum()) // 2, pairs=pairs)
 
 
 def _find_all(
@@ -107,40 +198,22 @@ def _find_slowest(
     n, m = flexibility.size, damping.shape[0] - flexibility.size
 
     def respond_to_squares(q: Array) -> Array:
-        return -flexibility.respond_to_forces(mass @ np.reshape(q, (n, 1)), m).ravel()
+        return -flexibility.respond_to_forces(mass @ q, m)
 
     def respond(state: Array) -> Array:
-        q, v = np.split(np.ravel(state), 2)
+        q, v = np.split(state, 2)
         forces = damping @ q
         forces[:n] += mass @ v
-        return np.append(-flexibility.respond(forces[:, None]).ravel(), q)
+        return np.vstack([-flexibility.respond(forces), q])
 
-    size = 2 * n if is_damped else n
-    matvec = respond if is_damped else respond_to_squares
-    operator = LinearOperator((size, size), matvec, dtype=float)
-    settings: dict[str, Any] = {
-        "v0": np.cos(np.arange(size) ** 2.0),
-        "tol": _LANCZOS_TOLERANCE,
-        "maxiter": _MAX_RESTARTS,
-    }
-
-    def search(which: str) -> Array:
-        try:
-            return np.asarray(
-                eigs(operator, _SLOW_COUNT, which=which, return_eigenvectors=False, **settings)
-            )
-        except ArpackNoConvergence as error:
-            # Decays at nearly the same rate are not separated.
-            return np.asarray(error.eigenvalues)
-
-    values = search("LM")
     if not is_damped:
-        return values
+        return la.eigvals(find_slow_space(respond_to_squares, n, _SLOW_COUNT).reduced)
+
     # Strong damping slows many motions down to nearly the same decay: oscillations are sought, too.
-    vibrations = search("LI")
-    distances = np.abs(vibrations[:, None] - values)
-    is_new = np.all(distances > _ROUNDING * np.abs(vibrations[:, None]), axis=1)
-    return np.append(values, vibrations[is_new])
+    def find_missing(_: Array, bound: float) -> float:
+        return 0.5 * _SLOW_COUNT if np.isinf(bound) else 0.0
+
+    return la.eigvals(find_slow_space(respond, 2 * n, _SLOW_COUNT, find_missing, "LI").reduced)
 
 
 def _select_slow(values: Array) -> Array:

@@ -1,5 +1,5 @@
 """Eigenvalue solvers for natural modes and for the stability of equilibria.
 
-May import: equations, linear and lower layers; no other analysis.
+May import: continuation, equations, linear and lower layers; no other analysis.
 To extend: add a module for a new eigenvalue solver and choose it in `eigensolution`.
 """

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
+from beamdae.analysis.continuation.spectrum import EXTRA_VALUES, find_slow_space
 from beamdae.analysis.eigenproblems.linearized_equations import (
     ROUNDING_RATIO,
     LinearizedEquations,
@@ -40,12 +40,8 @@ _MAX_SHIFTS, _BLOCK_SIZE, _ITERATIONS, _SLOW_RATIO, _ZERO_RATIO = 20, 8, 4, 1e-9
 # Shift relative to the geometric mean of the lowest and highest frequency of interest; a factor of
 # one would hit the frequency of a single mode. If all modes are requested, the lowest ten count.
 _SHIFT_RATIO, _DEFAULT_COUNT = 0.6, 10
-# Relative accuracy of ARPACK, and in clusters; numbers of eigenvalues beyond the wanted ones, and
-# of searches and their restarts.
-_ARPACK_TOLERANCE, _CLUSTER_TOLERANCE, _CLUSTER_VECTORS = 1e-12, 1e-3, 80
-_EXTRA_VALUES, _FIRST_VALUES, _MAX_SEARCHES, _MAX_RESTARTS = 2, 6, 30, 10
-# Directions of found motions below this fraction of the others depend on them.
-_DEPENDENCE_RATIO = 1e-10
+# Number of eigenvalues of the first search if modes of a measure other than the size are sought.
+_FIRST_VALUES = 6
 # Eigenvalues of the inverse below this fraction of the largest are lost in rounding.
 _MIN_INVERSE_RATIO = 1e-13
 # Images under the flexibility replace shapes if this share of their kinetic energy is not parallel.
@@ -246,9 +242,13 @@ def _find_motions(
 
     scales = _find_scales(lin, s)
     if count is not None and n > _MAX_DENSE_COORDINATES and 2 * count + 6 < n:
-        motions = _search(apply, scales, (1 + lin.has_rates) * count, find_missing, which)
-        if motions is not None:
-            return motions
+        number = (1 + lin.has_rates) * count + EXTRA_VALUES if which == "LM" else _FIRST_VALUES
+        sizes = scales[:, None]
+        space = find_slow_space(
+            lambda y: apply(sizes * y) / sizes, len(scales), number, find_missing, which
+        )
+        if space.is_complete:
+            return _Motions(sizes * space.basis, (space.basis / sizes).T, sizes * space.images)
         if n > _MAX_FALLBACK_COORDINATES:
             raise BeamdaeError(
                 f"modes: the {count} lowest modes were not found, because many eigenvalues are "
@@ -257,58 +257,6 @@ def _find_motions(
             )
     basis = scales[:, None] * _null_space(_constraint_rows(lin, momenta) * scales)
     return _Motions(basis, (basis / scales[:, None] ** 2).T, apply(basis))
-
-
-def _search(
-    apply: Callable[[Array], Array],
-    scales: Array,
-    number: int,
-    find_missing: Callable[[Array, float], float],
-    which: str,
-) -> _Motions | None:
-    """Return motions that span the slowest modes, or None if ARPACK does not find them.
-
-    Found motions are removed from the flexibility, and the largest eigenvalue of the rest tells
-    which modes are complete. So copies of multiple eigenvalues are found, too.
-    """
-    size = len(scales)
-    basis, images = np.zeros((2, size, 0))
-
-    def remove(y: Array) -> Array:
-        return y - basis @ (basis.T @ y)
-
-    def multiply(y: Array) -> Array:
-        return remove(apply(scales[:, None] * remove(y.reshape(-1, 1))) / scales[:, None])
-
-    # Growing motions are among the slowest ones, whatever is sought.
-    number = number + _EXTRA_VALUES if which == "LM" else _FIRST_VALUES
-    tolerance, bound = _ARPACK_TOLERANCE, np.inf
-    for k in range(_MAX_SEARCHES):
-        if basis.shape[1] + number > size // 2:
-            return None
-        operator = LinearOperator((size, size), multiply, dtype=float)
-        start = np.random.default_rng(k).standard_normal(size)
-        settings = {"v0": start, "tol": tolerance, "maxiter": _MAX_RESTARTS}
-        if tolerance > _ARPACK_TOLERANCE:
-            number, settings["ncv"] = _EXTRA_VALUES, _CLUSTER_VECTORS
-        try:
-            found, vectors = eigs(operator, number, which=which if k else "LM", **settings)
-        except ArpackNoConvergence as error:
-            found, vectors = error.eigenvalues, error.eigenvectors
-            if not len(found) and tolerance > _ARPACK_TOLERANCE:
-                return None
-            tolerance = _CLUSTER_TOLERANCE
-        if k and len(found):
-            bound = float(np.max(np.abs(found.imag if which == "LI" else found)))
-        new = la.orth(remove(np.hstack([vectors.real, vectors.imag])), _DEPENDENCE_RATIO)
-        basis = np.hstack([basis, new])
-        images = np.hstack([images, apply(scales[:, None] * new) / scales[:, None]])
-        inverses = la.eigvals(basis.T @ images)
-        missing = int(np.ceil(find_missing(inverses, (1.0 - tolerance) * bound)))
-        if missing <= 0:
-            return _Motions(scales[:, None] * basis, basis.T / scales, scales[:, None] * images)
-        number = _EXTRA_VALUES + (2 * missing if k or which == "LI" else 0)
-    return None
 
 
 def _find_scales(lin: LinearizedEquations, s: float) -> Array:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
 from beamdae import deferred
 from beamdae.analysis.continuation.engine import CurveError, Point, Tangent, prescribe_parameter
+from beamdae.analysis.continuation.spectrum import find_slow_space
 from beamdae.analysis.eigenproblems.eigensolution import locate_largest
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.paths import (
@@ -336,7 +336,7 @@ def repeat_buckling(result: Buckling, equations: EquationsOfMotion, q: Array) ->
 def _name_singular_response() -> Iterator[None]:
     try:
         yield
-    except (CurveError, SingularMatrixError, ArpackError, la.LinAlgError) as error:
+    except (CurveError, SingularMatrixError, la.LinAlgError) as error:
         raise BeamdaeError(
             f"{_NAME}: the unloaded equilibrium has no unique linear response ({error}); check "
             "joints and supports."
@@ -459,10 +459,14 @@ def _solve(path: _LinearizedPath, count: int) -> tuple[Array, Array, float]:
         columns = path.rate.toarray().T
         inverses, vectors = la.eig(-np.stack([solver.solve(column) for column in columns], axis=1))
     else:
-        operator = LinearOperator(
-            (size, size), lambda x: -solver.solve(path.rate @ np.ravel(x)), dtype=float
-        )
-        inverses, vectors = eigs(operator, number, v0=np.cos(np.arange(size) ** 2.0))
+
+        def respond(x: Array) -> Array:
+            forces = (path.rate @ x).T
+            return -np.stack([solver.solve(np.ascontiguousarray(f)) for f in forces], axis=1)
+
+        space = find_slow_space(respond, size, number)
+        inverses, vectors = la.eig(space.reduced)
+        vectors = space.basis @ vectors
     largest = np.max(np.abs(inverses), initial=0.0)
     is_real = np.abs(inverses.imag) <= _IMAGINARY_TOLERANCE * np.abs(inverses)
     is_real &= np.abs(inverses) > _MIN_INVERSE_RATIO * largest

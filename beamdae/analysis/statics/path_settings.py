@@ -80,24 +80,13 @@ class PathSettings:
         if not targets:
             raise BeamdaeError("equilibrium: to must contain at least one number.")
         switch = _parse_switches(switch)
-        if control is None:
-            control = ARC_LENGTH if switch else DISPLACEMENT if column else LOAD
+        default = ARC_LENGTH if switch else DISPLACEMENT if column else LOAD
+        control = default if control is None else control
         require_choice(name, "control", control, (LOAD, DISPLACEMENT, ARC_LENGTH))
-        if over is not None and control == DISPLACEMENT:
+        if control not in (default, ARC_LENGTH):
             raise BeamdaeError(
-                f"equilibrium: control={control!r} is not supported with over=; omit it to "
-                f"prescribe {over!r}, or use control={ARC_LENGTH!r}."
-            )
-        is_possible = {
-            LOAD: not column and not switch,
-            DISPLACEMENT: bool(column) and not switch,
-            ARC_LENGTH: True,
-        }
-        if not is_possible[control]:
-            alternative = ARC_LENGTH if switch else DISPLACEMENT if column else LOAD
-            raise BeamdaeError(
-                f"equilibrium: control={control!r} is not supported with the given to= "
-                f"and switch=; use control={alternative!r}."
+                f"equilibrium: control={control!r} is not supported with the given to=, switch= "
+                f"and over=; omit it, or use control={ARC_LENGTH!r}."
             )
         size = None if step is None else require_positive(name, "step", step)
         max_points = require_count(name, "max_points", max_points, 2)

@@ -62,8 +62,6 @@ _MAX_INITIAL_MOTION = 0.05
 _MIN_FIRST_LOAD = 1e-6
 # Distance, relative to the largest step, within which two branch points are equal.
 _SAME_POINT_RATIO = 1e-2
-# Targets farther away than this multiple of the size of the mechanism are named if steps fail.
-_FAR_TARGET_RATIO = 3.0
 # Relative difference up to which two coordinates of a mode have equal amplitudes.
 _EQUAL_MOTION_TOLERANCE = 1e-6
 _MAX_CHECK_POINTS = 100
@@ -217,7 +215,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             critical.append(CriticalPoint(one.kind, first + one.row, factor, coordinate))
         if system.has_scaled_loads:
             notes += _zero_load_notes(path, loading)
-        status = _end_status(path, stage, control, loading.quantity)
+        status = _end_status(path, stage.control, loading.quantity)
         if not status.success:
             break
     all_factors = np.array(factors).reshape(len(points), len(loading.stages) + varies)
@@ -518,26 +516,26 @@ def _begin_under_load(path: StagePath, control: Control, targets: list[float]) -
     The position without load is arbitrary if it has a motion without stiffness; the path then
     begins under load. Targets that are passed are removed.
     """
-    problem, begin = path.problem, path.end
-    by_load, is_free = control is prescribe_parameter, bool(stability_of(begin).free)
+    problem, begin, by_load = path.problem, path.end, control is prescribe_parameter
+    is_arbitrary = bool(stability_of(begin).free)
+    step = _LOAD_STEP_RATIO * (abs(targets[0] - begin.p) if by_load else 1.0)
+    loads = list(targets) if by_load else [begin.p + step]
     try:
-        for k, target in enumerate(list(targets) if by_load else [begin.p + _LOAD_STEP_RATIO]):
-            way = target - path.end.p
-            size = min(abs(way), _LOAD_STEP_RATIO * abs(targets[0] - begin.p) or abs(way))
-            mu = path.end.p + float(np.sign(way)) * (size if by_load else abs(way))
-            point = _relax(problem, path.end.x[: problem.n], mu)
-            if stability_of(point).free:
-                # Loads have given the other motions a stiffness.
-                point = _hold_neutral_motions(point)
+        for k, target in enumerate(loads):
+            end = path.end
+            mu = end.p + float(np.clip(target - end.p, -step, step)) if step else target
+            # Loads give motions other than neutral ones a stiffness.
+            point = _relax(problem, end.x[: problem.n], mu)
+            point = _hold_neutral_motions(point) if stability_of(point).free else point
             if not stability_of(point).free:
                 path.problem = problem_of(point)
-                path.points[len(path.points) - is_free :] = [point]
+                path.points[len(path.points) - is_arbitrary :] = [point]
                 del targets[:k]
                 return True
             if not by_load:
                 path.fail(_describe_freedom(free_coordinate(point)))
                 return False
-            path.points.append(_relax(problem, path.end.x[: problem.n], target))
+            path.points.append(_relax(problem, end.x[: problem.n], target))
     except BeamdaeError as error:
         path.fail(error)
     return False
@@ -570,7 +568,7 @@ def dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
     return e.q_names[min(largest, key=lambda k: (e.coordinates[k].unit != "rad", k))]
 
 
-def _end_status(path: StagePath, settings: PathSettings, control: Control, quantity: str) -> Status:
+def _end_status(path: StagePath, control: str, quantity: str) -> Status:
     """Return the status of a path; if it ended early, with the last load factor.
 
     A remedy is added if no step converges.
@@ -581,9 +579,7 @@ def _end_status(path: StagePath, settings: PathSettings, control: Control, quant
     if path.is_stuck and (jump := _find_jump(path)) is not None:
         sentence += f"; the loads jump at t = {jump:g} s, so begin another path there with from_="
     elif path.is_stuck:
-        sentence += f"; {remedy}" if (remedy := _remedy(path, settings.control)) else ""
-        if isinstance(control, PrescribedColumn):
-            sentence += _describe_far_target(control, path, settings)
+        sentence += f"; {remedy}" if (remedy := _remedy(path, control)) else ""
     return Status(path.status.kind, sentence)
 
 
@@ -596,21 +592,6 @@ def _find_jump(path: StagePath) -> float | None:
     distance = _MIN_FIRST_LOAD * abs(last - first)
     near = (x for x in system.equations.breakpoints if abs(x - path.end.p) <= distance)
     return next(near, None)
-
-
-def _describe_far_target(control: PrescribedColumn, path: StagePath, settings: PathSettings) -> str:
-    """Return a remark on a target much farther away than the size of the mechanism, or ""."""
-    unit = control.observable.columns[control.column].unit
-    length = path.problem.system.equations.length
-    value = control.value(path.points[0].x)
-    farthest = max(settings.targets, key=lambda target: abs(target - value))
-    ratio = abs(farthest - value) / length
-    if unit != "m" or ratio < _FAR_TARGET_RATIO:
-        return ""
-    return (
-        f"; the target {settings.column} = {farthest:g} m is {ratio:.2g} times the size of the "
-        f"mechanism ({length:.3g} m) away, so check its unit"
-    )
 
 
 def _describe_freedom(coordinate: str) -> str:

@@ -64,18 +64,13 @@ from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.native.object_code import is_native_enabled
 from beamdae.native.return_codes import DONE, SINGULAR
 from beamdae.symbolic.sparse_operators import column_indices
-from beamdae.symbolic.sums.kernel_sums import Kernel, SumPlan, set_matrix_factors, set_time
+from beamdae.symbolic.sums.kernel_sums import SumPlan, set_matrix_factors, set_time
 
 Array = np.ndarray
 
-# Machine code that is not in the cache is compiled when interpreted evaluations have taken longer
-# than compiling would. Times [s]: of an interpreted evaluation, as 100 + n coordinates; of
-# compiling a kernel, and more for each of its instructions; and of compiling the loop.
-_COORDINATE_SECONDS = 4e-6
-_OTHER_COORDINATES = 100
-_KERNEL_SECONDS = 0.01
-_INSTRUCTION_SECONDS = 6e-5
-_LOOP_SECONDS = 3.0
+# Machine code that is not in the cache is compiled after so many evaluations of a structure: one
+# takes about a millisecond, compiling the loop a few seconds.
+_INTERPRETED_EVALUATIONS = 1000
 
 # Number of solutions with the same factors, each with the residual of the one before.
 _SOLUTIONS = 2
@@ -103,8 +98,6 @@ class SystemPlan(NamedTuple):
     tangent_targets, added_targets, row_targets
         Indices of the non-zeros of `pattern`, of added constants and of the last row in the
         non-zeros of `bordered`.
-    part_rows
-        First coordinate of each part, and the number of coordinates.
     idle_loops
         Compiled loop of a system that no longer exists, which the next system uses: building its
         workspace takes as long as several load steps.
@@ -116,7 +109,6 @@ class SystemPlan(NamedTuple):
     tangent_targets: Array
     added_targets: Array
     row_targets: Array
-    part_rows: Array
     idle_loops: deque[StepLoop[StaticWorkspace]]
 
 
@@ -126,7 +118,6 @@ def _plan_system(
     unloaded: Structure,
     loaded: Structure,
     added: tuple[int, ...],
-    part_rows: tuple[int, ...],
 ) -> SystemPlan:
     parts = [plan_static_sums(structure) for structure in (common, unloaded, loaded)]
     patterns = [x.pattern for x in parts]
@@ -162,19 +153,15 @@ def _plan_system(
         tangent_targets=tangent_targets,
         added_targets=tangent_targets[diagonal].astype(np.uint32),
         row_targets=row_targets,
-        part_rows=np.array(part_rows, np.intp),
         idle_loops=deque(maxlen=1),
     )
 
 
 @dataclass
 class Usage:
-    """Estimated time of the interpreted evaluations with a structure in this process [s].
+    """Number of interpreted evaluations with a structure in this process."""
 
-    The time of what has been compiled is subtracted.
-    """
-
-    seconds: float = 0.0
+    evaluations: int = 0
 
 
 @cache_on_owner
@@ -309,6 +296,8 @@ class StaticProblem(Problem):
         self._rigid, self._remainder = forms[1].joint_count, forms[1].remainder
         self._time, self._n, self._varied = loaded.time, last.n, varied
         self._initial_q, self._part_scales = last.q0, last.part_scales
+        starts = np.array([part.rows.start for part in last.parts], np.intp)
+        self._parts = starts[np.searchsorted(starts, np.arange(last.n), "right") - 1]
         if varied is None:
             common, only_unloaded, only_loaded = _split_structures(first, last)
         else:
@@ -318,14 +307,11 @@ class StaticProblem(Problem):
         self._usage = _usage_of(common if varied is None else last.structure)
         self._held = len(held)
         added = (*held, *range(last.n + self._rigid, last.n + last.m))
-        part_rows = (*(part.rows.start for part in last.parts), last.n)
-        plan = _plan_system(common, only_unloaded, only_loaded, added, part_rows)
+        plan = _plan_system(common, only_unloaded, only_loaded, added)
         self._plan, self.pattern = plan, plan.pattern
         size = plan.pattern.shape[0]
         self._weights = np.append(1.0 / last.group_scales, np.zeros(size - last.n))
-        self._compilation_seconds = np.inf
         self._set_loop(self._take_idle_loop() or self._make_loop(compiles=False))
-        self._compilation_seconds = np.inf if self.is_native else self._estimate_compilation()
 
     def _take_idle_loop(self) -> StepLoop[StaticWorkspace] | None:
         """Return a loop with a workspace of the same layout, if there is one."""
@@ -348,7 +334,7 @@ class StaticProblem(Problem):
             for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
                 plan.set_data(total, p)
                 set_time(total, *self._time)
-        run.saddle.part_scales[:], run.weights[:] = self._part_scales, self._weights
+        run.weights[:] = self._weights
         run.center, run.scale = 0.0, 1.0
         run.remainder[:] = self._remainder
         run.added[: self._held], run.added[self._held :] = 0.0, -1.0
@@ -366,9 +352,8 @@ class StaticProblem(Problem):
         at_start = self.start(self._initial_q)
         mu = 0.0 if self._varied is None else self._varied.begin
         run = self._run(at_start, mu, EVALUATE_TANGENT)
-        scale_by_reference(run.saddle, run.nonzeros)
-        for k, coordinate in enumerate(self._held_coordinates):
-            run.added[k] = run.saddle.joint_size / run.saddle.scales[coordinate] ** 2
+        scale_by_reference(run.saddle, run.nonzeros, self._part_scales)
+        run.added[: self._held] = run.saddle.scales[self._held_coordinates] ** -2.0
         run.has_tangent = 0
         run.sizes[:-1] = run.saddle.scales
         bordered = self._plan.bordered
@@ -402,8 +387,8 @@ class StaticProblem(Problem):
                 saddle=SaddlePoint.of(
                     self.pattern,
                     plan.tangent_targets,
-                    plan.part_rows,
-                    self._rigid,
+                    self._parts,
+                    self.rigid_size,
                     self._remainder,
                 ),
                 nonzeros=np.zeros(nnz),
@@ -482,7 +467,7 @@ class StaticProblem(Problem):
             return Count(0, 0, free=self._n - self._rigid)
         m = len(x) - self._n
         free = signs.above - signs.below
-        by_signs = Count(signs.below - m, 0, 0, free, *self._root_of_determinant(signs))
+        by_signs = Count(signs.below - m, 0, 0, free, *self._pair_of_determinant(signs))
         if signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size or self._rigid >= self._n:
             return by_signs
         try:
@@ -494,13 +479,13 @@ class StaticProblem(Problem):
             return by_signs
         return count_growing(flexibility, *self._motion_matrices(point))._replace(free=free)
 
-    def _root_of_determinant(self, signs: SaddlePoint) -> tuple[Array, float]:
-        """Return +-l with l^2 = -det K in admissible motions, and the logarithm of its unit."""
+    def _pair_of_determinant(self, signs: SaddlePoint) -> tuple[Array, float]:
+        """Return the pair of +-l with l^2 = -det K in admissible motions, and log |l|."""
         if signs.below != signs.above or signs.below < 0:
-            return np.zeros(0), 0.0
+            return np.zeros((2, 0)), 0.0
         is_negative = (signs.below - len(signs.scales) + self._n) % 2 == 1
         log_unit = 0.5 * float(np.sum(np.log(np.abs(signs.factors.pivots))))
-        return np.array([-1.0, 1.0]) * (1.0 if is_negative else 1j), log_unit
+        return np.array([[0.0], [1.0 if is_negative else -1.0]]), log_unit
 
     def _motion_matrices(self, point: Point) -> tuple[sp.csc_array, sp.csc_array]:
         """Return mass (n, n) and damping (n + m, n) in natural sizes, with that of constraints."""
@@ -644,38 +629,10 @@ class StaticProblem(Problem):
         run.center, run.scale, run.has_forces = value, 1.0 / step, 0
 
     def _compile_if_used(self, count: int) -> None:
-        """Add `count` evaluations; compile kernels, then the loop, when this takes less time."""
-        if self.is_native:
+        """Add `count` evaluations; compile the kernels and the loop after many."""
+        if self.is_native or not is_native_enabled():
             return
-        usage = self._usage
-        usage.seconds += count * _COORDINATE_SECONDS * (_OTHER_COORDINATES + self._n)
-        if usage.seconds <= self._compilation_seconds:
-            return
-        usage.seconds -= self._compilation_seconds
-        missing = self._missing_kernels()
-        for kernel in missing:
-            kernel.load_native()
-        self._set_loop(self._make_loop(compiles=not missing))
-        was_compiled = not self._missing_kernels() if missing else self.is_native
-        self._compilation_seconds = self._estimate_compilation() if was_compiled else np.inf
-
-    def _missing_kernels(self) -> list[Kernel]:
-        """Return the kernels whose machine code is not in the cache."""
-        kernels = {
-            id(batch.kernel): batch.kernel
-            for plans in self._plan.sums
-            for plan in plans
-            for batch in plan.batches
-        }
-        return [x for x in kernels.values() if x.load_native(compiles=False) is None]
-
-    def _estimate_compilation(self) -> float:
-        """Return the time of compiling the missing kernels or, if there are none, the loop [s]."""
-        if not is_native_enabled():
-            return np.inf
-        missing = self._missing_kernels()
-        seconds = [
-            _KERNEL_SECONDS + _INSTRUCTION_SECONDS * kernel.function.n_instructions()
-            for kernel in missing
-        ]
-        return sum(seconds) if missing else _LOOP_SECONDS
+        self._usage.evaluations += count
+        if self._usage.evaluations > _INTERPRETED_EVALUATIONS:
+            self._usage.evaluations = 0
+            self._set_loop(self._make_loop(compiles=True))
