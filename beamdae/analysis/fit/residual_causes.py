@@ -14,15 +14,18 @@ from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
+from beamdae.analysis.fit.data import COLUMN, VALUE
 from beamdae.analysis.fit.problem import (
     MIN_SINGULAR_RATIO,
     Evaluation,
     FitProblem,
-    Scaling,
     column_lengths,
     is_noise,
 )
+from beamdae.analysis.fit.variables import Scaling
+from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, BeamdaeWarning, InputWarning, warn_user
 from beamdae.model_parameters import conversion_factor, format_with_unit, split_unit
 from beamdae.results.columns import remove_unit
@@ -255,7 +258,7 @@ def _choose(problem: FitProblem, prediction: _Prediction, limit: float) -> list[
 
     Errors of all columns are considered if no error of one column, and none of the times, does.
     """
-    headers = list(dict.fromkeys(problem.headers))
+    headers = problem.data.headers
     causes = list(_errors_of_times(problem, prediction, headers, limit))
     for k in range(len(headers)):
         causes += _errors_of_values(problem, prediction, headers, [k])
@@ -269,11 +272,8 @@ def _choose(problem: FitProblem, prediction: _Prediction, limit: float) -> list[
 def _predict(problem: FitProblem, evaluation: Evaluation, cost: float) -> _Prediction:
     """Return the prediction of an evaluation; `cost` is that of changes of the estimates."""
     weights = np.where(evaluation.is_omitted, 0.0, problem.weights)
-    values = np.concatenate([x.values for x in problem.data.series])
-    headers = list(dict.fromkeys(problem.headers))
-    columns = np.empty(len(values), int)
-    for _, header, rows in problem.rows_by_series():
-        columns[rows] = headers.index(header)
+    values = problem.data.table[VALUE].to_numpy()
+    columns = pd.factorize(problem.data.table[COLUMN])[0]
     estimates = np.append(evaluation.values, evaluation.coefficients)
     sizes = np.where(estimates == 0.0, 1.0, np.abs(estimates))
     return _Prediction(
@@ -281,7 +281,7 @@ def _predict(problem: FitProblem, evaluation: Evaluation, cost: float) -> _Predi
         evaluation.jacobian * sizes,
         values * weights,
         problem.weighted_rates(evaluation),
-        np.concatenate([x.times for x in problem.data.series]),
+        problem.data.table[TIME].to_numpy(),
         columns,
         weights,
         cost,
@@ -299,11 +299,13 @@ def _create_shift(problem: FitProblem, evaluation: Evaluation) -> _Shift:
             curves[experiment] = t, run.at_times(t)
 
     def shift(delay: float) -> tuple[Array, Array, Array]:
-        count = problem.data.count
+        count = problem.count
         model, effects, rates = np.empty(count), np.empty((count, len(sizes))), np.empty(count)
-        for series, header, rows in problem.rows_by_series():
-            t, run = curves[series.experiment]
-            moved, weights = series.times - delay, problem.weights[rows]
+        times = problem.data.table[TIME].to_numpy()
+        for source, rows in problem.data.rows:
+            header = source.header
+            t, run = curves[source.experiment]
+            moved, weights = times[rows] - delay, problem.weights[rows]
             is_covered = (moved >= 0.0) & (moved <= t[-1])
             curve = run.solution.columns[header]
             model[rows] = np.where(is_covered, np.interp(moved, t, curve), np.nan) * weights
@@ -376,7 +378,7 @@ def _find_delay(prediction: _Prediction, is_late: Array, limit: float) -> tuple[
 
 
 def _describe_delay(problem: FitProblem, name: str, delay: float) -> str:
-    first = min(float(x.times[0]) for x in problem.data.series)
+    first = float(problem.data.table[TIME].min())
     # The default bounds of shift= are the first time of the data on both sides.
     omit = f"omit data before {2.0 * delay:.2g} s and " if delay > first else ""
     shift, data = (f"shift=[{name!r}]", f"values of {name}") if name else ("shift=", "data")
@@ -410,8 +412,9 @@ def _errors_of_values(
         phrase = f"a constant error of {', '.join(names)} of {', '.join(amounts)}"
         yield _Cause(left, f"offset {names}", f"{phrase} (estimate this with offset={names})")
     is_scaled = any(
-        header in columns and any(rows.start in sensor.rows for sensor in problem.sensors.scales)
-        for _, header, rows in problem.rows_by_series()
+        source.header in columns
+        and any(sensor.rows[rows.start] for sensor in problem.sensors.scales)
+        for source, rows in problem.data.rows
     )
     if is_scaled:
         return
@@ -438,11 +441,10 @@ def _describe_scales(problem: FitProblem, columns: Sequence[str], scales: Array)
             f"{named} that are mirrored (scale {scale:.3g}; reverse their sign, or estimate it "
             f"with {remedy})"
         )
-    pairs = zip(problem.data.series, problem.headers, strict=True)
-    series = next(x for x, y in pairs if y == header)
+    source = next(x for x in problem.data.sources if x.header == header)
     return (
         f"{named} that are scaled (scale {scale:.3g}{_guess_units(header, scale)}; check the "
-        f"calibration and the unit in the header {series.name_in_data or series.column!r}, or "
+        f"calibration and the unit in the header {source.name_in_data!r}, or "
         f"estimate the factor with {remedy})"
     )
 
@@ -473,17 +475,19 @@ def check_ranges(problem: FitProblem, scaling: Scaling, first: Evaluation) -> No
         If they differ by a factor above 100.
     """
     model = problem.recorded_values(first)
-    for series, header, rows in problem.rows_by_series():
-        is_scaled = any(rows.start in sensor.rows for sensor in problem.sensors.scales)
-        if is_scaled or is_noise(series.values - series.values.mean()):
+    all_values = problem.data.table[VALUE].to_numpy()
+    for source, rows in problem.data.rows:
+        values, header = all_values[rows], source.header
+        is_scaled = any(sensor.rows[rows.start] for sensor in problem.sensors.scales)
+        if is_scaled or is_noise(values - values.mean()):
             continue
-        low, high = sorted(ranges := [float(np.ptp(x)) for x in (model[rows], series.values)])
+        low, high = sorted(ranges := [float(np.ptp(x)) for x in (model[rows], values)])
         if high <= _MAX_RANGE_RATIO * low:
             continue
         unit = split_unit(header)[1]
         texts = [format_with_unit(float(f"{x:.3g}"), unit) for x in ranges]
         sentence = (
-            f"fit: {series.label} has a range of {texts[0]} in the first run and of "
+            f"fit: {source.label} has a range of {texts[0]} in the first run and of "
             f"{texts[1]} in the data"
         )
         if (
@@ -498,7 +502,7 @@ def check_ranges(problem: FitProblem, scaling: Scaling, first: Evaluation) -> No
         raise BeamdaeError(
             f"{sentence}, and no change of {', '.join(problem.names)} explains this factor of "
             f"{high / low:.2g}; check the unit in the header "
-            f"{series.name_in_data or series.column!r}, start=, loads and first values, or "
+            f"{source.name_in_data!r}, start=, loads and first values, or "
             f"estimate the factor with scale=[{remove_unit(header)!r}]."
         )
 
