@@ -507,6 +507,13 @@ def is_noise(residuals: Array) -> bool:
     return float(residuals[1:] @ residuals[:-1]) <= MAX_NOISE_CORRELATION * square
 
 
+def varies(values: Array) -> bool:
+    """Return False for values that may be noise, or rounding errors, about a constant."""
+    changes = values - values.mean()
+    is_rounding = np.abs(changes) <= np.sqrt(len(values)) * np.spacing(np.abs(values).max())
+    return not is_noise(np.where(is_rounding, 0.0, changes))
+
+
 def _nearest_rows(times: Array, needed: Array) -> Array:
     """Return the rows at needed times, which are among the times up to rounding."""
     return np.minimum(np.searchsorted(times, needed), len(times) - 1)
