@@ -150,7 +150,8 @@ def test_regression_rows_without_a_value_have_a_warning():
         read_columns({"t [s]": np.arange(5.0), "observable": ["y [m]"] * 5, "value": values})
     # Sensors with different rates, and half of the rows.
     read_columns(
-        {"t [s]": np.arange(5.0), "y [m]": values, "x [m]": [np.nan, 1.0, 2.0, 3.0, np.nan]}, sigma=1.0
+        {"t [s]": np.arange(5.0), "y [m]": values, "x [m]": [np.nan, 1.0, 2.0, 3.0, np.nan]},
+        sigma=1.0,
     )
     read_columns({"t [s]": np.arange(4.0), "y [m]": [*values[1:3], 1.0, 2.0]})
 

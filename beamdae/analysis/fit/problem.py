@@ -188,12 +188,17 @@ class FitProblem:
         self._values = data.table[VALUE].to_numpy()
         self.weights = 1.0 / data.table[SIGMA].to_numpy()
 
-    def with_first_data(self, share: float) -> FitProblem:
-        """Return a problem with the data of the first `share` of the time of each column."""
+    def with_first_data(self, share: float, is_calibrated: bool = False) -> FitProblem:
+        """Return a problem with the data of the first `share` of the time of each column.
+
+        If `is_calibrated`, the scales are 1 and the offsets 0.
+        """
         other = copy.copy(self)
         data, rows = self.data.first(share)
         other._set_data(data)
         other.sensors = self.sensors.of_rows(rows)
+        if is_calibrated:
+            other.sensors = Sensors((), (), other.sensors.shifts)
         other._t_end = other._latest_times()
         return other
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -341,23 +342,35 @@ def _repeat_from_first_data(
     data and continues with longer ones.
     """
     count = end.evaluations
-    for share in (*_FIRST_SHARES, 1.0):
-        part = problem.with_first_data(share)
-        if part.data.variation < _MIN_PART_VARIATION * problem.data.variation:
+    for share in _FIRST_SHARES:
+        if (
+            problem.with_first_data(share).data.variation
+            < _MIN_PART_VARIATION * problem.data.variation
+        ):
             continue
-        limit = min(_MAX_PART_EVALUATIONS if share < 1.0 else np.inf, max_evaluations - count)
-        if limit < 1:
-            break
-        try:
-            other = local_search(part, scaling, first, int(limit), is_rough=share < 1.0)
-        except (ValueError, ArithmeticError):
-            break  # BeamdaeError, or an error of the model function at extreme values.
-        count += other.evaluations
-        if share == 1.0 and other.chi_square < end.chi_square:
-            return replace(other, evaluations=count, first=end.first)
-        if not is_explained(part, other.evaluation):
-            break
-        first = scaling.start(other.evaluation.values)
+        # Short parts hardly determine scales and offsets, which most sensors have near 1 and 0.
+        for is_calibrated in (True, False) if problem.coefficients else (False,):
+            part = problem.with_first_data(share, is_calibrated)
+            limit = min(_MAX_PART_EVALUATIONS, max_evaluations - count)
+            if limit < 1:
+                return replace(end, evaluations=count)
+            try:
+                other = local_search(part, scaling, first, limit, is_rough=True)
+            except (ValueError, ArithmeticError):
+                # BeamdaeError, or an error of the model function at extreme values.
+                return replace(end, evaluations=count)
+            count += other.evaluations
+            if is_explained(part, other.evaluation):
+                first = scaling.start(other.evaluation.values)
+                break
+        else:
+            return replace(end, evaluations=count)
+    if count < max_evaluations:
+        with suppress(ValueError, ArithmeticError):
+            other = local_search(problem, scaling, first, max_evaluations - count)
+            count += other.evaluations
+            if other.chi_square < end.chi_square:
+                return replace(other, evaluations=count, first=end.first)
     return replace(end, evaluations=count)
 
 
