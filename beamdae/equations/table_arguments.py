@@ -89,6 +89,13 @@ class TableArgumentTerm:
             return np.full(values.shape, low - high)
         return np.maximum(low - values, values - high) - _ROUNDING * (high - low)
 
+    def reason_to_stop(self, t: float, branch: float, state: State) -> str:
+        """Return the reason why a run cannot continue from a state at `t` [s]; "" if it can."""
+        if not self.is_limited:
+            return ""
+        value = self.evaluate(np.array([t]), branch, State(*(x[None] for x in state)))
+        return self.describe(float(value[0])) if self.distance_outside(value)[0] > 0.0 else ""
+
     def describe(self, value: float) -> str:
         """Return a phrase about a value outside the table."""
         return f"{self.part}: {self.table.describe_argument(self.axis, value)}"

@@ -7,7 +7,7 @@ amplitudes, restarts at breakpoints and events, enforces limits and collects the
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, cast
@@ -17,15 +17,19 @@ import numpy as np
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.failure_diagnosis import describe_singular_position, diagnose_failure
-from beamdae.equations.formula_forces import name_formula_forces
 from beamdae.equations.formulations.first_order import State
 from beamdae.equations.smooth_intervals import SAME_TIME, branch_time
-from beamdae.equations.surface_gaps import compile_surface_gaps
-from beamdae.equations.table_arguments import compile_table_arguments, find_distinct, group_grids
+from beamdae.equations.table_arguments import (
+    TableArgumentTerm,
+    compile_table_arguments,
+    find_distinct,
+)
 from beamdae.errors import BeamdaeError, ProgressError, list_first
 from beamdae.integrators.error_control import count_periods
-from beamdae.integrators.events.force_peaks import ForcePeakDetector, detect_force_peaks
+from beamdae.integrators.events.force_peaks import watch_force_peaks
+from beamdae.integrators.events.stop import Watch
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
+from beamdae.integrators.events.watches import watch_tables_and_contacts
 from beamdae.integrators.integrator import DEFAULT_RTOL, Integrator, require_limits
 from beamdae.integrators.limits import (
     PaceCheck,
@@ -73,19 +77,17 @@ from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 
-# Imported where they are created: most models have no events, surfaces and tables.
+# Imported where it is created: most models have no events.
 if TYPE_CHECKING:
-    from beamdae.integrators.events.contact_onsets import ContactOnsetDetector
     from beamdae.integrators.events.event_detection import EventDetector
-    from beamdae.integrators.events.table_limits import TableDetector
 
 Array = np.ndarray
 
 PARTS_SWITCHED = Status("ok", "an event switched parts")
 
-# Number of steps between two checks for contacts that steps passed over, so large that the checks
-# take a small part of the time.
-_STEPS_PER_ONSET_CHECK = 256
+# Number of steps between two searches of the watches, so large that they take a small part of the
+# time.
+_STEPS_PER_SEARCH = 256
 _MAX_LISTED_PEAKS = 3
 _STRAIN_SAMPLES = 256  # times since the last check of the motion at which strains are evaluated
 # Size of the rows from which on freed memory is returned to the system after a run.
@@ -308,8 +310,10 @@ class _RunContext:
         Times [s] of rows that are stored even if the run is too long to store all steps.
     rtol
         Tolerance of adaptive steps; None for fixed steps.
-    onset_detector, table_detector
-        None without contacts, and without tables of the motion.
+    watches
+        Watches of the contacts and tables.
+    table_arguments
+        Arguments of the tables of the motion.
     repeated
         Samples of controllers in earlier runs, which the next run repeats and extends.
     """
@@ -317,26 +321,16 @@ class _RunContext:
     equations: EquationsOfMotion
     output_times: Array
     rtol: float | None
-    onset_detector: ContactOnsetDetector | None
-    table_detector: TableDetector | None
+    watches: tuple[Watch, ...]
+    table_arguments: Sequence[TableArgumentTerm]
     repeated: list[RepeatedSample] = field(default_factory=list)
 
     @classmethod
     def of(cls, equations: EquationsOfMotion, times: Array, rtol: float | None) -> _RunContext:
-        """Create the detectors."""
-        onset_detector = table_detector = None
-        if gaps := compile_surface_gaps(equations):
-            from beamdae.integrators.events.contact_onsets import ContactOnsetDetector
-
-            onset_detector = ContactOnsetDetector(gaps, equations.length)
-        arguments, is_adaptive = compile_table_arguments(equations), rtol is not None
-        terms = [term for term in find_distinct(arguments) if term.is_limited or is_adaptive]
-        grids = group_grids(arguments) if is_adaptive else ()
-        if terms:
-            from beamdae.integrators.events.table_limits import TableDetector
-
-            table_detector = TableDetector(terms, is_adaptive, grids)
-        return cls(equations, times, rtol, onset_detector, table_detector)
+        """Create the watches."""
+        arguments = compile_table_arguments(equations)
+        watches = watch_tables_and_contacts(equations, arguments, is_adaptive=rtol is not None)
+        return cls(equations, times, rtol, watches, find_distinct(arguments))
 
 
 class _RunInProgress:
@@ -371,10 +365,8 @@ class _RunInProgress:
 
             self._detector = EventDetector(equations)
             self._max_batch = STEPS_PER_EVENT_CHECK if self._detector.may_stop else None
-        self._onset_detector = context.onset_detector
-        self._table_detector = context.table_detector
-        self._rtol = context.rtol
-        self._force_detector = self._detect_force_peaks()
+        self._context = context
+        self._watches = self._watch_active_parts()
         self._method_samples = self._let_method_sample()
         self.steps = 0
         # Time [s] of the first peak of each force that steps passed over at first, by its part.
@@ -392,9 +384,11 @@ class _RunInProgress:
         start, end = plan.intervals[0]
         self._begin_segment(start, branch_time(start, end), plan.state)
 
-    def _detect_force_peaks(self) -> ForcePeakDetector | None:
-        """Return the detector for the active parts; None for fixed steps."""
-        return None if self._rtol is None else detect_force_peaks(self._plan, self._rtol)
+    def _watch_active_parts(self) -> tuple[Watch, ...]:
+        """Return all watches; peaks of forces are searched for adaptive steps only."""
+        rtol, watches = self._context.rtol, self._context.watches
+        peaks = None if rtol is None else watch_force_peaks(self._plan, rtol)
+        return watches if peaks is None else (*watches, peaks)
 
     def _let_method_sample(self) -> bool:
         """Let the method take samples, if possible; return False if the driver takes them.
@@ -466,14 +460,14 @@ class _RunInProgress:
 
         Forces are not assessed if their steps have not all been stored.
         """
-        detector = detect_force_peaks(plan, rtol)
-        if detector is not None and self.thinning.report:
+        watch = watch_force_peaks(plan, rtol)
+        if watch is not None and self.thinning.report:
             return False
         if not cast(AssessedMethod, self.method).satisfies(rtol, plan):
             return False
         intervals = (segment.interval(self._equations.m) for segment in self._segments)
-        return detector is None or all(
-            detector.find_first(interval, interval.t[0]) is None for interval in intervals
+        return watch is None or all(
+            watch.find_first(interval, interval.t[0]) is None for interval in intervals
         )
 
     def report_interrupt(self) -> tuple[Trajectory, Status]:
@@ -606,9 +600,7 @@ class _RunInProgress:
         if outside := self._reason_outside_table():
             return Status("limited", f"stopped at t = {history.end:.6g} s: {outside}")
         steps_per_check = method.steps_per_check
-        unchecked, steps_checked, checked_until = history.count, self.steps, history.end
-        detectors = self._onset_detector, self._table_detector, self._force_detector
-        checks_steps = any(detector is not None for detector in detectors)
+        unchecked, steps_checked = history.count, self.steps
         try:
             if not is_resumed:
                 method.begin(history.end, end, branch, history.last_state)
@@ -621,25 +613,22 @@ class _RunInProgress:
                     self.steps += _take_steps(method, history, most, end)
                 except (StepError, BeamdaeError):
                     # The steps before a failure are checked first; the next call fails again.
-                    has_failed = checks_steps and history.count > unchecked
+                    has_failed = bool(self._watches) and history.count > unchecked
                     if not has_failed:
                         raise
                 if self._method_samples and cast(SamplingMethod, method).awaits_sample:
                     end = history.end
                     self._interval_ends = (end, *self._interval_ends)
-                is_due = has_failed or self.steps >= steps_checked + _STEPS_PER_ONSET_CHECK
+                is_due = has_failed or self.steps >= steps_checked + _STEPS_PER_SEARCH
                 outside = ""
-                if checks_steps and (is_due or self._max_batch or history.end >= end):
-                    end = self._truncate_at_onset(unchecked, end)
-                    end = self._truncate_at_peak(unchecked, checked_until, end)
-                    end, outside = self._truncate_at_table(unchecked, end)
+                if self._watches and (is_due or self._max_batch or history.end >= end):
+                    end, outside = self._truncate_at_first_stop(unchecked, end)
                     unchecked, steps_checked = history.count, self.steps
-                    checked_until = history.end
                 if self._detector and (event := self._detector.find_terminal_event(segment, first)):
                     return self._status_at_event(event)
                 if outside:
                     return Status("limited", f"stopped at t = {end:.6g} s: {outside}")
-                history.release(unchecked if checks_steps else history.count)
+                history.release(unchecked if self._watches else history.count)
                 self.thinning.enforce(self._segments)
                 t = history.end
                 # Between samples, an interval may consist of one step: its end is checked, too.
@@ -697,18 +686,25 @@ class _RunInProgress:
         reason = problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY
         return Status("limited", f"stopped at t = {self._history.end:.6g} s: {reason}")
 
-    def _truncate_at_table(self, first: int, end: float) -> tuple[float, str]:
-        """Drop the steps after an argument left a table, or a step passed over a peak of a table.
+    def _truncate_at_first_stop(self, first: int, end: float) -> tuple[float, str]:
+        """Drop the steps after the first stop of the watches in the rows from `first` on.
 
-        Check the rows from `first` on. Return the new end [s], and the reason if the run ends
-        there. At a peak, the run restarts, and again inside the peak, where the error test sees it.
+        Return the new end [s], and the reason if the run ends there. Otherwise, the run restarts
+        there, and again inside the contact or peak, where the error test sees it.
         """
-        if self._table_detector is None:
-            return end, ""
         segment = self._segments[-1]
-        tail = segment.tail(first, self._equations.m)
-        if tail is None or (stop := self._table_detector.find_first(*tail)) is None:
+        longest = segment.history.longest_gap(first)
+        # Between frequent samples of controllers, a search would cost more than the steps.
+        watches = [watch for watch in self._watches if watch.spacing <= longest]
+        tail = segment.tail(first, self._equations.m) if watches else None
+        if tail is None:
             return end, ""
+        stops = (watch.find_first(*tail) for watch in watches)
+        stop = min((stop for stop in stops if stop is not None), default=None)
+        if stop is None:
+            return end, ""
+        if stop.force:
+            self.force_peaks.setdefault(stop.force, stop.probe)
         segment.truncate(tail[0], stop.t)
         end = segment.history.end
         if not stop.reason:
@@ -718,56 +714,14 @@ class _RunInProgress:
     def _reason_outside_table(self) -> str:
         """Return the reason why the present state or time is outside a table, or ""."""
         segment, configuration = self._segments[-1], self._configuration
-        t, branch = segment.history.end, segment.branch
-        for x in segment.ranges:
-            if reason := x.reason_to_stop(t, branch):
-                return reason
-        if self._table_detector is None:
-            return ""
+        t, branch, state = segment.history.end, segment.branch, segment.history.last_state
         inactive = frozenset() if configuration is None else configuration.inactive
-        return self._table_detector.reason_at(t, branch, segment.history.last_state, inactive)
-
-    def _truncate_at_onset(self, unchecked: int, end: float) -> float:
-        """Drop the steps after the first contact that a step passed over; return the new end [s].
-
-        Without such a contact in the rows from `unchecked` on, return `end`. Otherwise, the run
-        restarts at the onset of the contact, and again inside the surface, where the error test
-        sees the contact force.
-        """
-        if self._onset_detector is None:
-            return end
-        segment = self._segments[-1]
-        tail = segment.tail(unchecked, self._equations.m)
-        if tail is None or (onset := self._onset_detector.find_first(*tail)) is None:
-            return end
-        segment.truncate(tail[0], onset.t)
-        self._interval_ends = (segment.history.end, onset.probe, *self._interval_ends)
-        return segment.history.end
-
-    def _truncate_at_peak(self, unchecked: int, checked_until: float, end: float) -> float:
-        """Drop the steps after the first peak of a formula that a step passed over.
-
-        Check the rows from `unchecked` on, after the time `checked_until` [s]. Return the new end
-        [s]; the run restarts there and at the peak.
-        """
-        detector = self._force_detector
-        if detector is None:
-            return end
-        if self._history.end - checked_until < detector.spacing:
-            return end
-        # Between frequent samples of controllers, a check would cost more than the steps.
-        if self._history.longest_gap(unchecked) < detector.spacing:
-            return end
-        segment = self._segments[-1]
-        tail = segment.tail(unchecked, self._equations.m)
-        if tail is None or (peak := detector.find_first(*tail)) is None:
-            return end
-        name = name_formula_forces(self._plan.equations)[peak.force]
-        self.force_peaks.setdefault(name, peak.probe)
-        segment.truncate(tail[0], peak.t)
-        end = segment.history.end
-        self._interval_ends = tuple(sorted({end, peak.probe, *self._interval_ends}))
-        return end
+        arguments = (x for x in self._context.table_arguments if x.part not in inactive)
+        reasons = [
+            *(x.reason_to_stop(t, branch) for x in segment.ranges),
+            *(x.reason_to_stop(t, branch, state) for x in arguments),
+        ]
+        return next(filter(None, reasons), "")
 
     def _describe_singular_position(self) -> str:
         time = np.array([self._history.end, self._segments[-1].branch])
@@ -795,7 +749,7 @@ class _RunInProgress:
             self._interval_ends = result.ends
             self.method = self.methods.get(result.plan, result.configuration)
             self._is_resumable = isinstance(self.method, ResumableMethod)
-            self._force_detector = self._detect_force_peaks()
+            self._watches = self._watch_active_parts()
             self._switch_sampled_loads()
         except BeamdaeError as problem:
             return self._failure(f"event {event.name}: {problem}")

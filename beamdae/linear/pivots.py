@@ -175,9 +175,18 @@ def _scale_matrix(ordered: _OrderedPattern, nonzeros: Array, scale: Array) -> sp
 
 
 def _compute_row_scale(key: _PatternKey, nonzeros: Array) -> Array:
-    """Return powers of two close to 1 / the largest magnitude in each row."""
+    """Return powers of two close to 1 / the largest magnitude in each row.
+
+    Multipliers are unknowns without diagonal entry. Their columns count in constraints alone: their
+    unit would decide which other terms of an equation are rounding errors.
+    """
+    starts, rows = (np.frombuffer(x, np.intp) for x in key)
+    columns = np.repeat(np.arange(key.size), np.diff(starts))
+    is_diagonal = (rows == columns) & (nonzeros != 0.0)
+    has_diagonal = np.bincount(columns[is_diagonal], minlength=key.size) > 0
+    sizes = np.where(has_diagonal[columns] | ~has_diagonal[rows], np.abs(nonzeros), 0.0)
     largest = np.zeros(key.size)
-    np.maximum.at(largest, np.frombuffer(key.indices, np.intp), np.abs(nonzeros))
+    np.maximum.at(largest, rows, sizes)
     return invert_to_power_of_two(largest)
 
 

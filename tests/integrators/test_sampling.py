@@ -218,6 +218,8 @@ def pushed(every, law, calls):
 
 @pytest.mark.parametrize("rtol", [1e-3, 1e-5, 1e-7])
 @pytest.mark.parametrize("start", [0.0, 0.6], ids=["moves", "rests at first"])
+# Without warnings, no further run measures the errors of this one.
+@pytest.mark.filterwarnings("ignore")
 def test_frequent_samples_need_no_pilot_run(start, rtol):
     calls = []
     mech = pushed(1e-3, lambda t: 4.0 * (t >= start - 1e-9), calls)

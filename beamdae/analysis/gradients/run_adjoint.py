@@ -453,8 +453,10 @@ class _RunSweep:
         if number is None:
             e = phases.phases[k - 1].active.base
             rounding = time_rounding(self._run.solution.trajectory)
-            moved = next(j for j, b in enumerate(e.breakpoints) if abs(b - t) <= rounding)
-            result.numbers[k - 1][len(e.p) + moved] += by_t
+            moved = [j for j, b in enumerate(e.breakpoints) if abs(b - t) <= rounding]
+            # Restarts at short pulses and peaks of forces do not move.
+            for j in moved[:1]:
+                result.numbers[k - 1][len(e.p) + j] += by_t
             return
         self._transpose_event(k - 1, number, t, by_t)
 

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.surface_gaps import SurfaceGapTerm
+from beamdae.integrators.events.stop import Stop
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
@@ -31,24 +32,9 @@ _REFINEMENTS = 5
 _PROBE_SHARE = 0.1
 
 
-class ContactOnset(NamedTuple):
-    """Beginning of a contact that a step passed over.
-
-    Attributes
-    ----------
-    t
-        Time of the onset [s].
-    probe
-        Time [s] at which the point is inside the surface.
-    """
-
-    t: float
-    probe: float
-
-
 @dataclass(frozen=True)
-class ContactOnsetDetector:
-    """Detector of contacts that steps passed over.
+class ContactWatch:
+    """Watch of contacts that steps passed over.
 
     Attributes
     ----------
@@ -60,8 +46,9 @@ class ContactOnsetDetector:
 
     gaps: Sequence[SurfaceGapTerm]
     length: float
+    spacing: ClassVar[float] = 0.0
 
-    def find_first(self, interval: Interval, begin: float) -> ContactOnset | None:
+    def find_first(self, interval: Interval, begin: float) -> Stop | None:
         """Return the first contact after `begin` [s] that a step passed over, or None."""
         onsets = [
             onset
@@ -71,9 +58,7 @@ class ContactOnsetDetector:
         ]
         return min(onsets, default=None)
 
-    def _find_onset(
-        self, gap: SurfaceGapTerm, interval: Interval, begin: float
-    ) -> ContactOnset | None:
+    def _find_onset(self, gap: SurfaceGapTerm, interval: Interval, begin: float) -> Stop | None:
         first = int(np.searchsorted(interval.t, begin))
         t, state = interval.t[first:], State(*(x[first:] for x in interval.state))
         values, steps = gap.evaluate(t, interval.branch, state.q), np.diff(t)
@@ -109,7 +94,7 @@ class ContactOnsetDetector:
 
     def _locate_onset(
         self, gap: SurfaceGapTerm, interval: Interval, start: float, end: float
-    ) -> ContactOnset | None:
+    ) -> Stop | None:
         """Return the onset between two times [s] at which the gap is open, or None."""
 
         def evaluate(times: Array) -> Array:
@@ -125,7 +110,7 @@ class ContactOnsetDetector:
         if not values[lowest] < -_MIN_DEPTH * self.length:
             return None
         onset, leaving = _locate_root(evaluate, start, inside), _locate_root(evaluate, inside, end)
-        return ContactOnset(onset, onset + _PROBE_SHARE * (leaving - onset))
+        return Stop(onset, onset + _PROBE_SHARE * (leaving - onset))
 
 
 def _locate_root(evaluate: Callable[[Array], Array], start: float, end: float) -> float:

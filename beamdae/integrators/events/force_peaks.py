@@ -12,13 +12,17 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import State
-from beamdae.equations.formula_forces import FormulaForceTerm, compile_formula_forces
+from beamdae.equations.formula_forces import (
+    FormulaForceTerm,
+    compile_formula_forces,
+    name_formula_forces,
+)
 from beamdae.integrators.error_control import motion_rate
+from beamdae.integrators.events.stop import Stop
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.results.trajectory import Interval
 
@@ -49,32 +53,14 @@ _REFINED_SAMPLES = 17
 _RELATIVE_CHANGE = 1e-6
 
 
-class ForcePeak(NamedTuple):
-    """Peak of a force that a step passed over.
-
-    Attributes
-    ----------
-    t
-        Time of the beginning [s].
-    probe
-        Time of the highest value [s].
-    force
-        Number of the force among those of `compile_formula_forces`.
-    """
-
-    t: float
-    probe: float
-    force: int
-
-
 @dataclass(frozen=True)
-class ForcePeakDetector:
-    """Detector of peaks of forces that steps passed over.
+class ForcePeakWatch:
+    """Watch of peaks of forces that steps passed over.
 
     Attributes
     ----------
-    terms
-        Forces that may have narrow peaks.
+    terms, names
+        Forces that may have narrow peaks, and the names of their parts.
     spacing
         Largest distance of samples [s].
     weigh_at
@@ -86,11 +72,12 @@ class ForcePeakDetector:
     """
 
     terms: Sequence[FormulaForceTerm]
+    names: Sequence[str]
     spacing: float
     weigh_at: Callable[[float, float, State], Callable[[Array], float]]
     state_scales: Mapping[int, float]
 
-    def find_first(self, interval: Interval, begin: float) -> ForcePeak | None:
+    def find_first(self, interval: Interval, begin: float) -> Stop | None:
         """Return the first peak after `begin` [s] that a step passed over, or None."""
         first = int(np.searchsorted(interval.nodes, begin))
         gaps = np.diff(interval.nodes[first:])
@@ -129,7 +116,7 @@ class ForcePeakDetector:
 
     def _find_first_of_force(
         self, force_index: int, samples: _Samples, first: int, gap: Array
-    ) -> ForcePeak | None:
+    ) -> Stop | None:
         """Return the first peak of one force; the samples follow the nodes with the indices `gap`.
 
         The steps before this peak are kept: an earlier peak, even a lower one, would be lost.
@@ -172,7 +159,7 @@ class ForcePeakDetector:
                 same_step = np.flatnonzero(gap[:k] == gap[k])
                 feet = same_step[height[same_step] <= _FOOT * height[k]]
                 begin = t[feet[-1]] if len(feet) else interval.nodes[gap[k]]
-                return ForcePeak(float(begin), probe, force_index)
+                return Stop(float(begin), probe, force=self.names[force_index])
         return None
 
     def _weigh_missed(
@@ -242,8 +229,8 @@ class _Samples:
         return np.asarray(self._weights.velocities @ values)
 
 
-def detect_force_peaks(plan: RunPlan, rtol: float) -> ForcePeakDetector | None:
-    """Return the detector for a run with the tolerance `rtol`; None without such forces.
+def watch_force_peaks(plan: RunPlan, rtol: float) -> ForcePeakWatch | None:
+    """Return the watch of a run with the tolerance `rtol`; None without such forces.
 
     An impulse matters if it changes a velocity, or a first-order state, by more than ten
     tolerances.
@@ -274,7 +261,8 @@ def detect_force_peaks(plan: RunPlan, rtol: float) -> ForcePeakDetector | None:
         return math.inf if np.delete(impulse, states).any() else float(np.max(change, initial=0.0))
 
     state_scales = dict(zip(states.tolist(), plan.scales[states].tolist(), strict=True))
-    return ForcePeakDetector(terms, SAMPLE_SPACING * plan.duration, weigh_at, state_scales)
+    names = name_formula_forces(plan.equations)
+    return ForcePeakWatch(terms, names, SAMPLE_SPACING * plan.duration, weigh_at, state_scales)
 
 
 def _candidates(peak_height: Array, height: Array, gap: Array) -> Iterator[tuple[slice, int]]:

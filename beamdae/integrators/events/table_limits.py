@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.table_arguments import TableArgumentTerm
+from beamdae.integrators.events.stop import Stop
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
@@ -26,27 +27,9 @@ _TIME_TOLERANCE = 1e-14
 _MIN_PEAK = 0.05
 
 
-class TableStop(NamedTuple):
-    """Time at which a step must end.
-
-    Attributes
-    ----------
-    t
-        The time [s].
-    reason
-        Reason why the run ends there; empty at a peak, where the run restarts.
-    probe
-        Time [s] inside the peak, at which the first step after the restart ends at the latest.
-    """
-
-    t: float
-    reason: str
-    probe: float
-
-
 @dataclass(frozen=True)
-class TableDetector:
-    """Detector of arguments that leave tables, and of steps that pass over their peaks.
+class TableWatch:
+    """Watch of arguments that leave tables, and of steps that pass over their peaks.
 
     Attributes
     ----------
@@ -62,8 +45,9 @@ class TableDetector:
     terms: Sequence[TableArgumentTerm]
     finds_peaks: bool
     grids: Sequence[Sequence[TableArgumentTerm]] = ()
+    spacing: ClassVar[float] = 0.0
 
-    def find_first(self, interval: Interval, begin: float) -> TableStop | None:
+    def find_first(self, interval: Interval, begin: float) -> Stop | None:
         """Return the first stop in the steps after `begin` [s], or None."""
         first = int(np.searchsorted(interval.t, begin))
         t, state = interval.t[first:], State(*(x[first:] for x in interval.state))
@@ -81,32 +65,18 @@ class TableDetector:
             stops += [_find_peak_of_grid(grid, interval, t, state) for grid in grids]
         return min((stop for stop in stops if stop is not None), default=None)
 
-    def reason_at(self, t: float, branch: float, state: State, inactive: frozenset[str]) -> str:
-        """Return the reason why a run cannot continue from a state; "" if it can."""
-        rows = State(*(x[None] for x in state))
-        for term in self.terms:
-            if term.is_limited and term.part not in inactive:
-                value = term.evaluate(np.array([t]), branch, rows)
-                if term.distance_outside(value)[0] > 0.0:
-                    return term.describe(float(value[0]))
-        return ""
 
-
-def _find_end(
-    term: TableArgumentTerm, interval: Interval, t: Array, values: Array
-) -> TableStop | None:
+def _find_end(term: TableArgumentTerm, interval: Interval, t: Array, values: Array) -> Stop | None:
     (outside,) = np.nonzero(term.distance_outside(values) > 0.0)
     if not len(outside):
         return None
     k = max(int(outside[0]), 1)
     level = term.limits[int(values[k] > term.limits[0])]
     when = _locate(term, interval, float(t[k - 1]), float(t[k]), level)
-    return TableStop(when, term.describe(float(values[k])), when)
+    return Stop(when, when, term.describe(float(values[k])))
 
 
-def _find_peak(
-    term: TableArgumentTerm, interval: Interval, t: Array, values: Array
-) -> TableStop | None:
+def _find_peak(term: TableArgumentTerm, interval: Interval, t: Array, values: Array) -> Stop | None:
     """Return the first row of the first peak that a step passed over; tables of one argument."""
     knots, heights = term.table.list_rows(float(values.min()), float(values.max()))
     place = np.searchsorted(knots, values)
@@ -128,13 +98,13 @@ def _find_peak(
             if peak == 0
             else _locate(term, interval, start, probe, float(knots[rows[peak - 1]]))
         )
-        return TableStop(foot, "", probe)
+        return Stop(foot, probe)
     return None
 
 
 def _find_peak_of_grid(
     grid: Sequence[TableArgumentTerm], interval: Interval, t: Array, state: State
-) -> TableStop | None:
+) -> Stop | None:
     """Return the first peak of a table of two arguments that a step passed over.
 
     The table is evaluated where the arguments, interpolated linearly, pass its rows, and between
@@ -161,7 +131,7 @@ def _find_peak_of_grid(
             first = int(peaks[0])
             foot = float(t[k] + rows[rows < share[first]][-1] * (t[k + 1] - t[k]))
             probe = float(times[first + int(np.argmax(excess[first : first + 2]))])
-            return TableStop(foot, "", probe)
+            return Stop(foot, probe)
     return None
 
 
