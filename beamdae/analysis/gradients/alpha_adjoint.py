@@ -12,7 +12,13 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.sensitivities.alpha_replay import evaluate_time_rates, plan_step_residual
+from beamdae.analysis.gradients.weighted_residuals import (
+    WeightedResidual,
+    add_numbers,
+    prepare_weights,
+    weigh_residual,
+)
+from beamdae.analysis.sensitivities.alpha_replay import plan_step_residual
 from beamdae.analysis.sensitivities.alpha_steps import (
     AlphaSteps,
     copy_state,
@@ -23,7 +29,6 @@ from beamdae.analysis.sensitivities.alpha_steps import (
 )
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.recorded_maps import Gradient
-from beamdae.analysis.sensitivities.run_derivatives import rates_at_steps
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import formulate_step, plan_step_sums
@@ -35,12 +40,11 @@ from beamdae.integrators.alpha.family import (
 )
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
-from beamdae.native.loop_functions import combine, inner_product, solve
+from beamdae.native.loop_functions import combine, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sparse_operators import transpose_pattern
-from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
-from beamdae.symbolic.sums.transposed_sums import transposed_plan
+from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
 
@@ -53,12 +57,8 @@ class AdjointWorkspace(AlphaSteps):
     ----------
     form, lanes, linear, nonzeros
         As in `AlphaSteps`, for the transposed matrix.
-    transposed, inputs, outputs
-        Gradient of weights . residual, its inputs (motion, weights) and its result (derivatives
-        with respect to the motion and to p).
-    operator_change, operator_inputs, operator_residual, moves_operators
-        Derivative of the residual along a change of the operators of joints, its inputs (motion,
-        zeros) and its result; used if `moves_operators` is 1.
+    residual
+        Gradient of the weighted residual.
     seeds, seeded, seed
         Derivatives of the objective with respect to (q, v, lam) after the steps, (steps, k), for
         the k entries `seeded` that the objective depends on, and work array for all entries of one
@@ -66,26 +66,13 @@ class AdjointWorkspace(AlphaSteps):
     q, v, ddq, a
         Derivatives of the objective with respect to the motion at the end of the current step, as
         far as it acts through later steps, (n,) each. `a` is the algorithmic acceleration.
-    numbers
-        Derivatives with respect to p, summed over the steps, (n_p,).
-    along_operators
-        Derivative along the change of the operators of joints.
-    time_rates, by_time
-        Partial derivatives of the residual with respect to time at the steps, (steps, n + m), and
-        the derivative with respect to the time of all steps.
     first
         Number of steps before the steps of equal length that are transposed together.
     step
         Number of steps that remain.
     """
 
-    transposed: Sum
-    inputs: Array
-    outputs: Array
-    operator_change: Sum
-    operator_inputs: Array
-    operator_residual: Array
-    moves_operators: int
+    residual: WeightedResidual
     seeds: Array
     seeded: Array
     seed: Array
@@ -93,10 +80,6 @@ class AdjointWorkspace(AlphaSteps):
     v: Array
     ddq: Array
     a: Array
-    numbers: Array
-    along_operators: float = 0.0
-    time_rates: Array
-    by_time: float = 0.0
     first: int = 0
     step: int
 
@@ -110,8 +93,7 @@ def sweep_backwards(run: AdjointWorkspace) -> int:
     """
     n, m, h, beta, gamma = run.form.n, run.form.m, run.h, run.beta, run.gamma
     c = run.coefficients
-    motion = 4 * n + 2 * m
-    inputs, outputs, change, seed = run.inputs, run.outputs, run.change, run.seed
+    inputs, outputs, change, seed = run.residual.inputs, run.residual.outputs, run.change, run.seed
     q, v, ddq, a, a_predicted = run.q, run.v, run.ddq, run.a, run.a_predicted
     factor = 1.0 / (1.0 - run.alpha_m)
     while run.step > run.first:
@@ -127,22 +109,13 @@ def sweep_backwards(run: AdjointWorkspace) -> int:
         combine(change[:n], (-1.0, -c[0], -c[1], -1.0 / c[2]), (q, v, ddq, a))
         combine(change[n:], (-1.0 / c[2],), (seed[2 * n :],))
         solve(run.linear, change)
-        run.by_time += inner_product(change, run.time_rates[run.step - 1])
         combine(change[:n], (c[2],), (change[:n],))
         for i in run.form.velocity_rows:
             change[i] /= c[0]
-        set_time(run.transposed, t, run.branch)
-        combine(inputs[motion:], (1.0,), (change,))
-        evaluate_sum(run.transposed, inputs, outputs)
+        weigh_residual(run.residual, t, run.branch, change)
         combine(q, (1.0, 1.0), (q, outputs[:n]))
         combine(v, (1.0, 1.0), (v, outputs[n : 2 * n]))
-        combine(run.numbers, (1.0, 1.0), (run.numbers, outputs[motion:]))
-        if run.moves_operators == 1:
-            set_time(run.operator_change, t, run.branch)
-            combine(run.operator_inputs[: 3 * n + m], (1.0,), (inputs[: 3 * n + m],))
-            evaluate_sum(run.operator_change, run.operator_inputs, run.operator_residual)
-            for k in range(n + m):
-                run.along_operators += change[k] * run.operator_residual[k]
+        add_numbers(run.residual)
         # From the predicted motion to the motion before the step.
         combine(a_predicted, (1.0, h * h * beta, h * gamma), (a, q, v))
         rate = factor * run.alpha_m
@@ -154,17 +127,16 @@ def sweep_backwards(run: AdjointWorkspace) -> int:
 
 
 @cache_on_owner
-def _plan_adjoint(structure: Structure) -> tuple[SumPlan, SumPlan, sp.csc_array]:
-    """Return the transposed sum of the residual, and sum and pattern of the transposed matrix."""
-    pattern, (residual, _, matrix) = plan_step_sums(structure, False)
+def _plan_transposed_matrix(structure: Structure) -> tuple[SumPlan, sp.csc_array]:
+    """Return the sum and the pattern of the transposed matrix."""
+    pattern, (*_, matrix) = plan_step_sums(structure, False)
     pattern, positions = transpose_pattern(pattern)
-    transposed_matrix = replace(
+    plan = replace(
         matrix,
         add_targets=positions[matrix.add_targets],
         weighted_targets=positions[matrix.weighted_targets],
     )
-    size = 4 * structure.n + 2 * structure.m
-    return transposed_plan(residual, size), transposed_matrix, pattern
+    return plan, pattern
 
 
 def transpose_alpha_steps(
@@ -173,7 +145,6 @@ def transpose_alpha_steps(
     interval: Interval,
     seeds: Array,
     matrices: dict[int, FactorizedMatrix],
-    moves: bool,
 ) -> Gradient:
     """Return the gradient of an objective with respect to the state at the start of an interval.
 
@@ -191,8 +162,6 @@ def transpose_alpha_steps(
     matrices
         Matrices of later intervals of the run by id of their pattern, whose pivots are tried first;
         the matrix of this interval is added.
-    moves
-        True if the time of the start moves, and all steps with it.
 
     Raises
     ------
@@ -203,27 +172,18 @@ def transpose_alpha_steps(
     n, m, steps = equations.n, equations.m, len(times) - 1
     member = family_parameters(method.family, method.rho_inf)
     form = formulate_step(equations, False)
-    plan, transposed_matrix, pattern = _plan_adjoint(equations.structure)
-    moved_plan = None
-    if start.moving is not None:
-        moved_plan = start.directional_plan(plan_step_residual, 4 * n + 2 * m)
+    plan, pattern = _plan_transposed_matrix(equations.structure)
+    make_residual, is_native = prepare_weights(equations, plan_step_residual, 4 * n + 2 * m, n + m)
     matrix = FactorizedMatrix.from_pattern(pattern, pivot_source=matrices.get(id(pattern)))
     matrices[id(pattern)] = matrix
     seeded = np.flatnonzero(seeds.any(axis=0))
-    make_fields = prepare_steps(form, transposed_matrix, matrix, member, interval)
+    make_fields = prepare_steps(form, plan, matrix, member, interval)
 
     def make_workspace(native: bool) -> AdjointWorkspace:
         q, v, ddq, a = np.zeros((4, n))
-        transposed = plan.sum(native, equations.p)
         return AdjointWorkspace(
             **make_fields(native),
-            transposed=transposed,
-            inputs=np.zeros(5 * n + 3 * m),
-            outputs=np.zeros(4 * n + 2 * m + len(equations.p)),
-            operator_change=moved_plan.sum(native, equations.p) if moved_plan else transposed,
-            operator_inputs=np.zeros(2 * (4 * n + 2 * m) + len(equations.p)),
-            operator_residual=np.zeros(n + m),
-            moves_operators=int(moved_plan is not None),
+            residual=make_residual(native),
             seeds=np.ascontiguousarray(seeds[:, seeded]),
             seeded=seeded,
             seed=np.zeros(2 * n + m),
@@ -231,16 +191,13 @@ def transpose_alpha_steps(
             v=v,
             ddq=ddq,
             a=a,
-            numbers=np.zeros(len(equations.p)),
-            time_rates=np.zeros((steps, n + m)),
             step=steps,
         )
 
     def factorized(run: AdjointWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
         return [(run.linear, matrix)]
 
-    is_native = form.is_native and plan.is_native and (moved_plan is None or moved_plan.is_native)
-    loop = StepLoop(sweep_backwards, make_workspace, factorized, is_native)
+    loop = StepLoop(sweep_backwards, make_workspace, factorized, form.is_native and is_native)
     run = loop.work
     groups, parts = list(pairwise(group_equal_steps(times))), []
     for first, last in reversed(groups):
@@ -257,9 +214,6 @@ def transpose_alpha_steps(
             run.a *= ratio
             parts.append(part)
         run.coefficients[:] = member.coefficients(h)
-        if moves:
-            rates = evaluate_time_rates(form, interval, first, last, run.coefficients, h)
-            run.time_rates[first:last] = rates
         run.h, run.first, run.staged, run.lane = h, int(first), 0, 0
         if loop() != DONE:
             raise BeamdaeError(
@@ -272,10 +226,5 @@ def transpose_alpha_steps(
     time, at = np.array([times[0], interval.branch]), State(*(x[0] for x in states))
     motion = start.initial_motion(alpha_start, time, at, run.h)
     by_start = motion.transposed(run.q, run.v, run.ddq, run.a)
-    by_time = run.by_time
-    if moves:
-        by_time -= float(
-            np.sum(seeds * np.delete(rates_at_steps(interval)[1:], slice(2 * n, 3 * n), 1))
-        )
-    parts += [by_start, Gradient((), run.numbers, by_time, run.along_operators)]
-    return Gradient(by_start.inputs, *(sum(x) for x in list(zip(*parts, strict=True))[1:]))
+    numbers = run.residual.numbers + sum(x.numbers for x in (*parts, by_start))
+    return Gradient(by_start.inputs, numbers)

@@ -289,34 +289,6 @@ def _locate_column(equations: EquationsOfMotion, name: str) -> tuple[int | None,
     return observed[header] if header in observed else (None, coordinates.index(header))
 
 
-def add_columns(
-    seeds: ColumnSeeds,
-    by_state: Array,
-    equations: EquationsOfMotion,
-    select: Callable[[EquationsOfMotion], Observable],
-    rows: Array,
-    at: State,
-    by_columns: Array,
-) -> None:
-    """Add derivatives by the columns of an observable to those by states and numbers.
-
-    Parameters
-    ----------
-    seeds, by_state
-        Derivatives by numbers, and by the states, (rows, 2n + m); the results are added to both.
-    equations, select
-        Equations, and function that returns the observable of equations.
-    rows, at
-        Rows of (t, branch), and states.
-    by_columns
-        Derivatives of the objective with respect to the columns, (rows, columns).
-    """
-    o = select(equations)
-    arguments = _column_arguments(o, equations.p[o.data], rows, at)
-    gradient = o.function.weighted_gradient()(*arguments, by_columns)
-    _add_gradient(seeds, by_state, equations, select, arguments, at, gradient)
-
-
 def _add_gradient(
     seeds: ColumnSeeds,
     by_state: Array,
@@ -326,7 +298,7 @@ def _add_gradient(
     at: State,
     gradient: Array,
 ) -> None:
-    """Add the gradient with respect to the arguments of an observable, see `add_columns`."""
+    """Add the gradient with respect to the arguments of an observable to those by states and p."""
     o, n = select(equations), equations.n
     ends = np.cumsum([arguments[1].shape[1], arguments[2].shape[1], arguments[3].shape[-1]])
     by_q, by_v, by_p, by_lam = np.split(gradient, ends, axis=1)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from types import MappingProxyType
+from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
 
+from beamdae.analysis.gradients.forward_gradients import differentiate_along
 from beamdae.analysis.gradients.number_derivatives import (
     FlatModel,
     NumberDerivatives,
@@ -21,12 +20,7 @@ from beamdae.analysis.gradients.objectives import (
     SmoothMaximum,
     read_column,
 )
-from beamdae.analysis.gradients.run_adjoint import (
-    AdjointRun,
-    RunAdjoint,
-    RunPhases,
-    transpose_run,
-)
+from beamdae.analysis.gradients.run_adjoint import transpose_run
 from beamdae.analysis.sensitivities.differentiable_methods import (
     INTERRUPTED_ESTIMATE,
     require_differentiable_method,
@@ -34,16 +28,15 @@ from beamdae.analysis.sensitivities.differentiable_methods import (
     warn_of_step_errors,
     warn_of_unreliable_run,
 )
-from beamdae.analysis.sensitivities.further_forces import locate_numbers
+from beamdae.analysis.sensitivities.grouped_runs import differentiate_states
 from beamdae.analysis.sensitivities.model_differences import (
     Difference,
     derivative_call,
     difference_model,
 )
 from beamdae.analysis.sensitivities.run_derivatives import (
+    RunDerivative,
     assemble_neighbors,
-    derive_states,
-    differentiate_start,
     find_stop,
     node_state,
     start_adds_velocities,
@@ -53,7 +46,9 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
     require_parameter_names,
     whole_number_remedy,
 )
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import (
     BeamdaeError,
     as_real,
@@ -280,7 +275,7 @@ class DifferentiableRun:
     start: Any
     # Derivatives of the model, which other runs of the model share, and phases of this run.
     _models: dict[str, Any] = field(default_factory=dict, repr=False)
-    _phases: dict[str, RunPhases] = field(default_factory=dict, repr=False)
+    _along: dict[str, RunDerivative] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
@@ -323,11 +318,6 @@ class DifferentiableRun:
             self._models["numbers"] = differentiate_numbers(self.flat, base, assemble, time)
         return self._models["numbers"]
 
-    @cached_property
-    def adjoint(self) -> AdjointRun:
-        """The run with its events and redundant constraints."""
-        return AdjointRun.of(self.solution, self.method)
-
     def with_method(self, method: GeneralizedAlpha | Radau) -> DifferentiableRun:
         """Return the run by another integrator.
 
@@ -343,17 +333,20 @@ class DifferentiableRun:
             self.flat, solution, method, self.equations, self.start, self._models
         )
 
-    def phases(self, name: str) -> RunPhases:
-        """Return the equations at neighboring values of one number, see `RunPhases`.
+    def differentiate_along(
+        self, objective: Objective, names: Sequence[str]
+    ) -> tuple[float, Array]:
+        """Return the value and derivatives of an objective along those of the run.
 
-        Raises
-        ------
-        BeamdaeError
-            As `difference_model` and `RunPhases.of`.
+        The derivatives of the run serve all objectives.
         """
-        if name not in self._phases:
-            self._phases[name] = RunPhases.of(self.adjoint, self._difference(name))
-        return self._phases[name]
+        differences = {x: self._difference(x) for x in names}
+        missing = {x: y for x, y in differences.items() if x not in self._along}
+        if missing:
+            self._along.update(differentiate_states(self.solution, self.method, missing))
+        along = {x: self._along[x] for x in names}
+        value, changes = differentiate_along(objective, self.solution, differences, along)
+        return value, np.array([changes[x] for x in names])
 
     def _difference(self, name: str) -> Difference:
         key = f"difference {name}"
@@ -485,8 +478,6 @@ def _name_narrow_peaks(solution: Solution, objective: Objective) -> Iterator[str
 def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float, Array]:
     """Return the value and the gradient (k,) of an objective."""
     equations, names = run.equations, list(run.flat.entries)
-    if equations.configurations is not None or equations.redundant or run.adjoint.stop is not None:
-        return _differentiate_one_by_one(run, names, objective)
     first = run.solution.trajectory.intervals[0]
     time, at = node_state(first, 0)
     request = equations.start
@@ -494,83 +485,26 @@ def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float,
     starts_as_drawn = np.array_equal(at.q, equations.q0) and not start_adds_velocities(
         equations, time
     )
-    if not is_equilibrium and not starts_as_drawn:
-        return _differentiate_one_by_one(run, names, objective)
-    # A parameter without effect: others that need more than the numbers are irregular, see below.
-    unchanged = Difference("", equations, (equations, equations), (-0.5, 0.5), (-1.0, 1.0))
-    phases, at_numbers = RunPhases.of(run.adjoint, unchanged), np.arange(len(equations.p))
-    if not is_equilibrium:
-        others = [names[k] for k in run.number_derivatives(run.start).irregular]
-        phases, at_numbers = _add_further_forces(run, others, phases)
-    adjoint = transpose_run(objective, run.adjoint, phases)
-    value, by_direct = adjoint.seeds.value, adjoint.seeds.numbers
-    numbers = by_direct + sum(x[: len(by_direct)] for x in adjoint.numbers)
-    numbers = numbers[at_numbers]
+    has_events = equations.configurations is not None or find_stop(run.solution) is not None
+    if has_events or equations.redundant or not (is_equilibrium or starts_as_drawn):
+        return run.differentiate_along(objective, names)
+    adjoint = transpose_run(objective, run.solution, run.method)
+    numbers = adjoint.seeds.numbers + adjoint.numbers
     by_equilibrium = None
     if is_equilibrium:
-        start = derive_states(phases.phases[0].active)
+        start = StartDerivatives(ConsistencySolver(equations))
         by_equilibrium = start.equilibrium_gradient(time, at, adjoint.q, 0.0 * at.lam)
-    if by_equilibrium is not None:
-        numbers = numbers + by_equilibrium
-    elif not starts_as_drawn:
-        return _differentiate_one_by_one(run, names, objective, {phases.key: adjoint})
+        if by_equilibrium is None and not starts_as_drawn:
+            return run.differentiate_along(objective, names)
     # The equilibrium of neighboring models is not needed if its adjoint is known.
     derivatives = run.number_derivatives(run.start if by_equilibrium is None else AS_DRAWN)
     operators = adjoint.seeds.by_operators(equations)
     by_operators = np.concatenate([np.zeros(0), *(x.data for x in operators)])
+    if by_equilibrium is not None:
+        numbers = numbers + by_equilibrium
     result = derivatives.p @ numbers + derivatives.operators @ by_operators
     if by_equilibrium is None:
         result += derivatives.q0 @ adjoint.q + derivatives.v0 @ adjoint.v
-    irregular = list(derivatives.irregular)
-    if irregular:
-        known = {phases.key: adjoint}
-        _, changes = _differentiate_one_by_one(run, [names[k] for k in irregular], objective, known)
-        result[irregular] = changes
-    return value, result
-
-
-def _add_further_forces(
-    run: DifferentiableRun, names: Sequence[str], unchanged: RunPhases
-) -> tuple[RunPhases, Array]:
-    """Return phases with the further forces of irregular parameters, see `further_forces`.
-
-    Also return the indices of the numbers of the run in those of the phases. One backward sweep
-    then serves these parameters and all regular ones.
-    """
-    for name in names:
-        phases = run.phases(name)
-        at_numbers = locate_numbers(run.equations, phases.whole.base)
-        is_movable = phases.moves_breakpoints or phases.moves_operators
-        if at_numbers is not None and not is_movable:
-            return phases, at_numbers
-    return unchanged, np.arange(len(run.equations.p))
-
-
-def _differentiate_one_by_one(
-    run: DifferentiableRun,
-    names: Sequence[str],
-    objective: Objective,
-    known: Mapping[Any, RunAdjoint] = MappingProxyType({}),
-) -> tuple[float, Array]:
-    """Return the value and the derivatives, with all equations of each neighboring model.
-
-    Parameters in whose equations further forces are present, that move operators of joints, or that
-    move breakpoints need another backward sweep. `known` are the results of sweeps by key of their
-    phases.
-    """
-    time, at = node_state(run.adjoint.intervals[0], 0)
-    adjoints: dict[Any, RunAdjoint] = dict(known)
-    result = np.zeros(len(names))
-    shifted: dict[Any, frozenset[int]] = {}
-    for phases in map(run.phases, names):
-        shifted[phases.key] = shifted.get(phases.key, frozenset()) | phases.shifted
-    for k, phases in enumerate(map(run.phases, names)):
-        key = phases.key
-        if key not in adjoints:
-            common = replace(phases, shifted=shifted[key])
-            adjoints[key] = transpose_run(objective, run.adjoint, common)
-        adjoint, first = adjoints[key], phases.phases[0].active
-        dp = first.derivative(lambda e: e.p)
-        dq, dv = differentiate_start(first, derive_states(first), time, at, dp)
-        result[k] = adjoint.derivative(phases, dq, dv)
-    return next(iter(adjoints.values())).seeds.value, result
+    if irregular := list(derivatives.irregular):
+        result[irregular] = run.differentiate_along(objective, [names[k] for k in irregular])[1]
+    return adjoint.seeds.value, result

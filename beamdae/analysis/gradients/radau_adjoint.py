@@ -11,6 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.analysis.gradients.weighted_residuals import (
+    WeightedResidual,
+    add_numbers,
+    prepare_weights,
+    weigh_residual,
+)
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.radau_replay import plan_stage_residual
 from beamdae.analysis.sensitivities.radau_steps import (
@@ -24,9 +30,8 @@ from beamdae.analysis.sensitivities.radau_steps import (
 )
 from beamdae.analysis.sensitivities.recorded_maps import Gradient
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
-from beamdae.equations.formulations.first_order import formulate_first_order, plan_jacobian
+from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.formulations.kinematic_reduction import KinematicReduction
-from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.radau.coefficients import (
@@ -50,8 +55,6 @@ from beamdae.native.loop_functions import (
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sparse_operators import transpose_pattern
-from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
-from beamdae.symbolic.sums.transposed_sums import transposed_plan
 
 Array = np.ndarray
 
@@ -74,12 +77,8 @@ class RadauAdjoint(RadauSteps):
         Linear solvers of the transposed Newton matrices, and their non-zeros.
     entries, transposed_entries
         Indices of the non-zeros of the Newton matrices, and their positions in the transposes.
-    transposed, inputs, outputs
-        Gradient of weights . residual, its inputs (y, y', weights) and its result (derivatives with
-        respect to y, y' and p).
-    operator_change, operator_inputs, operator_residual, moves_operators
-        Derivative of the residual along a change of the operators of joints, its inputs (y, y',
-        zeros) and its result; used if `moves_operators` is 1.
+    residual
+        Gradient of the weighted residual of a stage; its motion is (y, y').
     seeds
         Derivatives of the objective with respect to (q, v, lam) at the start and all stages,
         (3 steps + 1, 2n + m).
@@ -102,10 +101,6 @@ class RadauAdjoint(RadauSteps):
     sizes
         Largest corrections and weights of the equations of motion and of both levels of the
         constraints, (2, 3).
-    numbers
-        Derivatives with respect to p, summed over the steps, (n_p,).
-    along_operators
-        Derivative along the change of the operators of joints.
     step
         Number of steps that remain.
     """
@@ -116,13 +111,7 @@ class RadauAdjoint(RadauSteps):
     complex_nonzeros: Array
     entries: Array
     transposed_entries: Array
-    transposed: Sum
-    inputs: Array
-    outputs: Array
-    operator_change: Sum
-    operator_inputs: Array
-    operator_residual: Array
-    moves_operators: int
+    residual: WeightedResidual
     seeds: Array
     y: Array
     weights: Array
@@ -140,8 +129,6 @@ class RadauAdjoint(RadauSteps):
     change: Array
     full_change: Array
     sizes: Array
-    numbers: Array
-    along_operators: float = 0.0
     step: int
 
 
@@ -243,13 +230,12 @@ def _set_total(adjoint: RadauAdjoint, h: float, has_weights: bool) -> None:
 def _weigh_residual(adjoint: RadauAdjoint, i: int, h: float) -> None:
     """Compute the derivatives of the weighted residual of stage `i`."""
     run, n, size = adjoint.run, adjoint.run.form.n, adjoint.run.form.size
-    inputs, outputs, weights = adjoint.inputs, adjoint.outputs, adjoint.weights[i]
+    inputs, outputs = adjoint.residual.inputs, adjoint.residual.outputs
+    weights = adjoint.weights[i]
     by_stage, by_rate = adjoint.by_stages[i], adjoint.by_rates[i]
     combine(inputs[:size], (1.0,), (adjoint.stages[i],))
     combine(inputs[size : 2 * size], (1.0,), (adjoint.rates[i],))
-    combine(inputs[2 * size :], (1.0,), (weights,))
-    set_time(adjoint.transposed, run.t + C[i] * h, run.branch)
-    evaluate_sum(adjoint.transposed, inputs, outputs)
+    weigh_residual(adjoint.residual, run.t + C[i] * h, run.branch, weights)
     combine(by_stage, (1.0,), (outputs[:size],))
     combine(by_rate, (1.0,), (outputs[size : 2 * size],))
     combine(by_stage[n : 2 * n], (1.0, -1.0), (by_stage[n : 2 * n], weights[:n]))
@@ -319,20 +305,10 @@ def _transpose_residuals(adjoint: RadauAdjoint, first: int, h: float) -> None:
     The equations of the defined velocities are T^T y_d = (b + K^T y)_v for the weights y_d of the
     rows that define them.
     """
-    run, n, size, at = adjoint.run, adjoint.run.form.n, adjoint.run.form.size, adjoint.run.reduction
+    n, at = adjoint.run.form.n, adjoint.run.reduction
     for i in range(3):
         _weigh_residual(adjoint, i, h)
-        by_numbers = adjoint.outputs[2 * size :]
-        combine(adjoint.numbers, (1.0, 1.0), (adjoint.numbers, by_numbers))
-        if adjoint.moves_operators == 1:
-            combine(adjoint.operator_inputs[:size], (1.0,), (adjoint.stages[i],))
-            combine(adjoint.operator_inputs[size : 2 * size], (1.0,), (adjoint.rates[i],))
-            set_time(adjoint.operator_change, run.t + C[i] * h, run.branch)
-            evaluate_sum(
-                adjoint.operator_change, adjoint.operator_inputs, adjoint.operator_residual
-            )
-            for k in range(size):
-                adjoint.along_operators += adjoint.weights[i, k] * adjoint.operator_residual[k]
+        add_numbers(adjoint.residual)
     _set_total(adjoint, h, True)
     total, velocities = adjoint.total, adjoint.velocities
     for i in range(3):
@@ -352,12 +328,6 @@ def _transpose_residuals(adjoint: RadauAdjoint, first: int, h: float) -> None:
         combine(adjoint.y[n : 2 * n], (1.0, -1.0), (adjoint.y[n : 2 * n], velocities))
         motion = adjoint.y[: 2 * n]
         combine(motion, (1.0, 1.0), (motion, adjoint.seeds[row][: 2 * n]))
-
-
-@cache_on_owner
-def _plan_transposed_residual(structure: Structure) -> SumPlan:
-    size = plan_jacobian(structure, STABILIZED_FORM, True)[0].shape[0]
-    return transposed_plan(plan_stage_residual(structure), 2 * size)
 
 
 def transpose_radau_steps(start: StartDerivatives, interval: Interval, seeds: Array) -> Gradient:
@@ -386,10 +356,7 @@ def transpose_radau_steps(start: StartDerivatives, interval: Interval, seeds: Ar
     transposed_pattern, transposed_entries = transpose_pattern(stages.pattern)
     real = FactorizedMatrix.from_pattern(transposed_pattern)
     complex_ = FactorizedMatrix.from_pattern(transposed_pattern, complex, pivot_source=real)
-    plan = _plan_transposed_residual(equations.structure)
-    moved_plan = None
-    if start.moving is not None:
-        moved_plan = start.directional_plan(plan_stage_residual, 2 * size)
+    make_residual, is_native = prepare_weights(equations, plan_stage_residual, 2 * size, size)
 
     def make_adjoint(native: bool) -> RadauAdjoint:
         return RadauAdjoint(
@@ -400,13 +367,7 @@ def transpose_radau_steps(start: StartDerivatives, interval: Interval, seeds: Ar
             complex_nonzeros=complex_.nonzeros,
             entries=np.arange(stages.pattern.nnz, dtype=np.uint32),
             transposed_entries=transposed_entries,
-            transposed=plan.sum(native, equations.p),
-            inputs=np.zeros(3 * size),
-            outputs=np.zeros(2 * size + len(equations.p)),
-            operator_change=(moved_plan or plan).sum(native, equations.p),
-            operator_inputs=np.zeros(4 * size + len(equations.p)),
-            operator_residual=np.zeros(size),
-            moves_operators=int(moved_plan is not None),
+            residual=make_residual(native),
             seeds=np.ascontiguousarray(seeds),
             y=np.zeros(size),
             weights=np.zeros((3, size)),
@@ -424,7 +385,6 @@ def transpose_radau_steps(start: StartDerivatives, interval: Interval, seeds: Ar
             change=np.zeros(reduced),
             full_change=np.zeros(size),
             sizes=np.zeros((2, 3)),
-            numbers=np.zeros(len(equations.p)),
             step=steps,
         )
 
@@ -437,8 +397,7 @@ def transpose_radau_steps(start: StartDerivatives, interval: Interval, seeds: Ar
             (adjoint.complex_solver, complex_),
         ]
 
-    is_native = form.is_native and plan.is_native and (moved_plan is None or moved_plan.is_native)
-    loop = StepLoop(sweep_backwards, make_adjoint, matrices, is_native)
+    loop = StepLoop(sweep_backwards, make_adjoint, matrices, form.is_native and is_native)
     code = loop()
     adjoint = loop.work
     if code != DONE:
@@ -448,4 +407,4 @@ def transpose_radau_steps(start: StartDerivatives, interval: Interval, seeds: Ar
             "smaller rtol, or check the model."
         )
     state = (adjoint.y[:n], adjoint.y[n : 2 * n], np.zeros(n), np.zeros(m))
-    return Gradient(state, adjoint.numbers, 0.0, adjoint.along_operators)
+    return Gradient(state, adjoint.residual.numbers)

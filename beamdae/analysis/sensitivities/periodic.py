@@ -273,7 +273,7 @@ def _differentiate(
     for _ in range(_CORRECTIONS):
         dq, dv = np.split(change, 2)
         derivatives = RunDerivatives(run.solution, method, {name: difference}, {name: (dq, dv)})
-        along = derivatives.trajectories()[name]
+        along = derivatives.by_parameter()[name].trajectory
         first, end = along.intervals[0].state, along.intervals[-1].state
         change = np.concatenate([first.q[0], first.v[0]])
         defect = np.concatenate([end.q[-1], end.v[-1]]) + stretch * end_rate - change

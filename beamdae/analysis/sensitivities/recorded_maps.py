@@ -90,26 +90,16 @@ class DifferentiableSum:
         return SumEvaluator.borrow(_plan_transpose(*self._key), self.equations.p, self)
 
     @cached_property
-    def _moved(self) -> SumEvaluator | None:
-        plan = self._moving_plan
-        return None if plan is None else SumEvaluator.borrow(plan, self.equations.p, self)
-
-    @cached_property
     def _value(self) -> SumEvaluator:
         plan = self.plan(self.equations.structure)
         return SumEvaluator.borrow(plan, self.equations.p, self)
 
-    def gradient(self, time: Array, x: Array, weights: Array) -> tuple[Array, Array, float]:
-        """Return the derivatives of weights . sum by x, by p and through moving operators."""
+    def gradient(self, time: Array, x: Array, weights: Array) -> tuple[Array, Array]:
+        """Return the derivatives of weights . sum by x and by p."""
         n_p = len(self.equations.p)
         set_time(self._transposed, *time)
         result = self._transposed(np.concatenate([x, weights]), self.n_inputs + n_p)
-        by_operators = 0.0
-        if self._moved is not None:
-            set_time(self._moved, *time)
-            still = np.zeros(self.n_inputs + n_p)
-            by_operators = float(weights @ self._moved(np.concatenate([x, still]), self.size))
-        return result[: self.n_inputs], result[self.n_inputs :], by_operators
+        return result[: self.n_inputs], result[self.n_inputs :]
 
     def time_rate(self, time: Array, x: Array, delta: float) -> Array:
         """Return the partial derivative with respect to time, by a difference over +-`delta`."""
@@ -154,16 +144,10 @@ class Gradient(NamedTuple):
         Derivatives with respect to the inputs.
     numbers
         Derivatives with respect to the numbers p of the model, (n_p,).
-    time
-        Derivative with respect to the time.
-    operators
-        Derivative through operators of joints that depend on a parameter.
     """
 
     inputs: tuple[Array, ...]
     numbers: Array
-    time: float
-    operators: float
 
 
 @dataclass
@@ -186,7 +170,6 @@ class Record:
     inputs: tuple[Variable, ...] = ()
     outputs: tuple[Variable, ...] = ()
     _operations: list[_Operation] = field(default_factory=list)
-    _by_operators: float = 0.0
     _count: int = 0
 
     def __post_init__(self) -> None:
@@ -288,10 +271,8 @@ class Record:
             return change
 
         def transposed(weights: Array) -> list[Array]:
-            by_x, by_p, by_operators = total.gradient(time, x, weights)
-            self._by_operators += by_operators
-            by_time = np.array([weights @ rate()]) if moves else np.zeros(1)
-            return [by_p, by_time, *np.split(by_x, ends)[:-1]]
+            by_x, by_p = total.gradient(time, x, weights)
+            return [by_p, np.zeros(1), *np.split(by_x, ends)[:-1]]
 
         inputs = (self.numbers.index, self.shift.index, *(y.index for y in state))
         self._operations.append(_Operation(result.index, inputs, forward, transposed))
@@ -355,9 +336,8 @@ class Record:
         ]
 
     def transposed(self, *weights: Array) -> Gradient:
-        """Return the gradient of the sum of weights . outputs."""
+        """Return the gradient of the sum of weights . outputs at fixed time and operators."""
         rows: list[Array | None] = [None] * self._count
-        self._by_operators = 0.0
 
         def add(index: int, by: Array) -> None:
             known = rows[index]
@@ -375,9 +355,4 @@ class Record:
             by = rows[variable.index]
             return np.zeros(variable.size) if by is None else by
 
-        return Gradient(
-            tuple(map(read, self.inputs)),
-            read(self.numbers),
-            float(read(self.shift)[0]),
-            self._by_operators,
-        )
+        return Gradient(tuple(map(read, self.inputs)), read(self.numbers))

@@ -8,7 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beamdae.analysis.sensitivities.model_differences import Difference
-from beamdae.analysis.sensitivities.run_derivatives import RunDerivatives, derive_states
+from beamdae.analysis.sensitivities.run_derivatives import (
+    RunDerivative,
+    RunDerivatives,
+    derive_states,
+)
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.equations.starts.reduced_equations import ReducedEquations, keep_constraints
@@ -60,24 +64,18 @@ class RedundantConstraints:
 
     def differentiate(
         self, method: GeneralizedAlpha | Radau, differences: Mapping[str, Difference]
-    ) -> dict[str, Trajectory]:
-        """Return the derivatives of the states with all multipliers, by parameter.
+    ) -> dict[str, RunDerivative]:
+        """Return the derivatives of the run with all multipliers, by parameter.
 
         The same equations must serve all parameters, see `further_key`.
         """
         reduced = {name: self.reduce(x) for name, x in differences.items()}
-        trajectories = RunDerivatives(self.solution, method, reduced).trajectories()
-        return {
-            name: Trajectory(
-                tuple(
-                    self._restore(interval, along, differences[name])
-                    for interval, along in zip(
-                        self.solution.trajectory.intervals, trajectory.intervals, strict=True
-                    )
-                )
-            )
-            for name, trajectory in trajectories.items()
-        }
+        intervals, result = self.solution.trajectory.intervals, {}
+        for name, x in RunDerivatives(self.solution, method, reduced).by_parameter().items():
+            pairs = zip(intervals, x.trajectory.intervals, strict=True)
+            restored = (self._restore(*pair, differences[name]) for pair in pairs)
+            result[name] = x._replace(trajectory=Trajectory(tuple(restored)))
+        return result
 
     def reduce(self, difference: Difference) -> Difference:
         """Return neighboring models without the redundant constraints."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -56,6 +56,21 @@ Array = np.ndarray
 _MIN_EVENT_RATE = 1e-4
 
 
+class RunDerivative(NamedTuple):
+    """Derivative of a run with respect to one parameter.
+
+    Attributes
+    ----------
+    trajectory
+        Derivatives of the states at fixed times.
+    shifts
+        Derivatives of the time [s] at which each interval begins.
+    """
+
+    trajectory: Trajectory
+    shifts: tuple[float, ...]
+
+
 class RunDerivatives:
     """Derivatives of a run with respect to parameters that the same equations serve.
 
@@ -75,8 +90,8 @@ class RunDerivatives:
         self._starts = starts
         self._equations = solution.equations
 
-    def trajectories(self) -> dict[str, Trajectory]:
-        """Return the derivatives of the states by parameter.
+    def by_parameter(self) -> dict[str, RunDerivative]:
+        """Return the derivatives by parameter.
 
         Raises
         ------
@@ -90,6 +105,7 @@ class RunDerivatives:
             require_inner_breakpoints(phase.active, self._solution.trajectory)
         parameter_steps = np.array([max(map(abs, x.steps)) for x in self._differences.values()])
         rows: list[list[Interval]] = []
+        all_shifts: list[Array] = []
         before: Interval | None = None
         for interval in intervals:
             if before is None:
@@ -102,6 +118,7 @@ class RunDerivatives:
                 if len(keys) > 1 and self._equations.configurations is not None:
                     return self._differentiate_one_by_one()
                 derivatives, moved, firsts = _restart(phases, interval, v, shifts, *crossing[3:])
+            all_shifts.append(shifts)
             active = with_active_multipliers(interval)
             numbers = _numbers(phases, derivatives.equations)
             steps_of, has_all = self._equations, derivatives.equations
@@ -123,10 +140,13 @@ class RunDerivatives:
             rows.append([self._derivative_interval(interval, x) for x in nodes.swapaxes(0, 1)])
             before = interval
         return {
-            name: Trajectory(tuple(x[k] for x in rows)) for k, name in enumerate(self._differences)
+            name: RunDerivative(
+                Trajectory(tuple(x[k] for x in rows)), tuple(float(x[k]) for x in all_shifts)
+            )
+            for k, name in enumerate(self._differences)
         }
 
-    def _differentiate_one_by_one(self) -> dict[str, Trajectory]:
+    def _differentiate_one_by_one(self) -> dict[str, RunDerivative]:
         """Return the derivatives by parameters with different equations after an event.
 
         Forces may vanish at the value of one parameter, or its value may coincide with another
@@ -134,7 +154,7 @@ class RunDerivatives:
         """
         solution, method, starts = self._solution, self._method, self._starts
         return {
-            name: RunDerivatives(solution, method, {name: x}, starts).trajectories()[name]
+            name: RunDerivatives(solution, method, {name: x}, starts).by_parameter()[name]
             for name, x in self._differences.items()
         }
 

@@ -16,7 +16,7 @@ from beamdae.analysis.sensitivities.differentiable_methods import (
     warn_of_step_errors,
     warn_of_unreliable_run,
 )
-from beamdae.analysis.sensitivities.further_forces import further_key, locate_numbers
+from beamdae.analysis.sensitivities.grouped_runs import differentiate_states
 from beamdae.analysis.sensitivities.model_differences import (
     Difference,
     derivative_call,
@@ -24,9 +24,7 @@ from beamdae.analysis.sensitivities.model_differences import (
 )
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_run_columns
 from beamdae.analysis.sensitivities.operator_changes import directional_plan_along, moves_operators
-from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints
 from beamdae.analysis.sensitivities.run_derivatives import (
-    RunDerivatives,
     assemble_neighbors,
     differentiate_event_time,
 )
@@ -50,8 +48,6 @@ from beamdae.interrupts import (
     interruptible,
     keep_result,
 )
-from beamdae.linear.blas_threads import single_threaded
-from beamdae.memory import require_memory
 from beamdae.model_functions import HasOrigin, Model, model_of
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import (
@@ -74,8 +70,6 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# Copies of the derivatives of all steps that are in memory at the same time.
-_COPIES_OF_ROWS = 3.0
 # Effect of a change of a parameter by its value on a column, relative to the largest column of the
 # same unit, below which the step is not checked. Velocities that are zero by constraints had
 # derivatives with effects of 1e-5. It is also the smallest ratio to the largest derivative of the
@@ -534,54 +528,10 @@ def _differentiate(
     method: GeneralizedAlpha | Radau,
 ) -> Sensitivities:
     """Return the derivatives of a run."""
-    redundant = RedundantConstraints.of(solution)
-    trajectories: dict[str, Any] = {}
-    with single_threaded:
-        for group in _group_by_equations(solution.equations, differences):
-            _require_memory(solution, len(group))
-            if redundant is None:
-                trajectories |= RunDerivatives(solution, method, group).trajectories()
-            else:
-                trajectories |= redundant.differentiate(method, group)
+    derivatives = differentiate_states(solution, method, differences)
     parameters = {x: float(values[x]) for x in differences}
-    trajectories = {x: trajectories[x] for x in differences}
+    trajectories = {name: x.trajectory for name, x in derivatives.items()}
     return Sensitivities(solution, parameters, trajectories, differences)
-
-
-def _group_by_equations(
-    run: EquationsOfMotion, differences: Mapping[str, Difference]
-) -> list[dict[str, Difference]]:
-    """Group parameters by the equations in which their forces are present.
-
-    Parameters with the same further forces belong to those without. A parameter that moves
-    operators is a group.
-    """
-    extended = [
-        x.base
-        for x in differences.values()
-        if not moves_operators(x) and locate_numbers(run, x.base) is not None
-    ]
-    # Steps are differentiated with the further forces of one model.
-    largest = max(extended, key=lambda x: len(x.forces), default=run)
-    shared = {further_key(run), further_key(largest)}
-    groups: dict[Any, dict[str, Difference]] = {}
-    for name, difference in differences.items():
-        key: Any = further_key(difference.base)
-        key = further_key(run) if key in shared else key
-        key = name if moves_operators(difference) else key
-        groups.setdefault(key, {})[name] = difference
-    return list(groups.values())
-
-
-def _require_memory(solution: Solution, count: int) -> None:
-    equations, trajectory = solution.equations, solution.trajectory
-    nodes = sum(len(x.nodes) for x in trajectory.intervals)
-    require_memory(
-        derivative_call(),
-        f"derivatives of {trajectory.steps} steps with respect to {count} parameters",
-        _COPIES_OF_ROWS * 8.0 * nodes * count * (3 * equations.n + equations.m),
-        "use longer steps or fewer parameters",
-    )
 
 
 def _differentiate_energies(difference: Difference, times: Array, at: State, along: State) -> Array:
