@@ -23,18 +23,16 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
     Estimates follow the predictions of the refined runs linearly, and their errors are relative to
     their values. Those of columns are relative to half the range of the data.
     """
-    values, series = evaluation.values, problem.data.series
-    headers = [f"{name} [{unit}]" for name, unit in problem.units_of_variables.items()]
-    headers += [
-        f"{x.experiment}: {header}" if x.experiment else header
-        for x, header in zip(series, problem.headers, strict=True)
-    ]
+    values, sources = evaluation.values, problem.data.sources
+    headers = [f"{name} [{problem.units[name] or '-'}]" for name in problem.variables]
+    headers += [f"{x.experiment}: {x.header}" if x.experiment else x.header for x in sources]
     predictions = problem.recorded_values(evaluation)
-    rows = [x for _, _, x in problem.rows_by_series()]
+    rows = [x for _, x in problem.data.rows]
     peaks = [float(np.max(np.abs(predictions[x]))) for x in rows]
     sizes = np.where(values, values, 1.0)
     jacobian = evaluation.projected_jacobian * sizes
-    half_ranges = np.array([0.5 * np.ptp(x.values) for x in series])
+    measured = problem.data.table["value"].to_numpy()
+    half_ranges = np.array([0.5 * np.ptp(measured[x]) for x in rows])
     run = next(iter(evaluation.runs.values())).solution
     method = refine_method(run, None, RTOL_BESIDE_ACCURATE_STEPS)
     first: Refinement | None = None

@@ -30,8 +30,10 @@ def write_fit_page(fit: Fit, path: Path) -> Path:
 
 def build_fit_page(fit: Fit, title: str) -> PageContent:
     """Return the page content of a fit for `beamdae.report.page.page_file.write_page`."""
-    runs = fit.solutions
-    columns = sum(len(run.columns) for run in runs.values()) + 2 * len(fit.series)
+    runs, data = fit.solutions, fit.residual_table()
+    groups = data.groupby(["experiment", "observable"], sort=False)
+    sources = [(str(x), str(header), rows) for (x, header), rows in groups]
+    columns = sum(len(run.columns) for run in runs.values()) + 2 * len(sources)
     limit = compute_row_limit(columns)
     cases: list[PageCase] = []
     for experiment, run in runs.items():
@@ -44,25 +46,23 @@ def build_fit_page(fit: Fit, title: str) -> PageContent:
                 "curves": select_curves({TIME: run.t, **run.columns}, limit),
             }
         )
-    ends = np.cumsum([0, *(len(series.values) for series, _ in fit.series)])
-    for k, (series, header) in enumerate(fit.series):
-        shift, scale, offset = fit.sensor_of(k)
-        residuals = fit.residuals[ends[k] : ends[k + 1]]
+    for k, (experiment, header, rows) in enumerate(sources):
+        shift, scale, offset = fit.sensor_of(int(rows.index[0]))
         curve = {
-            TIME: series.times - shift,
-            header: (series.values - offset) / scale,
-            _residual_header(header): residuals,
+            TIME: rows[TIME].to_numpy() - shift,
+            header: (rows["value"].to_numpy() - offset) / scale,
+            _residual_header(header): rows["residual"].to_numpy(),
         }
         cases.append(
             {
                 "id": f"data {k}",
-                "group": series.experiment or _GROUP,
+                "group": experiment or _GROUP,
                 "label": f"data of {header}",
                 "family": "data",
                 "points": True,
                 "values": {
-                    "count": len(series.values),
-                    "rms": float(np.sqrt(np.mean(residuals**2))),
+                    "count": len(rows),
+                    "rms": float(np.sqrt(np.mean(rows["residual"] ** 2))),
                 },
                 "curves": select_curves(curve, limit),
             }
@@ -91,9 +91,7 @@ def build_fit_page(fit: Fit, title: str) -> PageContent:
         ],
         "axes": None,
         "noun": "curves",
-        "featured": list(
-            dict.fromkeys(x for _, header in fit.series for x in (header, _residual_header(header)))
-        ),
+        "featured": list(dict.fromkeys(y for _, x, _ in sources for y in (x, _residual_header(x)))),
         "tables": [
             {
                 "title": "Fit",

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beamdae.analysis.fit.problem import FitProblem, Scaling
-from beamdae.analysis.fit.search import robust_search
+from beamdae.analysis.fit.problem import FitProblem
+from beamdae.analysis.fit.search import search
+from beamdae.analysis.fit.variables import Scaling
 from beamdae.errors import BeamdaeError, as_real, require_progress
 from beamdae.integrators import Integrator
 from beamdae.interrupts import Interrupted, attach_partial
@@ -49,7 +50,7 @@ class StartSearch:
 
     def __call__(self, solution: Solution) -> str:
         """Return the end of the search as JSON."""
-        result = robust_search(self.problem, self.scaling, self.first, self.max_evaluations)
+        result = search(self.problem, self.scaling, self.first, self.max_evaluations)
         return json.dumps(
             {
                 "values": result.evaluation.values.tolist(),

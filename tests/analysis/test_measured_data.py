@@ -6,12 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.analysis.fit.data import (
-    convert_units,
-    match_columns,
-    read_fit_data,
-    read_measurements,
-)
+from beamdae.analysis.fit.data import match_columns, read_fit_data, read_measurements
 from beamdae.model_parameters import split_unit, standardize_header
 from beamdae.results.columns import Header, remove_unit
 
@@ -88,11 +83,20 @@ REJECTED = {
 }
 
 
-def read_data(data, sigma=None):
-    """Return the data of a fit of a model that observes all columns, in the units of the data."""
-    measured = read_measurements("fit", data)
-    headers = [series.column for series in measured.series]
-    return read_fit_data(measured, dict.fromkeys(measured.experiments, headers), sigma)
+def read_columns(data, observed=None, sigma=None, names=None):
+    """Return the long table of each column of a fit, by default in the units of the data."""
+    measured = read_measurements("fit", data, names)
+    observed = [x.name for x in measured.columns] if observed is None else observed
+    headers = dict.fromkeys(measured.experiments, observed)
+    table = read_fit_data(measured, headers, sigma).table
+    return {str(x): rows for x, rows in table.groupby("column", sort=False)}
+
+
+def assert_column(columns, header, times, values=None):
+    assert list(columns) == [header]
+    assert_allclose(columns[header]["t [s]"], times, rtol=1e-12)
+    if values is not None:
+        assert_allclose(columns[header]["value"], values, rtol=1e-14)
 
 
 @pytest.fixture
@@ -108,22 +112,19 @@ def write(tmp_path):
 @pytest.mark.parametrize("text", ACCEPTED.values(), ids=ACCEPTED)
 def test_regression_usual_files_are_read(write, text):
     """Other separators, units in parentheses, empty rows and columns were rejected."""
-    (series,) = read_data(write(text)).series
-    assert series.column == "tip.y [mm]"
-    assert_allclose(series.times, [0.0, 0.1], rtol=1e-12)
-    assert_allclose(series.values, [1.5, 2.5])
+    assert_column(read_columns(write(text)), "tip.y [mm]", [0.0, 0.1], [1.5, 2.5])
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])
 def test_other_encodings_are_read(write, encoding):
-    (series,) = read_data(write("t [s]\ttip.y [µm]\n0\t1\n1\t2\n", encoding)).series
-    assert series.column == "tip.y [µm]"
+    columns = read_columns(write("t [s]\ttip.y [µm]\n0\t1\n1\t2\n", encoding))
+    assert_column(columns, "tip.y [µm]", [0.0, 1.0], [1.0, 2.0])
 
 
 @pytest.mark.parametrize(("text", "message"), REJECTED.values(), ids=REJECTED)
 def test_regression_other_files_are_rejected_with_the_reason(write, text, message):
     with pytest.raises(bd.BeamdaeError, match=f"^fit: .*{message}"):
-        read_data(write(text))
+        read_columns(write(text))
 
 
 @pytest.mark.parametrize("header", ["t", "Time"])
@@ -135,8 +136,8 @@ def test_regression_times_without_a_unit_are_seconds_with_a_warning(write, heade
         f"{header},observable,value\n0,y [m],1\n0.5,y [m],2\n",
     ):
         with pytest.warns(bd.BeamdaeWarning, match=message):
-            (series,) = read_data(write(text)).series
-        assert_allclose(series.times, [0.0, 0.5])
+            columns = read_columns(write(text))
+        assert_column(columns, "y [m]", [0.0, 0.5])
 
 
 def test_regression_rows_without_a_value_have_a_warning():
@@ -144,33 +145,33 @@ def test_regression_rows_without_a_value_have_a_warning():
     values = [1.0, np.nan, np.nan, np.nan, 5.0]
     message = "^fit: 3 of 5 rows of data have a time but no value; fill them in, or remove them"
     with pytest.warns(bd.BeamdaeWarning, match=message):
-        read_data({"t [s]": np.arange(5.0), "y [m]": values})
+        read_columns({"t [s]": np.arange(5.0), "y [m]": values})
     with pytest.warns(bd.BeamdaeWarning, match=message):
-        read_data({"t [s]": np.arange(5.0), "observable": ["y [m]"] * 5, "value": values})
+        read_columns({"t [s]": np.arange(5.0), "observable": ["y [m]"] * 5, "value": values})
     # Sensors with different rates, and half of the rows.
-    read_data(
-        {"t [s]": np.arange(5.0), "y [m]": values, "x [m]": [np.nan, 1.0, 2.0, 3.0, np.nan]}, 1.0
+    read_columns(
+        {"t [s]": np.arange(5.0), "y [m]": values, "x [m]": [np.nan, 1.0, 2.0, 3.0, np.nan]},
+        sigma=1.0,
     )
-    read_data({"t [s]": np.arange(4.0), "y [m]": [*values[1:3], 1.0, 2.0]})
+    read_columns({"t [s]": np.arange(4.0), "y [m]": [*values[1:3], 1.0, 2.0]})
 
 
 def test_regression_accelerations_may_be_in_g():
     """The unit was known as gram only."""
     data = {"t [s]": [0.0, 1.0], "tip.x_ddot [g]": [1.0, 2.0], "tip.y_ddot [mg]": [1.0, 2.0]}
-    for series, factor in zip(read_data(data, 1.0).series, (9.80665, 9.80665e-3), strict=True):
-        converted = convert_units("fit", series, f"{split_unit(series.column)[0]} [m/s^2]")
-        assert_allclose(converted.values, [factor, 2.0 * factor], rtol=1e-14)
+    columns = read_columns(data, ["tip.x_ddot [m/s^2]", "tip.y_ddot [m/s^2]"], 1.0)
+    for column, factor in zip(columns.values(), (9.80665, 9.80665e-3), strict=True):
+        assert_allclose(column["value"], [factor, 2.0 * factor], rtol=1e-14)
     with pytest.raises(bd.BeamdaeError, match=r"is in kn \(did you mean 'kN'\?\), but the model o"):
-        convert_units("fit", read_data({"t [s]": [0.0], "F [kn]": [1.0]}).series[0], "F [N]")
+        read_columns({"t [s]": [0.0], "F [kn]": [1.0]}, ["F [N]"])
 
 
 def test_regression_strains_may_be_in_microstrain_and_times_name_their_unit():
     data = {"t [s]": [0.0, 1.0], "gauge [microstrain]": [100.0, 200.0], "top (ppm)": [1.0, 2.0]}
-    headers = {"": ["gauge [-]", "top [-]"]}
-    series = read_fit_data(read_measurements("fit", data), headers, 1.0).series
-    assert_allclose([x.values for x in series], [[1e-4, 2e-4], [1e-6, 2e-6]], rtol=1e-14)
+    columns = read_columns(data, ["gauge [-]", "top [-]"], 1.0).values()
+    assert_allclose([x["value"] for x in columns], [[1e-4, 2e-4], [1e-6, 2e-6]], rtol=1e-14)
     with pytest.raises(bd.BeamdaeError, match=r"got Milliseconds \(did you mean 'ms'\?\)\."):
-        read_data({"t (Milliseconds)": [0.0, 1.0], "gauge": [1.0, 2.0]})
+        read_columns({"t (Milliseconds)": [0.0, 1.0], "gauge": [1.0, 2.0]})
 
 
 def test_time_stamps_of_tables_in_memory_are_read():
@@ -178,18 +179,16 @@ def test_time_stamps_of_tables_in_memory_are_read():
     message = "the first time stamp of 't' of data, 2024-05-31.10:00:00.*, is taken as 0 s; if the"
     for stamps in (times, times.tz_localize("Europe/Berlin"), times.to_pydatetime()):
         with pytest.warns(bd.BeamdaeWarning, match=message):
-            (series,) = read_data(pd.DataFrame({"t": stamps, "y [m]": [1.0, np.nan, 2.0]})).series
-        assert_allclose(series.times, [0.0, 0.1], rtol=1e-12)
+            columns = read_columns(pd.DataFrame({"t": stamps, "y [m]": [1.0, np.nan, 2.0]}))
+        assert_column(columns, "y [m]", [0.0, 0.1])
 
 
 def test_tables_in_memory_may_have_units_in_parentheses():
     table = {"t (ms)": [0.0, np.nan, 100.0], "tip.y (mm)": [1.5, np.nan, 2.5]}
     for data in (table, pd.DataFrame(table)):
-        (series,) = read_data(data).series
-        assert series.column == "tip.y [mm]"
-        assert_allclose(series.times, [0.0, 0.1], rtol=1e-12)
-    (series,) = read_data({"run (m)": table}).series
-    assert series.experiment == "run (m)"
+        assert_column(read_columns(data), "tip.y [mm]", [0.0, 0.1])
+    (column,) = read_columns({"run (m)": table}).values()
+    assert set(column["experiment"]) == {"run (m)"}
 
 
 def test_one_law_splits_headers():
@@ -215,50 +214,50 @@ def test_one_law_splits_headers():
 def test_regression_sigma_may_omit_the_unit_of_the_column(name):
     """The keys had to be the headers of the data, and the values numbers."""
     data = {"t [s]": [0.0, 1.0], "tip.y (mm)": [1.0, 2.0], "tip.x [m]": [1.0, 2.0]}
-    y, x = read_data(data, {name: "20 µm", "tip.x": 0.5}).series
-    assert_allclose((y.sigma, x.sigma), ([0.02, 0.02], [0.5, 0.5]), rtol=1e-12)
+    y, x = read_columns(data, sigma={name: "20 µm", "tip.x": 0.5}).values()
+    assert_allclose((y["sigma"], x["sigma"]), ([0.02, 0.02], [0.5, 0.5]), rtol=1e-12)
     with pytest.raises(
         bd.BeamdaeError, match=r"^fit: sigma must name the observed columns of data, tip\.y \[mm\]"
     ):
-        read_data(data, {name: 1.0})
+        read_columns(data, sigma={name: 1.0})
     with pytest.raises(bd.BeamdaeError, match=r"sigma of tip\.y .*measures another quantity"):
-        read_data(data, {name: "2 s", "tip.x": 0.5})
+        read_columns(data, sigma={name: "2 s", "tip.x": 0.5})
     plain = {"t [s]": [0.0, 1.0], "tip.y": [1.0, 2.0]}
     with pytest.raises(bd.BeamdaeError, match=r"^fit: sigma must be a number in the unit of the c"):
-        read_data(plain, "2 mm")
+        read_columns(plain, sigma="2 mm")
 
 
 def test_plots_read_the_same_files(write):
     data = write("t (ms);tip.y (mm);remark\n0;1,5;start\n100;2,5;\n")
     matched, unknown = match_columns("plot", read_measurements("plot", data), {"": ["tip.y [m]"]})
-    assert [len(x.series.values) for x in matched] == [2]
+    assert list(matched.table["value"]) == [1.5e-3, 2.5e-3]
     assert unknown == ["'remark'"]
 
 
 def test_regression_fits_omit_columns_that_the_model_does_not_observe(write):
     """sigma was required for the other column, then the column was rejected, then its texts."""
     data = write("t [s],tip.y [mm],gauge [V],remark\n0,1,5,start\n0.1,2,6,\n")
-    observed = {"": ["tip.x [m]", "tip.y [m]"]}
+    observed = ["tip.x [m]", "tip.y [m]"]
     # Tables of runs contain energies, which are not observed.
     omitted = r"'gauge \[V\]', 'remark', which the model does not observe and fit omits"
     with pytest.warns(bd.BeamdaeWarning, match=rf"^fit: .* contains {omitted}"):
-        (series,) = read_fit_data(read_measurements("fit", data), observed).series
-    assert_allclose(series.values, [1e-3, 2e-3])
+        columns = read_columns(data, observed)
+    assert_column(columns, "tip.y [m]", [0.0, 0.1], [1e-3, 2e-3])
     with pytest.raises(bd.BeamdaeError, match=r"sigma must name the observed columns of data, tip"):
-        read_fit_data(read_measurements("fit", data), observed, {"tip.y": 1.0, "gauge": 1.0})
+        read_columns(data, observed, {"tip.y": 1.0, "gauge": 1.0})
     for header, hint in [
         ("tip.z [mm]", r"got 'tip\.z \[mm\]' \(did you mean 'tip\.[xy]'\?\), 'remark'; name them"),
         ("tip", r"got 'tip' \(name one of tip\.x \[m\], tip\.y \[m\]\), 'remark'; name them as in"),
     ]:
         data = write(f"t [s],{header},remark\n0,1,start\n0.1,2,\n")
         with pytest.raises(bd.BeamdaeError, match=hint):
-            read_fit_data(read_measurements("fit", data), observed)
+            read_columns(data, observed)
 
 
 def test_values_without_a_time_in_other_columns_are_ignored(write):
     data = write("t [s],tip.y [m],room [K]\n0,1,5\n,,6\n0.1,2,\n")
     measured = read_measurements("plot", data)
-    assert [len(x.values) for x in measured.series] == [2, 0]
+    assert len(match_columns("plot", measured, {"": ["tip.y [m]"]})[0].table) == 2
     with pytest.raises(bd.BeamdaeError, match="but row 2 has no time"):
         match_columns("plot", measured, {"": ["room [K]"]})
 
@@ -268,7 +267,7 @@ def test_regression_long_files_are_rejected_not_cut(write, monkeypatch):
     monkeypatch.setattr("beamdae.analysis.fit.data._MAX_DATA", 4)
     gaps = "".join(f"{k},{k if k % 2 else ''}\n" for k in range(6))
     with pytest.raises(bd.BeamdaeError, match=r"data.csv has 6 rows, more than 4; average or omit"):
-        read_data(write("t [s],y [m]\n" + gaps))
+        read_columns(write("t [s],y [m]\n" + gaps))
 
 
 @pytest.mark.parametrize(
@@ -286,8 +285,8 @@ def test_regression_long_files_are_rejected_not_cut(write, monkeypatch):
 def test_regression_sigma_of_accelerations_in_gravities_has_units(unit, sigma, expected):
     """The units gn and m/s^2 were said to measure another quantity than g."""
     data = {"t [s]": [0.0, 1.0], f"tip.y_ddot [{unit}]": [1.0, 2.0]}
-    (series,) = read_data(data, sigma).series
-    assert_allclose(series.sigma, expected)
+    (column,) = read_columns(data, sigma=sigma).values()
+    assert_allclose(column["sigma"], expected)
 
 
 @pytest.mark.parametrize(
@@ -301,19 +300,15 @@ def test_regression_sigma_of_accelerations_in_gravities_has_units(unit, sigma, e
 )
 def test_columns_of_data_may_have_other_names(write, header, columns, values):
     data = write(f"{header}\n0,1\n100,2\n")
-    observed = {"": ["tip.x [m]", "tip.y [m]"]}
-    fitted = read_fit_data(read_measurements("fit", data, columns), observed)
-    assert fitted.headers == ("tip.y [m]",)
-    assert_allclose(fitted.series[0].times, [0.0, 0.1])
-    assert_allclose(fitted.series[0].values, values)
+    fitted = read_columns(data, ["tip.x [m]", "tip.y [m]"], names=columns)
+    assert_column(fitted, "tip.y [m]", [0.0, 0.1], values)
 
 
 def test_observables_of_long_tables_may_have_other_names():
     table = {"observable": ["Laser [mm]", "Laser [mm]"], "Zeit [ms]": [0, 100], "value": [1, 2]}
     columns = {"Laser": "tip.y", "Zeit": "t"}
-    fitted = read_fit_data(read_measurements("fit", table, columns), {"": ["tip.y [m]"]})
-    assert_allclose(fitted.series[0].times, [0.0, 0.1])
-    assert_allclose(fitted.series[0].values, [1e-3, 2e-3])
+    fitted = read_columns(table, ["tip.y [m]"], names=columns)
+    assert_column(fitted, "tip.y [m]", [0.0, 0.1], [1e-3, 2e-3])
 
 
 @pytest.mark.parametrize(
@@ -335,9 +330,8 @@ def test_observables_of_long_tables_may_have_other_names():
 )
 def test_wrong_names_of_columns_are_named(columns, message):
     data = {"t [s]": [0.0, 0.1], "Laser [mm]": [1.0, 2.0], "other": [1.0, 2.0]}
-    observed = {"": ["a.angle [rad]", "tip.y [m]"]}
     with pytest.raises(bd.BeamdaeError, match=message):
-        read_fit_data(read_measurements("fit", data, columns), observed)
+        read_columns(data, ["a.angle [rad]", "tip.y [m]"], names=columns)
 
 
 def test_times_of_another_name_are_suggested():

@@ -1,16 +1,17 @@
-"""Measured data of a fit: wide and long tables, CSV files, and several experiments."""
+"""Measured data of a fit: one long table from wide and long tables, files and experiments."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from beamdae.csv_reader import parse_numbers, read_csv_table, read_time_stamps
-from beamdae.equations import measures
+from beamdae.equations.measures import TIME
 from beamdae.errors import (
     BeamdaeError,
     InputWarning,
@@ -35,25 +36,20 @@ from beamdae.model_parameters import (
     standardize_header,
     suggest_unit,
 )
-from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header, remove_unit
 from beamdae.results.storage.files import unescape_cell
 
 Array = np.ndarray
 
-# Columns of long tables. Tables with the first two are long.
-_OBSERVABLE, _VALUE, _EXPERIMENT, _SIGMA = "observable", "value", "experiment", "sigma"
-_TIMES = ("t", "time")
-_TIME_NAMES = (measures.TIME, "time [s]", "time", "t")
-_LONG_COLUMNS = (_EXPERIMENT, _OBSERVABLE, *_TIME_NAMES, _VALUE, _SIGMA)
+# Columns of the long table of measured data, and of long tables of users.
+EXPERIMENT, COLUMN, VALUE, SIGMA = "experiment", "column", "value", "sigma"
+_OBSERVABLE = "observable"
+_TIME_NAMES = (TIME, "time [s]", "time", "t")
 # Larger tables are probably raw records, whose fit would take hours and gigabytes.
 _MAX_DATA = 1_000_000
 # Squares of larger values, relative to their standard deviations, could overflow.
 _MAX_MAGNITUDE = 1e75
 _MAX_LISTED_COLUMNS = 5  # in a message
-# Data without a name of their experiment.
-ONLY_EXPERIMENT = ""
-_TIME_RULE = "{part}: the times of {name} must be finite and ascend, from 0 s or later"
 _ALLOWED = (
     "a table (DataFrame or dict) of numbers by column, a dict of such tables by experiment, or "
     "the path of a CSV file"
@@ -64,72 +60,46 @@ class UnmatchedDataError(BeamdaeError):
     """Error of measured data that contain none of the needed columns."""
 
 
-@read_only_data
-@dataclass(frozen=True, eq=False)
-class Series:
-    """Values of one column that were measured in one experiment.
+class MeasuredColumn(NamedTuple):
+    """A column of measured data.
 
     Attributes
     ----------
     experiment
         Name of the experiment; "" if the data do not name experiments.
-    column
-        Name of the observed column as in the data.
-    times
-        Times (k,) [s] in ascending order.
-    values
-        Measured values (k,), all finite.
-    sigma
-        Standard deviations (k,) of the errors of the values.
+    name
+        Name of the column of the run, with the unit of the data.
     name_in_data
-        Name of the column in the data, if `data_columns` or `convert_units` has changed it;
-        otherwise "".
-    problem
-        Error message if the column cannot be read, for example because it contains text; its series
-        is empty then. "" otherwise.
+        Name of the column in the data.
+    times
+        Times (n,) [s]; NaN if missing.
+    cells
+        Values (n,), which may be no numbers.
+    sigma
+        Standard deviations (n,) of the errors of the values.
+    rows
+        Numbers (n,) of the rows in the data.
+    place
+        Name of the table, for messages.
     time_header
-        Header of the times in the data, such as "t [ms]".
+        Header of the times in the data.
     """
 
     experiment: str
-    column: str
+    name: str
+    name_in_data: str
     times: Array
-    values: Array
+    cells: Array
     sigma: Array
-    name_in_data: str = ""
-    problem: str = ""
-    time_header: str = ""
-
-    def first(self, share: float) -> Series:
-        """Return the values of the first `share` of the time, at least two of them."""
-        count = max(int(np.searchsorted(self.times, share * self.times[-1], side="right")), 2)
-        first = slice(count)
-        return replace(
-            self, times=self.times[first], values=self.values[first], sigma=self.sigma[first]
-        )
-
-    @property
-    def label(self) -> str:
-        """Name of the column and, if the data name experiments, of the experiment."""
-        return label_series(self.column, self.experiment)
+    rows: Array
+    place: str
+    time_header: str
 
 
 class Measurements(NamedTuple):
-    """All columns of measured data.
+    """All columns of measured data; `name` is the path of the file, or "data"."""
 
-    Attributes
-    ----------
-    series
-        The series, in the units of the data.
-    has_sigma
-        True if the data contain the standard deviations of the values.
-    name
-        The path of the file, or "data".
-    is_file
-        True if the data were read from a file.
-    """
-
-    series: tuple[Series, ...]
+    columns: tuple[MeasuredColumn, ...]
     has_sigma: bool
     name: str
     is_file: bool
@@ -137,64 +107,96 @@ class Measurements(NamedTuple):
     @property
     def experiments(self) -> tuple[str, ...]:
         """Names of the experiments, in the order of the data."""
-        return tuple(dict.fromkeys(x.experiment for x in self.series))
+        return tuple(dict.fromkeys(x.experiment for x in self.columns))
 
 
-class MeasuredColumn(NamedTuple):
-    """A series of measured values in the units of the data, and the header of its column."""
-
-    series: Series
-    header: str
-
-
-@dataclass(frozen=True, eq=False)
-class FitData:
-    """Measured series of a fit in the units of the observed columns.
+@dataclass(frozen=True)
+class Source:
+    """Origin of the values of a column of the run in an experiment.
 
     Attributes
     ----------
-    series
-        The series; each has at least one value.
-    headers
-        Header of the observed column of each series.
-    is_sigma_known
-        True if the standard deviations of the values are known.
+    experiment, header
+        Name of the experiment, and header of the column of the run.
+    name, name_in_data, time_header
+        See `MeasuredColumn`.
+    factor
+        Factor from the unit of the data to that of the column.
     """
 
-    series: tuple[Series, ...]
-    headers: tuple[str, ...]
+    experiment: str
+    header: str
+    name: str
+    name_in_data: str
+    time_header: str
+    factor: float
+
+    @property
+    def label(self) -> str:
+        """Name of the column without its unit and, if the data name experiments, of this one."""
+        return label_column(remove_unit(self.header), self.experiment)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredData:
+    """Measured values of columns of runs.
+
+    Attributes
+    ----------
+    table
+        One value per row, in the units of the run: "experiment", "column" (header of the run), "t
+        [s]", "value", "sigma". Rows of a source are consecutive, with ascending times.
+    sources
+        The origins, in the order of the table.
+    is_sigma_known
+        True if the standard deviations are known; otherwise, "sigma" is 1.
+    """
+
+    table: pd.DataFrame
+    sources: tuple[Source, ...]
     is_sigma_known: bool
 
     @property
     def experiments(self) -> tuple[str, ...]:
         """Names of the experiments, in the order of the data."""
-        return tuple(dict.fromkeys(x.experiment for x in self.series))
+        return tuple(dict.fromkeys(x.experiment for x in self.sources))
 
     @property
-    def count(self) -> int:
-        """Number of values."""
-        return sum(len(x.values) for x in self.series)
+    def headers(self) -> list[str]:
+        """Headers of the columns of runs, each one once."""
+        return list(dict.fromkeys(x.header for x in self.sources))
+
+    @cached_property
+    def rows(self) -> tuple[tuple[Source, slice], ...]:
+        """The sources with their rows."""
+        counts = self.table.groupby([EXPERIMENT, COLUMN], sort=False).size()
+        ends = counts.cumsum().tolist()
+        pairs = zip(self.sources, [0, *ends], ends, strict=False)
+        return tuple((source, slice(begin, end)) for source, begin, end in pairs)
 
     @cached_property
     def variation(self) -> float:
-        """Sum of the squared deviations from the mean of each series, in standard deviations."""
-        series = self.series
-        return sum(float(np.sum(((x.values - x.values.mean()) / x.sigma) ** 2)) for x in series)
+        """Sum of the squared deviations from the mean of each source, in standard deviations."""
+        means = self.table.groupby([EXPERIMENT, COLUMN])[VALUE].transform("mean")
+        return float((((self.table[VALUE] - means) / self.table[SIGMA]) ** 2).sum())
 
-    def first(self, share: float) -> FitData:
-        """Return the data of the first `share` of the time of each series."""
-        return replace(self, series=tuple(x.first(share) for x in self.series))
+    def first(self, share: float) -> tuple[MeasuredData, Array]:
+        """Return the first `share` of the time, at least two values a source, and their rows."""
+        groups = self.table.groupby([EXPERIMENT, COLUMN])
+        is_early = self.table[TIME] <= share * groups[TIME].transform("max")
+        rows = (is_early | (groups.cumcount() < 2)).to_numpy()
+        return replace(self, table=self.table[rows]), rows
 
 
-def label_series(column: str, experiment: str) -> str:
+def label_column(column: str, experiment: str) -> str:
     """Return "column" or "column in experiment"."""
     return f"{column} in {experiment}" if experiment else column
 
 
 def match_columns(
     part: str, measured: Measurements, headers: Mapping[str, Sequence[str]]
-) -> tuple[list[MeasuredColumn], list[str]]:
-    """Return the measured columns that a run contains, and the names of the others.
+) -> tuple[MeasuredData, list[str]]:
+    """Return the values of columns that a run contains, and the names of the others.
 
     Parameters
     ----------
@@ -209,39 +211,37 @@ def match_columns(
     Raises
     ------
     BeamdaeError
-        If such a column cannot be read, or two columns of an experiment are the same one.
+        If such a column contains text, too many values or another unit, or two columns of an
+        experiment are the same one.
     UnmatchedDataError
         If the run contains none of the columns, or these have no values.
     """
-    matched, unknown = [], {}
-    names: dict[tuple[str, str], str] = {}
-    for series in measured.series:
-        known = headers[series.experiment]
-        header = _find_header(series.column, known)
+    tables: list[pd.DataFrame] = []
+    sources: dict[tuple[str, str], Source] = {}
+    unknown: dict[str, str] = {}
+    for x in measured.columns:
+        known = headers[x.experiment]
+        header = _find_header(x.name, known)
         if header is None:
-            description = _describe_unknown(series.column, known)
-            if series.name_in_data:
+            unknown[x.name] = _describe_unknown(x.name, known)
+            if x.name != x.name_in_data:
                 raise BeamdaeError(
-                    f"{part}: data_columns maps {series.name_in_data!r} to {description}, which is "
+                    f"{part}: data_columns maps {x.name_in_data!r} to {unknown[x.name]}, which is "
                     "not a column of the run; name one of its table."
                 )
-            unknown[series.column] = description
             continue
-        if series.problem:
-            raise BeamdaeError(series.problem)
-        name = series.name_in_data or series.column
-        other = names.setdefault((series.experiment, header), name)
-        if other != name:
+        if (other := sources.get((x.experiment, header))) is not None:
             raise BeamdaeError(
-                f"{part}: the columns {other!r} and {name!r} of data are the same column of the "
-                "run; remove one."
+                f"{part}: the columns {other.name_in_data!r} and {x.name_in_data!r} of data are "
+                "the same column of the run; remove one."
             )
-        matched.append(MeasuredColumn(series, header))
-    if matched and not any(len(x.series.values) for x in matched):
-        raise UnmatchedDataError(
-            f"{part}: {measured.name} contains no values; fill in measured values."
-        )
-    if not matched:
+        factor = _convert_unit(part, x, header)
+        names = x.name, x.name_in_data, x.time_header
+        sources[x.experiment, header] = Source(x.experiment, header, *names, factor)
+        table = _read_values(part, x)
+        table[[VALUE, SIGMA]] *= factor
+        tables.append(table.assign(**{EXPERIMENT: x.experiment, COLUMN: header}))
+    if not sources:
         listed = list_first(list(unknown.values()), _MAX_LISTED_COLUMNS)
         given = next(iter(unknown))
         example = _find_example(given, [x for xs in headers.values() for x in xs])
@@ -250,20 +250,44 @@ def match_columns(
             f"name them as in the table of the run, such as {example!r}, or map them, as with "
             f"data_columns={{{given!r}: {remove_unit(example)!r}}}."
         )
-    return matched, list(unknown.values())
-
-
-def warn_of_unknown_columns(
-    part: str, measured: Measurements, unknown: Sequence[str], reason: str
-) -> None:
-    """Warn of unknown columns, see `match_columns`, which are omitted for a reason (a clause)."""
-    if unknown:
-        warn_user(
-            f"{part}: {measured.name} contains {list_first(unknown, _MAX_LISTED_COLUMNS)}, which "
-            f"{reason} and {part} omits; name columns as in the table of the run, map them with "
-            "data_columns=, or remove them.",
-            InputWarning,
+    filled = [(x, y) for x, y in zip(tables, sources.values(), strict=True) if len(x)]
+    if not filled:
+        raise UnmatchedDataError(
+            f"{part}: {measured.name} contains no values; fill in measured values."
         )
+    whole = pd.concat([x for x, _ in filled], ignore_index=True)
+    if len(whole) > _MAX_DATA:
+        raise BeamdaeError(
+            f"{part}: {len(whole)} data are more than {_MAX_DATA}; average or omit some of them."
+        )
+    data = MeasuredData(whole, tuple(x for _, x in filled), measured.has_sigma)
+    return data, list(unknown.values())
+
+
+def _read_values(part: str, column: MeasuredColumn) -> pd.DataFrame:
+    """Return times, values and standard deviations of the values that are not missing."""
+    values = _as_numbers(part, column.cells, column.name_in_data, column.place)
+    table = pd.DataFrame({TIME: column.times, VALUE: values, SIGMA: column.sigma})
+    table = table[np.isfinite(values)]
+    _require_times(part, table[TIME].to_numpy(), column.rows[table.index], column.place)
+    return table.sort_values(TIME, kind="stable")
+
+
+def _convert_unit(part: str, column: MeasuredColumn, header: str) -> float:
+    """Return the factor from the unit in the name of a column to that of a header."""
+    name, unit = split_unit(column.name)
+    if not unit or column.name in (header, remove_unit(header)):
+        return 1.0
+    unit_in_run = split_unit(header)[1]
+    factor = conversion_factor(unit, unit_in_run)
+    if factor is None:
+        hint = suggest_unit(unit, unit_in_run) if parse_unit(unit) is None else ""
+        shown = name if column.name == column.name_in_data else column.name_in_data
+        raise BeamdaeError(
+            f"{part}: the column {shown!r} of data is in {unit}{hint}, but the model observes it "
+            f"in {unit_in_run}; convert the values and name the column {header!r}."
+        )
+    return float(factor)
 
 
 def _find_header(column: str, headers: Sequence[str]) -> str | None:
@@ -281,7 +305,7 @@ def _find_header(column: str, headers: Sequence[str]) -> str | None:
 
 def _find_example(column: str, headers: Sequence[str]) -> str:
     """Return a header that an unknown column may mean: a similar name, or the same quantity."""
-    headers = [x for x in headers if x != measures.TIME] or ["tip.y [m]"]
+    headers = [x for x in headers if x != TIME] or ["tip.y [m]"]
     name, unit = split_unit(column)
     hint = suggest(name, map(remove_unit, headers))
     similar = [x for x in headers if hint == suggest(remove_unit(x), [remove_unit(x)])]
@@ -301,7 +325,7 @@ def _describe_unknown(column: str, headers: Sequence[str]) -> str:
 
 def read_fit_data(
     measured: Measurements, headers: Mapping[str, Sequence[str]], sigma: Any = None
-) -> FitData:
+) -> MeasuredData:
     """Return the data of a fit.
 
     Parameters
@@ -317,130 +341,133 @@ def read_fit_data(
     Raises
     ------
     BeamdaeError
-        If no column is observed, observed columns contain text, too many or no values, or the
-        wrong units, or the data contradict `sigma`.
-
-    Warns
-    -----
-    BeamdaeWarning
-        If columns are omitted.
+        If the columns cannot be matched, see `match_columns`, an experiment has no values, or the
+        data contradict `sigma`.
     """
-    columns, unknown = match_columns("fit", measured, headers)
-    count = sum(len(x.series.values) for x in columns)
-    if count > _MAX_DATA:
-        raise BeamdaeError(
-            f"fit: {count} data are more than {_MAX_DATA}; average or omit some of them."
-        )
+    data, unknown = match_columns("fit", measured, headers)
     if measured.has_sigma and sigma is not None:
         raise BeamdaeError(
             f"fit: sigma is given twice, as an argument and as a column of {measured.name}; omit "
             "one."
         )
     if not measured.has_sigma:
-        columns = _with_sigma(columns, sigma)
-    is_sigma_known = measured.has_sigma or sigma is not None
+        data = _with_sigma(data, sigma)
     # The energies, which a table of the run contains, are not observed.
     warn_of_unknown_columns("fit", measured, unknown, "the model does not observe")
-    columns = [x for x in columns if len(x.series.values)]
-    experiments = {x.series.experiment for x in columns}
-    empty = next((x for x in measured.experiments if x not in experiments), None)
+    empty = next((x for x in measured.experiments if x not in data.experiments), None)
     if empty is not None:
         raise BeamdaeError(
             f"fit: the experiment {empty!r} contains no values of observed columns; fill in "
             "measured values, or remove it from the data."
         )
-    series = []
-    for given, header in columns:
-        converted = convert_units("fit", given, header)
-        # Unknown standard deviations are 1, whatever the units of the data.
-        series.append(converted if is_sigma_known else replace(converted, sigma=given.sigma))
-    return FitData(tuple(series), tuple(x.header for x in columns), is_sigma_known)
+    return data
 
 
-def convert_units(part: str, series: Series, header: str) -> Series:
-    """Return a series in the unit of the column `header`.
-
-    Series without a unit are returned unchanged.
-
-    Parameters
-    ----------
-    part
-        The calling function, for messages.
-    series
-        The series. A name such as "tip.y [mm]" contains the unit.
-    header
-        Header of the column.
-
-    Raises
-    ------
-    BeamdaeError
-        If the unit is unknown or measures another quantity than the column.
-    """
-    name = series.column
-    if name in (header, remove_unit(header)):
-        return series
-    column, unit = split_unit(name)
-    if not unit:
-        return series
-    observed_unit = split_unit(header)[1]
-    factor = conversion_factor(unit, observed_unit)
-    if factor is None:
-        hint = suggest_unit(unit, observed_unit) if parse_unit(unit) is None else ""
-        raise BeamdaeError(
-            f"{part}: the column {series.name_in_data or column!r} of data is in {unit}{hint}, but "
-            f"the model observes it in {observed_unit}; convert the values and name the column "
-            f"{header!r}."
-        )
+def _with_sigma(data: MeasuredData, sigma: Any) -> MeasuredData:
+    """Return data with the standard deviations of the argument `sigma`; 1 if it is None."""
+    if sigma is None:
+        # The same column may be in different units in different experiments.
+        if len({x.header for x in data.sources}) > 1:
+            raise BeamdaeError(
+                "fit: sigma is required for several columns, because it determines their weights; "
+                "pass sigma={name: standard deviation}, or a long table with the column sigma."
+            )
+        return replace(data, table=data.table.assign(sigma=1.0))
+    if isinstance(sigma, Mapping):
+        sigma = require_mapping("fit", "sigma", sigma, "a number, or numbers by column")
+        given = _sigma_by_name(sigma, data.sources)
+    else:
+        given = {x.name: ("sigma", sigma) for x in data.sources}
+    values = {x: _read_sigma(x, *labeled) for x, labeled in given.items()}
+    factors = [np.full(x.stop - x.start, values[y.name] * y.factor) for y, x in data.rows]
     return replace(
-        series,
-        column=header,
-        name_in_data=series.name_in_data or name,
-        values=series.values * float(factor),
-        sigma=series.sigma * float(factor),
+        data, table=data.table.assign(sigma=np.concatenate(factors)), is_sigma_known=True
     )
 
 
-def warn_of_missing_units(
-    part: str, measured: Measurements, columns: Iterable[MeasuredColumn]
+def _sigma_by_name(
+    sigma: Mapping[str, Any], sources: Sequence[Source]
+) -> dict[str, tuple[str, Any]]:
+    """Return the label and the standard deviation of each column by its name.
+
+    Columns are named with or without the units of the data, as in the run or as in the data.
+    """
+    given: dict[str, tuple[str, Any]] = {}
+    is_valid = True
+    for key, value in sigma.items():
+        header = standardize_header(key)
+        names = [{x.name for x in sources if x.name == header}]
+        names += [{x.name for x in sources if split_unit(x.name)[0] == key}]
+        names += [{x.name for x in sources if x.name_in_data == header}]
+        names += [{x.name for x in sources if split_unit(x.name_in_data)[0] == key}]
+        named: set[str] = next(filter(None, names), set())
+        is_valid &= bool(named) and not named & set(given)
+        given |= {x: (f"sigma of {x}", value) for x in named}
+    columns = dict.fromkeys(x.name for x in sources)
+    if not is_valid or set(given) != set(columns):
+        raise BeamdaeError(
+            f"fit: sigma must name the observed columns of data, {', '.join(columns)} (also "
+            f"without units), got {', '.join(sigma) or 'none'}."
+        )
+    return given
+
+
+def _read_sigma(column: str, label: str, value: Any) -> float:
+    """Return a standard deviation in the unit of its column."""
+    unit, text = split_unit(column)[1], as_text(value)
+    if text is not None and not unit:
+        raise BeamdaeError(
+            f"fit: {label} must be a number in the unit of the column, got {short_repr(value)}; "
+            "for values with units, write a header such as 'tip.y [mm]'."
+        )
+    # In columns of accelerations, g is the standard gravity; columns of masses are not observed.
+    is_gravity = unit in ("g", "mg") and text is not None and not text.strip().endswith(unit)
+    unit = f"{unit}n" if is_gravity else unit
+    return require_positive("fit", label, convert_text("fit", label, value, unit))
+
+
+def warn_of_unknown_columns(
+    part: str, measured: Measurements, unknown: Sequence[str], reason: str
 ) -> None:
+    """Warn of unknown columns, see `match_columns`, which are omitted for a reason (a clause)."""
+    if unknown:
+        warn_user(
+            f"{part}: {measured.name} contains {list_first(unknown, _MAX_LISTED_COLUMNS)}, which "
+            f"{reason} and {part} omits; name columns as in the table of the run, map them with "
+            "data_columns=, or remove them.",
+            InputWarning,
+        )
+
+
+def warn_of_missing_units(part: str, measured: Measurements, data: MeasuredData) -> None:
     """Warn of columns of a CSV file that are named without their units.
 
     Tables that are not read from files are written in code, where values are in SI units.
     """
     missing = {
-        series.name_in_data or series.column: unit
-        for series, header in columns
-        if len(series.values) and series.column != header
-        for name, unit in [split_unit(header)]
-        if series.column == name and unit not in ("", "-")
+        source.name_in_data: unit
+        for source in data.sources
+        for unit in [split_unit(source.header)[1]]
+        if not split_unit(source.name)[1] and unit not in ("", "-")
     }
     if not (measured.is_file and missing):
         return
     name, unit = next(iter(missing.items()))
-    taken = ", ".join(f"{x!r} in {unit}" for x, unit in missing.items())
+    assumed = ", ".join(f"{x!r} in {unit}" for x, unit in missing.items())
     warn_user(
-        f"{part}: values of {measured.name} without a unit are taken as in the model, {taken}; "
+        f"{part}: values of {measured.name} without a unit are taken as in the model, {assumed}; "
         f"write units in the header, such as '{name} [{unit}]'.",
         InputWarning,
     )
 
 
 class _ColumnNames:
-    """Names of columns of the run, or of times, for columns of data with other names.
-
-    Parameters
-    ----------
-    part
-        The calling function, for messages.
-    data_columns
-        See `fit`.
-    """
+    """Names of columns of the run, or of times, for columns of data; see `fit`."""
 
     def __init__(self, part: str, data_columns: Any) -> None:
         given = {} if data_columns is None else data_columns
         what = "a dict of names of columns of the run by names in data"
-        self._part = part
-        self._names: dict[str, str] = {}
+        self._part, self._names = part, {}
         for key, name in require_mapping(part, "data_columns", given, what).items():
             text = as_text(name)
             if not (text and text.strip()):
@@ -449,15 +476,14 @@ class _ColumnNames:
                     f"{short_repr(key)}."
                 )
             self._names[standardize_header(key)] = standardize_header(text)
-        self._used: dict[str, str] = {}
-        self._known: list[str] = []
+        self._unused, self._known = dict(self._names), dict[str, None]()
 
     def in_run(self, header: str) -> str:
         """Return the name in the run of a column of data, by default its own.
 
         The unit in the header of the data precedes that of the name in the run.
         """
-        self._known.append(header)
+        self._known[header] = None
         name, unit = split_unit(header)
         keys = [x for x in dict.fromkeys((header, name)) if x in self._names]
         if not keys:
@@ -466,16 +492,15 @@ class _ColumnNames:
             raise BeamdaeError(
                 f"{self._part}: data_columns names {header!r} twice, also as {name!r}; remove one."
             )
-        self._used[keys[0]] = header
+        self._unused.pop(keys[0], None)
         in_run, other_unit = split_unit(self._names[keys[0]])
         unit = unit or other_unit
         return f"{in_run} [{unit}]" if unit else in_run
 
     def require_all_used(self, name: str) -> None:
-        """Reject names that are not in the data, whose own name is `name`."""
-        unused = next((x for x in self._names if x not in self._used), None)
-        if unused is not None:
-            known = list(dict.fromkeys(self._known))
+        """Reject names that are not in the data, which are called `name`."""
+        for unused in self._unused:
+            known = list(self._known)
             hint = suggest(unused, known) or f" ({list_first(known, _MAX_LISTED_COLUMNS)})"
             raise BeamdaeError(
                 f"{self._part}: data_columns contains {unused!r}, which is not a column of "
@@ -485,8 +510,6 @@ class _ColumnNames:
 
 def read_measurements(part: str, data: Any, data_columns: Any = None) -> Measurements:
     """Return all columns of data as in `fit`; `part` is the calling function.
-
-    Series of columns that contain text or no finite numbers are empty and state the problem.
 
     Raises
     ------
@@ -498,35 +521,33 @@ def read_measurements(part: str, data: Any, data_columns: Any = None) -> Measure
     path = None if isinstance(data, Mapping) else path_as_text(data)
     if path is not None and not (is_valid_path(path) and path.strip()):
         raise BeamdaeError(f"{part}: data must be {_ALLOWED}, got {short_repr(data)}.")
-    name, is_file = ("data", False) if path is None else (path, True)
-    texts = (_EXPERIMENT, _OBSERVABLE)
-    given = data if path is None else _read_file(part, path, texts)
-    table = _as_columns(part, given, name)
-    series: list[Series] = []
+    name = "data" if path is None else path
+    table = _as_columns(part, data if path is None else _read_file(part, path), name)
+    columns: list[MeasuredColumn] = []
     has_sigma = False
-    if _OBSERVABLE in table and _VALUE in table:
-        table = _standardize_headers(part, table, name)
-        series, has_sigma = _read_long_table(part, table, name, names), _SIGMA in table
-    elif table and all(_is_table(x) for x in table.values()):
-        for experiment, columns in table.items():
+    if _OBSERVABLE in table and VALUE in table:
+        columns, has_sigma = _read_long_table(part, table, name, names), SIGMA in table
+    elif table and all(isinstance(x, (pd.DataFrame, Mapping)) for x in table.values()):
+        for experiment, inner in table.items():
             if not (experiment.strip() and experiment.isprintable()):
                 raise BeamdaeError(
                     f"{part}: an experiment cannot have the name {short_repr(experiment)}; use "
                     "printable characters."
                 )
             place = f"the experiment {experiment!r}"
-            columns = _as_columns(part, columns, place)
-            series += _read_wide_table(part, columns, place, names, experiment)
+            inner = _as_columns(part, inner, place)
+            columns += _read_wide_table(part, inner, place, names, experiment)
     else:
-        series = _read_wide_table(part, table, name, names, ONLY_EXPERIMENT)
+        columns = _read_wide_table(part, table, name, names, "")
     names.require_all_used(name)
-    if not series:
+    if not columns:
         raise BeamdaeError(f"{part}: {name} contains no values; fill in measured values.")
-    return Measurements(tuple(series), has_sigma, name, is_file)
+    return Measurements(tuple(columns), has_sigma, name, path is not None)
 
 
-def _read_file(part: str, path: str, texts: tuple[str, ...]) -> dict[str, Any]:
+def _read_file(part: str, path: str) -> dict[str, Any]:
     """Return the columns of a CSV file; those of numbers as arrays."""
+    texts = (EXPERIMENT, _OBSERVABLE)
     columns = read_csv_table(part, path, _MAX_DATA, texts)
     return {
         unescape_cell(x): cells if x in texts else parse_numbers(cells)
@@ -534,220 +555,126 @@ def _read_file(part: str, path: str, texts: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-def _is_table(value: Any) -> bool:
-    import pandas as pd
-
-    return isinstance(value, (pd.DataFrame, Mapping))
-
-
 def _as_columns(part: str, data: Any, name: str) -> dict[str, Any]:
     """Return the columns of a table by name."""
-    import pandas as pd
-
     if isinstance(data, pd.DataFrame):
-        repeated = data.columns[data.columns.duplicated()]
-        if len(repeated):
-            raise BeamdaeError(
-                f"{part}: {name} contains the column {short_repr(repeated[0])} twice; remove one."
-            )
+        _require_different(part, list(data.columns), name)
         data = {column: data[column].to_numpy() for column in data}
     return require_mapping(part, name, data, _ALLOWED)
 
 
-def _standardize_headers(part: str, table: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Return a table with headers of the form 'name [unit]', also for 'name (unit)'."""
-    result: dict[str, Any] = {}
-    for header, values in table.items():
-        standard = standardize_header(header)
-        if standard in result:
-            raise BeamdaeError(
-                f"{part}: {name} contains the column {short_repr(standard)} twice; remove one."
-            )
-        result[standard] = values
-    return result
-
-
-def _as_numbers(part: str, values: Any, column: str, name: str) -> Array:
-    """Return a column (k,) as floats; missing values become NaN."""
-    try:
-        # Durations and dates would become counts of their own unit, such as nanoseconds.
-        kind = np.asarray(values).dtype.kind
-        numbers = np.asarray(values, float)
-    except Exception:  # Of any kind in conversions of the user's objects.
-        raise BeamdaeError(_describe_text(part, values, column, name)) from None
-    if kind == "b":
-        raise BeamdaeError(_describe_text(part, values, column, name))
-    if kind in "mM":
+def _require_different(part: str, names: Sequence[Any], name: str) -> None:
+    repeated = next((x for k, x in enumerate(names) if x in names[:k]), None)
+    if repeated is not None:
         raise BeamdaeError(
-            f"{part}: the column {column!r} of {name} must contain numbers, got durations or "
-            "dates; convert them, for example with `Timedelta.total_seconds`."
+            f"{part}: {name} contains the column {short_repr(repeated)} twice; remove one."
         )
-    if numbers.ndim != 1:
-        raise BeamdaeError(
-            f"{part}: the column {column!r} of {name} must have one finite number or NaN per time, "
-            f"got {short_repr(values)}."
-        )
-    if np.isinf(numbers).any() or np.any(np.abs(numbers) > _MAX_MAGNITUDE):
-        k = int(np.argmax(np.nan_to_num(np.abs(numbers))))
-        raise BeamdaeError(
-            f"{part}: the column {column!r} of {name} must have one finite number or NaN per time, "
-            f"got {numbers[k]:g} in row {k + 1}."
-        )
-    return numbers
-
-
-def _describe_text(part: str, values: Any, column: str, name: str) -> str:
-    try:
-        for k, value in enumerate(values):
-            try:
-                float("nan" if value is None else value)
-            except (TypeError, ValueError):
-                return (
-                    f"{part}: the column {column!r} of {name} must contain numbers, got "
-                    f"{short_repr(value)} in row {k + 1}; leave missing values empty."
-                )
-    except Exception:  # Of any kind in iterations over the user's objects.
-        pass
-    return (
-        f"{part}: the column {column!r} of {name} must contain numbers, got {short_repr(values)}."
-    )
-
-
-def _require_times(part: str, times: Array, rows: Array, name: str) -> None:
-    """Reject missing and negative times of the given rows."""
-    rule = _TIME_RULE.format(part=part, name=name)
-    if not times.size:
-        raise BeamdaeError(f"{rule}; fill in measured values.")
-    if not np.isfinite(times).all():
-        k = int(np.argmax(~np.isfinite(times)))
-        raise BeamdaeError(f"{rule}, but row {rows[k] + 1} has no time; fill it in, or remove it.")
-    if times.min() < 0.0:
-        k = int(np.argmax(times < 0.0))
-        raise BeamdaeError(
-            f"{rule}, got {times[k]:g} s in row {rows[k] + 1}; remove the rows before the start of "
-            "the run (t < 0), or shift the times."
-        )
-
-
-def _find_time(part: str, table: Mapping[str, str], names: Sequence[str]) -> str | None:
-    """Return the column of times: "t" or "time" with any unit of time, or one of `names`.
-
-    Without such a column, return one named "t" or "time" that has another unit or none, if there is
-    one. `table` contains the names in the run by those in the data.
-    """
-    units = {
-        x: unit for x in table for name, unit in [split_unit(table[x])] if _is_time(name) and unit
-    }
-    candidates = [x for x in table if table[x] in names or (x in units and _is_time_unit(units[x]))]
-    if not candidates:
-        return next(iter(units), next((x for x in table if _is_time(table[x])), None))
-    if len(candidates) > 1:
-        raise BeamdaeError(
-            f"{part}: the columns {candidates[0]!r} and {candidates[1]!r} of data are both times; "
-            "remove one."
-        )
-    return candidates[0]
-
-
-def _is_time(name: str) -> bool:
-    # T may be a temperature.
-    return name in _TIMES or name.casefold() == "time"
-
-
-def _is_time_unit(unit: str) -> bool:
-    return conversion_factor(unit, "s") is not None
-
-
-def _read_times(part: str, values: Any, time: str, unit: str, name: str) -> Array:
-    """Return the column of times in seconds, from the first one if they are time stamps."""
-    if np.asarray(values).dtype.kind in "MOUS":
-        stamps = read_time_stamps(part, f"{time!r} of {name}", map(str, values))
-        if stamps is not None:
-            return stamps
-    numbers = _as_numbers(part, values, time, name)
-    if not unit:
-        warn_user(
-            f"{part}: the times {time!r} of {name} have no unit and are taken as seconds; name the "
-            f"column '{time} [s]'.",
-            InputWarning,
-        )
-        return numbers
-    parsed = parse_unit(unit)
-    if parsed is None or not _is_time_unit(unit):
-        raise BeamdaeError(
-            f"{part}: the times {time!r} of {name} must be in a unit such as s or ms, got {unit}"
-            f"{suggest_unit(unit, 's') if parsed is None else ''}."
-        )
-    return numbers if unit == "s" else numbers * float(parsed[0])
 
 
 def _read_wide_table(
     part: str, table: Mapping[str, Any], name: str, names: _ColumnNames, experiment: str
-) -> list[Series]:
-    """Return the series of a table with a column of times and one column per observed column."""
-    table = _standardize_headers(part, table, name)
-    in_run = {header: names.in_run(header) for header in table}
-    time = _find_time(part, in_run, (measures.TIME,))
-    columns = [column for column in table if column != time]
-    if time is None or not columns:
+) -> list[MeasuredColumn]:
+    """Return the columns of a table with a column of times and one column per observed column."""
+    headers = list(map(standardize_header, table))
+    _require_different(part, headers, name)
+    table = dict(zip(headers, table.values(), strict=True))
+    in_run = {x: names.in_run(x) for x in table}
+    time = _find_time(part, in_run, (TIME,))
+    if time is None or len(table) == 1:
         names.require_all_used(name)
+        of_time = (x for x in table if _is_time_unit(split_unit(x)[1]))
+        other = next(of_time, next(iter(table), ""))
+        hint = f"; map times of another name, as with data_columns={{{other!r}: 't'}}"
         raise BeamdaeError(
-            f"{part}: {name} must contain the column {measures.TIME!r} and measured columns (or "
-            f"the columns observable, {measures.TIME}, value), got columns "
-            f"{', '.join(map(repr, table)) or 'none'}{_suggest_time(table) if columns else ''}."
+            f"{part}: {name} must contain the column {TIME!r} and measured columns (or the columns "
+            f"observable, {TIME}, value), got columns {', '.join(map(repr, table)) or 'none'}"
+            f"{hint if len(table) > 1 else ''}."
         )
-    time_header = time if split_unit(time)[1] else in_run[time]
-    times = _read_times(part, table[time], time, split_unit(time_header)[1], name)
+    times, time_header = _read_times(part, table.pop(time), time, in_run[time], name)
     # Rows without a time are empty, unless a column has a value there.
     rows = np.flatnonzero(np.isfinite(times))
-    used = times[rows]
-    _require_times(part, used, rows, name)
-    if np.any(np.diff(used) <= 0.0):
-        k = int(np.argmax(np.diff(used) <= 0.0))
-        later, before = format_distinct(used[k + 1], used[k])
+    _require_times(part, times[rows], rows, name)
+    if np.any(np.diff(times[rows]) <= 0.0):
+        k = int(np.argmax(np.diff(times[rows]) <= 0.0))
+        later, before = format_distinct(times[rows[k + 1]], times[rows[k]])
         raise BeamdaeError(
             f"{part}: the times of {name} must be finite and ascend, got {later} s after "
             f"{before} s in row {rows[k + 1] + 1}; sort the rows and average repeated ones."
         )
-    series: list[Series] = []
-    for column in columns:
-        try:
-            values = _as_numbers(part, table[column], column, name)
-            if values.shape != times.shape:
-                raise BeamdaeError(
-                    f"{part}: the column {column!r} of {name} must have one finite number or NaN "
-                    f"per time, got {len(values)} for {len(times)} times."
-                )
-            present = np.flatnonzero(np.isfinite(values))
-            if present.size:
-                _require_times(part, times[present], present, name)
-        except BeamdaeError as problem:
-            # Columns that a run does not have may contain anything.
-            present, failure = np.arange(0), str(problem)
-            values = np.empty(0)
-        else:
-            failure = ""
-        series.append(
-            Series(
-                experiment,
-                in_run[column],
-                times[present],
-                values[present],
-                np.ones(len(present)),
-                name_in_data="" if in_run[column] == column else column,
-                problem=failure,
-                time_header=time_header,
-            )
+    cells = {x: _as_cells(part, values, x, name, len(times)) for x, values in table.items()}
+    is_filled = np.any([pd.notna(x) for x in cells.values()], axis=0)
+    _warn_of_empty_rows(part, times, is_filled, name)
+    others = np.ones(len(times)), np.arange(len(times)), name, time_header
+    return [MeasuredColumn(experiment, in_run[x], x, times, cells[x], *others) for x in cells]
+
+
+def _read_long_table(
+    part: str, table: Mapping[str, Any], name: str, names: _ColumnNames
+) -> list[MeasuredColumn]:
+    """Return the columns of a table with one value per row; its rows may have any order."""
+    headers = list(map(standardize_header, table))
+    _require_different(part, headers, name)
+    table = dict(zip(headers, table.values(), strict=True))
+    own = (EXPERIMENT, _OBSERVABLE, *_TIME_NAMES, VALUE, SIGMA)
+    in_run = {x: x if x in own else names.in_run(x) for x in table}
+    time = _find_time(part, in_run, _TIME_NAMES)
+    unknown = [x for x in table if x not in own and x != time]
+    if time is None or unknown:
+        problem = f"got {short_repr(unknown[0])}" if unknown else "got no times"
+        raise BeamdaeError(
+            f"{part}: the long table {name} must have the columns experiment, observable, {TIME}, "
+            f"value, sigma (the first and the last are optional), {problem}."
         )
-    if not any(x.problem for x in series):
-        # Columns of sensors with different rates may have few values each.
-        filled = np.unique(np.concatenate([x.times for x in series]))
-        _warn_of_empty_rows(part, len(used) - len(filled), len(used), name)
-    return series
+    times, time_header = _read_times(part, table[time], time, in_run[time], name)
+    columns: dict[str, Any] = {TIME: times, VALUE: _as_numbers(part, table[VALUE], VALUE, name)}
+    columns[_OBSERVABLE] = _as_names(part, table[_OBSERVABLE], _OBSERVABLE, name)
+    if EXPERIMENT in table:
+        columns[EXPERIMENT] = _as_names(part, table[EXPERIMENT], EXPERIMENT, name)
+    if SIGMA in table:
+        columns[SIGMA] = _as_numbers(part, table[SIGMA], SIGMA, name)
+    if len({len(x) for x in columns.values()}) > 1:
+        raise BeamdaeError(f"{part}: the columns of {name} must have equal lengths.")
+    frame = pd.DataFrame({EXPERIMENT: "", SIGMA: 1.0, **columns})
+    is_filled = frame[VALUE].notna().to_numpy()
+    _warn_of_empty_rows(part, times, is_filled, name)
+    frame = frame[is_filled]
+    _require_times(part, frame[TIME].to_numpy(), frame.index.to_numpy(), name)
+    if (wrong := frame[~(frame[SIGMA] > 0.0)]).size:
+        raise BeamdaeError(
+            f"{part}: sigma of {name} must be positive, got {wrong[SIGMA].iloc[0]:g} in row "
+            f"{wrong.index[0] + 1}; fill in all rows, or remove the column."
+        )
+    frame[_OBSERVABLE] = frame[_OBSERVABLE].map(standardize_header)
+    keys = [EXPERIMENT, _OBSERVABLE]
+    repeated = frame[frame.duplicated([*keys, TIME])]
+    if len(repeated):
+        row = repeated.iloc[0]
+        raise BeamdaeError(
+            f"{part}: {name} contains {label_column(row[_OBSERVABLE], row[EXPERIMENT])} at "
+            f"{row[TIME]:g} s twice, again in row {repeated.index[0] + 1}; average repeated "
+            "values, or name the experiments."
+        )
+    return [
+        MeasuredColumn(
+            experiment=experiment,
+            name=names.in_run(column),
+            name_in_data=column,
+            times=rows[TIME].to_numpy(),
+            cells=rows[VALUE].to_numpy(),
+            sigma=rows[SIGMA].to_numpy(),
+            rows=rows.index.to_numpy(),
+            place=name,
+            time_header=time_header,
+        )
+        for key, rows in frame.groupby(keys, sort=False)
+        for experiment, column in [map(str, key)]
+    ]
 
 
-def _warn_of_empty_rows(part: str, count: int, total: int, name: str) -> None:
+def _warn_of_empty_rows(part: str, times: Array, is_filled: Array, name: str) -> None:
     """Warn if most of the rows with a time have no value, but not all, as after a failed export."""
+    is_timed = np.isfinite(times)
+    count, total = int(np.sum(is_timed & ~is_filled)), int(np.sum(is_timed))
     if 0.5 * total < count < total:
         warn_user(
             f"{part}: {count} of {total} rows of {name} have a time but no value; fill them in, or "
@@ -756,74 +683,111 @@ def _warn_of_empty_rows(part: str, count: int, total: int, name: str) -> None:
         )
 
 
-def _suggest_time(table: Mapping[str, Any]) -> str:
-    """Return advice on a column of times with another name."""
-    of_unit = (x for x in table if _is_time_unit(split_unit(x)[1]))
-    name = next(of_unit, next(iter(table)))
-    return f"; map times of another name, as with data_columns={{{name!r}: 't'}}"
+def _require_times(part: str, times: Array, rows: Array, name: str) -> None:
+    """Reject missing and negative times of the given rows."""
+    rule = f"{part}: the times of {name} must be finite and ascend, from 0 s or later"
+    if not np.isfinite(times).all():
+        k = int(np.argmax(~np.isfinite(times)))
+        raise BeamdaeError(f"{rule}, but row {rows[k] + 1} has no time; fill it in, or remove it.")
+    if np.any(times < 0.0):
+        k = int(np.argmax(times < 0.0))
+        raise BeamdaeError(
+            f"{rule}, got {times[k]:g} s in row {rows[k] + 1}; remove the rows before the start of "
+            "the run (t < 0), or shift the times."
+        )
 
 
-def _read_long_table(
-    part: str, table: Mapping[str, Any], name: str, column_names: _ColumnNames
-) -> list[Series]:
-    """Return the series of a table with one value per row; their rows may have any order."""
-    in_run = {x: x if x in _LONG_COLUMNS else column_names.in_run(x) for x in table}
-    time = _find_time(part, in_run, _TIME_NAMES)
-    unknown = [x for x in table if x not in _LONG_COLUMNS and x != time]
-    if time is None or unknown:
-        problem = f"got {short_repr(unknown[0])}" if unknown else "got no times"
+def _find_time(part: str, in_run: Mapping[str, str], names: Sequence[str]) -> str | None:
+    """Return the column of times: "t" or "time" with any unit of time, or one of `names`.
+
+    Without such a column, return one named "t" or "time" that has another unit or none. `in_run`
+    contains the names in the run by those in the data.
+    """
+    # T may be a temperature.
+    times = [x for x, y in in_run.items() if y.startswith("t") or y.casefold().startswith("time")]
+    times = [x for x in times if split_unit(in_run[x])[0].casefold() in ("t", "time")]
+    candidates = [x for x in times if _is_time_unit(split_unit(in_run[x])[1]) or in_run[x] in names]
+    if len(candidates) > 1:
         raise BeamdaeError(
-            f"{part}: the long table {name} must have the columns experiment, observable, "
-            f"{measures.TIME}, value, sigma (the first and the last are optional), {problem}."
+            f"{part}: the columns {candidates[0]!r} and {candidates[1]!r} of data are both times; "
+            "remove one."
         )
-    time_header = time if split_unit(time)[1] else in_run[time]
-    times = _read_times(part, table[time], time, split_unit(time_header)[1], name)
-    values = _as_numbers(part, table[_VALUE], _VALUE, name)
-    sigma = (
-        _as_numbers(part, table[_SIGMA], _SIGMA, name) if _SIGMA in table else np.ones(len(times))
-    )
-    names = [standardize_header(x) for x in _as_names(part, table[_OBSERVABLE], _OBSERVABLE, name)]
-    experiments = [ONLY_EXPERIMENT] * len(times)
-    if _EXPERIMENT in table:
-        experiments = _as_names(part, table[_EXPERIMENT], _EXPERIMENT, name)
-    if not len(times) == len(values) == len(sigma) == len(names) == len(experiments):
-        raise BeamdaeError(f"{part}: the columns of {name} must have equal lengths.")
-    present = np.isfinite(values)
-    _require_times(part, times[present], np.flatnonzero(present), name)
-    timed = np.isfinite(times)
-    _warn_of_empty_rows(part, int(np.sum(timed & ~present)), int(np.sum(timed)), name)
-    if not np.all(sigma[present] > 0.0):
-        k = int(np.argmax(present & ~(sigma > 0.0)))
+    return next(iter([*candidates, *times]), None)
+
+
+def _is_time_unit(unit: str) -> bool:
+    return conversion_factor(unit, "s") is not None
+
+
+def _read_times(part: str, values: Any, time: str, in_run: str, name: str) -> tuple[Array, str]:
+    """Return the times [s], from the first one if they are time stamps, and their header."""
+    header = time if split_unit(time)[1] else in_run
+    unit = split_unit(header)[1]
+    if np.asarray(values).dtype.kind in "MOUS":
+        stamps = read_time_stamps(part, f"{time!r} of {name}", map(str, values))
+        if stamps is not None:
+            return stamps, header
+    numbers = _as_numbers(part, values, time, name)
+    if not unit:
+        warn_user(
+            f"{part}: the times {time!r} of {name} have no unit and are taken as seconds; name the "
+            f"column '{time} [s]'.",
+            InputWarning,
+        )
+        return numbers, header
+    factor = conversion_factor(unit, "s")
+    if factor is None:
         raise BeamdaeError(
-            f"{part}: sigma of {name} must be positive, got {sigma[k]:g} in row {k + 1}; fill in "
-            "all rows, or remove the column."
+            f"{part}: the times {time!r} of {name} must be in a unit such as s or ms, got {unit}"
+            f"{suggest_unit(unit, 's') if parse_unit(unit) is None else ''}."
         )
-    rows: dict[tuple[str, str], list[int]] = {}
-    for k in np.flatnonzero(present).tolist():
-        rows.setdefault((experiments[k], names[k]), []).append(k)
-    series = []
-    for (experiment, column), selected in rows.items():
-        order = np.array(selected)[np.argsort(times[selected], kind="stable")]
-        repeated = np.flatnonzero(np.diff(times[order]) == 0.0)
-        if len(repeated):
-            k = order[repeated[0] + 1]
-            raise BeamdaeError(
-                f"{part}: {name} contains {label_series(column, experiment)} at {times[k]:g} s "
-                f"twice, again in row {k + 1}; average repeated values, or name the experiments."
-            )
-        name_in_run = column_names.in_run(column)
-        series.append(
-            Series(
-                experiment,
-                name_in_run,
-                times[order],
-                values[order],
-                sigma[order],
-                name_in_data="" if name_in_run == column else column,
-                time_header=time_header,
-            )
+    return numbers * float(factor), header
+
+
+def _as_cells(part: str, values: Any, column: str, name: str, count: int) -> Array:
+    """Return a column of a wide table as an array (count,) of any type."""
+    try:
+        cells = np.asarray(values)
+    except Exception:  # Of any kind in conversions of the user's objects.
+        cells = np.asarray(None)
+    if cells.shape != (count,):
+        got = f"{len(cells)} for {count} times" if cells.ndim == 1 else short_repr(values)
+        raise BeamdaeError(
+            f"{part}: the column {column!r} of {name} must have one finite number or NaN per time, "
+            f"got {got}."
         )
-    return series
+    return cells
+
+
+def _as_numbers(part: str, values: Any, column: str, name: str) -> Array:
+    """Return a column (n,) as floats; missing values become NaN."""
+    what = f"{part}: the column {column!r} of {name} must contain"
+    try:
+        cells = np.asarray(values)
+        # Durations and dates would become counts of their own unit, such as nanoseconds.
+        numbers = cells.astype(float) if cells.dtype.kind not in "bmM" else None
+    except Exception:  # Of any kind in conversions of the user's objects.
+        numbers = None
+    if numbers is None or numbers.ndim != 1:
+        raise BeamdaeError(f"{what} numbers, got {_find_text(values)}.")
+    is_large = ~(np.abs(np.nan_to_num(numbers, posinf=np.inf)) <= _MAX_MAGNITUDE)
+    if is_large.any():
+        k = int(np.argmax(is_large))
+        raise BeamdaeError(f"{what} finite numbers or NaN, got {numbers[k]:g} in row {k + 1}.")
+    return np.asarray(numbers)
+
+
+def _find_text(values: Any) -> str:
+    """Return the first value that is no number, with its row."""
+    try:
+        for k, value in enumerate(values):
+            try:
+                float("nan" if value is None else value)
+            except (TypeError, ValueError):
+                return f"{short_repr(value)} in row {k + 1}; leave missing values empty"
+    except Exception:  # Of any kind in iterations over the user's objects.
+        pass
+    return short_repr(values)
 
 
 def _as_names(part: str, values: Any, column: str, name: str) -> list[str]:
@@ -839,68 +803,3 @@ def _as_names(part: str, values: Any, column: str, name: str) -> list[str]:
             )
         texts.append(text.strip())
     return texts
-
-
-def _with_sigma(columns: list[MeasuredColumn], sigma: Any) -> list[MeasuredColumn]:
-    """Return columns with the standard deviations of the argument `sigma`; 1 if it is None."""
-    in_data: dict[str, set[str]] = {}
-    for x in columns:
-        in_data.setdefault(x.series.column, set()).add(x.series.name_in_data)
-    names = list(in_data)
-    if sigma is None:
-        # The same column may be in different units in different experiments.
-        if len({split_unit(name)[0] for name in names}) > 1:
-            raise BeamdaeError(
-                "fit: sigma is required for several columns, because it determines their weights; "
-                "pass sigma={name: standard deviation}, or a long table with the column sigma."
-            )
-        return columns
-    if isinstance(sigma, Mapping):
-        sigma = require_mapping("fit", "sigma", sigma, "a number, or numbers by column")
-        given = _sigma_by_column(sigma, in_data)
-    else:
-        given = dict.fromkeys(names, sigma)
-    values = {x: _read_sigma(x, given[x], isinstance(sigma, Mapping)) for x in names}
-    return [
-        x._replace(series=replace(x.series, sigma=x.series.sigma * values[x.series.column]))
-        for x in columns
-    ]
-
-
-def _sigma_by_column(sigma: Mapping[str, Any], in_data: Mapping[str, set[str]]) -> dict[str, Any]:
-    """Return the standard deviation of each column by its name in the run.
-
-    Columns are named with or without their units, by their names in the run or in the data. The
-    latter are the values of `in_data`, in which each experiment may have another name.
-    """
-    columns = list(in_data)
-    matches = {
-        name: [x for x in columns if standardize_header(name) == x]
-        or [x for x in columns if name == split_unit(x)[0]]
-        or [x for x in columns if in_data[x] == {standardize_header(name)}]
-        or [x for x in columns if {split_unit(y)[0] for y in in_data[x]} == {name}]
-        for name in sigma
-    }
-    deviations = {column: sigma[name] for name, headers in matches.items() for column in headers}
-    count = sum(len(x) for x in matches.values())
-    if not all(matches.values()) or set(deviations) != set(columns) or count > len(columns):
-        raise BeamdaeError(
-            f"fit: sigma must name the observed columns of data, {', '.join(columns)} (also "
-            f"without units), got {', '.join(sigma) or 'none'}."
-        )
-    return deviations
-
-
-def _read_sigma(column: str, value: Any, is_named: bool) -> float:
-    """Return a standard deviation in the unit of its column."""
-    label, unit = f"sigma of {column}" if is_named else "sigma", split_unit(column)[1]
-    text = as_text(value)
-    if text is not None and not unit:
-        raise BeamdaeError(
-            f"fit: {label} must be a number in the unit of the column, got {short_repr(value)}; "
-            "for values with units, write a header such as 'tip.y [mm]'."
-        )
-    # In columns of accelerations, g is the standard gravity; columns of masses are not observed.
-    is_gravity = unit in ("g", "mg") and text is not None and not text.strip().endswith(unit)
-    unit = f"{unit}n" if is_gravity else unit
-    return require_positive("fit", label, convert_text("fit", label, value, unit))

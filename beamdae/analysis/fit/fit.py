@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.fit.problem import FitProblem, Scaling
+from beamdae.analysis.fit.problem import FitProblem
 from beamdae.analysis.fit.residual_causes import check_ranges
 from beamdae.analysis.fit.result import Fit, create_fit
-from beamdae.analysis.fit.search import SearchResult, robust_search
+from beamdae.analysis.fit.search import SearchResult, search
+from beamdae.analysis.fit.variables import Scaling
 from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS, require_start_bounds
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
 from beamdae.errors import (
@@ -235,7 +236,7 @@ def fit(
     else:
         try:
             known = first_run if table is None else None
-            end = robust_search(problem, scaling, first, max_evaluations, known)
+            end = search(problem, scaling, first, max_evaluations, known)
         except Interrupted as interrupt:
             if not isinstance(interrupt.partial, SearchResult):
                 raise  # Interrupted in the first run.

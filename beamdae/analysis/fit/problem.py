@@ -4,53 +4,43 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from beamdae.analysis.fit.data import (
-    FitData,
-    MeasuredColumn,
-    Series,
+    EXPERIMENT,
+    SIGMA,
+    VALUE,
+    MeasuredData,
     read_fit_data,
     read_measurements,
     warn_of_missing_units,
 )
 from beamdae.analysis.fit.sensors import Sensor, Sensors, read_sensors
-from beamdae.analysis.parameter_bounds import (
-    convert_bounds,
-    require_bounds_around,
-    spread_starts,
-)
-from beamdae.analysis.sensitivities.differentiable_methods import (
-    DERIVATIVE_METHOD,
-)
+from beamdae.analysis.sensitivities.differentiable_methods import DERIVATIVE_METHOD
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
     require_parameters,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.measures import TIME
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
     InputWarning,
-    as_real,
     kind_of_message,
     require_mapping,
-    require_names,
     short_repr,
     warn_user,
 )
 from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import require_integrator
-from beamdae.model_parameters import (
-    conversion_factor,
-    format_with_unit,
-    split_unit,
-)
+from beamdae.model_parameters import conversion_factor, split_unit
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate, skip_result_checks
 
@@ -62,15 +52,12 @@ _MAX_DURATION = 10.0
 # not exceed the first; times in milliseconds that are labeled as seconds are below the second.
 _MAX_USUAL_DURATION = 1.1
 _MIN_USUAL_DURATION = 1.0 / 300.0
-# Logarithm of the ratio of the first value of a parameter to those about zero where its variable is
-# linear.
-_LOG_ORIGIN = 5.3
 # Singular values below this ratio to the largest are rounding errors of the derivatives.
 MIN_SINGULAR_RATIO = 1e-9
 # Consecutive residuals with at most this correlation are noise.
 MAX_NOISE_CORRELATION = 0.5
-# Distance from bounds at which a search begins, relative to their distance or to the first value.
-_START_DISTANCE = 0.01
+# Step of the differences of columns over time, relative to the mean step of the run.
+_RELATIVE_TIME_STEP = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,45 +166,46 @@ class FitProblem:
         self._settings = self._read_experiments(experiments, measured.experiments)
         self.build_warnings: set[str] = set()
         self._set_data(read_fit_data(measured, self._observed_headers(), sigma))
-        self.sensors: Sensors = read_sensors(self.data.series, self.headers, scale, offset, shift)
+        self.sensors: Sensors = read_sensors(self.data, scale, offset, shift)
         if not self.sensors.scales:
-            pairs = zip(self.data.series, self.headers, strict=True)
-            warn_of_missing_units("fit", measured, [MeasuredColumn(*x) for x in pairs])
+            warn_of_missing_units("fit", measured, self.data)
         self.first_values = np.array(
             [self.parameters[name] for name in self.names]
             + [float(np.clip(0.0, *shift.bounds)) for shift in self.sensors.shifts]
         )
-        if self.data.count < (count := len(self.variables) + len(self.coefficients)):
+        if self.count < (unknowns := len(self.variables) + len(self.coefficients)):
             raise BeamdaeError(
-                f"fit: {self.data.count} data do not determine {count} parameters; add data "
-                "or fit fewer parameters."
+                f"fit: {self.count} data do not determine {unknowns} parameters; add data or fit "
+                "fewer parameters."
             )
         self._t_end = self._latest_times()
         for sentence in self.duration_warnings:
             warn_user(f"fit: {sentence}", InputWarning, merges=False)
 
-    def _set_data(self, data: FitData) -> None:
+    def _set_data(self, data: MeasuredData) -> None:
         self.data = data
-        self._times = np.concatenate([x.times for x in data.series])
-        self._values = np.concatenate([x.values for x in data.series])
-        self.weights = 1.0 / np.concatenate([x.sigma for x in data.series])
+        self._times = data.table[TIME].to_numpy()
+        self._values = data.table[VALUE].to_numpy()
+        self.weights = 1.0 / data.table[SIGMA].to_numpy()
 
-    def with_first_data(self, share: float) -> FitProblem:
-        """Return a problem with the data of the first `share` of the time of each series."""
+    def with_first_data(self, share: float, is_calibrated: bool = False) -> FitProblem:
+        """Return a problem with the data of the first `share` of the time of each column.
+
+        If `is_calibrated`, the scales are 1 and the offsets 0.
+        """
         other = copy.copy(self)
-        other._set_data(self.data.first(share))
-        rows = [
-            np.arange(x.start, x.start + len(part.values))
-            for (_, _, x), part in zip(self.rows_by_series(), other.data.series, strict=True)
-        ]
-        other.sensors = self.sensors.of_rows(np.concatenate(rows))
+        data, rows = self.data.first(share)
+        other._set_data(data)
+        other.sensors = self.sensors.of_rows(rows)
+        if is_calibrated:
+            other.sensors = Sensors((), (), other.sensors.shifts)
         other._t_end = other._latest_times()
         return other
 
     @property
-    def headers(self) -> tuple[str, ...]:
-        """Header of the observed column of each series of `data`."""
-        return self.data.headers
+    def count(self) -> int:
+        """Number of data."""
+        return len(self._values)
 
     @property
     def weighted_square(self) -> float:
@@ -242,6 +230,13 @@ class FitProblem:
     @property
     def _linear(self) -> tuple[Sensor, ...]:
         return (*self.sensors.scales, *self.sensors.offsets)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of parameters and properties of sensors by name; "" if unknown."""
+        info = self.model.parameter_info
+        units = {name: info[name].unit for name in self.names}
+        return units | {x.name: x.unit for x in self.sensors}
 
     def _read_experiments(
         self, experiments: Any, known: tuple[str, ...]
@@ -282,32 +277,26 @@ class FitProblem:
         latest = self._times.copy()
         for shift in self.sensors.shifts:
             latest[shift.rows] -= shift.bounds[0]
-        ends = {
-            experiment: float(latest[self._rows_of(experiment)].max())
-            for experiment in self.data.experiments
-        }
+        ends = {x: float(latest[self._rows_of(x)].max()) for x in self.data.experiments}
         if min(ends.values()) <= 0.0:
             raise BeamdaeError(
                 "fit: the times of data must be finite and ascend, beyond 0 s; add later data."
             )
         if self._times.max() > _MAX_DURATION * self.model.t_end:
-            end, advice = self._describe_end()
             raise BeamdaeError(
-                f"fit: the data end at {end}, far after the end time of {self.model.name}, "
-                f"{self.model.t_end:g} s; {advice}, subtract the "
-                "first time from all times, or change t_end of the model."
+                f"fit: the data end at {self._describe_end()}, far after the end time of "
+                f"{self.model.name}, {self.model.t_end:g} s; check the unit of their times, "
+                "subtract the first time from all times, or change t_end of the model."
             )
         return ends
 
-    def _describe_end(self) -> tuple[str, str]:
-        """Return the last time of the data in their unit, and advice to check the unit."""
-        series = max(self.data.series, key=lambda x: float(x.times[-1]))
-        last, unit = float(series.times[-1]), split_unit(series.time_header)[1]
-        if not unit:
-            return f"{last:g} s", "check that their times are in seconds"
+    def _describe_end(self) -> str:
+        """Return the last time of the data, also in their unit."""
+        last = float(self._times.max())
+        source = next(x for x, rows in self.data.rows if self._times[rows][-1] == last)
+        unit = split_unit(source.time_header)[1]
         factor = float(conversion_factor(unit, "s") or 1.0)
-        end = f"{last:g} s" if factor == 1.0 else f"{last / factor:g} {unit} ({last:g} s)"
-        return end, f"check the unit in the header {series.time_header!r} of their times"
+        return f"{last:g} s" if factor == 1.0 else f"{last / factor:g} {unit} ({last:g} s)"
 
     @property
     def duration_warnings(self) -> tuple[str, ...]:
@@ -315,27 +304,15 @@ class FitProblem:
         last, t_end = self._times.max(), self.model.t_end
         if _MIN_USUAL_DURATION * t_end <= last <= _MAX_USUAL_DURATION * t_end:
             return ()
-        end, advice = self._describe_end()
-        of_model = f"the end time of {self.model.name}, {t_end:g} s"
-        if last < t_end:
-            return (f"The data end at {end}, long before {of_model}; {advice}.",)
-        if any(not split_unit(x.time_header)[1] for x in self.data.series):
-            return (f"The data end at {end}, after {of_model}; {advice}.",)
-        return (f"The data end at {end}, after {of_model}; the runs continue until then.",)
-
-    def rows_by_series(self) -> Iterator[tuple[Series, str, slice]]:
-        """Yield the series of `data` with their headers and rows."""
-        end = 0
-        for series, header in zip(self.data.series, self.headers, strict=True):
-            begin, end = end, end + len(series.values)
-            yield series, header, slice(begin, end)
+        relation = "long before" if last < t_end else "after"
+        consequence = "" if last < t_end else ", and the runs continue until then"
+        return (
+            f"The data end at {self._describe_end()}, {relation} the end time of "
+            f"{self.model.name}, {t_end:g} s{consequence}; check the unit of their times.",
+        )
 
     def _rows_of(self, experiment: str) -> Array:
-        numbers = np.arange(self.data.count)
-        rows = self.rows_by_series()
-        return np.concatenate(
-            [numbers[x] for series, _, x in rows if series.experiment == experiment]
-        )
+        return (self.data.table[EXPERIMENT] == experiment).to_numpy()
 
     def evaluate(self, values: Array) -> Evaluation:
         """Run all experiments at the given values (K,) and compare them with the data.
@@ -347,8 +324,7 @@ class FitProblem:
         """
         times = self._shift_times(values)
         runs = {x: self._run(x, values, times) for x in self.data.experiments}
-        solutions = {x: run.solution for x, run in runs.items()}
-        model, is_omitted = self._read(solutions, times)
+        model, is_omitted = self._read({x: run.solution for x, run in runs.items()}, times)
         derivatives = self._differentiate(runs, times)
         return self._project(values, runs, model, derivatives, is_omitted)
 
@@ -370,8 +346,7 @@ class FitProblem:
         times = self._shift_times(evaluation.values)
         solutions = {}
         for experiment, run in evaluation.runs.items():
-            with warnings.catch_warnings(), skip_result_checks():
-                warnings.simplefilter("ignore", BeamdaeWarning)
+            with _without_warnings():
                 mechanism = change(run.solution.equations)
                 t_end = self._t_end[experiment]
                 other = simulate(mechanism, method, t_end, start=self.start, keep_steps=True)
@@ -384,17 +359,37 @@ class FitProblem:
         is_omitted = is_omitted | evaluation.is_omitted
         return np.where(is_omitted, 0.0, compared.residuals - evaluation.residuals)
 
-    @property
-    def units_of_variables(self) -> dict[str, str]:
-        """Units of the parameters that the search varies, by name; "-" if a unit is unknown."""
-        info = self.model.parameter_info
-        units = [info[name].unit for name in self.names] + [x.unit for x in self.sensors.shifts]
-        return {name: unit or "-" for name, unit in zip(self.variables, units, strict=True)}
-
     def start_of(self, equations: EquationsOfMotion) -> Any:
         """Return the start of the runs of a model."""
         mechanism = equations.mechanism
         return self.start if self.start is not None or mechanism is None else mechanism.start
+
+    def recorded_values(self, evaluation: Evaluation) -> Array:
+        """Return the recorded values (N,) that an evaluation predicts, or those left out."""
+        return self._values + evaluation.residuals / self.weights
+
+    def accepts(self, values: Array) -> bool:
+        """Return True if the equations of all experiments can be assembled with values (K,)."""
+        try:
+            with _without_warnings():
+                for experiment in self._settings:
+                    mechanism = self.model(**self._parameters(experiment, values))
+                    as_equations("fit", mechanism, self.start)
+        except (ValueError, ArithmeticError):
+            # BeamdaeError, or an error of the model function at extreme values.
+            return False
+        return True
+
+    def weighted_rates(self, evaluation: Evaluation) -> Array:
+        """Return the time derivatives (N,) of the recorded values over the sigma of the data."""
+        times = self._shift_times(evaluation.values)
+        result = np.empty(len(times))
+        for source, rows in self.data.rows:
+            run = evaluation.runs[source.experiment].solution
+            result[rows] = differentiate_column(run, source.header, times[rows])
+        for sensor, scale in zip(self.sensors.scales, evaluation.coefficients, strict=False):
+            result[sensor.rows] *= scale
+        return np.where(evaluation.is_omitted, 0.0, result * self.weights)
 
     def _shift_times(self, values: Array) -> Array:
         """Return the times (N,) of the runs at which they are compared with the data."""
@@ -411,45 +406,13 @@ class FitProblem:
 
     def _needed_times(self, experiment: str, times: Array) -> Array:
         """Return the ascending times of the rows of an experiment, within its run."""
-        needed = np.unique(times[self._rows_of(experiment)])
         # Bounds of shifts hold up to rounding.
-        return np.unique(np.clip(needed, 0.0, self._t_end[experiment]))
-
-    def recorded_values(self, evaluation: Evaluation) -> Array:
-        """Return the recorded values (N,) that an evaluation predicts, or those left out."""
-        return self._values + evaluation.residuals / self.weights
-
-    def accepts(self, values: Array) -> bool:
-        """Return True if the equations of all experiments can be assembled with values (K,)."""
-        fitted = dict(zip(self.names, values.tolist(), strict=False))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", BeamdaeWarning)
-            try:
-                for changes in self._settings.values():
-                    mechanism = self.model(**{**self.parameters, **changes, **fitted})
-                    as_equations("fit", mechanism, self.start)
-            except (ValueError, ArithmeticError):
-                # BeamdaeError, or an error of the model function at extreme values.
-                return False
-        return True
-
-    def weighted_rates(self, evaluation: Evaluation) -> Array:
-        """Return the time derivatives (N,) of the recorded values over the sigma of the data."""
-        rates = {x: column_rates(run.solution) for x, run in evaluation.runs.items()}
-        result = np.empty(len(self._times))
-        for series, header, rows in self.rows_by_series():
-            run = evaluation.runs[series.experiment]
-            at = _nearest_rows(run.t, self._times[rows])
-            result[rows] = rates[series.experiment][header][at]
-        for sensor, scale in zip(self.sensors.scales, evaluation.coefficients, strict=False):
-            result[sensor.rows] *= scale
-        return np.where(evaluation.is_omitted, 0.0, result * self.weights)
+        return np.unique(np.clip(times[self._rows_of(experiment)], 0.0, self._t_end[experiment]))
 
     def _run(self, experiment: str, values: Array, times: Array) -> Sensitivities:
         t_end = self._t_end[experiment]
         # The result evaluates the warnings of the last run.
-        with warnings.catch_warnings(), skip_result_checks():
-            warnings.simplefilter("ignore", BeamdaeWarning)
+        with _without_warnings():
             run = differentiate_run(
                 self.model,
                 self.names,
@@ -460,8 +423,7 @@ class FitProblem:
                 needs_high_order=False,
             )
             needed = self._needed_times(experiment, times)
-            end = run.solution.trajectory.end
-            if end < t_end:
+            if run.solution.trajectory.end < t_end:
                 raise BeamdaeError(
                     f"fit: the run of {self.model.name} was {run.solution.status.sentence}, before "
                     f"the last data at {needed[-1]:g} s; omit later data, or do not stop the run."
@@ -472,25 +434,25 @@ class FitProblem:
         """Return the model at the times of the data, (N,), and True (N,) for data to leave out."""
         model, is_omitted = np.empty(len(times)), np.zeros(len(times), bool)
         is_unbounded = {name: np.isnan(run.lam).any(axis=1) for name, run in runs.items()}
-        for series, header, rows in self.rows_by_series():
-            run = runs[series.experiment]
+        for source, rows in self.data.rows:
+            run = runs[source.experiment]
             at = _nearest_rows(run.t, times[rows])
-            model[rows] = run.columns[header][at]
-            is_omitted[rows] = np.isnan(model[rows]) & is_unbounded[series.experiment][at]
+            model[rows] = run.columns[source.header][at]
+            is_omitted[rows] = np.isnan(model[rows]) & is_unbounded[source.experiment][at]
         return model, is_omitted
 
     def _differentiate(self, runs: Mapping[str, Sensitivities], times: Array) -> Array:
         """Return the derivatives (N, K) of the model at the times of the data."""
         derivatives = np.zeros((len(times), len(self.variables)))
-        rates = {x: column_rates(run.solution) for x, run in runs.items() if self.sensors.shifts}
-        for series, header, rows in self.rows_by_series():
-            run = runs[series.experiment]
+        for source, rows in self.data.rows:
+            run = runs[source.experiment]
             at = _nearest_rows(run.t, times[rows])
             for j, name in enumerate(self.names):
-                derivatives[rows, j] = run.sensitivity(header, name).to_numpy()[at]
+                derivatives[rows, j] = run.sensitivity(source.header, name).to_numpy()[at]
             for j, shift in enumerate(self.sensors.shifts, len(self.names)):
-                if rows.start in shift.rows:
-                    derivatives[rows, j] = -rates[series.experiment][header][at]
+                if shift.rows[rows.start]:
+                    rates = differentiate_column(run.solution, source.header, times[rows])
+                    derivatives[rows, j] = -rates
         return derivatives
 
     def _project(
@@ -510,7 +472,7 @@ class FitProblem:
         for j, sensor in enumerate(self._linear):
             is_scale = j < len(scales)
             matrix[sensor.rows, j] = ((model if is_scale else 1.0) * weights)[sensor.rows]
-            is_scaled[sensor.rows] |= is_scale
+            is_scaled |= sensor.rows & is_scale
         weighted = derivatives * weights[:, None]
         remainder = (self._values - np.where(is_scaled, 0.0, model)) * weights
         # Columns of equal size, so that the rank does not depend on units.
@@ -530,139 +492,12 @@ class FitProblem:
         return Evaluation(values, runs, residuals, coefficients, projected, jacobian, is_omitted)
 
 
-class Scaling:
-    """Map between the variables x of the search and the values of the parameters.
-
-    Variables are 1 at first values v0. They are 1 + log(v / v0) for parameters in `log`,
-    1 + (v - v0) / size for shifts and first values of zero, and otherwise like logarithms, but
-    linear through zero: 1 + asinh(v / v0 sinh(c)) - c.
-
-    Attributes
-    ----------
-    first
-        First variables (K,), inside the bounds.
-    limits
-        Lower and upper bounds of the variables, (K,) each.
-    bounds
-        Lower and upper bounds of the values, (K,) each.
-    bound_texts
-        Lower and upper bounds by name, as given or with units.
-    is_log
-        True (K,) for parameters in `log`.
-    sizes
-        Absolute first values (K,), or typical sizes of shifts and of first values of zero.
-    """
-
-    def __init__(self, problem: FitProblem, bounds: Any, log: Any) -> None:
-        names, values = problem.names, problem.first_values
-        logarithmic = set(require_names("fit", "log", log, "a list of names of parameters"))
-        limits = {} if bounds is None else bounds
-        limits = require_mapping("fit", "bounds", limits, "a dict of (lower, upper) by name")
-        for argument, given in (("log", logarithmic), ("bounds", limits)):
-            unknown = next((name for name in given if name not in names), None)
-            if unknown is not None:
-                raise BeamdaeError(
-                    f"fit: {argument} contains {short_repr(unknown)}, which is not in by; name "
-                    f"one of {', '.join(names)}."
-                )
-        self.is_log = np.array([name in logarithmic for name in problem.variables])
-        for name, value, is_log in zip(problem.variables, values, self.is_log, strict=True):
-            if is_log and not value > 0.0:
-                raise BeamdaeError(
-                    f"fit: the first value of {name} must be positive because it is in log, got "
-                    f"{value:g}; pass parameters={{{name!r}: value}}."
-                )
-        lower, upper = np.full((2, len(values)), [[-np.inf], [np.inf]])
-        lower[self.is_log] = 0.0
-        self.bound_texts: dict[str, tuple[str, ...]] = {}
-        for k, name in enumerate(names):
-            if name not in limits:
-                continue
-            unit = problem.model.parameter_info[name].unit
-            ends = map(as_real, convert_bounds("fit", name, limits[name], unit))
-            least, most = (np.nan if x is None else x for x in ends)
-            first = float(values[k])
-            require_bounds_around("fit", name, first, np.array(least), np.array(most), limits[name])
-            if self.is_log[k] and -np.inf < least < 0.0:
-                raise BeamdaeError(
-                    f"fit: the lower bound of {name} must not be negative because it is in log, "
-                    f"got {least:g}; raise the bound, or remove {name} from log."
-                )
-            lower[k], upper[k] = max(lower[k], least), most
-            self.bound_texts[name] = tuple(
-                given if isinstance(given, str) else format_with_unit(float(x), unit)
-                for given, x in zip(limits[name], (least, most), strict=True)
-            )
-        shifts = problem.sensors.shifts
-        for k, shift in enumerate(shifts, len(names)):
-            lower[k], upper[k] = shift.bounds
-            self.bound_texts[shift.name] = tuple(f"{x:g} s" for x in shift.bounds)
-        self.bounds = lower, upper
-        self._values = values
-        self._is_linear = (values == 0.0) | (np.arange(len(values)) >= len(names))
-        sizes = [*np.ones(len(names)), *(x.size for x in shifts)]
-        self.sizes = np.where(self._is_linear, sizes, np.abs(values))
-        self.limits = self.variables(lower), self.variables(upper)
-        self.first = self.start(values)
-
-    def start(self, values: Array) -> Array:
-        """Return the variables at which a search from values (K,) begins, inside the bounds."""
-        return self.inside(self.variables(values))
-
-    def inside(self, x: Array) -> Array:
-        """Return variables (K,) inside the bounds: searches do not continue from a bound."""
-        lower, upper = self.limits
-        distance = _START_DISTANCE * np.minimum(upper - lower, 1.0)
-        return np.clip(x, lower + distance, upper - distance)
-
-    def distances(self, values: Array) -> tuple[Array, Array]:
-        """Return the distances (K,) of values from their bounds, in first values or variables."""
-        x = self.variables(values)
-        below, above = (np.abs(values - bound) / self.sizes for bound in self.bounds)
-        return np.minimum(below, x - self.limits[0]), np.minimum(above, self.limits[1] - x)
-
-    def spread(self, count: int, seed: int) -> Array:
-        """Return values (count, K) distributed evenly between bounds, or between their logarithms.
-
-        See `spread_starts`.
-        """
-        with np.errstate(divide="ignore"):
-            lower, upper = (np.where(self.is_log, np.log(np.abs(x)), x) for x in self.bounds)
-        points = spread_starts(lower, upper, count, seed)
-        return np.where(self.is_log, np.exp(np.where(self.is_log, points, 0.0)), points)
-
-    def variables(self, values: Array) -> Array:
-        """Return the variables of values (K,)."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(self._is_linear, values - self._values, values) / self.sizes
-            logarithm = np.log(ratio)
-        signed = np.arcsinh(np.sinh(_LOG_ORIGIN) * ratio) - np.sign(self._values) * _LOG_ORIGIN
-        return 1.0 + np.where(self._is_linear, ratio, np.where(self.is_log, logarithm, signed))
-
-    def values(self, x: Array) -> Array:
-        """Return the values of the parameters at x."""
-        ratio, _ = self._ratio(x)
-        values = np.where(self._is_linear, self._values, 0.0) + self.sizes * ratio
-        # Bounds are exact, as values at which profiles end.
-        for limit, bound in zip(self.limits, self.bounds, strict=True):
-            values = np.where(x == limit, bound, values)
-        return values
-
-    def derivatives(self, x: Array) -> Array:
-        """Return the derivatives of the values with respect to x, (K,)."""
-        return self.sizes * self._ratio(x)[1]
-
-    def _ratio(self, x: Array) -> tuple[Array, Array]:
-        """Return ratios of values to their sizes, and the derivatives of these."""
-        change = x - 1.0
-        # Long steps overflow: models reject infinite values.
-        with np.errstate(over="ignore"):
-            logarithm = np.exp(np.where(self.is_log, change, 0.0))
-            shifted = change + np.sign(self._values) * _LOG_ORIGIN
-            signed, slope = (f(shifted) / np.sinh(_LOG_ORIGIN) for f in (np.sinh, np.cosh))
-        ratio = np.where(self._is_linear, change, np.where(self.is_log, logarithm, signed))
-        slope = np.where(self._is_linear, 1.0, np.where(self.is_log, logarithm, slope))
-        return ratio, slope
+@contextmanager
+def _without_warnings() -> Any:
+    """Skip the warnings and the checks of runs."""
+    with warnings.catch_warnings(), skip_result_checks():
+        warnings.simplefilter("ignore", BeamdaeWarning)
+        yield
 
 
 def unexplained_share(problem: FitProblem, evaluation: Evaluation) -> float:
@@ -677,6 +512,13 @@ def is_noise(residuals: Array) -> bool:
     return float(residuals[1:] @ residuals[:-1]) <= MAX_NOISE_CORRELATION * square
 
 
+def varies(values: Array) -> bool:
+    """Return False for values that may be noise, or rounding errors, about a constant."""
+    changes = values - values.mean()
+    is_rounding = np.abs(changes) <= np.sqrt(len(values)) * np.spacing(np.abs(values).max())
+    return not is_noise(np.where(is_rounding, 0.0, changes))
+
+
 def _nearest_rows(times: Array, needed: Array) -> Array:
     """Return the rows at needed times, which are among the times up to rounding."""
     return np.minimum(np.searchsorted(times, needed), len(times) - 1)
@@ -688,31 +530,18 @@ def column_lengths(matrix: Array) -> Array:
     return np.where(lengths == 0.0, 1.0, lengths)
 
 
-def column_rates(run: Solution) -> dict[str, Array]:
-    """Return the time derivatives (k,) of the observed columns at the times of a run, by header.
+def differentiate_column(run: Solution, header: str, times: Array) -> Array:
+    """Return the time derivatives (k,) of a column of the dense output at times of a run.
 
-    With an observable y(t, q, v, a, lam), these are y_t + y_q q' + y_v v' + y_a a' + y_lam lam',
-    where the rates are the derivatives of the dense output. They are therefore the exact
-    derivatives of the interpolated columns; at an accepted step, those of the step that ends there.
+    Differences of second order at earlier times, so that at an accepted step they are those of the
+    step that ends there; at later times in the first step.
     """
-    equations, trajectory = run.equations, run.trajectory
-    times, at = trajectory.at(run.t)
-    rate = trajectory.derivative_at(run.t)
-    # Rates of (t, branch): laws do not change their piece.
-    clock = np.broadcast_to([1.0, 0.0], times.shape)
-    result: dict[str, Array] = {}
-    numbers = trajectory.observed_numbers(equations, run.t)
-    for o in equations.observables:
-        p, lam, count = numbers(o.data), at.lam[:, o.rows], len(o.columns)
-        q, v, dq, dv = (np.asarray(o.operator @ x.T).T for x in (at.q, at.v, rate.q, rate.v))
-        arguments, rates = [times, q, v, p, lam], {0: clock, 1: dq, 2: dv, 4: rate.lam[:, o.rows]}
-        if o.has_accelerations:
-            local, rates[5] = (np.asarray(o.operator @ x.T).T for x in (at.a, rate.a))
-            arguments.append(local)
-        values = np.zeros((len(times), count))
-        for argument, along in rates.items():
-            jacobian = o.function.derivative(argument)(*arguments)
-            shape = (len(times), along.shape[1], count)
-            values += np.einsum("rij,ri->rj", jacobian.reshape(shape), along)
-        result |= dict(zip(o.headers, values.T, strict=True))
-    return result
+    end = run.trajectory.end
+    times = np.clip(times, 0.0, end)
+    step = _RELATIVE_TIME_STEP * min(run.trajectory.mean_step, end)
+    steps = np.where(times >= 2.0 * step, -step, step)
+    needed = times + np.outer([0.0, 1.0, 2.0], steps)
+    unique = np.unique(needed)
+    column = run.at_times(unique).columns[header]
+    here, next_one, second = column[np.searchsorted(unique, needed)]
+    return np.asarray((4.0 * next_one - 3.0 * here - second) / (2.0 * steps))

@@ -1,25 +1,31 @@
-"""Profile likelihoods: the best sum of squares as a function of one parameter."""
+"""Intervals of parameters: linearized within bounds, and profile likelihoods.
+
+Both contain the values of a parameter for which the sum of squares, with all other parameters
+fitted again, exceeds its minimum by at most the square of a quantile (Venzon & Moolgavkar, Appl.
+Stat. 37 (1988) 87, doi:10.2307/2347496).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+from scipy.optimize import brentq, lsq_linear
 
-from beamdae.analysis.fit.problem import FitProblem, Scaling
-from beamdae.analysis.fit.search import SearchResult, search
+from beamdae.analysis.fit.problem import FitProblem, column_lengths
+from beamdae.analysis.fit.search import SearchResult, local_search
+from beamdae.analysis.fit.variables import Scaling
 from beamdae.errors import format_message, require_count
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import HasTable, Plot, load_views
 
-# Imported by the methods that return tables: importing pandas takes as long as a short run.
-if TYPE_CHECKING:
-    import pandas as pd
-
 Array = np.ndarray
 
+# Doublings of the half width for known other parameters until an interval counts as infinite, and
+# the error of the limits, relative to the half width.
+_MAX_DOUBLINGS, _TOLERANCE = 60, 1e-6
 # Distance between values, relative to the half width of the interval on this side.
 _STEP = 0.35
 # First distance, relative to the value, of parameters without a finite interval. It doubles.
@@ -36,6 +42,61 @@ _MAX_OVERSHOOT = 2.0
 _MAX_HALVINGS = 6
 # Evaluations of each fit of the other parameters, at most. It starts at the neighboring value.
 _MAX_EVALUATIONS = 20
+
+
+def bounded_interval(
+    jacobian: Array, residuals: Array, bounds: tuple[Array, Array], k: int, quantile: float
+) -> tuple[float, float]:
+    """Return the limits of the changes of variable k within bounds, about a minimum.
+
+    A change t lies in the interval if the other variables can follow within their bounds so that
+
+        |J x + r|^2 <= |r|^2 + quantile^2,    x_k = t,    lower <= x <= upper.
+
+    Without bounds, it is the interval of `quantile` standard deviations; an interval that reaches a
+    bound of its variable ends there.
+
+    Parameters
+    ----------
+    jacobian
+        Derivatives J (N, k) of the residuals with respect to the variables.
+    residuals
+        Residuals r (N,) in standard deviations at the minimum.
+    bounds
+        Lower and upper bounds (k,) of the changes x, around zero; may be infinite.
+    k
+        Index of the variable.
+    quantile
+        Half width in standard deviations.
+    """
+    lengths = column_lengths(jacobian)
+    triangle: Array = np.linalg.qr(np.column_stack([jacobian / lengths, residuals]))[1]
+    matrix, offset = triangle[:, :-1], triangle[:, -1]
+    # The ends of searches are at bounds up to rounding.
+    lower, upper = np.minimum(bounds[0] * lengths, 0.0), np.maximum(bounds[1] * lengths, 0.0)
+    is_open = (np.arange(len(lengths)) != k) & (lower < upper)
+    box = lower[is_open], upper[is_open]
+
+    def excess(t: float) -> float:
+        target = -(offset + matrix[:, k] * t)
+        if is_open.any():
+            others = lsq_linear(matrix[:, is_open], target, box, method="bvls").x
+            target = target - matrix[:, is_open] @ others
+        return float(target @ target - offset @ offset) - quantile**2
+
+    limits = []
+    for side, bound in ((-1.0, lower[k]), (1.0, upper[k])):
+        inner, outer = 0.0, 0.0
+        for doubling in range(_MAX_DOUBLINGS):
+            inner, outer = outer, side * min(quantile * 2.0**doubling, abs(float(bound)))
+            if outer == bound or excess(outer) >= 0.0:
+                break
+        else:
+            outer = side * np.inf
+        if np.isfinite(outer) and inner != outer and excess(inner) < 0.0 <= excess(outer):
+            outer = brentq(excess, inner, outer, rtol=_TOLERANCE)
+        limits.append(float(outer / lengths[k]))
+    return limits[0], limits[1]
 
 
 @read_only_data
@@ -67,11 +128,11 @@ class ProfileLikelihood(HasTable):
     increases: Array
     threshold: float
     interval: tuple[float, float]
-    others: Mapping[str, Array] = field(repr=False)
-    # Last values that the model accepts, and its messages, by side.
-    _failures: Mapping[str, tuple[float, str]] = field(default_factory=dict, repr=False)
+    others: Mapping[str, Array]
+    # Message and last accepted value of each side on which the model rejects values.
+    _failures: Mapping[str, str] = field(default_factory=dict)
     # Reason why the search of the fit ended before a minimum, or "".
-    _fit_failure: str = field(default="", repr=False)
+    _fit_failure: str = ""
 
     def __repr__(self) -> str:
         low, high = self.interval
@@ -93,21 +154,13 @@ class ProfileLikelihood(HasTable):
                 "than that of the fit, so that the interval is unreliable; repeat the fit from "
                 "there (parameters=)."
             )
-        limits = dict(zip(("lower", "upper"), self.interval, strict=True))
-        sides = [side for side, limit in limits.items() if np.isinf(limit)]
-        sentences += [
-            f"profile: no {side} limit of {self.name} was found before runs fail next to "
-            f"{self._failures[side][0]:.6g} ({self._failures[side][1]}); the interval reaches at "
-            "least there."
-            for side in sides
-            if side in self._failures
-        ]
-        others = [side for side in sides if side not in self._failures]
-        if others:
-            sentences.append(
-                f"profile: no {' and no '.join(others)} limit of {self.name} was found; increase "
-                "max_points, or measure more."
-            )
+        for side, limit in zip(("lower", "upper"), self.interval, strict=True):
+            if np.isinf(limit):
+                remedy = "; increase max_points, or measure more"
+                sentences.append(
+                    f"profile: no {side} limit of {self.name} was found"
+                    f"{self._failures.get(side, remedy)}."
+                )
         return tuple(sentences)
 
     def table(self) -> pd.DataFrame:
@@ -116,8 +169,6 @@ class ProfileLikelihood(HasTable):
         The columns are the value, "increase of chi-square" [-], and the other parameters, which are
         fitted again for this value, in the units of the model.
         """
-        import pandas as pd
-
         return pd.DataFrame(
             {self.name: self.values, "increase of chi-square": self.increases, **self.others}
         )
@@ -163,85 +214,65 @@ def trace_profile(
     """
     max_points = require_count("profile", "max_points", max_points, most=_MAX_POINTS)
     k = problem.variables.index(name)
-    names = (*problem.variables, *problem.coefficients)
-    free = ~np.isin(problem.variables, [name])
     threshold = quantile**2
-    estimate = best.evaluation.values
-    lower, upper = (x[k] for x in scaling.bounds)
-
-    def point(result: SearchResult) -> tuple[float, float, Array]:
-        evaluation = result.evaluation
-        increase = (result.chi_square - best.chi_square) / variance
-        all_values = np.concatenate([evaluation.values, evaluation.coefficients])
-        return float(evaluation.values[k]), increase, all_values
-
-    center = point(best)
-    branches = []
-    limits = []
-    failures: dict[str, tuple[float, str]] = {}
-    sides = ("lower", -1.0, lower), ("upper", 1.0, upper)
-    for (label, side, bound), half_width in zip(sides, half_widths.tolist(), strict=True):
-        halvings = 0
-        points, last, change = [center], estimate, np.zeros_like(estimate)
+    increases = {float(best.evaluation.values[k]): (0.0, best)}
+    limits: list[float] = []
+    failures: dict[str, str] = {}
+    for j, label in enumerate(("lower", "upper")):
+        side, bound = (-1.0, 1.0)[j], float(scaling.bounds[j][k])
+        half_width, halvings = float(half_widths[j]), 0
+        last = best.evaluation.values
+        change, limit, count = np.zeros_like(last), side * np.inf, 0
         step = half_width * _STEP
         if not np.isfinite(step) or step == 0.0:
-            step = _FIRST_RELATIVE_STEP * (abs(estimate[k]) or 1.0)
-        limit = side * np.inf
-        while len(points) <= max_points:
-            value = points[-1][0] + side * step
-            value = max(value, bound) if side < 0.0 else min(value, bound)
-            if value == points[-1][0]:
-                # At the bound, which limits the interval.
-                limit = bound
+            step = _FIRST_RELATIVE_STEP * (abs(last[k]) or 1.0)
+        while count < max_points and np.isinf(limit):
+            value = float(np.clip(last[k] + side * step, *(x[k] for x in scaling.bounds)))
+            if value == last[k]:
+                limit = bound  # It limits the interval.
                 break
             # Extrapolated, because the best values of the others depend almost linearly on it.
             first = np.clip(last + change, *scaling.bounds)
             first[k] = value
             try:
-                result = search(problem, scaling, scaling.variables(first), _MAX_EVALUATIONS, free)
+                end = _fit_others(problem, scaling, first, k)
             except (ValueError, ArithmeticError) as rejection:
                 # The model rejects the value.
-                halvings += 1
-                if halvings > _MAX_HALVINGS:
-                    failures[label] = points[-1][0], format_message(rejection)
-                    break
-                step *= 0.5
-                continue
-            reached = point(result)
-            if reached[1] > _MAX_OVERSHOOT * threshold and halvings < _MAX_HALVINGS:
+                end, message = None, format_message(rejection)
+            increase = np.inf if end is None else (end.chi_square - best.chi_square) / variance
+            if increase > _MAX_OVERSHOOT * threshold and halvings < _MAX_HALVINGS:
                 # The best values of others reach bounds, or the sum of squares is no parabola.
-                halvings += 1
-                step *= 0.5
+                halvings, step = halvings + 1, 0.5 * step
                 continue
-            change, last = result.evaluation.values - last, result.evaluation.values
-            points.append(reached)
-            if points[-1][1] >= threshold:
-                limit = _cross(points[-2], points[-1], threshold)
+            if end is None:
+                failures[label] = (
+                    f" before runs fail next to {last[k]:.6g} ({message}); the interval reaches at "
+                    "least there"
+                )
                 break
-            if not np.isfinite(half_width):
-                step *= 2.0
-        branches.append(points[1:])
+            if increase >= threshold:
+                # The root of the increase, which is linear for a linear model, is interpolated.
+                roots = np.sqrt(np.maximum([increases[float(last[k])][0], increase], 0.0))
+                limit = float(np.interp(quantile, roots, [last[k], value]))
+            change, last, count = end.evaluation.values - last, end.evaluation.values, count + 1
+            increases[float(last[k])] = increase, end
+            step *= 1.0 if np.isfinite(half_width) else 2.0
         limits.append(float(limit))
-    rows = [*branches[0][::-1], center, *branches[1]]
-    table = np.array([row[2] for row in rows])
+    ends = [increases[x][1].evaluation for x in sorted(increases)]
+    table = np.array([np.append(x.values, x.coefficients) for x in ends])
+    names = (*problem.variables, *problem.coefficients)
     return ProfileLikelihood(
         name,
-        np.array([row[0] for row in rows]),
-        np.array([row[1] for row in rows]),
+        table[:, k],
+        np.array([increases[x][0] for x in sorted(increases)]),
         threshold,
         (limits[0], limits[1]),
-        {other: table[:, j] for j, other in enumerate(names) if other != name},
+        {other: table[:, j] for j, other in enumerate(names) if j != k},
         failures,
         "" if best.status.success else best.status.sentence,
     )
 
 
-def _cross(
-    before: tuple[float, float, Array], after: tuple[float, float, Array], threshold: float
-) -> float:
-    """Return the value at which the increase is at the threshold.
-
-    The root of the increase, which is linear for a linear model, is interpolated.
-    """
-    roots = np.sqrt(np.maximum([before[1], after[1]], 0.0))
-    return float(np.interp(np.sqrt(threshold), roots, [before[0], after[0]]))
+def _fit_others(problem: FitProblem, scaling: Scaling, first: Array, k: int) -> SearchResult:
+    free = np.arange(len(first)) != k
+    return local_search(problem, scaling, scaling.variables(first), _MAX_EVALUATIONS, free)

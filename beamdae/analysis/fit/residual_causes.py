@@ -8,21 +8,23 @@ together with the error.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache, partial
-from typing import Any
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
+from beamdae.analysis.fit.data import COLUMN, VALUE
 from beamdae.analysis.fit.problem import (
     MIN_SINGULAR_RATIO,
     Evaluation,
     FitProblem,
-    Scaling,
     column_lengths,
-    is_noise,
+    varies,
 )
+from beamdae.analysis.fit.variables import Scaling
+from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, BeamdaeWarning, InputWarning, warn_user
 from beamdae.model_parameters import conversion_factor, format_with_unit, split_unit
 from beamdae.results.columns import remove_unit
@@ -49,7 +51,7 @@ _SHARES, _COST_OF_CHANGES = (1.0, 0.5, 0.25, 0.125), 0.1
 # Share of the variation of a part that an error leaves if it is named, and values of a part.
 _MAX_LEFT_SHARE, _MIN_VALUES_PER_ESTIMATE = 0.05, 3
 # Iterations for scales, which multiply changes of the estimates.
-_MAX_ITERATIONS = 6
+_SCALE_FITS = 6
 # Delays are searched among this number, up to this share of the duration in both directions, in
 # curves with this number of times; the runs must cover the last share of the late data.
 _DELAY_COUNT, _MAX_DELAY_SHARE, _CURVE_TIMES, _MIN_COVERED_SHARE = 200, 0.25, 1000, 0.75
@@ -72,12 +74,7 @@ _MISTAKEN_UNITS = (
 _UNIT_TOLERANCE = 0.05
 
 
-# Function of a delay [s] that returns model, effects of parameters, and rates of late data.
-_Shift = Callable[[float], tuple[Array, ...]]
-
-
-@dataclass(frozen=True, eq=False)
-class _Cause:
+class _Cause(NamedTuple):
     """Error of the recording: the sum of squares that it leaves, and a phrase with the remedy."""
 
     left: float
@@ -85,80 +82,59 @@ class _Cause:
     phrase: str
 
 
-@dataclass(frozen=True, eq=False)
-class _Prediction:
-    """Data as an evaluation predicts them, in standard deviations.
-
-    Attributes
-    ----------
-    model
-        Predicted values (n,).
-    effects
-        Effects (n, k) of relative changes of the estimates.
-    values
-        Measured values (n,).
-    rates
-        Time derivatives (n,) of the predicted values.
-    times
-        Times (n,) of the data.
-    columns
-        Number of the column (n,) of each value.
-    weights
-        Reciprocal standard deviations (n,).
-    cost
-        Cost of a relative change of 1.
-    shift
-        Function of a delay [s] that returns model, effects of parameters, and rates of late data,
-        NaN outside the run; None if delays are small.
-    """
+class _Prediction(NamedTuple):
+    """Predicted values (N,), their changes by estimates (N, k), and their rates (N,)."""
 
     model: Array
     effects: Array
-    values: Array
     rates: Array
-    times: Array
-    columns: Array
-    weights: Array
-    cost: float
-    shift: _Shift | None = None
 
-    def select(self, rows: Array) -> _Prediction:
-        """Return the prediction of some rows."""
-        names = ("model", "effects", "values", "rates", "times", "columns", "weights")
-        parts: dict[str, Any] = {x: getattr(self, x)[rows] for x in names}
-        shift = self.shift and partial(_shift_rows, self.shift, rows)
-        return replace(self, shift=shift, **parts)
 
-    def delayed(self, delay: float, is_late: Array) -> tuple[_Prediction, Array]:
-        """Return the prediction of late rows, and which are late, of those that the run covers."""
-        assert self.shift is not None
-        model, effects, rates = self.shift(delay)
-        effects = np.hstack([effects, self.effects[:, len(effects.T) :]])
-        pairs = ((model, self.model), (effects, self.effects), (rates, self.rates))
-        parts = [np.where(is_late if x.ndim == 1 else is_late[:, None], x, y) for x, y in pairs]
-        prediction = replace(self, model=parts[0], effects=parts[1], rates=parts[2], shift=None)
-        is_covered = np.isfinite(parts[0])
-        return prediction.select(is_covered), is_late[is_covered]
+class _Comparison:
+    """Data in standard deviations beside the predictions of an evaluation.
 
-    @property
-    def variation(self) -> float:
-        """Sum of the squared deviations of the values of each column from their mean."""
-        total = 0.0
-        for k in np.unique(self.columns):
-            values, weights = (x[self.columns == k] for x in (self.values, self.weights))
-            mean = float(values @ weights / (weights @ weights)) if weights.any() else 0.0
-            total += float(np.sum((values - mean * weights) ** 2))
-        return total
+    `cost` is that of a relative change of an estimate by 1.
+    """
 
-    def fit(self, errors: Array) -> tuple[float, Array]:
-        """Return the sum of squares that errors with effects (n, j) leave, and their sizes (j,).
+    def __init__(self, problem: FitProblem, evaluation: Evaluation, cost: float) -> None:
+        self.problem, self.evaluation, self.cost = problem, evaluation, cost
+        table = problem.data.table
+        self.headers = problem.data.headers
+        self.columns = pd.factorize(table[COLUMN])[0]
+        self.times = table[TIME].to_numpy()
+        self.weights = np.where(evaluation.is_omitted, 0.0, problem.weights)
+        self.values = table[VALUE].to_numpy() * self.weights
+        estimates = np.append(evaluation.values, evaluation.coefficients)
+        self.sizes = np.where(estimates == 0.0, 1.0, np.abs(estimates))
+        self.prediction = _Prediction(
+            evaluation.residuals + self.values,
+            evaluation.jacobian * self.sizes,
+            problem.weighted_rates(evaluation),
+        )
+
+    def variation(self, rows: Array) -> float:
+        """Return the sum of the squared deviations of rows from the mean of their column."""
+        columns, values, weights = self.columns[rows], self.values[rows], self.weights[rows]
+        means = np.bincount(columns, values * weights) / np.bincount(columns, weights**2)
+        return float(np.sum((values - np.nan_to_num(means)[columns] * weights) ** 2))
+
+    def fit(
+        self,
+        errors: Array,
+        rows: Array,
+        prediction: _Prediction | None = None,
+        values: Array | None = None,
+    ) -> tuple[float, Array]:
+        """Return the sum of squares that errors with effects (N, j) leave, and their sizes (j,).
 
         Sizes are 0 for errors that changes of the estimates compensate.
         """
-        residuals, count = self.model - self.values, len(self.effects.T)
-        effects = np.vstack([self.effects, self.cost * np.eye(count)])
-        errors = np.vstack([errors, np.zeros((count, len(errors.T)))])
-        residuals = np.append(residuals, np.zeros(count))
+        model, effects, _ = self.prediction if prediction is None else prediction
+        values = self.values if values is None else values
+        count = len(effects.T)
+        effects = np.vstack([effects[rows], self.cost * np.eye(count)])
+        errors = np.vstack([errors[rows], np.zeros((count, len(errors.T)))])
+        residuals = np.append((model - values)[rows], np.zeros(count))
         directions, singular, _ = np.linalg.svd(effects / column_lengths(effects), False)
         directions = directions[:, singular > MIN_SINGULAR_RATIO]
         own, rest = (x - directions @ (directions.T @ x) for x in (errors, residuals))
@@ -169,38 +145,89 @@ class _Prediction:
         rest = rest + own / lengths @ sizes
         return float(rest @ rest), sizes / lengths
 
-    def fit_scales(self, columns: Sequence[int]) -> tuple[float, Array]:
-        """Return the sum of squares that scales and offsets of columns leave, and the scales."""
-        is_in = self.columns[:, None] == np.asarray(columns)
-        offsets = is_in * self.weights[:, None]
-        any_in = is_in.any(axis=1)
-        scales, change = np.ones(len(columns)), np.zeros(len(self.effects.T))
-        left = np.inf
-        for _ in range(_MAX_ITERATIONS):
-            # The best scales of the present change, then the linear change of all.
-            model = self.model + self.effects @ change
-            matrix = np.hstack([is_in * model[:, None], offsets])
-            target = self.values - np.where(any_in, 0.0, model)
-            best = np.linalg.lstsq(matrix / column_lengths(matrix), target, rcond=None)[0]
-            scales, offset = np.split(best / column_lengths(matrix), 2)
+    def fit_scales(self, numbers: Sequence[int], rows: Array) -> tuple[float, Array]:
+        """Return the sum of squares that scales and offsets of columns leave, and the scales.
+
+        Scales multiply changes of the estimates: the best scales of the present change alternate
+        with linear changes of all.
+        """
+        is_in = (self.columns[:, None] == np.asarray(numbers))[rows]
+        any_in, offsets = is_in.any(axis=1), is_in * self.weights[rows, None]
+        values, (model, effects, _) = self.values[rows], (x[rows] for x in self.prediction)
+        scales, change, left = np.ones(len(numbers)), np.zeros(len(self.sizes)), np.inf
+        for _ in range(_SCALE_FITS):
+            changed = model + effects @ change
+            matrix = np.hstack([is_in * changed[:, None], offsets])
+            best = _solve(matrix, values - np.where(any_in, 0.0, changed))
+            scales = best[: len(scales)]
             factors = np.where(any_in, is_in @ scales, 1.0)
-            residuals = factors * model + offsets @ offset - self.values
-            cost = self.cost * change
-            before, left = left, float(residuals @ residuals + cost @ cost)
-            if left > 0.99 * before:
-                break
-            whole = np.block(
-                [
-                    [self.effects * factors[:, None], matrix],
-                    [self.cost * np.eye(len(change)), np.zeros((len(change), len(matrix.T)))],
-                ]
-            )
-            lengths = column_lengths(whole)
-            step = np.linalg.lstsq(
-                whole / lengths, -np.append(residuals, cost), rcond=MIN_SINGULAR_RATIO
-            )[0]
-            change = change + (step / lengths)[: len(change)]
+            residuals = np.where(any_in, 0.0, changed) + matrix @ best - values
+            left = float(residuals @ residuals + np.sum((self.cost * change) ** 2))
+            whole = np.zeros((len(values) + len(change), len(change) + len(best)))
+            whole[: len(values)] = np.hstack([effects * factors[:, None], matrix])
+            whole[len(values) :, : len(change)] = self.cost * np.eye(len(change))
+            step = _solve(whole, -np.append(residuals, self.cost * change))
+            change = change + step[: len(change)]
         return left, scales
+
+    @cached_property
+    def _curves(self) -> dict[str, tuple[Array, dict[str, Array]]]:
+        """Times of each run, and columns (k, 2 + j): model, rates and effects by header."""
+        curves = {}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", BeamdaeWarning)
+            for experiment, run in self.evaluation.runs.items():
+                t = np.linspace(0.0, run.solution.trajectory.end, _CURVE_TIMES)
+                dense = run.at_times(t)
+                names = self.problem.names
+                columns = {}
+                for header in self.headers:
+                    if header in dense.solution.columns:
+                        curve = dense.solution.columns[header]
+                        effects = [dense.sensitivity(header, x).to_numpy() for x in names]
+                        columns[header] = np.stack([curve, np.gradient(curve, t), *effects], axis=1)
+                curves[experiment] = t, columns
+        return curves
+
+    def delayed(self, delay: float, is_late: Array) -> _Prediction:
+        """Return the prediction if some rows are late; NaN where the run does not cover them."""
+        if not delay:
+            return self.prediction
+        problem, count = self.problem, len(self.problem.names)
+        model, effects, rates = (x.copy() for x in self.prediction)
+        shifts = np.zeros(len(self.times))
+        scales, offsets = np.ones(len(self.times)), np.zeros(len(self.times))
+        for shift, value in zip(
+            problem.sensors.shifts, self.evaluation.values[count:], strict=True
+        ):
+            shifts[shift.rows] = value
+        linear = zip(
+            (*problem.sensors.scales, *problem.sensors.offsets),
+            self.evaluation.coefficients,
+            strict=True,
+        )
+        for sensor, value in linear:
+            (offsets if sensor in problem.sensors.offsets else scales)[sensor.rows] = value
+        for source, rows in problem.data.rows:
+            late = np.arange(rows.start, rows.stop)[is_late[rows]]
+            t, columns = self._curves[source.experiment]
+            moved = self.times[late] - shifts[late] - delay
+            outside = np.where((moved >= 0.0) & (moved <= t[-1]), 0.0, np.nan)
+            at = np.clip(np.searchsorted(t, moved) - 1, 0, len(t) - 2)
+            share = np.clip((moved - t[at]) / (t[at + 1] - t[at]), 0.0, 1.0)[:, None]
+            curves = columns[source.header]
+            curves = (1.0 - share) * curves[at] + share * curves[at + 1]
+            factors = scales[late] * self.weights[late]
+            model[late] = curves[:, 0] * factors + offsets[late] * self.weights[late] + outside
+            rates[late] = curves[:, 1] * factors
+            effects[late, :count] = curves[:, 2:] * factors[:, None] * self.sizes[:count]
+        return _Prediction(model, effects, rates)
+
+
+def _solve(matrix: Array, target: Array) -> Array:
+    """Return the solution of least squares; columns have equal lengths for the rank."""
+    lengths = column_lengths(matrix)
+    return np.asarray(np.linalg.lstsq(matrix / lengths, target, MIN_SINGULAR_RATIO)[0] / lengths)
 
 
 def suggest_causes(problem: FitProblem, end: Evaluation, first: Evaluation | None) -> str:
@@ -210,39 +237,34 @@ def suggest_causes(problem: FitProblem, end: Evaluation, first: Evaluation | Non
     predictions are those of the end, then those of the first values for first parts of the data.
     """
     with np.errstate(all="ignore"):
-        noise = float(problem.data.is_sigma_known)
         for evaluation in (end, first):
             if evaluation is None:
                 continue
-            whole = _predict(problem, evaluation, 0.0)
-            shares: tuple[float, ...] = (1.0,)
-            if evaluation is first:
-                cost = _COST_OF_CHANGES * np.sqrt(problem.data.variation)
-                whole, shares = replace(whole, cost=cost), _SHARES
-                if not problem.sensors.shifts and not problem.sensors.scales:
-                    whole = replace(whole, shift=_create_shift(problem, evaluation))
-            found: list[tuple[float, list[_Cause]]] = []
-            for share in shares:
+            is_end = evaluation is end
+            cost = 0.0 if is_end else _COST_OF_CHANGES * np.sqrt(problem.data.variation)
+            whole = _Comparison(problem, evaluation, cost)
+            explained: list[tuple[float, list[_Cause]]] = []
+            for share in (1.0,) if is_end else _SHARES:
                 rows = whole.times <= share * whole.times.max()
-                part, count = whole.select(rows), int(np.sum(rows))
-                if count < _MIN_VALUES_PER_ESTIMATE * len(part.effects.T):
+                count = int(np.sum(rows))
+                if count < _MIN_VALUES_PER_ESTIMATE * len(whole.sizes):
                     break
                 square = float(np.sum(end.residuals[rows] ** 2))
-                if evaluation is first:
-                    square = min(square, part.fit(np.zeros((count, 0)))[0])
+                if not is_end:
+                    square = min(square, whole.fit(np.zeros((len(rows), 0)), rows)[0])
                 # At least the noise is left.
-                least = min(noise * count, square)
+                least = min(float(problem.data.is_sigma_known) * count, square)
                 limit = least + (1.0 - _MIN_SHARE) * (square - least)
-                limit = min(limit, least + _MAX_LEFT_SHARE * part.variation)
-                if causes := _choose(problem, part, limit):
+                limit = min(limit, least + _MAX_LEFT_SHARE * whole.variation(rows))
+                if causes := _choose(whole, rows, limit, not is_end):
                     best = max(min(x.left for x in causes), np.finfo(float).eps * square)
-                    alike = _MAX_DIFFERENCE / count if evaluation is end else _MAX_RATIO
+                    alike = _MAX_DIFFERENCE / count if is_end else _MAX_RATIO
                     causes = [x for x in causes if x.left <= (1.0 + alike) * best]
-                    found.append((float(np.sqrt(square / best)), causes))
-            if found:
+                    explained.append((float(np.sqrt(square / best)), causes))
+            if explained:
                 # Vibrations of a short part determine signs, those of a long one delays.
-                ratio, causes = max(found, key=lambda x: x[0])
-                named = {x.kind: x.phrase for x in [*causes, *found[0][1]]}
+                ratio, causes = max(explained, key=lambda x: x[0])
+                named = {x.kind: x.phrase for x in [*causes, *explained[0][1]]}
                 return (
                     f"{' or '.join(named.values())} would reduce the residuals by a factor of "
                     f"about {ratio:.2g}; otherwise, "
@@ -250,92 +272,44 @@ def suggest_causes(problem: FitProblem, end: Evaluation, first: Evaluation | Non
     return ""
 
 
-def _choose(problem: FitProblem, prediction: _Prediction, limit: float) -> list[_Cause]:
+def _choose(data: _Comparison, rows: Array, limit: float, has_long_delays: bool) -> list[_Cause]:
     """Return the errors that leave at most a sum of squares.
 
     Errors of all columns are considered if no error of one column, and none of the times, does.
     """
-    headers = list(dict.fromkeys(problem.headers))
-    causes = list(_errors_of_times(problem, prediction, headers, limit))
-    for k in range(len(headers)):
-        causes += _errors_of_values(problem, prediction, headers, [k])
+    every = [k for k in range(len(data.headers)) if varies(data.values[data.columns == k])]
+    causes = list(_errors_of_times(data, rows, limit, has_long_delays)) if every else []
+    causes += [cause for k in every for cause in _errors_of_values(data, [k], rows)]
     chosen = [x for x in causes if x.left <= limit]
-    if not chosen and len(headers) > 1:
-        causes = list(_errors_of_values(problem, prediction, headers, range(len(headers))))
-        chosen = [x for x in causes if x.left <= limit]
+    if not chosen and len(every) > 1:
+        chosen = [x for x in _errors_of_values(data, every, rows) if x.left <= limit]
     return chosen
 
 
-def _predict(problem: FitProblem, evaluation: Evaluation, cost: float) -> _Prediction:
-    """Return the prediction of an evaluation; `cost` is that of changes of the estimates."""
-    weights = np.where(evaluation.is_omitted, 0.0, problem.weights)
-    values = np.concatenate([x.values for x in problem.data.series])
-    headers = list(dict.fromkeys(problem.headers))
-    columns = np.empty(len(values), int)
-    for _, header, rows in problem.rows_by_series():
-        columns[rows] = headers.index(header)
-    estimates = np.append(evaluation.values, evaluation.coefficients)
-    sizes = np.where(estimates == 0.0, 1.0, np.abs(estimates))
-    return _Prediction(
-        evaluation.residuals + values * weights,
-        evaluation.jacobian * sizes,
-        values * weights,
-        problem.weighted_rates(evaluation),
-        np.concatenate([x.times for x in problem.data.series]),
-        columns,
-        weights,
-        cost,
-    )
-
-
-def _create_shift(problem: FitProblem, evaluation: Evaluation) -> _Shift:
-    """Return the function `shift` of a prediction: curves of the runs at other times."""
-    sizes = np.where(evaluation.values == 0.0, 1.0, np.abs(evaluation.values))
-    curves = {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BeamdaeWarning)
-        for experiment, run in evaluation.runs.items():
-            t = np.linspace(0.0, run.solution.trajectory.end, _CURVE_TIMES)
-            curves[experiment] = t, run.at_times(t)
-
-    def shift(delay: float) -> tuple[Array, Array, Array]:
-        count = problem.data.count
-        model, effects, rates = np.empty(count), np.empty((count, len(sizes))), np.empty(count)
-        for series, header, rows in problem.rows_by_series():
-            t, run = curves[series.experiment]
-            moved, weights = series.times - delay, problem.weights[rows]
-            is_covered = (moved >= 0.0) & (moved <= t[-1])
-            curve = run.solution.columns[header]
-            model[rows] = np.where(is_covered, np.interp(moved, t, curve), np.nan) * weights
-            rates[rows] = np.interp(moved, t, np.gradient(curve, t)) * weights
-            for j, name in enumerate(problem.names):
-                derivative = run.sensitivity(header, name).to_numpy()
-                effects[rows, j] = np.interp(moved, t, derivative) * sizes[j] * weights
-        # Constants of sensors are part of the prediction.
-        for sensor, offset in zip(problem.sensors.offsets, evaluation.coefficients, strict=True):
-            model[sensor.rows] += offset * problem.weights[sensor.rows]
-        return model, effects, rates
-
-    return lru_cache(maxsize=None)(shift)
-
-
-def _shift_rows(shift: _Shift, rows: Array, delay: float) -> tuple[Array, ...]:
-    return tuple(x[rows] for x in shift(delay))
-
-
 def _errors_of_times(
-    problem: FitProblem, prediction: _Prediction, headers: Sequence[str], limit: float
+    data: _Comparison, rows: Array, limit: float, has_long_delays: bool
 ) -> Iterator[_Cause]:
     """Yield delays of all data and of each of several columns, and a wrong sampling rate."""
-    for number in (None, *(range(len(headers)) if len(headers) > 1 else ())):
-        name = "" if number is None else remove_unit(headers[number])
-        is_late = prediction.columns == number
-        if number is None:
-            is_late[:] = True
-        left, delay = _find_delay(prediction, is_late, limit)
+    delays = np.zeros(1)
+    if has_long_delays:
+        largest = _MAX_DELAY_SHARE * float(data.times[rows].max())
+        delays = np.linspace(-largest, largest, _DELAY_COUNT + 1)
+    first = float(data.times.min())
+    groups = {"": np.ones(len(rows), bool)}
+    if len(data.headers) > 1:
+        groups |= {remove_unit(x): data.columns == k for k, x in enumerate(data.headers)}
+    for name, is_late in groups.items():
+        left, delay = _find_delay(data, rows, is_late, limit, delays)
         if delay:
-            yield _Cause(left, f"delay {name}", _describe_delay(problem, name, delay))
-    left, sizes = prediction.fit((-prediction.rates * prediction.times)[:, None])
+            # The default bounds of shift= are the first time of the data on both sides.
+            omit = f"omit data before {2.0 * delay:.2g} s and " if delay > first else ""
+            shift, values = f"shift=[{name!r}]" if name else "shift=", f"values of {name}"
+            phrase = (
+                f"{values if name else 'data'} that are {'late' if delay > 0.0 else 'early'} by "
+                f"about {abs(delay):.2g} s ({omit}estimate an error of the times with {shift})"
+            )
+            yield _Cause(left, f"delay {name}", phrase)
+    left, sizes = data.fit((-data.prediction.rates * data.times)[:, None], rows)
     rate = float(sizes[0])
     if rate and abs(rate) <= _MAX_CLOCK_ERROR:
         phrase = (
@@ -345,79 +319,59 @@ def _errors_of_times(
         yield _Cause(left, "clock", phrase)
 
 
-def _find_delay(prediction: _Prediction, is_late: Array, limit: float) -> tuple[float, float]:
+def _find_delay(
+    data: _Comparison, rows: Array, is_late: Array, limit: float, delays: Array
+) -> tuple[float, float]:
     """Return the sum of squares that a delay of some rows leaves, and the delay.
 
     It is the smallest of those that leave at most the limit and less than those beside them, or the
     best one: vibrations determine delays up to whole periods.
     """
-    delays = np.zeros(1)
-    if prediction.shift is not None:
-        largest = _MAX_DELAY_SHARE * float(prediction.times.max())
-        delays = np.linspace(-largest, largest, _DELAY_COUNT + 1)
-    found = []
+    variation = data.variation(rows)
+    ends = []
     for delay in delays.tolist():
-        moved, is_moved = prediction, is_late
-        if delay:
-            moved, is_moved = prediction.delayed(delay, is_late)
-        if len(moved.values) < _MIN_COVERED_SHARE * len(is_late):
-            found.append((np.inf, delay))
+        moved = data.delayed(delay, is_late)
+        covered = rows & np.isfinite(moved.model)
+        if np.sum(covered) < _MIN_COVERED_SHARE * np.sum(rows):
+            ends.append((np.inf, delay))
             continue
-        left, sizes = moved.fit((-moved.rates * is_moved)[:, None])
-        left *= prediction.variation / (moved.variation or np.inf)
-        found.append((left, delay + float(sizes[0])))
-    ends = [(np.inf, 0.0)]
+        left, sizes = data.fit((-moved.rates * is_late)[:, None], covered, moved)
+        left *= variation / (data.variation(covered) or np.inf)
+        ends.append((left, delay + float(sizes[0])))
+    outside = [(np.inf, 0.0)]
     minima = [
         y
-        for x, y, z in zip(ends + found, found, found[1:] + ends, strict=False)
+        for x, y, z in zip(outside + ends, ends, ends[1:] + outside, strict=False)
         if y[0] <= min(x[0], z[0], limit)
     ]
-    return min(minima, key=lambda x: abs(x[1]), default=min(found))
+    return min(minima, key=lambda x: abs(x[1]), default=min(ends))
 
 
-def _describe_delay(problem: FitProblem, name: str, delay: float) -> str:
-    first = min(float(x.times[0]) for x in problem.data.series)
-    # The default bounds of shift= are the first time of the data on both sides.
-    omit = f"omit data before {2.0 * delay:.2g} s and " if delay > first else ""
-    shift, data = (f"shift=[{name!r}]", f"values of {name}") if name else ("shift=", "data")
-    return (
-        f"{data} that are {'late' if delay > 0.0 else 'early'} by about {abs(delay):.2g} s "
-        f"({omit}estimate an error of the times with {shift})"
-    )
-
-
-def _errors_of_values(
-    problem: FitProblem, prediction: _Prediction, headers: Sequence[str], numbers: Sequence[int]
-) -> Iterator[_Cause]:
+def _errors_of_values(data: _Comparison, numbers: Sequence[int], rows: Array) -> Iterator[_Cause]:
     """Yield wrong signs, units, calibrations and zeros of columns."""
-    columns = [headers[k] for k in numbers]
+    columns = [data.headers[k] for k in numbers]
     names = [remove_unit(x) for x in columns]
-    is_in = prediction.columns[:, None] == np.asarray(numbers)
-    left, sizes = prediction.fit(is_in * prediction.model[:, None])
+    is_in = data.columns[:, None] == np.asarray(numbers)
+    left, sizes = data.fit(is_in * data.prediction.model[:, None], rows)
     if sizes.all() and not any(_is_unit_error(1.0 + x) for x in sizes):
         amounts = [
             f"{100.0 * abs(x):.2g} % too {'large' if x > 0.0 else 'small'}" for x in sizes.tolist()
         ]
         phrase = f"values of {', '.join(names)} that are {', '.join(amounts)}"
         yield _Cause(left, f"scale {names}", f"{phrase} (estimate this with scale={names})")
-    left, sizes = prediction.fit(is_in * prediction.weights[:, None])
+    left, sizes = data.fit(is_in * data.weights[:, None], rows)
     if sizes.all():
-        units = (split_unit(x)[1] for x in columns)
         amounts = [
-            format_with_unit(float(f"{x:.2g}"), unit)
-            for x, unit in zip(sizes.tolist(), units, strict=True)
+            format_with_unit(float(f"{x:.2g}"), split_unit(header)[1])
+            for x, header in zip(sizes.tolist(), columns, strict=True)
         ]
         phrase = f"a constant error of {', '.join(names)} of {', '.join(amounts)}"
         yield _Cause(left, f"offset {names}", f"{phrase} (estimate this with offset={names})")
-    is_scaled = any(
-        header in columns and any(rows.start in sensor.rows for sensor in problem.sensors.scales)
-        for _, header, rows in problem.rows_by_series()
-    )
-    if is_scaled:
-        return
-    left, scales = prediction.fit_scales(list(numbers))
-    if any(map(_is_unit_error, scales)):
-        yield _Cause(left, f"unit {names}", _describe_scales(problem, columns, scales))
+    sensors = data.problem.sensors.scales
+    if not any(np.any(x.rows & np.isin(data.columns, numbers)) for x in sensors):
+        left, scales = data.fit_scales(numbers, rows)
+        if any(map(_is_unit_error, scales)):
+            yield _Cause(left, f"unit {names}", _describe_scales(data.problem, columns, scales))
 
 
 def _is_unit_error(scale: float) -> bool:
@@ -438,11 +392,10 @@ def _describe_scales(problem: FitProblem, columns: Sequence[str], scales: Array)
             f"{named} that are mirrored (scale {scale:.3g}; reverse their sign, or estimate it "
             f"with {remedy})"
         )
-    pairs = zip(problem.data.series, problem.headers, strict=True)
-    series = next(x for x, y in pairs if y == header)
+    source = next(x for x in problem.data.sources if x.header == header)
     return (
         f"{named} that are scaled (scale {scale:.3g}{_guess_units(header, scale)}; check the "
-        f"calibration and the unit in the header {series.name_in_data or series.column!r}, or "
+        f"calibration and the unit in the header {source.name_in_data!r}, or "
         f"estimate the factor with {remedy})"
     )
 
@@ -473,17 +426,19 @@ def check_ranges(problem: FitProblem, scaling: Scaling, first: Evaluation) -> No
         If they differ by a factor above 100.
     """
     model = problem.recorded_values(first)
-    for series, header, rows in problem.rows_by_series():
-        is_scaled = any(rows.start in sensor.rows for sensor in problem.sensors.scales)
-        if is_scaled or is_noise(series.values - series.values.mean()):
+    all_values = problem.data.table[VALUE].to_numpy()
+    for source, rows in problem.data.rows:
+        values, header = all_values[rows], source.header
+        is_scaled = any(sensor.rows[rows.start] for sensor in problem.sensors.scales)
+        if is_scaled or not varies(values):
             continue
-        low, high = sorted(ranges := [float(np.ptp(x)) for x in (model[rows], series.values)])
+        low, high = sorted(ranges := [float(np.ptp(x)) for x in (model[rows], values)])
         if high <= _MAX_RANGE_RATIO * low:
             continue
         unit = split_unit(header)[1]
         texts = [format_with_unit(float(f"{x:.3g}"), unit) for x in ranges]
         sentence = (
-            f"fit: {series.label} has a range of {texts[0]} in the first run and of "
+            f"fit: {source.label} has a range of {texts[0]} in the first run and of "
             f"{texts[1]} in the data"
         )
         if (
@@ -498,7 +453,7 @@ def check_ranges(problem: FitProblem, scaling: Scaling, first: Evaluation) -> No
         raise BeamdaeError(
             f"{sentence}, and no change of {', '.join(problem.names)} explains this factor of "
             f"{high / low:.2g}; check the unit in the header "
-            f"{series.name_in_data or series.column!r}, start=, loads and first values, or "
+            f"{source.name_in_data!r}, start=, loads and first values, or "
             f"estimate the factor with scale=[{remove_unit(header)!r}]."
         )
 

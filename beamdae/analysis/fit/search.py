@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from beamdae.analysis.fit.information import MAX_RELATIVE_DEVIATION
 from beamdae.analysis.fit.problem import (
     MIN_SINGULAR_RATIO,
     Evaluation,
     FitProblem,
-    Scaling,
     is_noise,
     unexplained_share,
 )
+from beamdae.analysis.fit.variables import Scaling
 from beamdae.errors import BeamdaeError, format_count, format_exception
 from beamdae.interrupts import Interrupted
 from beamdae.results.outcome import Status
@@ -28,8 +30,6 @@ Array = np.ndarray
 _TOLERANCE, _ROUGH_TOLERANCE = 1e-8, 1e-3
 # Gradients below this ratio to the sum of squares of the first values are rounding errors.
 _ZERO_GRADIENT = 1e-15
-# Combinations of relative changes of parameters with a larger standard deviation are undetermined.
-MAX_RELATIVE_DEVIATION = 1.0
 # Weight of the distance from the first values in undetermined directions: a change by a factor of
 # e^3 costs one variance of the data, whose standard deviation is guessed, relative to that of the
 # motion, while it is unknown.
@@ -168,7 +168,7 @@ class _Evaluations:
             raise _StalledError
 
 
-def search(
+def local_search(
     problem: FitProblem,
     scaling: Scaling,
     first: Array,
@@ -202,7 +202,7 @@ def search(
         return SearchResult(record.best, 1, status, at_bounds, record.first)
     sigma, is_stalled = 1.0, False
     if not problem.data.is_sigma_known:
-        sigma = float(_GUESSED_SIGMA * np.sqrt(problem.data.variation / problem.data.count))
+        sigma = float(_GUESSED_SIGMA * np.sqrt(problem.data.variation / problem.count))
     try:
         attraction = _PRIOR_WEIGHT * sigma * np.eye(len(first))
         x, result = _minimize(record, first, free, attraction, _ROUGH_TOLERANCE)
@@ -261,7 +261,7 @@ def _minimize(
 
     def residuals(x: Array) -> Array:
         evaluation = record.at_or_none(whole(x))
-        count = record.problem.data.count + len(attraction)
+        count = record.problem.count + len(attraction)
         if evaluation is None:
             return np.full(count, np.nan)  # The search continues with a shorter step.
         distance = attraction @ (whole(x) - scaling.first)
@@ -302,7 +302,7 @@ def _attract_undetermined(record: _Evaluations, x: Array, free: Array) -> Array:
     return np.asarray(_PRIOR_WEIGHT * sigma * basis.T)
 
 
-def robust_search(
+def search(
     problem: FitProblem,
     scaling: Scaling,
     first: Array,
@@ -314,11 +314,11 @@ def robust_search(
     Raises
     ------
     BeamdaeError, Interrupted
-        See `search`.
+        See `local_search`.
     """
-    end = search(problem, scaling, first, max_evaluations, known=known)
+    end = local_search(problem, scaling, first, max_evaluations, known=known)
     if not is_explained(problem, end.evaluation) and end.evaluations < max_evaluations:
-        count = problem.data.count
+        count = problem.count
         try:
             end = _repeat_from_first_data(problem, scaling, first, end, max_evaluations)
         except KeyboardInterrupt as interrupt:
@@ -342,23 +342,35 @@ def _repeat_from_first_data(
     data and continues with longer ones.
     """
     count = end.evaluations
-    for share in (*_FIRST_SHARES, 1.0):
-        part = problem.with_first_data(share)
-        if part.data.variation < _MIN_PART_VARIATION * problem.data.variation:
+    for share in _FIRST_SHARES:
+        if (
+            problem.with_first_data(share).data.variation
+            < _MIN_PART_VARIATION * problem.data.variation
+        ):
             continue
-        limit = min(_MAX_PART_EVALUATIONS if share < 1.0 else np.inf, max_evaluations - count)
-        if limit < 1:
-            break
-        try:
-            other = search(part, scaling, first, int(limit), is_rough=share < 1.0)
-        except (ValueError, ArithmeticError):
-            break  # BeamdaeError, or an error of the model function at extreme values.
-        count += other.evaluations
-        if share == 1.0 and other.chi_square < end.chi_square:
-            return replace(other, evaluations=count, first=end.first)
-        if not is_explained(part, other.evaluation):
-            break
-        first = scaling.start(other.evaluation.values)
+        # Short parts hardly determine scales and offsets, which most sensors have near 1 and 0.
+        for is_calibrated in (True, False) if problem.coefficients else (False,):
+            part = problem.with_first_data(share, is_calibrated)
+            limit = min(_MAX_PART_EVALUATIONS, max_evaluations - count)
+            if limit < 1:
+                return replace(end, evaluations=count)
+            try:
+                other = local_search(part, scaling, first, limit, is_rough=True)
+            except (ValueError, ArithmeticError):
+                # BeamdaeError, or an error of the model function at extreme values.
+                return replace(end, evaluations=count)
+            count += other.evaluations
+            if is_explained(part, other.evaluation):
+                first = scaling.start(other.evaluation.values)
+                break
+        else:
+            return replace(end, evaluations=count)
+    if count < max_evaluations:
+        with suppress(ValueError, ArithmeticError):
+            other = local_search(problem, scaling, first, max_evaluations - count)
+            count += other.evaluations
+            if other.chi_square < end.chi_square:
+                return replace(other, evaluations=count, first=end.first)
     return replace(end, evaluations=count)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import cycle
 from numbers import Real
 from pathlib import Path
@@ -52,7 +51,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from beamdae.analysis.fit.data import Series
     from beamdae.report.pictures.figures import Columns
 
 Array = np.ndarray
@@ -288,18 +286,21 @@ def select_plot(
         return select_columns(headers, name, observed=observed, part="plot")
 
     abscissa = TIME if x is None else require_one_column("plot", x, select(x))
-    measured = [] if data is None else _read_measured(data, headers, data_columns)
-    present = [series.column for series in measured if series.column != abscissa]
+    measured = None if data is None else _read_measured(data, headers, data_columns)
+    measured_columns = [] if measured is None else list(measured["column"].unique())
+    present = [x for x in measured_columns if x != abscissa]
     columns = list(dict.fromkeys(c for name in names or present for c in select(name)))
     # The name of an observable selects the abscissa, too.
     columns = [c for c in columns if x is None or c != abscissa] or columns
-    points = {column: _pair_with(abscissa, column, measured) for column in columns if measured}
+    points = {}
+    if measured is not None:
+        points = {column: _pair_with(abscissa, column, measured) for column in columns}
     if data is not None and not any(points.values()):
         plotted = f"one of the plotted columns ({', '.join(columns)})" if columns else "a column"
         raise UnmatchedDataError(
             f"plot: data must contain {plotted}"
             f"{'' if abscissa == TIME else f' and {abscissa} at the same times'}; the data contain "
-            f"{', '.join(dict.fromkeys(s.column for s in measured))}."
+            f"{', '.join(measured_columns)}."
         )
     if not columns and not _candidates(observed, abscissa):
         raise BeamdaeError(
@@ -311,40 +312,33 @@ def select_plot(
 
 def _read_measured(
     data: Any, headers: Sequence[str], data_columns: Mapping[str, str] | None
-) -> list[Series]:
-    """Return the measured series whose columns a run contains, in the units of the run."""
+) -> pd.DataFrame:
+    """Return the long table of measured values whose columns a run contains."""
     from beamdae.analysis.fit import data as fit_data
 
     measured = fit_data.read_measurements("plot", data, data_columns)
-    columns, unknown = fit_data.match_columns(
+    matched, unknown = fit_data.match_columns(
         "plot", measured, dict.fromkeys(measured.experiments, headers)
     )
     if measured.is_file:
-        fit_data.warn_of_missing_units("plot", measured, columns)
+        fit_data.warn_of_missing_units("plot", measured, matched)
         fit_data.warn_of_unknown_columns("plot", measured, unknown, "the run does not have")
-    converted = (
-        replace(fit_data.convert_units("plot", series, header), column=header)
-        for series, header in columns
-    )
-    return [series for series in converted if len(series.values)]
+    return matched.table
 
 
 def _pair_with(
-    abscissa: str, column: str, measured: Sequence[Series]
+    abscissa: str, column: str, measured: pd.DataFrame
 ) -> dict[str, tuple[Array, Array]]:
     """Return the measured values of the abscissa and of the column, by experiment."""
     pairs: dict[str, tuple[Array, Array]] = {}
-    for series in measured:
-        if series.column != column:
-            continue
-        if abscissa == TIME:
-            pairs[series.experiment] = series.times, series.values
-            continue
-        for other in measured:
-            if other.column == abscissa and other.experiment == series.experiment:
-                _, here, there = np.intersect1d(series.times, other.times, return_indices=True)
-                if len(here):
-                    pairs[series.experiment] = other.values[there], series.values[here]
+    for experiment, rows in measured.groupby("experiment", sort=False):
+        values = rows[rows["column"] == column].set_index(TIME)["value"]
+        others = rows[rows["column"] == abscissa].set_index(TIME)["value"]
+        if abscissa != TIME:
+            values = values[values.index.isin(others.index)]
+        if len(values):
+            x = values.index if abscissa == TIME else others[values.index]
+            pairs[str(experiment)] = x.to_numpy(), values.to_numpy()
     return pairs
 
 
