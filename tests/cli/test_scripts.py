@@ -51,7 +51,7 @@ def parse(text):
 @pytest.mark.parametrize("command", KEYS)
 def test_json_document_of_each_command(here, command):
     arguments, keys = KEYS[command]
-    result = invoke(*command, *arguments, "--json")
+    result = invoke(command, *arguments, "--json")
     assert result.exit_code == 0, result.output
     document = parse(result.stdout)
     assert set(document) >= COMMON | keys
@@ -83,7 +83,7 @@ def test_the_guide_lists_the_keys_of_documents(here):
     } | {"view"}
     assert set(guide_keys) == (KEYS.keys() | others) - {"new"}
     for command in ("check", "static", "draw"):
-        document = parse(invoke(*command, *KEYS[command][0], "--json").stdout)
+        document = parse(invoke(command, *KEYS[command][0], "--json").stdout)
         assert guide_keys[command] <= set(document)
     for command, (_, keys) in KEYS.items():
         assert keys - {"model"} <= guide_keys.get(command, set())
@@ -92,7 +92,7 @@ def test_the_guide_lists_the_keys_of_documents(here):
 @pytest.mark.parametrize("command", KEYS)
 def test_a_quiet_command_prints_nothing(here, command):
     Path("model.py").write_text(MODEL.replace("print", "len"), encoding="utf-8")
-    result = invoke(*command, *KEYS[command][0], "--quiet")
+    result = invoke(command, *KEYS[command][0], "--quiet")
     assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
 
 

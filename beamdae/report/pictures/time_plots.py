@@ -280,7 +280,6 @@ def select_plot(
         If a name selects no column, no column is left, `x` selects several columns, or the data
         cannot be read or contain none of the plotted columns.
     """
-    from beamdae.analysis.fit.data import UnmatchedDataError
 
     def select(name: str) -> list[str]:
         return select_columns(headers, name, observed=observed, part="plot")
@@ -296,6 +295,8 @@ def select_plot(
     if measured is not None:
         points = {column: _pair_with(abscissa, column, measured) for column in columns}
     if data is not None and not any(points.values()):
+        from beamdae.analysis.fit.data import UnmatchedDataError
+
         plotted = f"one of the plotted columns ({', '.join(columns)})" if columns else "a column"
         raise UnmatchedDataError(
             f"plot: data must contain {plotted}"
