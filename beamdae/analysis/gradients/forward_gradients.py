@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.gradients.column_seeds import (
+    ColumnSeeds,
     OperatorSeeds,
     differentiate_end,
     differentiate_objective,
@@ -23,7 +24,9 @@ from beamdae.analysis.sensitivities.run_derivatives import (
     find_stop,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.results.solution import Solution
+from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
@@ -43,39 +46,44 @@ def differentiate_along(
     differences, derivatives
         Models at neighboring values, and derivatives of the run, by parameter.
     """
+    solution = bound_reactions(solution)
     intervals, stop = solution.trajectory.intervals, find_stop(solution)
-    terms = evaluate_terms(objective, solution)
-    starts = [float(x.t[0]) for x in intervals]
-    all_seeds: dict[Any, Any] = {}
-    result: dict[str, float] = {}
+    by_restart = np.zeros(len(intervals))
+    moved = np.flatnonzero(np.any([x.shifts for x in derivatives.values()], axis=0)).tolist()
+    terms = evaluate_terms(objective, solution) if moved else []
+    for k in moved:
+        by_restart[k] = differentiate_restart(terms, solution, float(intervals[k].t[0]))
+    groups: dict[Any, list[str]] = {}
     for name, difference in differences.items():
-        base, along = difference.base, derivatives[name]
-        key = further_key(base)
-        if key not in all_seeds:
-            all_seeds[key] = differentiate_objective(objective, solution, base)
-        seeds = all_seeds[key]
-        total = difference.derivative(lambda e: e.p) @ seeds.numbers
-        for by_operator in seeds.operators:
-            total += by_operator.weigh(difference.derivative(_operator_of(by_operator)))
-        for by_nodes, interval in zip(seeds.states, along.trajectory.intervals, strict=True):
-            q, v, _, lam = interval.rows
-            total += np.sum(by_nodes * np.hstack([q, v, lam]))
-        for t, dt in zip(starts, along.shifts, strict=True):
-            if dt:
-                total += dt * differentiate_restart(terms, solution, t)
+        groups.setdefault(further_key(difference.base), []).append(name)
+    value, result = 0.0, dict[str, float]()
+    for names in groups.values():
+        group = {name: differences[name] for name in names}
+        base = group[names[0]].base
+        seeds = differentiate_objective(objective, solution, base)
+        value, by_end, ends = seeds.value, 0.0, dict.fromkeys(names, 0.0)
         if stop is not None:
-            at_end = State(*(x[-1:] for x in along.trajectory.intervals[-1].rows))
-            shift = differentiate_event_time(
-                base,
-                stop,
-                intervals[-1],
-                solution.trajectory.end,
-                {name: at_end},
-                {name: difference},
-            )[name]
-            total += shift * differentiate_end(objective, solution, base)
-        result[name] = float(total)
-    return next(iter(all_seeds.values())).value, result
+            last = {name: derivatives[name].trajectory.intervals[-1].rows for name in names}
+            at_end = {name: State(*(x[-1:] for x in rows)) for name, rows in last.items()}
+            end = solution.trajectory.end
+            ends = differentiate_event_time(base, stop, intervals[-1], end, at_end, group)
+            by_end = differentiate_end(objective, solution, base)
+        for name, difference in group.items():
+            total = _weigh(seeds, difference, derivatives[name].trajectory)
+            total += float(derivatives[name].shifts @ by_restart)
+            result[name] = total + ends[name] * by_end
+    return value, result
+
+
+def _weigh(seeds: ColumnSeeds, difference: Difference, along: Trajectory) -> float:
+    """Return the derivative at fixed times along the derivatives of states and of the model."""
+    total = difference.derivative(lambda e: e.p) @ seeds.numbers
+    for by_operator in seeds.operators:
+        total += by_operator.weigh(difference.derivative(_operator_of(by_operator)))
+    for by_nodes, interval in zip(seeds.states, along.intervals, strict=True):
+        q, v, _, lam = interval.rows
+        total += np.sum(by_nodes * np.hstack([q, v, lam]))
+    return float(total)
 
 
 def _operator_of(seeds: OperatorSeeds) -> Callable[[EquationsOfMotion], Any]:

@@ -64,11 +64,11 @@ class RunDerivative(NamedTuple):
     trajectory
         Derivatives of the states at fixed times.
     shifts
-        Derivatives of the time [s] at which each interval begins.
+        Derivatives of the times [s] at which the intervals begin, (intervals,).
     """
 
     trajectory: Trajectory
-    shifts: tuple[float, ...]
+    shifts: Array
 
 
 class RunDerivatives:
@@ -138,7 +138,7 @@ class RunDerivatives:
             before = interval
         return {
             name: RunDerivative(
-                Trajectory(tuple(x[k] for x in rows)), tuple(float(x[k]) for x in all_shifts)
+                Trajectory(tuple(x[k] for x in rows)), np.array([x[k] for x in all_shifts])
             )
             for k, name in enumerate(self._differences)
         }
