@@ -144,13 +144,17 @@ class Flexibility(NamedTuple):
         return self.respond(np.vstack([forces, np.zeros((m, forces.shape[1]))]))
 
 
-def has_potential(flexibility: Flexibility, m: int) -> bool:
-    """Return True if soft motions feel no asymmetry of the stiffness; m is the number of rows."""
+def reduce_to_soft_motions(flexibility: Flexibility, m: int) -> Array:
+    """Return the flexibility in the motions with the least stiffness; m is the number of rows."""
     size = flexibility.size
     vectors = np.cos(np.outer(np.arange(size) ** 2.0, np.arange(1.0, min(_SOFT_COUNT, size) + 1.0)))
     for _ in range(2):
         vectors = np.linalg.qr(flexibility.respond_to_forces(vectors, m))[0]
-    reduced = vectors.T @ flexibility.respond_to_forces(vectors, m)
+    return np.asarray(vectors.T @ flexibility.respond_to_forces(vectors, m))
+
+
+def has_potential(reduced: Array) -> bool:
+    """Return True if soft motions feel no asymmetry of the stiffness."""
     return bool(np.abs(reduced - reduced.T).max() <= _MIN_ASYMMETRY * np.abs(reduced).max())
 
 

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import SuperLU, splu
 
 from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.engine import (
@@ -24,7 +25,7 @@ from beamdae.analysis.continuation.engine import (
     Tangent,
 )
 from beamdae.analysis.continuation.newton import CORRECTED, FAILURES, Corrections
-from beamdae.analysis.continuation.spectrum import Flexibility, count_growing, has_potential
+from beamdae.analysis.continuation.spectrum import Flexibility, count_growing, has_potential, reduce_to_soft_motions
 from beamdae.analysis.statics.load_scaling import LoadedEquations, interpolate_tangents
 from beamdae.analysis.statics.pivot_signs import (
     ASYMMETRY_TOLERANCE,
@@ -475,7 +476,13 @@ class StaticProblem(Problem):
         except RuntimeError:
             return by_signs
         flexibility = Flexibility(self._n, lambda right: factors.solve(right)[: self._n])
-        if has_potential(flexibility, m):
+        reduced = reduce_to_soft_motions(flexibility, m)
+        if has_potential(reduced):
+            # Close to a critical point, the symmetric part has another sign in the softest motion.
+            if free == 0 and _has_negative_determinant(factors) != (signs.below % 2 == 1):
+                softest = max(np.linalg.eigvals(reduced).real, key=abs)
+                shift = 1 if softest < 0.0 else -1
+                by_signs = by_signs._replace(divergent=by_signs.divergent + shift)
             return by_signs
         return count_growing(flexibility, *self._motion_matrices(point))._replace(free=free)
 
@@ -636,3 +643,12 @@ class StaticProblem(Problem):
         if self._usage.evaluations > _INTERPRETED_EVALUATIONS:
             self._usage.evaluations = 0
             self._set_loop(self._make_loop(compiles=True))
+
+
+def _has_negative_determinant(factors: SuperLU) -> bool:
+    size, negative = factors.shape[0], int(np.sum(factors.U.diagonal() < 0.0))
+    for order in (factors.perm_r, factors.perm_c):
+        links = sp.csr_array((np.ones(size), (np.arange(size), order)), (size, size))
+        cycles, _ = connected_components(links, directed=False)
+        negative += size - cycles
+    return negative % 2 == 1
