@@ -25,11 +25,12 @@ def column(height, length=1.0, elements=8, axes="inertial"):
     return mech
 
 
-def arch_under_pressure(height, radius=0.2, elements=12):
+def arch_under_pressure(height, radius=0.2, elements=12, **options):
     """Return a hinged semicircular arch under the follower pressure EI / R^3."""
     mech, section = bd.Mechanism(), rectangle(height)
     arc = bd.Arc(radius, np.pi * radius, start=(radius, 0.0), angle=0.5 * np.pi)
-    arch = mech.add(bd.Beam("arch", arc, section, elements, formulation="exact"))
+    options = options or {"formulation": "exact"}
+    arch = mech.add(bd.Beam("arch", arc, section, elements, **options))
     mech.add(bd.Revolute("right", mech.ground.at(radius, 0.0), arch.start))
     mech.add(bd.Revolute("left", mech.ground.at(-radius, 0.0), arch.end))
     pressure = (0.0, section.EI / radius**3)
@@ -53,6 +54,22 @@ def test_arch_under_follower_pressure_buckles_at_any_slenderness(height):
     # Rounding of the axial stiffness, 1e-16 (R / h)^2 of the bending stiffness, and compression.
     assert point.factor == pytest.approx(3.0, rel=3e-5)
     assert path.unstable[-1] == 1
+
+
+@pytest.mark.parametrize(("height", "elements"), [(1e-2, 4), (3e-3, 5), (1e-3, 5)])
+def test_a_largest_pressure_is_no_branch_point_whatever_the_control(height, elements):
+    # The pressure follows the sections of a coarse mesh, which feel no potential exactly.
+    mech = arch_under_pressure(height, elements=elements, strain="green")
+    by_load = bd.equilibrium(mech, to=16.0)
+    by_arc = bd.equilibrium(mech, to=16.0, control="arc length", max_points=80)
+    branch, limit = by_arc.critical[:2]
+    assert (branch.kind, limit.kind) == ("branch point", "limit point")
+    (point,) = by_load.critical
+    assert point.kind == "branch point"
+    assert point.factor == pytest.approx(branch.factor, rel=1e-6)
+    assert not by_load.status.success
+    assert by_load.factors[-1, 0] == pytest.approx(limit.factor, rel=1e-4)
+    assert by_load.unstable[-1] == 1
 
 
 @pytest.mark.parametrize("height", SLENDERNESS)

@@ -92,6 +92,17 @@ def test_a_parameter_changes_a_stiffness_along_the_path():
     assert stiff.table().columns[0] == "spring"  # the model states no unit
 
 
+@pytest.mark.parametrize(("begin", "end"), [(0.0, 2000.0), (2000.0, 0.0)])
+def test_a_spring_may_begin_or_end_without_stiffness(begin, end):
+    path = bd.equilibrium(pressed_truss, over="spring", from_=begin, to=end, t=1.5)
+    assert path.status.success
+    np.testing.assert_allclose(path.factors[:, 0], np.linspace(begin, end, 51))
+    heights = path["crown.y"].to_numpy()
+    np.testing.assert_allclose(
+        path.factors[:, 0] * (0.15 - RISE + heights), truss_force(heights), atol=1e-5
+    )
+
+
 def test_a_soft_spring_ends_at_the_limit_point_with_a_remedy():
     path = bd.equilibrium(pressed_truss, over="drive", to=0.5)
     assert not path.status.success

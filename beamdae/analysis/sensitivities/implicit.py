@@ -55,7 +55,7 @@ from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.compliant_equations import introduce_resultants
-from beamdae.equations.formulations.static_equations import StaticEquations
+from beamdae.equations.formulations.static_equations import StaticEquations, find_idle_forces
 from beamdae.equations.formulations.tangents import differentiate_residual, plan_tangent_residual
 
 Array = np.ndarray
@@ -93,17 +93,13 @@ class MixedStatics:
     def __init__(
         self, system: LoadedEquations, control: Control, idle: Array | None = None
     ) -> None:
+        self.idle = find_idle_forces(system.loaded) if idle is None else idle
         unloaded, loaded = (
-            StaticEquations(introduce_resultants(x.equations, idle).equations, x.time)
+            StaticEquations(introduce_resultants(x.equations, self.idle).equations, x.time)
             for x in (system.unloaded, system.loaded)
         )
         self.system, self.control = system, control
         self.mixed = replace(system, unloaded=unloaded, loaded=loaded)
-        if idle is None:
-            e, first = loaded.equations, system.equations.n + system.equations.m
-            rows = loaded.matrix(e.q0, np.zeros(e.m))[first:]
-            idle = abs(rows).sum(axis=1) == 0.0
-        self.idle = idle
 
     def residual(self, x: Array, mu: float) -> Array:
         """Return F, (n + m,)."""

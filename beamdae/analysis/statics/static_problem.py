@@ -50,6 +50,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.compliant_equations import introduce_resultants
 from beamdae.equations.formulations.static_equations import (
     StaticSums,
+    find_idle_forces,
     plan_static_sums,
 )
 from beamdae.equations.formulations.tangents import compute_tangent
@@ -292,7 +293,9 @@ class StaticProblem(Problem):
         self.system = system
         unloaded, loaded, varied = system.unloaded, system.loaded, system.varied
         held = system.held_coordinates
-        forms = [introduce_resultants(x.equations) for x in (unloaded, loaded)]
+        # The stiffness of a spring may begin or end at zero.
+        self._idle = None if varied is None else find_idle_forces(unloaded) | find_idle_forces(loaded)
+        forms = [introduce_resultants(x.equations, self._idle) for x in (unloaded, loaded)]
         first, last = (x.equations for x in forms)
         self._rigid, self._remainder = forms[1].joint_count, forms[1].remainder
         self._time, self._n, self._varied = loaded.time, last.n, varied
@@ -499,7 +502,7 @@ class StaticProblem(Problem):
         n, scales, at_rest = self._n, self.scales, np.zeros(self._n)
         state = State(point.x[:n], at_rest, at_rest, point.x[n:])
         first, last, share = self.system.interval_at(point.p)
-        forms = [introduce_resultants(x.equations) for x in (first, last)]
+        forms = [introduce_resultants(x.equations, self._idle) for x in (first, last)]
         unloaded, loaded = (
             compute_tangent(x.equations, y.time, state)
             for x, y in zip(forms, (first, last), strict=True)
@@ -625,7 +628,7 @@ class StaticProblem(Problem):
             pair = self._varied.at(value), self._varied.at(value + step)
         except BeamdaeError as error:
             raise CurveError(f"the model cannot be built ({str(error).rstrip('.')})") from None
-        forms = [introduce_resultants(x.equations) for x in pair]
+        forms = [introduce_resultants(x.equations, self._idle) for x in pair]
         # The step must not lead into the next piece of a law.
         branch = float(pair[0].time[1])
         parts = (run.unloaded, run.loaded)

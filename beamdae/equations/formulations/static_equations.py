@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations.compliant_equations import introduce_resultants
 from beamdae.equations.formulations.sums import (
     InputLayout,
     add_saddle_point,
@@ -113,3 +114,11 @@ class StaticEquations:
         set_time(total, *self.time)
         with np.errstate(over="ignore", invalid="ignore"):
             return total(np.concatenate([q, np.zeros(len(q)), lam]), size)
+
+
+def find_idle_forces(static: StaticEquations) -> Array:
+    """Return the mask of the forces of springs without stiffness, see `introduce_resultants`."""
+    form = introduce_resultants(static.equations)
+    e, first = form.equations, static.equations.n + form.joint_count
+    rows = StaticEquations(e, static.time).matrix(e.q0, np.zeros(e.m))[first:]
+    return np.asarray(abs(rows).sum(axis=1) == 0.0)
