@@ -93,6 +93,10 @@ def find_hidden_growth(
     begin, begin_near, end, end_near = _match_pairs(*counts)
     begin_rate = (begin_near - begin) / first_beside.distance
     end_rate = (end_near - end) / last_beside.distance
+    squares = np.array([begin, begin + begin_rate / 3.0, end - end_rate / 3.0, end])[:, 1]
+    if not begin[0].any() and np.ptp(np.sign(squares), axis=0).max(initial=0.0) == 0.0:
+        # Polynomials remain between their control points.
+        return None
     t, change = _SHARES[:, None], end - begin
     bend = t * (1.0 - t) * ((begin_rate - change) * (1.0 - t) - (end_rate - change) * t)
     growing = _count_growing(begin + change * t + bend, _MIN_GROWTH)

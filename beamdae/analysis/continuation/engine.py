@@ -598,8 +598,9 @@ def _take_step(
             trial = trial.pass_target() if passes else trial
             curved = _extrapolate(problem, last, trial, weight)
             segment, error = _correct_trial(begin, trial, curved, is_corner)
-            cosine = _cosine(problem, tangent, segment.direction, weight)
+            cosine = 1.0
             if steps.by_arc_length:
+                cosine = _cosine(problem, tangent, segment.direction, weight)
                 _require_near(control, target, trial, segment, 1.0 if is_corner else cosine)
             found = explain(segment)
             if passes:

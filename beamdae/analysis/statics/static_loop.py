@@ -162,10 +162,11 @@ def perform_task(run: StaticWorkspace) -> int:
         _solve(run)
         return DONE
     if run.is_near == 1 and (task != FIND_TANGENT or run.has_factors == 0):
-        run.has_forces = 0
+        forget_point(run)
     if task == CORRECT:
         return _correct(run)
-    _evaluate_forces(run)
+    if task in (EVALUATE_FORCES, FIND_TANGENT):
+        _evaluate_forces(run)
     if task == EVALUATE_FORCES:
         return DONE
     _evaluate_tangent(run)
@@ -179,6 +180,11 @@ def perform_task(run: StaticWorkspace) -> int:
         run.right[size] = 1.0
         return _solve_newton(run)
     return DONE
+
+
+def forget_point(run: StaticWorkspace) -> None:
+    """Mark all values as those of another point."""
+    run.has_forces = run.has_tangent = run.has_factors = run.is_near = 0
 
 
 def _correct(run: StaticWorkspace) -> int:
@@ -209,7 +215,7 @@ def _correct(run: StaticWorkspace) -> int:
         if code == DONE:
             run.is_near = 1
         else:
-            run.has_forces = 0
+            forget_point(run)
         if run.is_linear == 0:
             return code
     return code
@@ -224,7 +230,7 @@ def _determine_resultants(run: StaticWorkspace) -> None:
     multipliers, constraints = run.inputs[run.inputs.size - m :], run.forces[run.forces.size - m :]
     for k in range(m):
         multipliers[k] -= run.remainder[k] * constraints[k]
-    run.has_forces = 0
+    forget_point(run)
     _evaluate_forces(run)
 
 
@@ -267,7 +273,7 @@ def _evaluate_forces(run: StaticWorkspace) -> None:
     n = run.inputs.size - size
     constraints = run.forces[n + run.joint_count :]
     combine(constraints, (1.0, -1.0), (constraints, run.inputs[2 * n + run.joint_count :]))
-    run.has_forces, run.has_tangent, run.has_factors, run.is_near = 1, 0, 0, 0
+    run.has_forces = 1
 
 
 def _evaluate_tangent(run: StaticWorkspace) -> None:

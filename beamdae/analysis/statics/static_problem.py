@@ -44,6 +44,7 @@ from beamdae.analysis.statics.static_loop import (
     SOLVE,
     LoadPart,
     StaticWorkspace,
+    forget_point,
     perform_task,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -352,13 +353,13 @@ class StaticProblem(Problem):
     def _scale(self) -> None:
         """Set the natural sizes by the tangent in the reference configuration, without loads."""
         run = self._loop.work
-        run.has_forces = 0
+        forget_point(run)
         at_start = self.start(self._initial_q)
         mu = 0.0 if self._varied is None else self._varied.begin
         run = self._run(at_start, mu, EVALUATE_TANGENT)
         scale_by_reference(run.saddle, run.nonzeros, self._part_scales)
         run.added[: self._held] = run.saddle.scales[self._held_coordinates] ** -2.0
-        run.has_tangent = 0
+        forget_point(run)
         run.sizes[:-1] = run.saddle.scales
         bordered = self._plan.bordered
         run.products[:] = run.sizes[bordered.indices] * run.sizes[column_indices(bordered)]
@@ -615,7 +616,8 @@ class StaticProblem(Problem):
         run, n = self._loop.work, self._n
         q, lam = run.inputs[:n], run.inputs[2 * n :]
         if not (mu == run.mu and np.array_equal(x[:n], q) and np.array_equal(x[n:], lam)):
-            q[:], lam[:], run.mu, run.has_forces = x[:n], x[n:], mu, 0
+            q[:], lam[:], run.mu = x[:n], x[n:], mu
+            forget_point(run)
         is_off = self._varied is not None and abs(mu - run.center) * run.scale > _CENTER_TOLERANCE
         if is_off:
             self._center(mu)
@@ -636,7 +638,8 @@ class StaticProblem(Problem):
             for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
                 plan.set_data(total, form.equations.p)
                 set_time(total, float(static.time[0]), branch)
-        run.center, run.scale, run.has_forces = value, 1.0 / step, 0
+        run.center, run.scale = value, 1.0 / step
+        forget_point(run)
 
     def _compile_if_used(self, count: int) -> None:
         """Add `count` evaluations; compile the kernels and the loop after many."""

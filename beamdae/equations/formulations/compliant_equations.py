@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -67,7 +68,7 @@ def introduce_resultants(e: EquationsOfMotion, idle: Array | None = None) -> Com
         numbers.append(points.ravel())
         diagonals.append(np.reshape(parts, (2, -1)))
     structure = _add_constraints(e.structure, len(p), tuple(rotations))
-    multipliers = tuple(Variable(f"resultant {k}", "N") for k in range(structure.m - e.m))
+    multipliers = _name_resultants(structure.m - e.m)
     equations = replace(
         e,
         structure=structure,
@@ -75,6 +76,11 @@ def introduce_resultants(e: EquationsOfMotion, idle: Array | None = None) -> Com
         multipliers=(*e.multipliers, *multipliers),
     )
     return CompliantEquations(equations, e.m, *np.concatenate(diagonals, axis=1))
+
+
+@lru_cache(maxsize=8)
+def _name_resultants(count: int) -> tuple[Variable, ...]:
+    return tuple(Variable(f"resultant {k}", "N") for k in range(count))
 
 
 @cache_on_owner
