@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.linear.fixed_order import FixedOrderFactors, eliminate_by_scipy
 from beamdae.linear.lane_operations import LANES
 from beamdae.native.return_codes import DONE, SINGULAR
 
@@ -191,6 +192,14 @@ def solve_lanes(linear: Any, right: Array) -> None:
     In machine code, solutions are not refined, and `linear` is a `LaneSolver`.
     """
     right[:] = linear.solve(right.reshape(-1, LANES)).ravel()
+
+
+def count_negative_pivots(factors: FixedOrderFactors, nonzeros: Array) -> int:
+    """Factorize a symmetric matrix in a fixed order; return the number of negative pivots, or -1.
+
+    See `fixed_order.eliminate`; in plain Python, only pivots are set.
+    """
+    return eliminate_by_scipy(factors, nonzeros)
 
 
 def array_at(address: int, size: int) -> Array:

@@ -25,7 +25,7 @@ import numpy as np
 
 from beamdae.errors import format_exception
 from beamdae.garbage_collection import paused_collection
-from beamdae.linear import lane_operations
+from beamdae.linear import fixed_order, lane_operations
 from beamdae.native import linear_solver, loop_functions
 from beamdae.native.llvm import LoadedObject, MachineCodeError
 from beamdae.native.object_code import ObjectSource, is_native_enabled, load_object
@@ -47,6 +47,7 @@ _IMPLEMENTATIONS: dict[Any, Any] = {
     loop_functions.factorize: linear_solver.factorize_linear,
     loop_functions.solve: linear_solver.solve_linear,
     loop_functions.solve_lanes: linear_solver.solve_linear_lanes,
+    loop_functions.count_negative_pivots: fixed_order.eliminate,
 }
 _LOOP_SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 # (symbol, (function, arguments)) of all functions that are compiled into one module.

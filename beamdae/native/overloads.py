@@ -17,7 +17,7 @@ from numba.core import cgutils, errors
 from numba.extending import intrinsic, register_jitable
 from numba.extending import overload as _overload
 
-from beamdae.linear import lane_operations
+from beamdae.linear import fixed_order, lane_operations
 from beamdae.native import linear_solver, loop_functions, structs
 
 # The overloads are called only by compiled loops, which need no C wrappers.
@@ -903,6 +903,7 @@ _compile_as(loop_functions.factorize)(linear_solver.factorize_linear)
 
 _compile_as(loop_functions.solve)(linear_solver.solve_linear)
 _compile_as(loop_functions.solve_lanes)(linear_solver.solve_linear_lanes)
+_compile_as(loop_functions.count_negative_pivots)(fixed_order.eliminate)
 
 
 @intrinsic

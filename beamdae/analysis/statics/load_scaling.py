@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.statics.path_parameters import PathParameter, VariedEquations
+from beamdae.analysis.statics.path_parameters import PathParameter
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.building import remove_forces
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -31,6 +33,8 @@ Stages = tuple[tuple[str, ...], ...]
 # Load factors that differ from one by less than this are treated as one, because Newton's method
 # does not reach one exactly.
 _FACTOR_TOLERANCE = 1e-9
+# Step of the derivatives by a parameter, relative to its range.
+_DIFFERENCE = 1e-6
 _LOADS_DESCRIPTION = "names of loads (or 'gravity'), or lists of such names, one per stage"
 
 
@@ -99,6 +103,28 @@ def _require_load(mechanism: Mechanism, name: Any, caller: str) -> None:
         )
 
 
+class Interval(NamedTuple):
+    """Equations R(x; mu) = R_0(x) + share (R_1(x) - R_0(x)), share = (mu - center) scale.
+
+    Attributes
+    ----------
+    first, last
+        R_0 and R_1.
+    center, scale
+        See above.
+    """
+
+    first: StaticEquations
+    last: StaticEquations
+    center: float = 0.0
+    scale: float = 1.0
+
+    def interpolate(self, mu: float, first: Any, last: Any) -> Any:
+        """Return a quantity at `mu`, given those of both equations."""
+        share = (mu - self.center) * self.scale
+        return (1.0 - share) * first + share * last
+
+
 @dataclass(frozen=True)
 class LoadedEquations:
     """Static equations R(x; mu) = (1 - mu) R_unloaded(x) + mu R_loaded(x) of one load stage.
@@ -112,15 +138,14 @@ class LoadedEquations:
         scaled.
     held_coordinates
         Indices of the coordinates that springs in the tangent hold, see `neutral_motions`.
-    varied
-        Equations R(x; mu) that depend on another parameter mu than a load factor, or None;
-        `unloaded` and `loaded` are then those at its first and last value.
     """
 
     unloaded: StaticEquations
     loaded: StaticEquations
     held_coordinates: tuple[int, ...] = ()
-    varied: VariedEquations | None = None
+
+    is_linear = True
+    """True if R is linear in mu."""
 
     @property
     def equations(self) -> EquationsOfMotion:
@@ -129,65 +154,110 @@ class LoadedEquations:
 
     @property
     def has_scaled_loads(self) -> bool:
-        """True if the load factor scales at least one load."""
+        """True if the equations depend on mu."""
         return self.unloaded is not self.loaded
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Load factors, or values of the parameter, without and with the loads."""
-        return (0.0, 1.0) if self.varied is None else (self.varied.begin, self.varied.end)
+        """Values of mu without and with the loads."""
+        return 0.0, 1.0
 
     def time_at(self, mu: float) -> Array:
         """Return (t, branch) at which laws are evaluated."""
-        return self.loaded.time if self.varied is None else self.varied.at(mu).time
+        return self.loaded.time
 
-    def interval_at(self, mu: float) -> tuple[StaticEquations, StaticEquations, float]:
-        """Return two equations and the share of the second one in those at `mu`."""
-        if self.varied is None:
-            return self.unloaded, self.loaded, mu
-        return self.varied.at(mu), self.varied.at(mu), 1.0
+    def interval_at(self, mu: float) -> Interval:
+        """Return equations that are linear in mu near a value."""
+        return Interval(self.unloaded, self.loaded)
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
-        """Return the residual (n + m,) and, for load factors, its derivative by mu."""
-        *pair, share = self.interval_at(mu)
-        first, last = (each.residual(*np.split(x, [each.equations.n])) for each in pair)
-        return first + share * (last - first), last - first
+        """Return the residual (n + m,) and its derivative by mu."""
+        interval = self.interval_at(mu)
+        first, last = (y.residual(*np.split(x, [y.equations.n])) for y in interval[:2])
+        return interval.interpolate(mu, first, last), interval.scale * (last - first)
 
     def matrix(self, x: Array, mu: float) -> sp.csc_array:
         """Return the Jacobian of the residual with respect to x."""
-        *pair, share = self.interval_at(mu)
-        first, last = (each.matrix(*np.split(x, [each.equations.n])) for each in pair)
-        return sp.csc_array((1.0 - share) * first + share * last)
+        interval = self.interval_at(mu)
+        first, last = (y.matrix(*np.split(x, [y.equations.n])) for y in interval[:2])
+        return sp.csc_array(interval.interpolate(mu, first, last))
 
     def motion_tangent(self, mu: float, state: State, convert: Convert | None = None) -> Tangent:
-        """Return converted equations of motion linearized about `state` at the load factor `mu`."""
-        first, last, share = self.interval_at(mu)
+        """Return converted equations of motion linearized about `state` at a value of mu.
+
+        Neither loads nor mu change mass and constraints.
+        """
+        interval = self.interval_at(mu)
         if convert is None:
             state = state._replace(lam=state.lam[: self.equations.m])
-        loaded = tangent_of(last.equations, last.time, state, convert)
-        if first is last:
-            return loaded
-        unloaded = tangent_of(first.equations, first.time, state, convert)
-        return interpolate_tangents(unloaded, loaded, share)
+        first, last = (tangent_of(y.equations, y.time, state, convert) for y in interval[:2])
+        names = ("damping", "stiffness", "reactions", "residual")
+        pairs = ((name, getattr(first, name), getattr(last, name)) for name in names)
+        return first._replace(**{name: interval.interpolate(mu, *pair) for name, *pair in pairs})
 
     def at_factor(self, mu: float) -> FixedFactorEquations | StaticEquations:
-        """Return the static equations under a fixed load factor."""
-        return FixedFactorEquations(self, mu) if self.varied is None else self.varied.at(mu)
+        """Return the static equations at a fixed value of mu."""
+        return FixedFactorEquations(self, mu)
+
+
+@dataclass(frozen=True)
+class VariedEquations(LoadedEquations):
+    """Static equations under all loads that depend on a parameter of the model, in place of mu.
+
+    `unloaded` and `loaded` are those at its first and last value.
+
+    Attributes
+    ----------
+    parameter
+        The parameter.
+    at
+        Function that returns the equations at a value. They differ in numbers and time only.
+    """
+
+    parameter: PathParameter = field(kw_only=True)
+    at: Callable[[float], StaticEquations] = field(kw_only=True)
+
+    is_linear = False
+
+    @classmethod
+    def of(cls, parameter: PathParameter) -> VariedEquations:
+        """Return the equations for a parameter."""
+
+        @lru_cache(maxsize=4)
+        def at(value: float) -> StaticEquations:
+            reduction = parameter.reduce(parameter.begin if parameter.time is None else value)
+            active = parameter.equations_at(value).initially_active
+            equations = active if reduction is None else reduction.equations
+            return StaticEquations(equations, parameter.time_at(value))
+
+        return cls(at(parameter.begin), at(parameter.end), parameter=parameter, at=at)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """First and last value of the parameter."""
+        return self.parameter.begin, self.parameter.end
+
+    def time_at(self, mu: float) -> Array:
+        """Return (t, branch) at which laws are evaluated."""
+        return self.at(mu).time
+
+    def interval_at(self, mu: float) -> Interval:
+        """Return the equations at a value of the parameter and a step beside it."""
+        step = _DIFFERENCE * (abs(self.ends[1] - self.ends[0]) or 1.0)
+        here, beside = self.at(mu), self.at(mu + step)
+        # The step must not lead into the next piece of a law.
+        time = np.array([beside.time[0], here.time[1]])
+        return Interval(here, replace(beside, time=time), mu, 1.0 / step)
+
+    def at_factor(self, mu: float) -> StaticEquations:
+        """Return the static equations at a value of the parameter."""
+        return self.at(mu)
 
 
 def active_stage(factors: Array) -> int:
     """Return the number of the stage of loads that a row of load factors (stages,) belongs to."""
     (unfinished,) = np.nonzero(np.abs(factors - 1.0) > _FACTOR_TOLERANCE)
     return int(unfinished[0]) if len(unfinished) else max(len(factors) - 1, 0)
-
-
-def interpolate_tangents(unloaded: Tangent, loaded: Tangent, mu: float) -> Tangent:
-    """Return the tangent for the load factor `mu`; loads do not change mass and constraints."""
-    interpolated = {
-        name: (1.0 - mu) * getattr(unloaded, name) + mu * getattr(loaded, name)
-        for name in ("damping", "stiffness", "reactions", "residual")
-    }
-    return loaded._replace(**interpolated)
 
 
 @dataclass(frozen=True)
@@ -322,11 +392,9 @@ def build_loading(
 
 def vary_parameter(full_equations: EquationsOfMotion, parameter: PathParameter) -> Loading:
     """Return the static equations along a path on which a parameter varies, under all loads."""
-    varied = parameter.vary_statics()
-    first, last = varied.at(parameter.begin), varied.at(parameter.end)
-    system = LoadedEquations(first, last, (), varied)
+    system = VariedEquations.of(parameter)
     rows = {name: k for k, name in enumerate(full_equations.lam_names)}
-    multiplier_rows = np.array([rows[name] for name in first.equations.lam_names], int)
+    multiplier_rows = np.array([rows[name] for name in system.equations.lam_names], int)
     reduction = parameter.reduce(parameter.begin)
     return Loading(full_equations, (), (system,), multiplier_rows, reduction, parameter)
 

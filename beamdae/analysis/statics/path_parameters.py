@@ -6,13 +6,12 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.reduced_equations import (
     ReducedEquations,
@@ -28,29 +27,10 @@ from beamdae.parts.mechanism import Mechanism
 Array = np.ndarray
 
 TIME = "t"
-# Step of the derivatives by the parameter, relative to its range.
-_DIFFERENCE = 1e-6
 # Zeros and ones drop out of formulas. The structure of the equations is that at this share of the
 # range, and such values are moved by this share of it.
 _ORDINARY_SHARE = 0.3819
 _NEGLIGIBLE_OFFSET = 1e-12
-
-
-class VariedEquations(NamedTuple):
-    """Static equations that depend on a parameter, with values from `begin` to `end`.
-
-    Attributes
-    ----------
-    at
-        Function that returns the equations at a value. They differ in numbers and time only.
-    begin, end, step
-        First and last value, and step of derivatives by the parameter.
-    """
-
-    at: Callable[[float], StaticEquations]
-    begin: float
-    end: float
-    step: float
 
 
 @dataclass(frozen=True)
@@ -93,19 +73,6 @@ class PathParameter:
         return (
             remove_redundant_constraints(active, self.time_at(value)) if active.redundant else None
         )
-
-    def vary_statics(self) -> VariedEquations:
-        """Return the static equations of the active parts."""
-
-        @lru_cache(maxsize=4)
-        def statics_at(value: float) -> StaticEquations:
-            reduction = self.reduce(self.begin if self.time is None else value)
-            active = self.equations_at(value).initially_active
-            equations = active if reduction is None else reduction.equations
-            return StaticEquations(equations, self.time_at(value))
-
-        step = _DIFFERENCE * (abs(self.end - self.begin) or 1.0)
-        return VariedEquations(statics_at, self.begin, self.end, step)
 
 
 def quantity_units(source: Any, mechanism: Mechanism | None) -> dict[str, str]:

@@ -587,7 +587,7 @@ def _find_jump(path: StagePath) -> float | None:
     """Return the breakpoint [s] at which a path over the time ends, or None."""
     system = path.problem.system
     first, last = system.ends
-    if system.varied is None or system.time_at(first)[0] == system.time_at(last)[0]:
+    if system.time_at(first)[0] == system.time_at(last)[0]:
         return None
     distance = _MIN_FIRST_LOAD * abs(last - first)
     near = (x for x in system.equations.breakpoints if abs(x - path.end.p) <= distance)

@@ -31,11 +31,16 @@ from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.linear.fixed_order import (
     FixedOrder,
     FixedOrderFactors,
-    eliminate,
-    eliminate_by_scipy,
 )
 from beamdae.linear.orderings import compute_bordered_ordering
-from beamdae.native.loop_functions import add, add_weighted, fill, gather, max_norm
+from beamdae.native.loop_functions import (
+    add,
+    add_weighted,
+    count_negative_pivots,
+    fill,
+    gather,
+    max_norm,
+)
 
 Array = np.ndarray
 
@@ -276,23 +281,12 @@ def assemble_saddle_point(run: SaddlePoint, tangent: Array) -> None:
 def count_signs(run: SaddlePoint, tangent: Array) -> None:
     """Set `size`, `asymmetry`, `below` and `above` for a tangent with these non-zeros."""
     assemble_saddle_point(run, tangent)
-    run.below = run.above = eliminate(run.factors, run.nonzeros)
+    run.below = run.above = count_negative_pivots(run.factors, run.nonzeros)
     if run.above < 0 or run.factors.smallest_pivot <= _MIN_PIVOT_RATIO * run.size:
         shift_diagonal(run, -_SHIFT_RATIO * run.size)
-        run.above = eliminate(run.factors, run.nonzeros)
+        run.above = count_negative_pivots(run.factors, run.nonzeros)
         shift_diagonal(run, 2.0 * _SHIFT_RATIO * run.size)
-        run.below = eliminate(run.factors, run.nonzeros)
-
-
-def count_signs_by_scipy(run: SaddlePoint, tangent: Array) -> None:
-    """Perform `count_signs` without machine code."""
-    assemble_saddle_point(run, tangent)
-    run.below = run.above = eliminate_by_scipy(run.factors, run.nonzeros)
-    if run.above < 0 or run.factors.smallest_pivot <= _MIN_PIVOT_RATIO * run.size:
-        shift_diagonal(run, -_SHIFT_RATIO * run.size)
-        run.above = eliminate_by_scipy(run.factors, run.nonzeros)
-        shift_diagonal(run, 2.0 * _SHIFT_RATIO * run.size)
-        run.below = eliminate_by_scipy(run.factors, run.nonzeros)
+        run.below = count_negative_pivots(run.factors, run.nonzeros)
 
 
 def shift_diagonal(run: SaddlePoint, shift: float) -> None:

@@ -272,7 +272,7 @@ def _trace(
                 if loads is over is None and not settings.column and settings.targets == (1.0,)
                 else None
             )
-            begin = first.loaded if first.varied is None else first.unloaded
+            begin = first.loaded if first.is_linear else first.unloaded
             start_warnings = drawing_warnings(begin.equations, begin.time, reached)
         times = np.array([problem_of(x).system.time_at(x.p) for x in path.points])
         parameter, numbers = loading.parameter, None

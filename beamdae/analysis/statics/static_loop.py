@@ -36,10 +36,8 @@ Array = np.ndarray
 EVALUATE_FORCES = 0
 EVALUATE_TANGENT = 1
 COUNT_SIGNS = 2
-FACTORIZE = 3
-SOLVE = 4
-CORRECT = 5
-FIND_TANGENT = 6
+CORRECT = 3
+FIND_TANGENT = 4
 
 
 @dataclass(slots=True)
@@ -83,8 +81,8 @@ class StaticWorkspace:
         F and F_mu, (n + m,).
     row, row_targets, counting
         Last row, (n + m + 1,): nonzeros[row_targets] = row; and 0, 1, 2, ...
-    column, column_start
-        Last column, (n + m,), and its start in `nonzeros`.
+    column_start
+        Start of the last column, F_mu, in `nonzeros`.
     right
         Right-hand side, (n + m + 1,), and then the solution.
     joint_count
@@ -104,8 +102,7 @@ class StaticWorkspace:
         Load factor; that of the parts U and L is (mu - center) * scale.
     task
         `EVALUATE_FORCES`; `EVALUATE_TANGENT` to evaluate also the tangent; `COUNT_SIGNS` to count
-        also its negative pivots; `FACTORIZE` to factorize it with the given border; `SOLVE` to
-        solve for `right` with the last factors; `CORRECT` to correct the point by Newton's method
+        also its negative pivots; `CORRECT` to correct the point by Newton's method
         until it is a solution or, if the control is not linear, once; `FIND_TANGENT` to find the
         derivatives by the control.
     is_linear
@@ -134,7 +131,6 @@ class StaticWorkspace:
     row: Array
     row_targets: Array
     counting: Array
-    column: Array
     right: Array
     remainder: Array
     added_targets: Array
@@ -158,9 +154,6 @@ class StaticWorkspace:
 def perform_task(run: StaticWorkspace) -> int:
     """Perform the task; return DONE, a code of `judge` or the code of the linear solver."""
     task, size = run.task, run.forces.size
-    if task == SOLVE:
-        _solve(run)
-        return DONE
     if run.is_near == 1 and (task != FIND_TANGENT or run.has_factors == 0):
         forget_point(run)
     if task == CORRECT:
@@ -172,9 +165,6 @@ def perform_task(run: StaticWorkspace) -> int:
     _evaluate_tangent(run)
     if task == COUNT_SIGNS:
         count_signs(run.saddle, run.nonzeros)
-    if task == FACTORIZE:
-        run.has_factors = 0
-        return _factorize(run, run.column)
     if task == FIND_TANGENT:
         fill(run.right[:size], 0.0)
         run.right[size] = 1.0
@@ -236,27 +226,19 @@ def _determine_resultants(run: StaticWorkspace) -> None:
 
 def _solve_newton(run: StaticWorkspace) -> int:
     """Solve with F_mu and `row` as border; return DONE or the code of the linear solver."""
+    size, first = run.forces.size, run.column_start
     if run.has_factors == 0:
-        code = _factorize(run, run.by_factor)
+        pick(run.nonzeros, run.row_targets, run.row, run.counting, 0, size + 1)
+        combine(run.nonzeros[first : first + size], (1.0,), (run.by_factor,))
+        multiply(run.scaled, run.nonzeros, run.products)
+        code = factorize(run.linear, run.scaled)
         if code != DONE:
             return code
         run.has_factors = 1
-    _solve(run)
-    return DONE
-
-
-def _factorize(run: StaticWorkspace, column: Array) -> int:
-    size, first = run.forces.size, run.column_start
-    pick(run.nonzeros, run.row_targets, run.row, run.counting, 0, size + 1)
-    combine(run.nonzeros[first : first + size], (1.0,), (column,))
-    multiply(run.scaled, run.nonzeros, run.products)
-    return factorize(run.linear, run.scaled)
-
-
-def _solve(run: StaticWorkspace) -> None:
     multiply(run.right, run.right, run.sizes)
     solve(run.linear, run.right)
     multiply(run.right, run.right, run.sizes)
+    return DONE
 
 
 def _evaluate_forces(run: StaticWorkspace) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import compress
@@ -25,13 +25,17 @@ from beamdae.analysis.continuation.engine import (
     Tangent,
 )
 from beamdae.analysis.continuation.newton import CORRECTED, FAILURES, Corrections
-from beamdae.analysis.continuation.spectrum import Flexibility, count_growing, has_potential, reduce_to_soft_motions
-from beamdae.analysis.statics.load_scaling import LoadedEquations, interpolate_tangents
+from beamdae.analysis.continuation.spectrum import (
+    Flexibility,
+    count_growing,
+    has_potential,
+    reduce_to_soft_motions,
+)
+from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.pivot_signs import (
     ASYMMETRY_TOLERANCE,
     NEGLIGIBLE_STIFFNESS,
     SaddlePoint,
-    count_signs_by_scipy,
     scale_by_reference,
 )
 from beamdae.analysis.statics.static_loop import (
@@ -39,17 +43,19 @@ from beamdae.analysis.statics.static_loop import (
     COUNT_SIGNS,
     EVALUATE_FORCES,
     EVALUATE_TANGENT,
-    FACTORIZE,
     FIND_TANGENT,
-    SOLVE,
     LoadPart,
     StaticWorkspace,
     forget_point,
     perform_task,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.compliant_equations import introduce_resultants
+from beamdae.equations.formulations.compliant_equations import (
+    CompliantEquations,
+    introduce_resultants,
+)
 from beamdae.equations.formulations.static_equations import (
+    StaticEquations,
     StaticSums,
     find_idle_forces,
     plan_static_sums,
@@ -75,8 +81,7 @@ Array = np.ndarray
 # takes about a millisecond, compiling the loop a few seconds.
 _INTERPRETED_EVALUATIONS = 1000
 
-# Number of solutions with the same factors, each with the residual of the one before.
-_SOLUTIONS = 2
+_SINGULAR = "the tangent stiffness is singular at the next point"
 
 # Distance of a parameter from the value about which equations are linearized, in steps.
 _CENTER_TOLERANCE = 1e-6
@@ -247,26 +252,25 @@ class StaticLinearization:
 
     def bordered(self, column: Array, row: Array, corner: float) -> BorderedFactors:
         """Return the factors of the bordered tangent."""
-        return BorderedFactors(self.problem, (self.x, self.p), (column, row, corner))
+        return self.problem.factorize(self.x, self.p, np.append(column, corner), row)
 
 
-@dataclass(frozen=True, eq=False)
-class BorderedFactors:
-    """Factors of the bordered tangent at a point."""
+class BorderedFactors(NamedTuple):
+    """Bordered tangent in natural sizes of the unknowns, and its factors."""
 
-    system: StaticProblem
-    point: tuple[Array, float]
-    border: tuple[Array, Array, float]
+    matrix: sp.csc_array
+    factors: SuperLU
+    sizes: Array
 
     def solve(self, right: Array) -> Array:
-        """Return the solution for a right-hand side (n + m + 1,).
+        """Return the solution for a right-hand side (n + m + 1,), once refined.
 
-        Raises
-        ------
-        CurveError
-            If the matrix is singular or not finite.
+        Small changes of tests for critical points count more than the accuracy of a correction.
         """
-        return self.system.solve(self, right)
+        scaled = self.sizes * right
+        solution = self.factors.solve(scaled)
+        solution += self.factors.solve(scaled - self.matrix @ solution)
+        return np.asarray(self.sizes * solution)
 
 
 class StaticProblem(Problem):
@@ -292,24 +296,25 @@ class StaticProblem(Problem):
 
     def __init__(self, system: LoadedEquations) -> None:
         self.system = system
-        unloaded, loaded, varied = system.unloaded, system.loaded, system.varied
-        held = system.held_coordinates
-        # The stiffness of a spring may begin or end at zero.
-        self._idle = None if varied is None else find_idle_forces(unloaded) | find_idle_forces(loaded)
-        forms = [introduce_resultants(x.equations, self._idle) for x in (unloaded, loaded)]
+        unloaded, loaded, held = system.unloaded, system.loaded, system.held_coordinates
+        self._idle = None
+        if not system.is_linear:
+            # The stiffness of a spring may begin or end at zero.
+            self._idle = find_idle_forces(unloaded) | find_idle_forces(loaded)
+        forms = self._convert((unloaded, loaded))
         first, last = (x.equations for x in forms)
         self._rigid, self._remainder = forms[1].joint_count, forms[1].remainder
-        self._time, self._n, self._varied = loaded.time, last.n, varied
+        self._time, self._n = loaded.time, last.n
         self._initial_q, self._part_scales = last.q0, last.part_scales
         starts = np.array([part.rows.start for part in last.parts], np.intp)
         self._parts = starts[np.searchsorted(starts, np.arange(last.n), "right") - 1]
-        if varied is None:
+        if system.is_linear:
             common, only_unloaded, only_loaded = _split_structures(first, last)
         else:
             only_unloaded = only_loaded = last.structure
             common = _select_terms(last.structure, (False,) * len(_term_keys(last.structure)))
         self._numbers = (first.p, first.p, last.p)
-        self._usage = _usage_of(common if varied is None else last.structure)
+        self._usage = _usage_of(common if system.is_linear else last.structure)
         self._held = len(held)
         added = (*held, *range(last.n + self._rigid, last.n + last.m))
         plan = _plan_system(common, only_unloaded, only_loaded, added)
@@ -317,6 +322,9 @@ class StaticProblem(Problem):
         size = plan.pattern.shape[0]
         self._weights = np.append(1.0 / last.group_scales, np.zeros(size - last.n))
         self._set_loop(self._take_idle_loop() or self._make_loop(compiles=False))
+
+    def _convert(self, equations: Sequence[StaticEquations]) -> list[CompliantEquations]:
+        return [introduce_resultants(x.equations, self._idle) for x in equations]
 
     def _take_idle_loop(self) -> StepLoop[StaticWorkspace] | None:
         """Return a loop with a workspace of the same layout, if there is one."""
@@ -332,7 +340,6 @@ class StaticProblem(Problem):
     def _set_loop(self, loop: StepLoop[StaticWorkspace]) -> None:
         """Use a loop, with the numbers of this system."""
         self._loop, run = loop, loop.work
-        self._factors: Callable[[], BorderedFactors | None] = lambda: None
         for part, plans, p in zip(
             (run.common, run.unloaded, run.loaded), self._plan.sums, self._numbers, strict=True
         ):
@@ -343,9 +350,9 @@ class StaticProblem(Problem):
         run.center, run.scale = 0.0, 1.0
         run.remainder[:] = self._remainder
         run.added[: self._held], run.added[self._held :] = 0.0, -1.0
-        if self._varied is not None:
+        if not self.system.is_linear:
             run.scale = 0.0
-            self._center(self._varied.begin)
+            self._center(self.system.ends[0])
         self._scale()
         if loop.is_native:
             weakref.finalize(self, self._plan.idle_loops.append, loop).atexit = False
@@ -355,8 +362,7 @@ class StaticProblem(Problem):
         run = self._loop.work
         forget_point(run)
         at_start = self.start(self._initial_q)
-        mu = 0.0 if self._varied is None else self._varied.begin
-        run = self._run(at_start, mu, EVALUATE_TANGENT)
+        run = self._run(at_start, self.system.ends[0], EVALUATE_TANGENT)
         scale_by_reference(run.saddle, run.nonzeros, self._part_scales)
         run.added[: self._held] = run.saddle.scales[self._held_coordinates] ** -2.0
         forget_point(run)
@@ -406,7 +412,6 @@ class StaticProblem(Problem):
                 row=np.zeros(size + 1),
                 row_targets=plan.row_targets,
                 counting=np.arange(size + 1, dtype=np.uint32),
-                column=np.zeros(size),
                 right=np.zeros(size + 1),
                 remainder=np.zeros(size - self._n),
                 added_targets=plan.added_targets,
@@ -502,16 +507,16 @@ class StaticProblem(Problem):
         """Return mass (n, n) and damping (n + m, n) in natural sizes, with that of constraints."""
         n, scales, at_rest = self._n, self.scales, np.zeros(self._n)
         state = State(point.x[:n], at_rest, at_rest, point.x[n:])
-        first, last, share = self.system.interval_at(point.p)
-        forms = [introduce_resultants(x.equations, self._idle) for x in (first, last)]
-        unloaded, loaded = (
+        interval = self.system.interval_at(point.p)
+        forms = self._convert(interval[:2])
+        first, last = (
             compute_tangent(x.equations, y.time, state)
-            for x, y in zip(forms, (first, last), strict=True)
+            for x, y in zip(forms, interval[:2], strict=True)
         )
-        tangent = interpolate_tangents(unloaded, loaded, share)
-        constraints = sp.diags_array(forms[1].retardation) @ tangent.position_jacobian
-        damping = sp.vstack([tangent.damping, constraints]) * scales[:n] * scales[:, None]
-        mass = tangent.mass * scales[:n] * scales[:n, None]
+        damping = interval.interpolate(point.p, first.damping, last.damping)
+        constraints = sp.diags_array(forms[0].retardation) @ first.position_jacobian
+        damping = sp.vstack([damping, constraints]) * scales[:n] * scales[:, None]
+        mass = first.mass * scales[:n] * scales[:n, None]
         return sp.csc_array(mass), sp.csc_array(damping)
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
@@ -531,11 +536,7 @@ class StaticProblem(Problem):
 
     def count_signs(self, x: Array, mu: float) -> SaddlePoint:
         """Return the signs of pivots at a point, see `SaddlePoint`; valid until the next call."""
-        if self.is_native:
-            return self._run(x, mu, COUNT_SIGNS).saddle
-        run = self._run(x, mu, EVALUATE_TANGENT)
-        count_signs_by_scipy(run.saddle, run.nonzeros)
-        return run.saddle
+        return self._run(x, mu, COUNT_SIGNS).saddle
 
     def correct(self, control: Control, target: float, x: Array, p: float) -> Point:
         """Return the solution at which the control has the value `target`, by Newton's method."""
@@ -546,7 +547,7 @@ class StaticProblem(Problem):
             self._set_row(row)
             self._set_point(x, p)
             run.deviation = row.value - target
-            run.is_linear = int(row.is_linear and self._varied is None)
+            run.is_linear = int(row.is_linear and self.system.is_linear)
             code = self._perform(CORRECT)
             x, p = np.append(run.inputs[:n], run.inputs[2 * n :]), run.mu
         count = run.corrections.count
@@ -566,28 +567,25 @@ class StaticProblem(Problem):
         if not (run.row[-1] == row.p and np.array_equal(run.row[:-1], row.x)):
             run.row[:-1], run.row[-1], run.has_factors = row.x, row.p, 0
 
-    def solve(self, factors: BorderedFactors, right: Array) -> Array:
-        """Return the solution with factors for a right-hand side (n + m + 1,).
+    def factorize(self, x: Array, p: float, column: Array, row: Array) -> BorderedFactors:
+        """Return the factors of the tangent with a last column (n + m + 1,) and row (n + m,).
 
         Raises
         ------
         CurveError
             If the bordered matrix is singular or not finite.
         """
-        run, pattern = self._loop.work, self._plan.bordered
-        if self._factors() is not factors:
-            column, row, corner = factors.border
-            run.column[:], run.row[:-1], run.row[-1] = column, row, corner
-            self._run(*factors.point, FACTORIZE)
-            self._factors = weakref.ref(factors)
-        matrix = sp.csc_array((run.nonzeros, pattern.indices, pattern.indptr), pattern.shape)
-        solution = np.zeros_like(right)
-        # Small changes of tests for critical points count more than the accuracy of a correction.
-        for _ in range(_SOLUTIONS):
-            run.right[:] = right - matrix @ solution
-            self._perform(SOLVE)
-            solution += run.right
-        return solution
+        run, bordered = self._run(x, p, EVALUATE_TANGENT), self._plan.bordered
+        entries = run.nonzeros.copy()
+        entries[self._plan.row_targets[:-1]] = row
+        entries[run.column_start :] = column
+        matrix = sp.csc_array((entries * run.products, bordered.indices, bordered.indptr))
+        if not np.isfinite(matrix.data).all():
+            raise CurveError("the equations are not finite")
+        try:
+            return BorderedFactors(matrix, splu(matrix), run.sizes.copy())
+        except RuntimeError:
+            raise CurveError(_SINGULAR) from None
 
     def _run(self, x: Array, mu: float, task: int) -> StaticWorkspace:
         self._set_point(x, mu)
@@ -597,12 +595,10 @@ class StaticProblem(Problem):
     def _perform(self, task: int) -> int:
         run = self._loop.work
         run.task = task
-        if task != SOLVE:
-            self._factors = lambda: None
         code = self._call()
         if code == SINGULAR:
             run.linear.singular = 0
-            raise CurveError("the tangent stiffness is singular at the next point")
+            raise CurveError(_SINGULAR)
         return code
 
     def _call(self) -> int:
@@ -618,27 +614,25 @@ class StaticProblem(Problem):
         if not (mu == run.mu and np.array_equal(x[:n], q) and np.array_equal(x[n:], lam)):
             q[:], lam[:], run.mu = x[:n], x[n:], mu
             forget_point(run)
-        is_off = self._varied is not None and abs(mu - run.center) * run.scale > _CENTER_TOLERANCE
-        if is_off:
+        is_off = abs(mu - run.center) * run.scale > _CENTER_TOLERANCE
+        if is_off and not self.system.is_linear:
             self._center(mu)
 
     def _center(self, value: float) -> None:
         """Evaluate the equations, and their derivative by the parameter, about a value of it."""
-        assert self._varied is not None
-        run, step = self._loop.work, self._varied.step
+        run = self._loop.work
         try:
-            pair = self._varied.at(value), self._varied.at(value + step)
+            interval = self.system.interval_at(value)
         except BeamdaeError as error:
             raise CurveError(f"the model cannot be built ({str(error).rstrip('.')})") from None
-        forms = [introduce_resultants(x.equations, self._idle) for x in pair]
-        # The step must not lead into the next piece of a law.
-        branch = float(pair[0].time[1])
-        parts = (run.unloaded, run.loaded)
-        for part, plans, static, form in zip(parts, self._plan.sums[1:], pair, forms, strict=True):
+        parts, pair = (run.unloaded, run.loaded), interval[:2]
+        for part, plans, static, form in zip(
+            parts, self._plan.sums[1:], pair, self._convert(pair), strict=True
+        ):
             for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
                 plan.set_data(total, form.equations.p)
-                set_time(total, float(static.time[0]), branch)
-        run.center, run.scale = value, 1.0 / step
+                set_time(total, *static.time)
+        run.center, run.scale = interval.center, interval.scale
         forget_point(run)
 
     def _compile_if_used(self, count: int) -> None:
