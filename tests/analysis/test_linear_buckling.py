@@ -83,11 +83,29 @@ def test_portal_sways_at_the_load_of_theory():
     assert k / np.tan(k) == pytest.approx(-6.0, rel=2e-3)
 
 
-def test_dense_and_sparse_matrices_agree(monkeypatch):
-    dense = bd.buckling(column(), n=3)
-    monkeypatch.setattr("beamdae.analysis.statics.linear_buckling._MAX_DENSE_UNKNOWNS", 0)
-    sparse = bd.buckling(column(), n=3)
-    assert_allclose(sparse.factors, dense.factors, rtol=1e-7)
+@pytest.mark.parametrize("rise", [0.1, 0.3])
+def test_factors_of_an_arch_are_near_the_first_critical_point(rise):
+    # The arch bends before it buckles, by a fifth of its rise.
+    radius, mech = (0.25 + rise**2) / (2.0 * rise), bd.Mechanism()
+    section = bd.Section.rectangle(STEEL, width=0.02, height=2e-3)
+    angle = 2.0 * np.arcsin(0.5 / radius)
+    arc = bd.Arc(radius, radius * angle, start=(1.0, 0.0), angle=np.pi - 0.5 * angle)
+    arch = mech.add(bd.Beam("arch", arc, section, 8, formulation="exact"))
+    mech.add(bd.Revolute("right", mech.ground.at(1.0, 0.0), arch.start))
+    mech.add(bd.Revolute("left", mech.ground.at(*arch.end.point), arch.end))
+    mech.add(bd.Force("press", arch.at(0.5 * arc.length), (0.0, -section.EI)))
+    with pytest.warns(bd.BeamdaeWarning, match="displacements before buckling"):
+        result = bd.buckling(mech, n=1)
+    path = bd.equilibrium(mech, to=40.0, control="arc length", max_points=20)
+    assert result.factors[0] == pytest.approx(path.critical[0].factor, rel=0.2)
+
+
+def test_few_factors_are_those_among_many():
+    # Matrices are sparse if few factors are requested, and dense otherwise.
+    mech = column(elements=32)
+    few, many = (bd.buckling(mech, n=n).factors for n in (3, 150))
+    assert len(many) > 3
+    assert_allclose(few, many[:3], rtol=1e-7)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
 import beamdae as bd
+from beamdae.analysis.continuation import spectrum
 from beamdae.analysis.eigenproblems import slow_motions
 from beamdae.analysis.eigenproblems.eigensolution import _normalize
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
@@ -411,7 +412,8 @@ def arch(elements, turn=0.0):
 def test_dense_and_sparse_solvers_agree(damping, monkeypatch):
     mech = cantilever(12, damping=damping)
     dense = bd.modes(mech, n=8)
-    monkeypatch.setattr(slow_motions, "_MAX_DENSE_COORDINATES", 10)
+    for module in (slow_motions, spectrum):
+        monkeypatch.setattr(module, "MAX_DENSE", 10)
     sparse = bd.modes(mech, n=8)
     # Rounding of the axial stiffness, 1e9 times that of the lowest mode, limits the agreement.
     assert_allclose(sparse.eigenvalues, dense.eigenvalues, rtol=1e-8)
@@ -423,7 +425,8 @@ def test_slow_decays_of_material_damping_are_found_by_sparse_matrices(monkeypatc
     """The fifth mode has 0.4 and the sixth mode 0.6 of the critical damping."""
     mech = cantilever(12, damping=3.4e-4)
     dense = [bd.modes(mech, n=n).eigenvalues for n in (5, 6)]
-    monkeypatch.setattr(slow_motions, "_MAX_DENSE_COORDINATES", 10)
+    for module in (slow_motions, spectrum):
+        monkeypatch.setattr(module, "MAX_DENSE", 10)
     for n, expected in zip((5, 6), dense, strict=True):
         assert_allclose(bd.modes(mech, n=n).eigenvalues, expected, rtol=1e-7)
 

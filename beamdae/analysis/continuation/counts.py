@@ -11,8 +11,6 @@ Array = np.ndarray
 
 # Positions between two points at which interpolated motions are examined.
 _SHARES = np.linspace(0.0, 1.0, 101)
-# Largest logarithm of the ratio of units: squares of larger ratios exceed the range of numbers.
-_MAX_LOG_UNIT = 300.0
 # Real parts up to this fraction of an eigenvalue between points are interpolation errors.
 _MIN_GROWTH = 1e-5
 # Largest deviation of a change from the mean rate, relative to the largest rate, of a pair of

@@ -441,8 +441,8 @@ class Steps:
         True to step by arc length, False to step by `control`.
     parameter_weight
         Weight of the parameter in arc lengths.
-    parameter_step, first_parameter_step
-        Largest change of the parameter in a step by arc length, and in the first one.
+    parameter_step
+        Largest change of the parameter in a step by arc length.
     first, smallest
         First and smallest step, relative to the largest one.
     """
@@ -451,7 +451,6 @@ class Steps:
     by_arc_length: bool = False
     parameter_weight: float = 0.0
     parameter_step: float = np.inf
-    first_parameter_step: float = np.inf
     first: float = 1.0
     smallest: float = 1e-8
 
@@ -487,10 +486,8 @@ def follow(
         If no step converges.
     """
     progress = _Progress(begin, tangent, steps.first * steps.largest)
-    first = replace(steps, parameter_step=steps.first_parameter_step)
     while control(progress.begin.x, progress.begin.p).value != target:
-        segment, found, progress = _take_step(progress, control, target, first, explain)
-        first = steps
+        segment, found, progress = _take_step(progress, control, target, steps, explain)
         yield segment, found
         if progress.has_arrived:
             return

@@ -31,7 +31,7 @@ _ROUNDING, _ROUNDING_OF_GROWTH = 1e-6, 1e-13
 _NEGLIGIBLE = 1e-7
 # Largest number of coordinates for dense matrices; beyond, number of the slowest motions that are
 # sought.
-_MAX_DENSE, _SLOW_COUNT = 300, 20
+MAX_DENSE, _SLOW_COUNT = 300, 20
 # Eigenvalues of the mass, with ones on its diagonal, up to this size are rounding errors.
 _NEGLIGIBLE_MASS = 1e-12
 # Relative accuracy of ARPACK, and in clusters; numbers of eigenvalues beyond the wanted ones, and
@@ -70,7 +70,7 @@ def find_slow_space(
     find_missing: Callable[[Array, float], float] = lambda *_: 0.0,
     which: str = "LM",
 ) -> SlowSpace:
-    """Return motions that span the slowest modes.
+    """Return motions that span the slowest modes, or all motions of small systems.
 
     Found motions are removed from the flexibility, and the largest eigenvalue of the rest tells
     which modes are complete. So copies of multiple eigenvalues are found, too.
@@ -88,6 +88,8 @@ def find_slow_space(
         Measure of eigenvalues in searches after the first, see `scipy.sparse.linalg.eigs`: growing
         motions are among the slowest ones, whatever is sought.
     """
+    if size <= max(MAX_DENSE, 2 * number):
+        return SlowSpace(np.eye(size), respond(np.eye(size)), True)
     basis, images = np.zeros((2, size, 0))
 
     def remove(y: Array) -> Array:
@@ -165,7 +167,7 @@ def count_growing(flexibility: Flexibility, mass: sp.csc_array, damping: sp.csc_
     large systems, growing motions are those among the slowest ones.
     """
     is_damped = damping.nnz > 0 and abs(damping).max() > 0.0
-    find = _find_slowest if flexibility.size > _MAX_DENSE else _find_all
+    find = _find_slowest if flexibility.size > MAX_DENSE else _find_all
     values = _select_slow(find(flexibility, mass, damping, is_damped))
     is_real = np.abs(values.imag) <= _ROUNDING * np.abs(values)
     values = np.where(is_real, values.real, values)

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from beamdae.analysis.continuation.spectrum import EXTRA_VALUES, find_slow_space
+from beamdae.analysis.continuation.spectrum import EXTRA_VALUES, MAX_DENSE, find_slow_space
 from beamdae.analysis.eigenproblems.linearized_equations import (
     ROUNDING_RATIO,
     LinearizedEquations,
@@ -28,9 +28,8 @@ from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
 
-# Largest number of coordinates for dense matrices: of problems with few wanted modes, and of those
-# whose slowest motions ARPACK does not find.
-_MAX_DENSE_COORDINATES, _MAX_FALLBACK_COORDINATES = 250, 800
+# Largest number of coordinates for dense matrices if ARPACK does not find the slowest motions.
+_MAX_FALLBACK_COORDINATES = 800
 # A shift s^2 is kept between the first multiple of the smallest square that is not zero (0 if none
 # is zero) and this square. Otherwise, it becomes the second multiple, at least the third of itself.
 _MIN_SQUARE_SHARE, _SQUARE_RATIO, _MIN_REDUCTION = 1e-6, 0.4, 1e-2
@@ -241,7 +240,7 @@ def _find_motions(
         return np.vstack([x - free @ (momenta @ x) for x in parts])
 
     scales = _find_scales(lin, s)
-    if count is not None and n > _MAX_DENSE_COORDINATES and 2 * count + 6 < n:
+    if count is not None and n > MAX_DENSE and 2 * count + 6 < n:
         number = (1 + lin.has_rates) * count + EXTRA_VALUES if which == "LM" else _FIRST_VALUES
         sizes = scales[:, None]
         space = find_slow_space(

@@ -64,8 +64,6 @@ _MAX_IMBALANCE = 0.02
 # Under loads without a potential, first factors of larger motions, in natural sizes, are not
 # checked: flutter far below them takes seconds to minutes to locate.
 _MAX_CHECKED_MOTION = 0.05
-# Largest number of unknowns for dense path.
-_MAX_DENSE_UNKNOWNS = 400
 # Inverse factors below this fraction of the largest are lost in rounding; imaginary parts up to the
 # second fraction are rounding.
 _MIN_INVERSE_RATIO = 1e-9
@@ -158,7 +156,7 @@ class _LinearizedPath(NamedTuple):
     Attributes
     ----------
     problem, tangent
-        Static equations, and their tangent in natural sizes, with further unknowns.
+        Static equations, and their tangent in natural sizes.
     rate
         Derivative of `tangent` with respect to the load factor along `response`.
     response
@@ -188,8 +186,9 @@ def buckling(
 ) -> Buckling:
     """Compute linear buckling loads: factors mu with det(K_0 + mu K_1) = 0.
 
-    K_0 is the tangent stiffness of the unloaded equilibrium, with the constraints, and K_1 its
-    derivative with respect to the load factor along the linear response to the loads. The factors
+    K_0 is the tangent stiffness of the unloaded equilibrium, with the constraints and the axial and
+    shear forces of beams as unknowns (mixed form), and K_1 its derivative with respect to the load
+    factor along the linear response to the loads. The factors
     are exact if the displacements before buckling are negligible, as for straight columns and rings
     under pressure. If the first one deviates by more than 3 % from the first critical point of the
     equilibrium path, which may be the onset of flutter, `Buckling.warnings` contains a warning; use
@@ -359,31 +358,8 @@ def _linearize_along_path(problem: StaticProblem, begin: Point) -> _LinearizedPa
         problem.matrix(begin.x + side * step * response.x, begin.p + side * step)
         for side in (-1.0, 1.0)
     )
-    tangent, rate = problem.matrix(begin.x, begin.p), (after - before) / (2.0 * step)
-    matrices = _condense_linearly(tangent, sp.csc_array(rate), problem)
-    return _LinearizedPath(problem, *matrices, response, motion)
-
-
-def _condense_linearly(
-    tangent: sp.csc_array, rate: sp.csc_array, problem: StaticProblem
-) -> tuple[sp.csc_array, sp.csc_array]:
-    """Return matrices with the eigenvalues of a stiffness that is linear in the load factor.
-
-    With axial and shear forces N = C^-1 (B_0 + mu B_1) q, the stiffness contains the term
-    (B_0 + mu B_1)^T N. Without its part mu^2, it is B_0^T N + mu B_1^T N_0 with further unknowns,
-    N_0 = C^-1 B_0 q.
-    """
-    n, first, size = problem.n, problem.rigid_size, tangent.shape[0]
-    count = size - first
-    compliant = sp.csc_array(tangent[first:])
-    moved = sp.vstack([rate[:n, first:], sp.csc_array((size - n, count))])
-    kept = sp.csc_array(rate - sp.hstack([sp.csc_array((size, first)), moved]))
-    none = sp.csc_array((count, count))
-    rows = sp.hstack([compliant[:, :first], none])
-    return (
-        sp.csc_array(sp.block_array([[tangent, None], [rows, compliant[:, first:]]], format="csc")),
-        sp.csc_array(sp.block_array([[kept, moved], [None, none]], format="csc")),
-    )
+    rate = sp.csc_array((after - before) / (2.0 * step))
+    return _LinearizedPath(problem, problem.matrix(begin.x, begin.p), rate, response, motion)
 
 
 def _check_prebuckling(
@@ -451,22 +427,16 @@ def _solve(path: _LinearizedPath, count: int) -> tuple[Array, Array, float]:
     SingularMatrixError
         If K_0 is singular.
     """
-    size = path.tangent.shape[0]
     solver = create_factorization(path.tangent)
     solver.factorize(path.tangent.data)
-    number = 2 * count + 4
-    if size <= _MAX_DENSE_UNKNOWNS or number >= size - 1:
-        columns = path.rate.toarray().T
-        inverses, vectors = la.eig(-np.stack([solver.solve(column) for column in columns], axis=1))
-    else:
 
-        def respond(x: Array) -> Array:
-            forces = (path.rate @ x).T
-            return -np.stack([solver.solve(np.ascontiguousarray(f)) for f in forces], axis=1)
+    def respond(x: Array) -> Array:
+        forces = np.ascontiguousarray((path.rate @ x).T)
+        return -np.stack([solver.solve(f) for f in forces], axis=1)
 
-        space = find_slow_space(respond, size, number)
-        inverses, vectors = la.eig(space.reduced)
-        vectors = space.basis @ vectors
+    space = find_slow_space(respond, path.tangent.shape[0], 2 * count + 4)
+    inverses, vectors = la.eig(space.reduced)
+    vectors = space.basis @ vectors
     largest = np.max(np.abs(inverses), initial=0.0)
     is_real = np.abs(inverses.imag) <= _IMAGINARY_TOLERANCE * np.abs(inverses)
     is_real &= np.abs(inverses) > _MIN_INVERSE_RATIO * largest

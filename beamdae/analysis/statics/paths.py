@@ -475,16 +475,17 @@ def _choose_steps(begin: Point, settings: PathSettings, control: Control) -> Ste
         sensitivity = float(np.sum(np.abs(row.x[is_coordinate]) / weights[is_coordinate]))
         step = min(step, _MAX_SHARE_OF_NEEDED_MOTION * reach / max(sensitivity, _MIN_REACH))
     try:
-        tangent = begin.tangent(prescribe_parameter(begin.x, begin.p))
-        motion = float(np.max(np.abs(tangent.x) * weights, initial=0.0))
+        motion = begin.problem.measure(begin.tangent(prescribe_parameter(begin.x, begin.p)).x)
     except CurveError:
         motion = 0.0
     # A load is weighted no less than the motion that it causes, so that crossing paths differ in
     # direction.
     weight = max(motion, _MIN_LOAD_STEP_MOTION / load_step)
+    step = settings.step or step
+    if by_load:
+        return Steps(step, True, weight, load_step)
     # The load that a displacement requires is not known in advance.
-    largest = load_step if by_load else np.inf
-    return Steps(settings.step or step, True, weight, largest, load_step)
+    return Steps(step, True, weight, first=min(1.0, weight * load_step / step))
 
 
 def _leave_free_position(path: StagePath, control: Control, targets: list[float]) -> bool:
