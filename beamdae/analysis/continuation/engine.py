@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -313,7 +313,14 @@ def factorize_bordered(jacobian: sp.csc_array, column: Array, row: Array, corner
 
 def prescribe_parameter(x: Array, p: float) -> Row:
     """Control by the parameter."""
-    return Row(p, np.zeros_like(x), 1.0, True)
+    return Row(p, _zero_row(len(x)), 1.0, True)
+
+
+@lru_cache(maxsize=8)
+def _zero_row(size: int) -> Array:
+    zeros = np.zeros(size)
+    zeros.flags.writeable = False
+    return zeros
 
 
 @dataclass(frozen=True, eq=False)
@@ -485,12 +492,11 @@ def follow(
     CurveError
         If no step converges.
     """
-    progress = _Progress(begin, tangent, steps.first * steps.largest)
-    while control(progress.begin.x, progress.begin.p).value != target:
+    has_arrived = control(begin.x, begin.p).value == target
+    progress = _Progress(begin, tangent, steps.first * steps.largest, None, has_arrived)
+    while not progress.has_arrived:
         segment, found, progress = _take_step(progress, control, target, steps, explain)
         yield segment, found
-        if progress.has_arrived:
-            return
 
 
 class _LastStep(NamedTuple):
@@ -591,7 +597,7 @@ def _take_step(
     while True:
         is_corner, trial = size <= _CORNER_STEP * usual, None
         try:
-            trial = _try(begin, control, target, steps, tangent, size, is_corner)
+            trial = _try(begin, control, row, target, steps, tangent, size, is_corner)
             trial = trial.pass_target() if passes else trial
             curved = _extrapolate(problem, last, trial, weight)
             segment, error = _correct_trial(begin, trial, curved, is_corner)
@@ -643,6 +649,7 @@ def _limit_arc(problem: Problem, unit: Tangent, steps: Steps) -> float:
 def _try(
     begin: Point,
     control: Control,
+    row: Row,
     target: float,
     steps: Steps,
     tangent: Tangent,
@@ -651,10 +658,11 @@ def _try(
 ) -> _Trial:
     """Return a trial step, which ends at the target if it would pass it.
 
+    `row` is the control at its begin.
+
     Across a corner, such as the onset of a contact, the parameter may reverse: arc lengths are then
     those of the unknowns alone.
     """
-    row = control(begin.x, begin.p)
     rate = float(row.x @ tangent.x) + row.p * tangent.p
     reach, moved = target - row.value, size * rate
     if not steps.by_arc_length:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
-import scipy.sparse as sp
 
 from beamdae import deferred
 from beamdae.analysis.continuation.engine import CurveError, Point, Tangent, prescribe_parameter
@@ -150,26 +149,27 @@ class Buckling(HasModeShapes):
         )
 
 
-class _LinearizedPath(NamedTuple):
-    """Linearization of the static equations at a point of the path.
+class _Solution(NamedTuple):
+    """Factors at which the linearized tangent is singular.
 
     Attributes
     ----------
-    problem, tangent
-        Static equations, and their tangent in natural sizes.
-    rate
-        Derivative of `tangent` with respect to the load factor along `response`.
-    response
-        Derivative of the path with respect to the load factor.
-    motion
-        Largest absolute entry of `response` for a coordinate, in natural sizes.
+    factors, vectors
+        Positive factors (k,), ascending, and their vectors (n + m, k) in natural sizes.
+    reversed_factor
+        Negative factor nearest to zero; -inf if there is none.
+    response, motion
+        Derivative of the path by the load factor, and its largest entry in natural sizes.
+    has_potential
+        True if the change of the stiffness is symmetric.
     """
 
-    problem: StaticProblem
-    tangent: sp.csc_array
-    rate: sp.csc_array
+    factors: Array
+    vectors: Array
+    reversed_factor: float
     response: Tangent
     motion: float
+    has_potential: bool
 
 
 @single_threaded
@@ -282,17 +282,14 @@ def _compute_buckling(model: Any, count: int, loads: Any, t: float, start: Any) 
             "a joint or a spring."
         )
     with _name_singular_response():
-        path = _linearize_along_path(problem, begin)
-        factors, vectors, reversed_factor = _solve(path, count)
-        stiffness = path.rate[: problem.n, : problem.n]
-        asymmetry = abs(stiffness - stiffness.T).max()
-        has_potential = asymmetry <= _IMAGINARY_TOLERANCE * abs(stiffness).max()
+        solution = _solve(problem, begin, count)
+        factors, vectors, reversed_factor, response, motion, has_potential = solution
         warnings = []
         is_checked = len(factors) > 0 and (
-            has_potential or path.motion * float(factors[0]) <= _MAX_CHECKED_MOTION
+            has_potential or motion * float(factors[0]) <= _MAX_CHECKED_MOTION
         )
         if is_checked:
-            warnings = _check_prebuckling(begin, path.response, float(factors[0]), has_potential)
+            warnings = _check_prebuckling(begin, response, float(factors[0]), has_potential)
     e = problem.system.equations
     shapes = problem.scales[: e.n, None] * vectors[: e.n] / e.position_scales[:, None]
     largest = shapes[locate_largest(shapes), np.arange(shapes.shape[1])]
@@ -328,7 +325,7 @@ def repeat_buckling(result: Buckling, equations: EquationsOfMotion, q: Array) ->
     problem = StaticProblem(loading.systems[0])
     with _name_singular_response():
         begin = find_unloaded_equilibrium(problem, q)
-        return _solve(_linearize_along_path(problem, begin), len(result))[0]
+        return _solve(problem, begin, len(result)).factors
 
 
 @contextmanager
@@ -340,26 +337,6 @@ def _name_singular_response() -> Iterator[None]:
             f"{_NAME}: the unloaded equilibrium has no unique linear response ({error}); check "
             "joints and supports."
         ) from None
-
-
-def _linearize_along_path(problem: StaticProblem, begin: Point) -> _LinearizedPath:
-    """Return the linearization of the static equations along the path at its beginning.
-
-    Raises
-    ------
-    CurveError
-        If the tangent is singular.
-    """
-    response = begin.tangent(prescribe_parameter(begin.x, begin.p))
-    e = problem.system.equations
-    motion = float(np.max(np.abs(response.x[: e.n]) / e.position_scales))
-    step = _DIFFERENCE_MOTION / motion if motion > 0.0 else 1.0
-    before, after = (
-        problem.matrix(begin.x + side * step * response.x, begin.p + side * step)
-        for side in (-1.0, 1.0)
-    )
-    rate = sp.csc_array((after - before) / (2.0 * step))
-    return _LinearizedPath(problem, problem.matrix(begin.x, begin.p), rate, response, motion)
 
 
 def _check_prebuckling(
@@ -416,33 +393,46 @@ def _imbalance(point: Point) -> float:
     return residual / abs(point.p * load)
 
 
-def _solve(path: _LinearizedPath, count: int) -> tuple[Array, Array, float]:
-    """Return the positive factors, their vectors, and the negative factor nearest to zero.
-
-    There are at most `count` positive factors. The negative factor is -inf if there is none. The
-    eigenvalues of -K_0^-1 K_1 are the inverse factors.
+def _solve(problem: StaticProblem, begin: Point, count: int) -> _Solution:
+    """Return at most `count` factors: inverse eigenvalues of -K_0^-1 K_1.
 
     Raises
     ------
+    CurveError
+        If the response is not unique.
     SingularMatrixError
         If K_0 is singular.
     """
-    solver = create_factorization(path.tangent)
-    solver.factorize(path.tangent.data)
+    e, response = problem.system.equations, begin.tangent(prescribe_parameter(begin.x, begin.p))
+    motion = float(np.max(np.abs(response.x[: e.n]) / e.position_scales))
+    step = _DIFFERENCE_MOTION / motion if motion > 0.0 else 1.0
+    before, after = (
+        problem.matrix(begin.x + side * step * response.x, begin.p + side * step)
+        for side in (-1.0, 1.0)
+    )
+    tangent, rate = problem.matrix(begin.x, begin.p), (after - before) / (2.0 * step)
+    solver = create_factorization(tangent)
+    solver.factorize(tangent.data)
 
     def respond(x: Array) -> Array:
-        forces = np.ascontiguousarray((path.rate @ x).T)
+        forces = np.ascontiguousarray((rate @ x).T)
         return -np.stack([solver.solve(f) for f in forces], axis=1)
 
-    space = find_slow_space(respond, path.tangent.shape[0], 2 * count + 4)
+    space = find_slow_space(respond, len(begin.x), 2 * count + 4)
     inverses, vectors = la.eig(space.reduced)
-    vectors = space.basis @ vectors
     largest = np.max(np.abs(inverses), initial=0.0)
     is_real = np.abs(inverses.imag) <= _IMAGINARY_TOLERANCE * np.abs(inverses)
-    is_real &= np.abs(inverses) > _MIN_INVERSE_RATIO * largest
-    is_real &= np.abs(inverses) > path.motion / _MAX_MOTION
-    factors, vectors = 1.0 / inverses[is_real].real, vectors[:, is_real].real
-    reversed_factor = float(np.max(factors[factors < 0.0], initial=-np.inf))
+    is_real &= np.abs(inverses) > max(_MIN_INVERSE_RATIO * largest, motion / _MAX_MOTION)
+    factors, vectors = 1.0 / inverses[is_real].real, space.basis @ vectors[:, is_real].real
     order = np.flatnonzero(factors > 0.0)
     order = order[np.argsort(factors[order])][:count]
-    return factors[order], vectors[:, order], reversed_factor
+    stiffness = rate[: e.n, : e.n]
+    asymmetry = abs(stiffness - stiffness.T).max()
+    return _Solution(
+        factors[order],
+        vectors[:, order],
+        float(np.max(factors[factors < 0.0], initial=-np.inf)),
+        response,
+        motion,
+        bool(asymmetry <= _IMAGINARY_TOLERANCE * abs(stiffness).max()),
+    )
