@@ -172,8 +172,7 @@ def _solve_symmetric(
     is_fast[np.argsort(-np.abs(inverses), kind="stable")[:count]] &= count is None
     order = np.argsort(-np.abs(inverses), kind="stable")
     rest, slow = vectors[:, is_fast], order[~is_fast[order]]
-    # Images have more accurate small motions of stiff parts.
-    shapes = images @ vectors[:, slow] / inverses[slow]
+    shapes = _combine(inverses[slow], images @ vectors[:, slow], basis @ vectors[:, slow])
     upper = la.cholesky(shapes.T @ (mass @ shapes))
     shapes = la.solve_triangular(upper, shapes.T, trans=1).T
     squares = lin.energies(shapes)[0]
@@ -190,6 +189,15 @@ def _bound_rounding(lin: LinearizedEquations, shapes: Array, square: float) -> A
     rounding = quadratic_form_rounding(lin.stiffness, shapes) + forces @ np.abs(shapes) ** 2
     rounding = rounding / np.where(inertia > 0.0, inertia, 1.0) + _ZERO_RATIO * square
     return np.maximum(rounding, lin.zero_square)
+
+
+def _combine(inverses: Array, images: Array, shapes: Array) -> Array:
+    """Return images of slow modes, which have more accurate small motions of stiff parts.
+
+    Images of fast modes contain rounding errors of slow ones.
+    """
+    is_slow = np.abs(inverses) > _MIN_IMAGE_RATIO * np.max(np.abs(inverses), initial=0.0)
+    return np.where(is_slow, images / inverses, shapes)
 
 
 def _find_motions(
@@ -364,13 +372,10 @@ def solve_damped(
         lin, s, None if count is None else max(needed, 1), find_missing, free, which
     )
     inverses, vectors = la.eig(left @ images)
-    ratios = np.abs(inverses) / np.max(np.abs(inverses), initial=0.0)
-    is_accurate = ratios > _MIN_INVERSE_RATIO
-    inverses, vectors, ratios = inverses[is_accurate], vectors[:, is_accurate], ratios[is_accurate]
+    is_accurate = np.abs(inverses) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses), initial=0.0)
+    inverses, vectors = inverses[is_accurate], vectors[:, is_accurate]
     n = lin.equations.n
-    # Images of fast modes contain rounding errors of slow ones.
-    estimates = basis[:n] @ vectors, images[:n] @ vectors / inverses
-    shapes = np.where(ratios > _MIN_IMAGE_RATIO, estimates[1], estimates[0])
+    shapes = _combine(inverses, images[:n] @ vectors, basis[:n] @ vectors)
     values = find_values(inverses)
     if has_rates and lin.is_symmetric and is_symmetric_matrix(lin.tangent.damping):
         values, shapes = _refine_values(lin, values, shapes)
