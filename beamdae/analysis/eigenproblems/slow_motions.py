@@ -43,8 +43,8 @@ _SHIFT_RATIO, _DEFAULT_COUNT = 0.6, 10
 _FIRST_VALUES = 6
 # Eigenvalues of the inverse below this fraction of the largest are lost in rounding.
 _MIN_INVERSE_RATIO = 1e-13
-# Images of modes with eigenvalues of the inverse above this fraction are more accurate than modes.
-_MIN_IMAGE_RATIO = 1e-8
+# Images under the flexibility replace shapes if this share of their kinetic energy is not parallel.
+_MAX_IMAGE_DEVIATION = 1e-6
 # Imaginary and real parts up to these fractions of the eigenvalue are rounding errors.
 _IMAGINARY_TOLERANCE, _REAL_TOLERANCE = 1e-9, 1e-12
 # Largest relative correction of eigenvalues.
@@ -170,9 +170,10 @@ def _solve_symmetric(
     largest = np.max(np.abs(inverses), initial=0.0) or 1.0
     is_fast = np.abs(inverses) < np.sqrt(largest / max(la.norm(reduced), 1.0 / largest))
     is_fast[np.argsort(-np.abs(inverses), kind="stable")[:count]] &= count is None
-    order = np.argsort(-np.abs(inverses), kind="stable")
-    rest, slow = vectors[:, is_fast], order[~is_fast[order]]
-    shapes = _combine(inverses[slow], images @ vectors[:, slow], basis @ vectors[:, slow])
+    rest, slow = vectors[:, is_fast], vectors[:, ~is_fast]
+    estimates, images = basis @ slow, images @ slow
+    order = np.argsort(-np.abs(inverses[~is_fast]), kind="stable")
+    shapes = _combine(images, estimates, mass)[:, order]
     upper = la.cholesky(shapes.T @ (mass @ shapes))
     shapes = la.solve_triangular(upper, shapes.T, trans=1).T
     squares = lin.energies(shapes)[0]
@@ -191,13 +192,19 @@ def _bound_rounding(lin: LinearizedEquations, shapes: Array, square: float) -> A
     return np.maximum(rounding, lin.zero_square)
 
 
-def _combine(inverses: Array, images: Array, shapes: Array) -> Array:
-    """Return images of slow modes, which have more accurate small motions of stiff parts.
+def _combine(images: Array, shapes: Array, mass: sp.csc_array) -> Array:
+    """Return images (n, k) of mode shapes scaled to x^H M x = 1, or the shapes, if more accurate.
 
-    Images of fast modes contain rounding errors of slow ones.
+    Images have more accurate small motions of stiff parts. Those of fast modes contain rounding
+    errors of slow ones; they are not parallel to the shapes.
     """
-    is_slow = np.abs(inverses) > _MIN_IMAGE_RATIO * np.max(np.abs(inverses), initial=0.0)
-    return np.where(is_slow, images / inverses, shapes)
+    products, image_squares, squares = (
+        np.abs(np.einsum("ij,ij->j", x.conj(), mass @ y))
+        for x, y in ((images, shapes), (images, images), (shapes, shapes))
+    )
+    is_parallel = products**2 >= (1.0 - _MAX_IMAGE_DEVIATION) * image_squares * squares
+    sizes = np.sqrt(np.where(is_parallel, image_squares, squares))
+    return np.where(is_parallel, images, shapes) / np.where(sizes > 0.0, sizes, 1.0)
 
 
 def _find_motions(
@@ -343,7 +350,7 @@ def solve_damped(
     # In the middle of the modes of interest, low and high modes lose equal accuracy. Round numbers
     # may be eigenvalues.
     s = float(_SHIFT_RATIO * np.sqrt(rates[0] * rates[-1])) if len(rates) else np.pi
-    free, has_rates = _undamped_free_motions(lin, undamped), lin.has_rates
+    free, has_rates, mass = _undamped_free_motions(lin, undamped), lin.has_rates, lin.tangent.mass
     is_selective = has_rates and max_damping_ratio < 1.0
     limit = float(rates[-1]) if len(rates) and is_selective else np.inf
     # Double zeros are one free motion.
@@ -375,7 +382,7 @@ def solve_damped(
     is_accurate = np.abs(inverses) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses), initial=0.0)
     inverses, vectors = inverses[is_accurate], vectors[:, is_accurate]
     n = lin.equations.n
-    shapes = _combine(inverses, images[:n] @ vectors, basis[:n] @ vectors)
+    shapes = _combine(images[:n] @ vectors / inverses, basis[:n] @ vectors, mass)
     values = find_values(inverses)
     if has_rates and lin.is_symmetric and is_symmetric_matrix(lin.tangent.damping):
         values, shapes = _refine_values(lin, values, shapes)
