@@ -5,11 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from test_loops import compile_without_warnings
 
+from beamdae.linear.fixed_order import FixedOrder, FixedOrderFactors
 from beamdae.linear.lane_operations import substitute_backward, substitute_forward
 from beamdae.native import loop_functions
 from beamdae.native.loop_functions import (
@@ -18,6 +20,7 @@ from beamdae.native.loop_functions import (
     add_tiles,
     add_weighted,
     combine,
+    count_negative_pivots,
     euclidean_norm,
     fill,
     gather,
@@ -377,6 +380,35 @@ def test_compiled_substitution_agrees(interior, neighbors, shared, kind):
     # Complex products of numpy are rounded differently.
     rtol = 0.0 if kind is float else 1e-13
     assert_allclose(compiled.right, plain.right, rtol=rtol, atol=0.1 * rtol)
+
+
+@dataclass(slots=True)
+class SymmetricOperands:
+    factors: FixedOrderFactors
+    nonzeros: np.ndarray
+    negative: int = 0
+
+
+def count_negative(o):
+    o.negative = count_negative_pivots(o.factors, o.nonzeros)
+    return 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_compiled_pivots_of_symmetric_matrices_agree(seed):
+    random = np.random.default_rng(seed)
+    size = 8
+    entries = np.where(random.random((size, size)) < 0.3, random.normal(size=(size, size)), 0.0)
+    dense = entries + entries.T + np.diag(random.normal(size=size))
+    matrix = sp.csc_array(dense)
+    plan = FixedOrder.of(matrix, random.permutation(size))
+    plain = SymmetricOperands(FixedOrderFactors.of(plan), matrix.data)
+    compiled = copy.deepcopy(plain)
+    compile_without_warnings(count_negative, compiled)()
+    count_negative(plain)
+    assert compiled.negative == plain.negative == np.sum(np.linalg.eigvalsh(dense) < 0.0)
+    assert_allclose(compiled.factors.pivots, plain.factors.pivots, rtol=1e-9)
+    assert compiled.factors.smallest_pivot == pytest.approx(plain.factors.smallest_pivot)
 
 
 def test_every_overload_is_tested():
