@@ -194,7 +194,21 @@ class Campbell(HasTable, HasPage):
         warn_of_result(self._describe_lost_modes())
 
     def plot(self, multiples: Sequence[int] | None = None) -> Plot:
-        """Plot the frequencies over the rotation speed, see `beamdae.draw_campbell`."""
+        """Plot natural frequencies and multiples of the rotation speed over the rotation speed.
+
+        Circles mark the resonances where they are equal, see `resonances`. The picture ends above
+        the first mode beyond the multiples; a note names modes of higher frequencies.
+
+        Parameters
+        ----------
+        multiples
+            Numbers of excitations per revolution (engine orders). Defaults to those of the diagram.
+
+        Raises
+        ------
+        BeamdaeError
+            If `multiples` is invalid.
+        """
         return load_views().draw_campbell(self, multiples)
 
     def page(self, path: str | Path, multiples: Sequence[int] | None = None) -> Path:
