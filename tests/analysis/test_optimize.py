@@ -206,7 +206,7 @@ def test_numbers_within_a_thousandth_of_a_limit_have_a_note(goal, note):
     design = bd.optimize(pair, distance, "stiff", bounds={"stiff": (1.0, 4.0)}, tolerance=1e-10)
     assert design.bound_notes == note
     assert all(x in repr(design) for x in note)
-    assert design.at_bounds == (("stiff",) if goal in (0.5, 5.0) else ())
+    assert design.at_bounds == (("stiff",) if note else ())
 
 
 def light_heights(count):
@@ -1276,7 +1276,7 @@ def test_regression_whole_numbers_without_derivative_have_advice(call):
 
 
 def test_regression_first_designs_that_fail_name_meaningless_strains():
-    """With E in MPa, neither the error nor a warning mentioned units."""
+    """With E in MPa, the error did not mention units."""
     soft = bd.Material(E=211e3, nu=0.31, rho=7800.0)
 
     @bd.model(t_end=1.0)
@@ -1292,10 +1292,7 @@ def test_regression_first_designs_that_fail_name_meaningless_strains():
 
     tip = bd.at_least(bd.EquilibriumValue("tip.y"), -0.01)
     hint = "the largest strain is .*, far beyond linear elasticity"
-    with (
-        pytest.warns(bd.BeamdaeWarning, match=hint),
-        pytest.raises(bd.BeamdaeError, match=f"did not reach its end.*{hint}.*check .* units"),
-    ):
+    with pytest.raises(bd.BeamdaeError, match=f"did not reach its end.*{hint}.*check .* units"):
         bd.optimize(leaf, bd.Mass(), "height", tip)
 
 

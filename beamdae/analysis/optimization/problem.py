@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -295,13 +294,6 @@ class DesignProblem:
         with _muted_warnings(), record_messages() as messages:
             checked = self._analyze(flat, runs)
         return checked.results, messages
-
-    def list_messages(self) -> list[str]:
-        """Return the warnings of the analyses of the first design, up to the one that fails."""
-        with _muted_warnings(), record_messages() as messages:
-            with suppress(BeamdaeError):
-                self._analyze(self.flat)
-        return messages
 
     def repeat(self, values: Array, mechanism: Any, integrator: Integrator | None) -> Array:
         """Return the values (1 + C,) of a design with another mechanism and integrator.

@@ -45,8 +45,6 @@ _MAX_BOUND_EXCESS = 5e-3
 # Relative difference of objectives up to which several searches end at the same one.
 _EQUAL_OBJECTIVES = 1e-3
 _MAX_NOTES = 3  # on bounds in the short form of a result
-# Distance from a bound, relative to the bound, up to which a number is reported to be at it.
-_MAX_BOUND_DISTANCE = 1e-3
 
 
 class Constraint(NamedTuple):
@@ -122,7 +120,8 @@ class Optimization:
         before convergence or if no design satisfies the constraints, "failed" if analyses failed,
         and "interrupted".
     at_bounds
-        Names of the numbers at a bound, such as "thickness[3]"; see `bound_notes`.
+        Names of the numbers at a bound or within 0.1 % of it, such as "thickness[3]"; see
+        `bound_notes`.
     evaluations
         Number of evaluated designs of the best search, including those whose analyses failed.
     residual
@@ -167,21 +166,13 @@ class Optimization:
 
     @property
     def bound_notes(self) -> tuple[str, ...]:
-        """Notes such as "height is at its lower limit 0.005 m".
-
-        There is one for each number in `at_bounds`, and for each one within 0.1 % of a bound.
-        """
+        """Notes such as "height is at its lower limit 0.005 m" for the numbers in `at_bounds`."""
         problem, notes = self._problem, []
-        columns = problem.units.items(), self._search.best.numbers, problem.lower, problem.upper
-        for (name, unit), value, *bounds in zip(*columns, strict=True):
-            for side, bound in zip(("lower", "upper"), bounds, strict=True):
-                distance = abs(value - bound)
-                # A number at a bound of zero is at its nearest bound.
-                is_near = distance <= _MAX_BOUND_DISTANCE * abs(bound)
-                is_nearest = distance <= min(abs(value - x) for x in bounds)
-                if math.isfinite(bound) and (is_near or (name in self.at_bounds and is_nearest)):
-                    limit = format_with_unit(float(bound), unit)
-                    notes.append(f"{name} is at its {side} limit {limit}")
+        for name, side in find_active(problem, self._search.best.numbers).items():
+            bounds = problem.lower if side == "lower" else problem.upper
+            bound = float(bounds[problem.names.index(name)])
+            limit = format_with_unit(bound, problem.units[name])
+            notes.append(f"{name} is at its {side} limit {limit}")
         return tuple(notes)
 
     @cached_property

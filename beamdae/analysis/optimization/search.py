@@ -13,7 +13,7 @@ from beamdae.analysis.optimization.optimality import (
     find_blocking,
     measure_decrease,
 )
-from beamdae.analysis.optimization.problem import Design, DesignProblem, require_units
+from beamdae.analysis.optimization.problem import DesignProblem, require_units
 from beamdae.analysis.optimization.scaling import FEASIBILITY_TOLERANCE, ScaledProblem
 from beamdae.analysis.optimization.solvers import (
     Method,
@@ -27,7 +27,6 @@ from beamdae.errors import (
     call_progress,
     format_count,
     format_exception,
-    warn_of_result,
 )
 from beamdae.interrupts import acknowledge
 from beamdae.results.outcome import Status
@@ -174,7 +173,7 @@ class Search:
             If an analysis of the first design or its gradient fails.
         """
         problem = self._scaled.problem
-        first = _analyze_first(problem)
+        first = problem.design(problem.first)
         units = tuple(problem.units_of(first.results))
         require_units(problem, units[1:])
         self._scaled = replace(self._scaled, problem=problem.with_sections_of(first))
@@ -394,14 +393,3 @@ def describe_failure(failure: Exception) -> str:
     if isinstance(failure, BeamdaeError):
         return str(failure).removeprefix("optimize: ").removesuffix(".")
     return format_exception(failure)
-
-
-def _analyze_first(problem: DesignProblem) -> Design:
-    """Return the first design; if its analysis fails, issue the warnings of the analyses."""
-    try:
-        return problem.design(problem.first)
-    except BeamdaeError as error:
-        # The sentence on the end of an analysis is part of the error.
-        messages = problem.list_messages()
-        warn_of_result(x for x in messages if x.partition(": ")[2].rstrip(".") not in str(error))
-        raise

@@ -17,8 +17,9 @@ Array = np.ndarray
 # Decrease of the linearized objective within a step of one size, relative to that without
 # constraints and bounds, up to which a design is an optimum.
 _OPTIMALITY_TOLERANCE = 0.05
-# Distance from a bound, in sizes of the number, up to which a number is at it.
-_BOUND_DISTANCE = 1e-4
+# Distances from a bound, in sizes of the number and relative to the bound, up to which a number is
+# at it.
+_BOUND_DISTANCE, _RELATIVE_DISTANCE = 1e-4, 1e-3
 # Ratio of a limit and a value from which they are far apart: mm and degrees are 1000 and 57 times
 # smaller than m and rad.
 FAR_RATIO = 20.0
@@ -48,7 +49,7 @@ def _describe_violation(search: SearchResult) -> str:
     value = float(scaled.ratios[worst] * best.values[1 + worst])
     numbers = format_distinct(limit.bound, value, digits=4)
     allowed, actual = (format_with_unit(x, search.units[1 + worst]) for x in numbers)
-    names = list_first(find_active(search.problem, best.numbers), _MAX_NAMES)
+    names = list_first(list(find_active(search.problem, best.numbers)), _MAX_NAMES)
     where = f", with {names} at a bound," if names else ""
     sentence = (
         f"no evaluated design satisfies the constraints; in the best one{where} "
@@ -96,7 +97,11 @@ def _describe_failures(search: SearchResult) -> str:
     return f"; {len(failed)} analyses failed, the last one: {failed[-1].failure}{advice}"
 
 
-def find_active(problem: DesignProblem, numbers: Array) -> list[str]:
-    """Return the names of the numbers at a bound."""
-    distances = np.minimum(numbers - problem.lower, problem.upper - numbers)
-    return np.array(problem.names)[distances <= _BOUND_DISTANCE * problem.sizes].tolist()
+def find_active(problem: DesignProblem, numbers: Array) -> dict[str, str]:
+    """Return "lower" or "upper" by name of the numbers at a bound."""
+    sides = {}
+    for side, bounds in (("lower", problem.lower), ("upper", problem.upper)):
+        limits = np.maximum(_BOUND_DISTANCE * problem.sizes, _RELATIVE_DISTANCE * np.abs(bounds))
+        is_near = np.isfinite(bounds) & (np.abs(numbers - bounds) <= limits)
+        sides |= dict.fromkeys(np.array(problem.names)[is_near].tolist(), side)
+    return sides
