@@ -99,7 +99,7 @@ def _describe_failures(search: SearchResult) -> str:
 
 def find_active(problem: DesignProblem, numbers: Array) -> dict[str, str]:
     """Return "lower" or "upper" by name of the numbers at a bound."""
-    sides = {}
+    sides: dict[str, str] = {}
     for side, bounds in (("lower", problem.lower), ("upper", problem.upper)):
         limits = np.maximum(_BOUND_DISTANCE * problem.sizes, _RELATIVE_DISTANCE * np.abs(bounds))
         is_near = np.isfinite(bounds) & (np.abs(numbers - bounds) <= limits)
