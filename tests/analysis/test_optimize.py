@@ -1251,7 +1251,7 @@ def test_regression_gradients_that_are_not_finite_are_stated_once():
 
 def test_regression_searches_without_bounds_advise_them():
     with pytest.warns(
-        bd.BeamdaeWarning, match="positive, got .*; pass bounds= that keep the sign of width"
+        bd.BeamdaeWarning, match="positive, got .*; pass bounds= that exclude such designs"
     ):
         bd.optimize(cantilever, bd.Mass(), "width", bounds={"width": (None, 0.1)})
 

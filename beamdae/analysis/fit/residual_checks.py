@@ -47,27 +47,13 @@ _MAX_SCATTER_RATIO = 3.0
 def check_end(
     problem: FitProblem, scaling: Scaling, search: SearchResult, information: Information
 ) -> Iterator[str]:
-    """Yield warnings about omitted data, rejected values, bounds and intervals."""
+    """Yield warnings about omitted data, bounds and intervals."""
     end = search.evaluation
     values = dict(zip(problem.variables, end.values.tolist(), strict=True))
     if end.count < problem.count:
         yield (
             f"The fit leaves out {problem.count - end.count} of {problem.count} data, at which "
             "reactions of the model grow without bounds."
-        )
-    if search.rejected and not search.status.success:
-        # Most domains end at zero.
-        limits = {x: 0.0 if y * values[x] <= 0.0 else values[x] for x, y in search.rejected.items()}
-        bounds = [
-            f"{x!r}: ({limits[x]:.4g}, upper)"
-            if y < values[x]
-            else f"{x!r}: (lower, {limits[x]:.4g})"
-            for x, y in search.rejected.items()
-        ]
-        named = " and ".join(f"{name} = {x:.4g}" for name, x in search.rejected.items())
-        yield (
-            f"The model rejected {named} during the search; pass bounds={{{', '.join(bounds)}}}, "
-            "because searches next to invalid values may end early or elsewhere."
         )
     x, (lower, upper) = scaling.variables(end.values), scaling.limits
     starts_of_data = [x.name for x in problem.sensors.shifts if x.is_at_first_time]

@@ -201,15 +201,14 @@ class Fit:
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the estimates, followed by `run_warnings`.
 
-        Sentences on values of parameters that the model rejected, on estimates that refined runs
-        would change by more than 0.4 standard deviations (see `errors`), on models that do
-        not explain the data (`sigma` is known, and larger values of chi-square have a probability
-        below 1e-3), on a given `sigma` of more than 1.4 times the residuals of its column (if
-        smaller residuals have a probability below 1e-6), on residuals that are no white noise
-        (consecutive ones have a correlation above 0.5, single ones are outliers, or, without
-        `sigma`, columns or experiments scatter differently), on estimates at a bound, on intervals
-        of correlated parameters whose linear approximation may fail (`profile` does without it), or
-        on data that end after the end time of the model.
+        Sentences on estimates that refined runs would change by more than 0.4 standard deviations
+        (see `errors`), on models that do not explain the data (`sigma` is known, and larger values
+        of chi-square have a probability below 1e-3), on a given `sigma` of more than 1.4 times the
+        residuals of its column (if smaller residuals have a probability below 1e-6), on residuals
+        that are no white noise (consecutive ones have a correlation above 0.5, single ones are
+        outliers, or, without `sigma`, columns or experiments scatter differently), on estimates at
+        a bound, on intervals of correlated parameters whose linear approximation may fail
+        (`profile` does without it), or on data that end after the end time of the model.
         """
         return (*self._own_warnings, *self.run_warnings)
 
@@ -567,7 +566,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         causes = suggest_causes(problem, end, search.first)
         advice = "check signs, units and times of the data and start=, or start from other values"
         status = Status("limited", f"{status.sentence}; {causes}{advice}")
-    elif search.status.success or not search.rejected:
+    elif search.status.success or not search.has_failures:
         own_warnings += check_residuals(problem, search, residuals, freedom)
     # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
     scatter = max(1.0, float(np.sqrt(np.mean(residuals**2))))

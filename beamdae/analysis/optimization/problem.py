@@ -71,8 +71,6 @@ class Design:
         Values (1 + C,) of the objective and of the quantities of the C constraints.
     weights
         Derivatives of these values with respect to the results of the analyses.
-    leaf_values
-        Values of the results of analyses of which the quantities are functions.
     sections
         Known stress sections with which the models were built, see `keep_known_sections`.
     """
@@ -81,7 +79,6 @@ class Design:
     analyses: dict[tuple[str, ...], Analysis]
     values: Array
     weights: list[dict[AnalysisQuantity, float]]
-    leaf_values: dict[AnalysisQuantity, float]
     sections: Mapping[str, KnownSections]
 
     @property
@@ -332,7 +329,7 @@ class DesignProblem:
                     "of the parameters; start from others (parameters={name: value}), or exclude "
                     "them by bounds=."
                 )
-        return Design(flat, analyses, np.array(numbers), list(weights), results, self.sections)
+        return Design(flat, analyses, np.array(numbers), list(weights), self.sections)
 
 
 def create_problem(

@@ -467,7 +467,7 @@ def _list_distant_limits(search: SearchResult, constraints: Sequence[Constraint]
     trials = np.array([x.values[1:] for x in search.trials if not x.failure])
     rows = zip(limits, sides, constraints, (trials * search.scaled.ratios).T, strict=True)
     for limit, (label, sign), constraint, values in rows:
-        if constraint.margin <= 0.0 or not limit.bound:
+        if not limit.bound:
             continue
         # Positive up to an upper limit of a magnitude, and from a lower limit on.
         sizes = values / limit.bound
