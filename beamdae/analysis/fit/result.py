@@ -214,29 +214,21 @@ class Fit:
 
     @cached_property
     def run_warnings(self) -> tuple[str, ...]:
-        """Warnings of the runs with the estimates.
+        """Warnings of the runs with the estimates, none if the search ended before a minimum.
 
-        If the search ended before a minimum, only those that the first runs also have.
         Warnings that not all experiments have begin with the name of the first one. Those
         about the output rows are omitted, because a fit compares values at the times of the data.
         """
-        first = self._search.first if self.status.kind == "limited" else None
         kinds: dict[str, dict[str, str]] = {}
-        for experiment, run in self.solutions.items():
-            known = None
-            if first is not None:
-                of_first = first.runs[experiment].solution.model_warnings
-                known = set(map(kind_of_message, of_first))
+        for experiment, run in self.solutions.items() if self.status.kind != "limited" else ():
             for sentence in run.model_warnings:
-                kind = kind_of_message(sentence)
-                if sentence not in run.row_warnings and (known is None or kind in known):
-                    kinds.setdefault(kind, {}).setdefault(experiment, sentence)
-        sentences = []
-        for by_experiment in kinds.values():
-            experiment, sentence = next(iter(by_experiment.items()))
-            is_everywhere = len(by_experiment) == len(self.solutions)
-            sentences.append(sentence if is_everywhere else f"{experiment}: {sentence}")
-        return tuple(sentences)
+                if sentence not in run.row_warnings:
+                    kinds.setdefault(kind_of_message(sentence), {}).setdefault(experiment, sentence)
+        rows = ((x, *next(iter(x.items()))) for x in kinds.values())
+        return tuple(
+            sentence if len(x) == len(self.solutions) else f"{experiment}: {sentence}"
+            for x, experiment, sentence in rows
+        )
 
     @property
     def standard_deviations(self) -> Array:
@@ -566,7 +558,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         causes = suggest_causes(problem, end, search.first)
         advice = "check signs, units and times of the data and start=, or start from other values"
         status = Status("limited", f"{status.sentence}; {causes}{advice}")
-    elif search.status.success or not search.has_failures:
+    elif search.status.success or not search.failures:
         own_warnings += check_residuals(problem, search, residuals, freedom)
     # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
     scatter = max(1.0, float(np.sqrt(np.mean(residuals**2))))

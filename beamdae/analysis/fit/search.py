@@ -73,8 +73,8 @@ class SearchResult:
         True (K,) for variables at a bound.
     first
         The first evaluation.
-    has_failures
-        True if runs failed during the search.
+    failures
+        Sentence on runs that failed during the search, or "".
     is_stalled
         True if the search ended without progress before it explained the data.
     explains
@@ -86,7 +86,7 @@ class SearchResult:
     status: Status
     at_bounds: Array
     first: Evaluation | None = None
-    has_failures: bool = False
+    failures: str = ""
     is_stalled: bool = False
     explains: bool = True
 
@@ -228,13 +228,15 @@ def local_search(
             or f"the search ended next to values at which {cause}, {next_step:.2g} standard "
             "deviations before a minimum",
         )
-    if record.failures and not status.success:
-        count, failure = format_count(len(record.failures), "run"), record.failures[-1]
-        sentence = f"{status.sentence}; {count} failed, the last one: {failure.removesuffix('.')}"
-        status = Status(status.kind, f"{sentence}; pass bounds= that exclude such values")
+    failures = ""
+    if record.failures:
+        count, last_one = format_count(len(record.failures), "run"), record.failures[-1]
+        failures = (
+            f"{count} failed, the last one: {last_one.removesuffix('.')}; pass bounds= that "
+            "exclude such values"
+        )
     is_stalled &= not status.success
-    fails = bool(record.failures)
-    return SearchResult(last, record.count, status, at_bounds, record.first, fails, is_stalled)
+    return SearchResult(last, record.count, status, at_bounds, record.first, failures, is_stalled)
 
 
 def _minimize(
@@ -324,7 +326,11 @@ def search(
             reason = f"interrupted after {format_count(end.evaluations, 'evaluation')}"
             partial = replace(end, status=Status("interrupted", reason))
             raise Interrupted(reason, partial) from None
-    return _judge_explanation(problem, end)
+    end = _judge_explanation(problem, end)
+    if end.status.success or not end.failures:
+        return end
+    sentence = f"{end.status.sentence}; {end.failures}"
+    return replace(end, status=Status(end.status.kind, sentence))
 
 
 def _repeat_from_first_data(
