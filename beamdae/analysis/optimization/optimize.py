@@ -10,10 +10,9 @@ from beamdae.analysis.optimization.analyses import RunSettings
 from beamdae.analysis.optimization.problem import create_problem
 from beamdae.analysis.optimization.quantities import Limit, Quantity
 from beamdae.analysis.optimization.result import Optimization, create_optimization
-from beamdae.analysis.optimization.search import Search, SearchSettings
+from beamdae.analysis.optimization.search import SearchSettings
 from beamdae.analysis.optimization.solvers import METHODS, Method
 from beamdae.analysis.optimization.starts import search_from_starts
-from beamdae.analysis.optimization.verdict import conclude
 from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS
 from beamdae.errors import (
     list_first,
@@ -173,11 +172,7 @@ def optimize(
     run_settings = RunSettings(integrator, t_end, start)
     problem = create_problem(model, objective, by, subject_to, bounds, parameters, run_settings)
     settings = SearchSettings(method, max_evaluations, tolerance, progress)
-    rows = None
-    if starts == 1:
-        search = conclude(Search(problem, settings).run())
-    else:
-        search, rows = search_from_starts(problem, settings, starts, seed)
+    search, rows = search_from_starts(problem, settings, starts, seed)
     result = create_optimization(search, rows)
     if search.progress_error is not None:
         attach_partial(search.progress_error, result)

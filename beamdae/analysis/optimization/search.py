@@ -53,6 +53,7 @@ class SearchSettings:
     max_evaluations: int
     tolerance: float
     progress: Callable[[int, float, float], object] | None
+    earlier_designs: int = 0  # of earlier searches, for `progress`
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,8 +179,7 @@ class Search:
         require_units(problem, units[1:])
         self._scaled = replace(self._scaled, problem=problem.with_sections_of(first))
         trial = Trial(problem.first, first.values)
-        self._trials.append(trial)
-        self._remember(trial)
+        self._trials, self._known = [trial], {self._key(trial): trial}
         facts, error = {}, None
         try:
             self._scaled = self._scaled.scaled_by(first)
@@ -269,8 +269,7 @@ class Search:
         if scaled is not self._scaled:
             trial = replace(best, values=design.values)
             self._trials = [trial if x is best else x for x in self._trials]
-            self._known = {}
-            self._remember(trial)
+            self._known = {self._key(trial): trial}
         self._scaled = replace(scaled, ratios=np.where(is_off, ratios, scaled.ratios))
         self._end = None if is_changed else self._end
         return is_changed
@@ -371,11 +370,12 @@ class Search:
 
     def _report(self, trial: Trial) -> None:
         if self._settings.progress is not None:
-            facts = len(self._trials), float(trial.values[0]), self._violation(trial)
-            call_progress(self._settings.progress, *facts)
+            count = self._settings.earlier_designs + len(self._trials)
+            facts = float(trial.values[0]), self._violation(trial)
+            call_progress(self._settings.progress, count, *facts)
 
-    def _remember(self, trial: Trial) -> None:
-        self._known[self._scaled.problem.variables(trial.numbers).tobytes()] = trial
+    def _key(self, trial: Trial) -> bytes:
+        return self._scaled.problem.variables(trial.numbers).tobytes()
 
     def _violation(self, trial: Trial) -> float:
         return self._scaled.violation(trial.values)

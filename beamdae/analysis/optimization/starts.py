@@ -25,8 +25,8 @@ _INTERRUPTED = Status("interrupted", "interrupted before the end of all searches
 
 def search_from_starts(
     problem: DesignProblem, settings: SearchSettings, starts: int, seed: int
-) -> tuple[SearchResult, list[dict[str, Any]]]:
-    """Return the best of several searches, and the rows of the table of all.
+) -> tuple[SearchResult, list[dict[str, Any]] | None]:
+    """Return the best of several searches, and the rows of the table of all; None for one search.
 
     See `optimize` for the arguments.
 
@@ -35,22 +35,19 @@ def search_from_starts(
     BeamdaeError
         If a number has no finite bounds, or the first designs of all searches fail.
     """
+    if starts == 1:
+        return conclude(Search(problem, settings).run()), None
     require_start_bounds("optimize", problem.names, problem.lower, problem.upper)
     points = [problem.first, *spread_starts(problem.lower, problem.upper, starts - 1, seed)]
     searches: list[SearchResult] = []
     rows: list[dict[str, Any]] = []
     failures: list[Exception] = []
     is_interrupted = False
-
-    def report(number: int, objective: float, violation: float) -> object:
-        before = sum(len(x.trials) for x in searches)
-        return settings.progress and settings.progress(before + number, objective, violation)
-
-    reported = replace(settings, progress=settings.progress and report)
     for point in points:
+        earlier = replace(settings, earlier_designs=sum(len(x.trials) for x in searches))
         row = {f"first {x}": y for x, y in zip(problem.names, point, strict=True)}
         try:
-            search = conclude(Search(problem.starting_at(point), reported).run())
+            search = conclude(Search(problem.starting_at(point), earlier).run())
         except KeyboardInterrupt:
             if not searches:
                 raise
