@@ -26,7 +26,7 @@ from beamdae.analysis.optimization.quantities import (
     RunQuantity,
     as_quantity,
 )
-from beamdae.analysis.parameter_bounds import convert_bounds, require_bounds_around
+from beamdae.analysis.parameter_bounds import read_bounds
 from beamdae.beams.beam import beams_of
 from beamdae.beams.section_samples import (
     KnownSections,
@@ -38,10 +38,8 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
-    as_real,
     list_first,
     record_messages,
-    require_mapping,
     require_sequence,
     short_repr,
 )
@@ -358,40 +356,13 @@ def create_problem(
                 f"{_NAME}: subject_to must be {what}, got an entry {short_repr(limit)}."
             )
     flat = flatten_model(_NAME, model, by, parameters)
-    return DesignProblem(flat, goal, limits, *_read_bounds(flat, bounds), settings)
-
-
-def _read_bounds(flat: FlatModel, bounds: Any) -> tuple[Array, Array]:
-    """Return lower and upper bounds of the numbers."""
-    given = {} if bounds is None else bounds
-    given = require_mapping(_NAME, "bounds", given, "a dict of (lower, upper) by name")
     keys = np.array([key for key, _ in flat.entries.values()])
+    first = {name: flat.parameters[name] for name in dict.fromkeys(keys.tolist())}
+    units = {name: x.unit for name, x in flat.model.parameter_info.items()}
     lower, upper = np.full((2, len(keys)), [[-np.inf], [np.inf]])
-    for name, value in given.items():
-        rows = keys == name
-        if not np.any(rows):
-            raise BeamdaeError(
-                f"{_NAME}: bounds contains {short_repr(name)}, which is not in by; name one of "
-                f"{', '.join(dict.fromkeys(keys.tolist()))}."
-            )
-        pair = convert_bounds(_NAME, name, value, flat.model.parameter_info[name].unit)
-        for limits, bound in zip((lower, upper), pair, strict=True):
-            limits[rows] = _read_bound(name, bound, int(rows.sum()))
-        first = flat.parameters[name]
-        require_bounds_around(_NAME, name, first, lower[rows], upper[rows], value)
-    return lower, upper
-
-
-def _read_bound(name: str, bound: Any, count: int) -> Array:
-    """Return a bound of all numbers of a parameter."""
-    entries = [bound] * count if as_real(bound) is not None else bound
-    what = "a number, or one per entry"
-    numbers = [as_real(x) for x in require_sequence(_NAME, f"a bound of {name}", entries, what)]
-    if len(numbers) != count or any(x is None or np.isnan(x) for x in numbers):
-        raise BeamdaeError(
-            f"{_NAME}: a bound of {name} must be {what} ({count}), got {short_repr(bound)}."
-        )
-    return np.array(numbers, float)
+    for name, ends in read_bounds(_NAME, bounds, first, units).items():
+        lower[keys == name], upper[keys == name] = ends
+    return DesignProblem(flat, goal, limits, lower, upper, settings)
 
 
 def require_units(problem: DesignProblem, units: Sequence[str]) -> None:
