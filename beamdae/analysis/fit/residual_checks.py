@@ -13,7 +13,7 @@ from beamdae.analysis.fit.problem import MAX_NOISE_CORRELATION, Evaluation, FitP
 from beamdae.analysis.fit.residual_causes import suggest_causes
 from beamdae.analysis.fit.search import SearchResult
 from beamdae.analysis.fit.variables import Scaling
-from beamdae.model_parameters import split_unit
+from beamdae.model_parameters import format_with_unit, split_unit
 
 Array = np.ndarray
 
@@ -60,12 +60,13 @@ def check_end(
     for k in np.flatnonzero(search.at_bounds):
         name, is_upper = problem.variables[k], upper[k] - x[k] < x[k] - lower[k]
         side, beyond = ("upper", "larger") if is_upper else ("lower", "smaller")
+        bound = format_with_unit(float(scaling.bounds[int(is_upper)][k]), problem.units[name])
         remedy = "Widen the bounds"
         if is_upper and name in starts_of_data:
             # The run starts at 0 s, and a shift moves times back.
             remedy = f"Omit data before {2.0 * values[name]:.3g} s"
         yield (
-            f"{name} is at its {side} bound {scaling.bound_texts[name][int(is_upper)]} and has no "
+            f"{name} is at its {side} bound {bound} and has no "
             f"standard deviation; those of other estimates hold it there. {remedy} if {beyond} "
             f"values are possible, or leave {name} out of the fit."
         )

@@ -9,7 +9,6 @@ import numpy as np
 from beamdae.analysis.fit.problem import FitProblem
 from beamdae.analysis.parameter_bounds import read_bounds, spread_starts
 from beamdae.errors import BeamdaeError, require_names, short_repr
-from beamdae.model_parameters import format_with_unit
 
 Array = np.ndarray
 
@@ -35,8 +34,6 @@ class Scaling:
         Lower and upper bounds of the variables, (K,) each.
     bounds
         Lower and upper bounds of the values, (K,) each.
-    bound_texts
-        Lower and upper bounds by name, with units.
     is_log
         True (K,) for parameters in `log`.
     sizes
@@ -56,11 +53,10 @@ class Scaling:
         self.is_log = np.array([name in logarithmic for name in problem.variables])
         shifts = problem.sensors.shifts
         lower, upper = np.full((2, len(values)), [[-np.inf], [np.inf]])
-        self.bound_texts = {x.name: tuple(f"{y:g} s" for y in x.bounds) for x in shifts}
         for k, shift in enumerate(shifts, len(names)):
             lower[k], upper[k] = shift.bounds
         for k, name in enumerate(names):
-            first, unit = float(values[k]), problem.units[name]
+            first = float(values[k])
             if self.is_log[k]:
                 lower[k] = 0.0
                 if not first > 0.0:
@@ -77,7 +73,6 @@ class Scaling:
                     f"got {least:g}; raise the bound, or remove {name} from log."
                 )
             lower[k], upper[k] = max(lower[k], least), most
-            self.bound_texts[name] = tuple(format_with_unit(x, unit) for x in (least, most))
         self.bounds = lower, upper
         self._values = values
         self._is_linear = (values == 0.0) | (np.arange(len(values)) >= len(names))
