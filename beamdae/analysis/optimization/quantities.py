@@ -60,11 +60,6 @@ class Quantity(Summand):
     parts: tuple[Quantity, ...] = ()
 
     @property
-    def terms(self) -> tuple[tuple[float, Quantity], ...]:
-        """Factors and quantities whose weighted sum is this quantity."""
-        return ((1.0, self),)
-
-    @property
     def leaves(self) -> tuple[AnalysisQuantity, ...]:
         """The results of analyses of which the quantity is a function."""
         return tuple(leaf for part in self.parts for leaf in part.leaves)
@@ -88,23 +83,15 @@ class Quantity(Summand):
         units = {x.find_unit(columns) for x in self.parts}
         return units.pop() if len(units) == 1 else ""
 
-    def _plus(self, other: Summand) -> Quantity:
-        return QuantitySum((*self.terms, *as_quantity("+", other).terms))
-
-    def __radd__(self, other: Any) -> Quantity:
-        if isinstance(other, Objective):
-            return as_quantity("+", other) + self
-        return super().__radd__(other)
-
-    def _times(self, factor: float) -> Quantity:
-        return QuantitySum(tuple((factor * weight, x) for weight, x in self.terms))
+    def _sum(self, terms: Iterable[tuple[float, Any]]) -> Quantity:
+        return QuantitySum(terms)
 
 
 class QuantitySum(Quantity):
-    """Sum of factor * quantity."""
+    """Sum of factor * quantity, also of objectives of runs."""
 
-    def __init__(self, terms: Iterable[tuple[float, Quantity]]) -> None:
-        self._terms = tuple(terms)
+    def __init__(self, terms: Iterable[tuple[float, Any]]) -> None:
+        self._terms = tuple((weight, as_quantity("+", x)) for weight, x in terms)
         self.parts = tuple(x for _, x in self._terms)
         self.label = format_sum((weight, x.label) for weight, x in self._terms)
 
@@ -565,9 +552,10 @@ def as_quantity(part: str, value: Any) -> Quantity:
     """Return a quantity or an objective of a run as a quantity, or raise BeamdaeError."""
     if isinstance(value, Quantity):
         return value
+    if isinstance(value, ColumnObjective):
+        return RunQuantity(value)
     if isinstance(value, Objective):
-        terms = [(factor, RunQuantity(term)) for factor, term in value.terms]
-        return terms[0][1] if terms[0][0] == 1.0 and len(terms) == 1 else QuantitySum(terms)
+        return QuantitySum(value.terms)
     raise BeamdaeError(
         f"{part} must be a Quantity such as Mass() or an Objective such as EndValue('tip.y'), got "
         f"{short_repr(value)}."
