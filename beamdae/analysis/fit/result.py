@@ -552,26 +552,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
     # Fixed estimates keep the variances of the complete fit.
     variances = np.where(is_fixed, np.diag(whole.covariance), np.diag(covariance))
     np.fill_diagonal(covariance, variances)
-    status, errors = search.status, None
-    own_warnings = [*problem.duration_warnings, *check_end(problem, scaling, search, free)]
-    if not search.explains:
-        causes = suggest_causes(problem, end, search.first)
-        advice = "check signs, units and times of the data and start=, or start from other values"
-        status = Status("limited", f"{status.sentence}; {causes}{advice}")
-    elif search.status.success or not search.failures:
-        own_warnings += check_residuals(problem, search, residuals, freedom)
-    # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
-    scatter = max(1.0, float(np.sqrt(np.mean(residuals**2))))
-    largest = float((data[VALUE] / data[SIGMA]).abs().max())
-    is_computed = estimate * scatter <= _MIN_RELATIVE_SIGMA * largest
-    is_computed &= not problem.data.is_sigma_known
-    if status.kind != "interrupted" and search.explains and not is_computed:
-        try:
-            errors = deferred.module("accuracy.fits").measure_fit(problem, end)
-            own_warnings += check_errors(end, errors, estimate, scatter)
-        except KeyboardInterrupt:
-            acknowledge()
-            status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
+    status, own_warnings, errors = _check(problem, scaling, search, free, estimate)
     undetermined = whole.describe_undetermined(values, problem.units, free)
     mean_squares = (data[SIGMA] ** 2).groupby(data[COLUMN], sort=False).mean()
     return Fit(
@@ -595,6 +576,37 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         _starts=starts,
         _errors=errors,
     )
+
+
+def _check(
+    problem: FitProblem, scaling: Scaling, search: SearchResult, free: Information, estimate: float
+) -> tuple[Status, list[str], Any]:
+    """Return the status of a fit, its warnings, and its errors by runs, None if not measured.
+
+    `estimate` is the estimated factor of the standard deviations of the data.
+    """
+    end, status, errors, data = search.evaluation, search.status, None, problem.data.table
+    residuals = end.residuals / estimate
+    sentences = [*problem.duration_warnings, *check_end(problem, scaling, search, free)]
+    if not search.explains:
+        causes = suggest_causes(problem, end, search.first)
+        advice = "check signs, units and times of the data and start=, or start from other values"
+        return Status("limited", f"{status.sentence}; {causes}{advice}"), sentences, None
+    if status.success or not search.failures:
+        freedom = end.count - len(free.sizes)
+        sentences += check_residuals(problem, search, residuals, freedom)
+    # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
+    scatter = max(1.0, float(np.sqrt(np.mean(residuals**2))))
+    largest = float((data[VALUE] / data[SIGMA]).abs().max())
+    is_computed = estimate * scatter <= _MIN_RELATIVE_SIGMA * largest
+    if status.kind != "interrupted" and (problem.data.is_sigma_known or not is_computed):
+        try:
+            errors = deferred.module("accuracy.fits").measure_fit(problem, end)
+            sentences += check_errors(end, errors, estimate, scatter)
+        except KeyboardInterrupt:
+            acknowledge()
+            status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
+    return status, sentences, errors
 
 
 def _sizes(problem: FitProblem, values: Mapping[str, float]) -> Array:

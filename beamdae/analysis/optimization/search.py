@@ -13,7 +13,7 @@ from beamdae.analysis.optimization.optimality import (
     find_blocking,
     measure_decrease,
 )
-from beamdae.analysis.optimization.problem import DesignProblem, require_units
+from beamdae.analysis.optimization.problem import Design, DesignProblem, require_units
 from beamdae.analysis.optimization.scaling import FEASIBILITY_TOLERANCE, ScaledProblem
 from beamdae.analysis.optimization.solvers import (
     Method,
@@ -243,36 +243,52 @@ class Search:
         Return False if these are the present ones. If `adds`, sections are added to the present
         ones, so that two designs with different sections cannot follow each other without end.
         """
-        scaled, best = self._scaled, self._best()
+        best = self._best()
         try:
-            design = scaled.problem.design(best.numbers)
-            if scaled.problem.sections:
-                own = replace(scaled.problem, sections={}).design(best.numbers)
-                changes = (own.values - best.values)[0] / scaled.scales[0]
-                changes = np.append(
-                    changes, scaled.margins(best.values) - scaled.margins(own.values)
-                )
-                if np.max(changes if adds else np.abs(changes)) > FEASIBILITY_TOLERANCE:
-                    problem = scaled.problem.with_sections_of(own, adds)
-                    scaled = replace(scaled, problem=problem)
-                    design = own
-            rows = zip(scaled.problem.limits, design.values[1:].tolist(), strict=True)
-            ratios = np.array([design.maximum_ratio(limit, value) for limit, value in rows])
+            design = self._find_sections(best, adds)
+            is_changed = design is not None
+            if design is not None:
+                trial = replace(best, values=design.values)
+                self._trials = [trial if x is best else x for x in self._trials]
+                self._known = {self._key(trial): trial}
+            else:
+                design = self._scaled.problem.design(best.numbers)
+            is_changed |= self._update_ratios(design)
         except (BeamdaeError, ArithmeticError) as failure:
             raise _SearchEndError("failed", describe_failure(failure)) from failure
-        is_off = np.abs(ratios - scaled.ratios) > _RATIO_TOLERANCE * scaled.ratios
-        # Maxima that do not reach their limit need no further search.
-        largest = np.maximum(ratios, scaled.ratios) * np.abs(design.values[1:])
-        bounds = np.abs([limit.bound for limit in scaled.problem.limits])
-        is_limiting = is_off & (largest * (1.0 + _RATIO_TOLERANCE) > bounds)
-        is_changed = scaled is not self._scaled or bool(np.any(is_limiting))
-        if scaled is not self._scaled:
-            trial = replace(best, values=design.values)
-            self._trials = [trial if x is best else x for x in self._trials]
-            self._known = {self._key(trial): trial}
-        self._scaled = replace(scaled, ratios=np.where(is_off, ratios, scaled.ratios))
         self._end = None if is_changed else self._end
         return is_changed
+
+    def _find_sections(self, best: Trial, adds: bool) -> Design | None:
+        """Return the best design with its own stress sections, which the problem then has, too.
+
+        Return None if these change its values by no more than the tolerance.
+        """
+        scaled = self._scaled
+        if not scaled.problem.sections:
+            return None
+        own = replace(scaled.problem, sections={}).design(best.numbers)
+        one, other = (
+            np.append(scaled.objective(x), -scaled.margins(x)) for x in (own.values, best.values)
+        )
+        # Additional sections only increase the values.
+        if np.max(one - other if adds else np.abs(one - other)) <= FEASIBILITY_TOLERANCE:
+            return None
+        self._scaled = replace(scaled, problem=scaled.problem.with_sections_of(own, adds))
+        return own
+
+    def _update_ratios(self, design: Design) -> bool:
+        """Update the ratios of maxima by a design; return True if these limit designs."""
+        scaled, values = self._scaled, design.values[1:]
+        limits = scaled.problem.limits
+        rows = zip(limits, values.tolist(), strict=True)
+        ratios = np.array([design.maximum_ratio(limit, value) for limit, value in rows])
+        is_off = np.abs(ratios - scaled.ratios) > _RATIO_TOLERANCE * scaled.ratios
+        # Maxima that do not reach their limit need no further search.
+        largest = np.maximum(ratios, scaled.ratios) * np.abs(values)
+        bounds = np.abs([limit.bound for limit in limits])
+        self._scaled = replace(scaled, ratios=np.where(is_off, ratios, scaled.ratios))
+        return bool(np.any(is_off & (largest * (1.0 + _RATIO_TOLERANCE) > bounds)))
 
     def _judge(self) -> dict[str, Any]:
         """Return the conditions of first order at the best design; see `SearchResult`."""
