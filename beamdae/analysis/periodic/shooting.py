@@ -64,6 +64,7 @@ _DIFFERENCE_STEP = 2e-5
 # Smaller singular values, relative to the largest, belong to directions in which all states are
 # periodic.
 _NEUTRAL_RATIO = 1e-9
+_DAMPING_RATIO = 0.1  # of corrections with a free period, relative to the deviation
 # A run has returned to its final state where it differs by at most this fraction of the range of
 # each coordinate and velocity; coordinates with a far smaller range than others are at rest. Number
 # of times at which states are compared, and around the nearest of these times.
@@ -218,13 +219,24 @@ class PeriodLinearization:
         return replace(self, kept=replace(self.matrix, values=values))
 
     def bordered(self, column: Array, row: Array, corner: float) -> Factors:
-        """Return the factors of the bordered Jacobian; states that are all periodic remain."""
+        """Return the factors of the bordered Jacobian; states that are all periodic remain.
+
+        Motions without damping belong to families, in which the period changes with the size: if
+        it is free, corrections are those of Levenberg and Marquardt, with a damping proportional to
+        the deviation (Yamashita & Fukushima, Computing Suppl. 15 (2001) 239).
+        """
         matrix, off = self.matrix, self._complement(column)
         top = np.column_stack([matrix.values[:, :-1], matrix.run.projection @ column])
         small = np.vstack([top, np.append(row @ matrix.run.basis, corner - row @ off)])
         if not np.isfinite(small).all():
             raise CurveError("the linearized equations are not finite")
-        return _Factors(self, np.linalg.pinv(small, rcond=_NEUTRAL_RATIO), off, row)
+        left, sizes, right = np.linalg.svd(small)
+        damping = 0.0
+        if self.problem.is_free:
+            damping = _DAMPING_RATIO * min(self.run.relative_deviation, 1.0) * sizes[0]
+        is_kept = sizes > _NEUTRAL_RATIO * sizes[0]
+        inverse = np.where(is_kept, sizes, 0.0) / (sizes**2 + damping**2 + _TINY)
+        return _Factors(self, (right.T * inverse) @ left.T, off, row)
 
     def _complement(self, change: Array) -> Array:
         """Return the part of a change of the unknowns that the joints do not allow."""
