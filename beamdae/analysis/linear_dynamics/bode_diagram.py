@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -200,7 +200,12 @@ class Bode(HasTable, HasPage):
         for x in self.transfer_functions:
             if x.is_noise:
                 continue
-            size, name, f, phase = np.abs(x.response), self._short_name(x), self.frequencies, x.phase
+            size, name, f, phase = (
+                np.abs(x.response),
+                self._short_name(x),
+                self.frequencies,
+                x.phase,
+            )
             logarithms = np.log(np.maximum(size, NOISE_RANGE * size.max()))
             peaks, found = find_peaks(logarithms, prominence=0.0)
             ratios = dict(zip(peaks.tolist(), np.exp(found["prominences"]).tolist(), strict=True))
@@ -337,9 +342,7 @@ def _compute_bode(
 ) -> Bode:
     """Return the result of `bode` without issuing warnings."""
     if values is None:
-        values = choose_frequencies(
-            model.poles, len(model.states), ends, model.find_resolved_frequency
-        )
+        values = _choose_frequencies(model, ends)
     response = model.evaluate_response(values.tolist())
     remarks = model.find_missed_peaks(values, response)
     growing = find_growing_poles(model.poles)
@@ -378,18 +381,12 @@ def select_poles(poles: Array) -> list[int]:
     return np.flatnonzero(is_listed | (poles.real > 0.0)).tolist()
 
 
-def choose_frequencies(
-    all_poles: Array,
-    n_states: int,
-    ends: tuple[float, float] | None = None,
-    find_resolved_frequency: Callable[[float], float] = float,
-) -> Array:
+def _choose_frequencies(model: LinearModel, ends: tuple[float, float] | None) -> Array:
     """Return frequencies [Hz] around the listed poles, or between `ends` [Hz].
 
-    `find_resolved_frequency` returns the frequency up to which errors are small, at most its
-    argument. The frequencies contain all natural frequencies and half-power frequencies.
+    They contain all natural frequencies and half-power frequencies.
     """
-    poles = all_poles[all_poles.imag >= 0.0]
+    poles = model.poles[model.poles.imag >= 0.0]
     oscillates = _oscillate(poles)
     if ends is None:
         sizes = np.abs(poles) / (2.0 * np.pi)
@@ -401,9 +398,12 @@ def choose_frequencies(
         low = slowest / _FREQUENCY_MARGIN
         high = _FREQUENCY_MARGIN * max(slowest, float(np.max(peaks)))
         high = min(high, low * _MAX_FREQUENCY_RATIO)
-        ends = low, min(high, max(find_resolved_frequency(high), _MIN_RANGE * np.min(peaks)))
+        accuracy = deferred.module("accuracy.linear_models")
+        resolved = accuracy.find_resolved_frequency(model, high)
+        ends = low, min(high, max(resolved, _MIN_RANGE * float(np.min(peaks))))
     low, high = ends
-    count = int(np.clip(_FREQUENCY_WORK / max(n_states, 1) ** 3, _MIN_FREQUENCIES, _MAX_FREQUENCIES))
+    work = _FREQUENCY_WORK / max(len(model.states), 1) ** 3
+    count = int(np.clip(work, _MIN_FREQUENCIES, _MAX_FREQUENCIES))
     near = frequencies_beside(poles[oscillates])
     near = near[(near > low) & (near < high)]
     grid = np.geomspace(low, high, max(count - len(near), _MIN_FREQUENCIES // 2))

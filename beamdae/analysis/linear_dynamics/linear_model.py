@@ -252,11 +252,6 @@ class LinearModel(HasPage):
         module = deferred.module("accuracy.linear_models")
         return module.measure_response(self, frequencies, response)
 
-    def find_resolved_frequency(self, highest: float) -> float:
-        """Return the frequency up to which natural frequencies are accurate, at most `highest`."""
-        module = deferred.module("accuracy.linear_models")
-        return float(module.find_resolved_frequency(self, highest))
-
     def bound_magnitudes(self, frequencies: Array) -> Array:
         """Return the median over the frequencies [Hz] of |C (i w I - A)^-1| |B|, w = 2 pi f.
 

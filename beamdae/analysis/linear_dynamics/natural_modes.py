@@ -61,7 +61,7 @@ _MASS_ROUNDING = 1e-20
 # Largest bound on the rounding error of a squared frequency, relative to the square, without a
 # warning. Actual errors are below a tenth of the bound, as for free strips with L/h = 1e6.
 _MAX_SQUARE_ROUNDING = 0.05
-# Smallest share of the kinetic energy, without that of rigid motions of the bodies, of a motion that
+# Smallest share of the kinetic energy, without rigid motions of the bodies, of a motion that
 # deforms beams. Clamped beams have 3 %, rounding errors of free strips with L/h = 1e6 0.003 %.
 _MIN_DEFORMATION_SHARE = 1e-3
 _MAX_NAMES = 4  # of parts of a group without a joint
