@@ -494,7 +494,8 @@ def _find_crossovers(loop: _Loop) -> list[Crossover]:
             lag = (float(np.angle(-loop.at(f))) - _FULL_TURN * f * loop.delay) % _FULL_TURN
             margin = math.degrees(lag if lag <= np.pi else lag - _FULL_TURN)
             crossovers.append(Crossover("gain", f, math.nan, margin, lag / (_FULL_TURN * f)))
-        if len(critical) < _MAX_CROSSOVERS:
+        is_large = max(abs(begin), abs(end)) > 0.5 * _MIN_MAGNITUDE
+        if is_large and len(critical) < _MAX_CROSSOVERS:
             roots = _find_phase_crossovers(loop, first, last, begin, end)
             critical += [(f, abs(loop.at(f))) for f in roots]
     crossovers += [
