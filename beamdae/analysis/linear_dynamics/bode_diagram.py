@@ -345,9 +345,9 @@ def _compute_bode(
         values = _choose_frequencies(model, ends)
     response = model.evaluate_response(values.tolist())
     remarks = model.find_missed_peaks(values, response)
-    growing = find_growing_poles(model.poles)
-    if len(growing):
-        rate = float(np.max(growing.real))
+    # Without free motions.
+    rate = float(np.max(model.poles.real[np.abs(model.poles) > MIN_POLE], initial=0.0))
+    if rate > 0.0:
         unstable = (
             f"the linear model is unstable (largest growth rate {rate:.4g} 1/s), so motions do not "
             "settle to this response; linearize about a stable state, or close the control loop."
@@ -363,11 +363,6 @@ def describe_poles(poles: Array) -> list[PoleDescription]:
     ratios = -poles.real / np.where(poles == 0.0, 1.0, np.abs(poles)) + 0.0
     rows = zip(rates.tolist(), ratios.tolist(), (poles.real + 0.0).tolist(), strict=True)
     return [PoleDescription(*row) for row in rows]
-
-
-def find_growing_poles(poles: Array) -> Array:
-    """Return the poles with positive real parts above the real axis, without free motions."""
-    return poles[(np.abs(poles) > MIN_POLE) & (poles.imag >= 0.0) & (poles.real > 0.0)]
 
 
 def select_poles(poles: Array) -> list[int]:

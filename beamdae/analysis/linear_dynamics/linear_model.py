@@ -328,11 +328,16 @@ def compute_poles(matrix: Array) -> Array:
         return np.zeros(0, complex)
     a, _ = la.matrix_balance(matrix, permute=False)
     inverse = np.linalg.inv(a - _POLE_SHIFT * np.eye(len(a)))
-    _, y, x = la.eig(inverse, left=True, right=True)
+    values, y, x = la.eig(inverse, left=True, right=True)
     products = np.einsum("ij,ij->j", y.conj(), x)
-    poles = np.einsum("ij,ij->j", y.conj(), a @ x) / products
-    sizes = np.einsum("ij,ij->j", np.abs(y), np.abs(a) @ np.abs(x)) / np.abs(products)
-    errors = np.finfo(float).eps * sizes + _MIN_DAMPING_RATIO * np.abs(poles)
+    # Vectors of multiple poles, such as those of free motions, are orthogonal.
+    is_single = np.abs(products) > np.sqrt(np.finfo(float).eps)
+    divisors = np.where(is_single, products, 1.0)
+    quotients = np.einsum("ij,ij->j", y.conj(), a @ x) / divisors
+    sizes = np.einsum("ij,ij->j", np.abs(y), np.abs(a) @ np.abs(x)) / np.abs(divisors)
+    poles = np.where(is_single, quotients, _POLE_SHIFT + 1.0 / values)
+    errors = np.where(is_single, np.finfo(float).eps * sizes, 0.0)
+    errors = errors + _MIN_DAMPING_RATIO * np.abs(poles)
     poles.real[np.abs(poles.real) <= errors] = 0.0
     return poles[np.argsort(np.abs(poles), kind="stable")]
 
