@@ -56,6 +56,22 @@ _MAX_DEVIATION = 1e-3
 _EQUAL = 1e-9
 
 
+class _ModeSolver:
+    """Function that returns the modes at a speed, and computes those of each speed once."""
+
+    def __init__(self, diagram: Campbell) -> None:
+        self.equations = diagram.modes[0]._linearization.full_equations
+        self.center, self.damping = diagram.center, diagram.damping
+        self.count = max(map(len, diagram.modes))
+        self.known = dict(zip(diagram.speeds.tolist(), diagram.modes, strict=True))
+
+    def __call__(self, speed: float) -> Modes:
+        if speed not in self.known:
+            about = rotation(speed, self.center)
+            self.known[speed] = compute_modes(self.equations, about, self.count, self.damping)
+        return self.known[speed]
+
+
 class _Stop(NamedTuple):
     """Speed through which modes are followed.
 
@@ -267,16 +283,8 @@ class Campbell(HasTable, HasPage):
         return pd.DataFrame(rows, columns=names)
 
     @cached_property
-    def _known_modes(self) -> dict[float, Modes]:
-        return dict(zip(self.speeds.tolist(), self.modes, strict=True))
-
-    def _modes_at(self, speed: float) -> Modes:
-        """Return the modes at a speed [rad/s]; those of each speed are computed once."""
-        if speed not in self._known_modes:
-            equations = self.modes[0]._linearization.full_equations
-            count, about = max(map(len, self.modes)), rotation(speed, self.center)
-            self._known_modes[speed] = compute_modes(equations, about, count, self.damping)
-        return self._known_modes[speed]
+    def _solver(self) -> _ModeSolver:
+        return _ModeSolver(self)
 
     def _find_resonances(
         self, before: _Stop, after: _Stop, mode: int, multiple: int
@@ -290,7 +298,7 @@ class Campbell(HasTable, HasPage):
         ends = [(x.modes, int(x.order[mode])) for x in (before, after)]
 
         def find_rate(speed: float) -> float:
-            modes = self._modes_at(speed)
+            modes = self._solver(speed)
             mac = np.sum([other.mac(modes)[k] for other, k in ends], axis=0)
             return abs(float(modes.eigenvalues[int(np.argmax(mac))].imag))
 
