@@ -159,7 +159,7 @@ def test_regression_columns_of_a_periodic_motion_are_selected_as_those_of_a_run(
 def test_failed_search_is_a_result_with_a_reason():
     # Undamped at resonance, the amplitude grows without bound.
     resonant = oscillator(bd.sine(1.0, 3.0 / (2.0 * np.pi)), damping=0.0)
-    message = r"differs from the start by .* vibrations have a damping ratio of only 0\.000 %"
+    message = r"differs from the start by .* or add damping, such as damping="
     with pytest.warns(bd.BeamdaeWarning, match=message):
         motion = bd.periodic(resonant, 2.0 * np.pi / 3.0, bd.Radau(1e-4), settle=0)
     assert motion.status.kind == "failed"
