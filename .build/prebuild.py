@@ -42,7 +42,7 @@ from beamdae.beams.beam import EXACT_FORMULATION, FORMULATIONS  # noqa: E402
 from beamdae.beams.floating_frame.kinematics import STRAINS  # noqa: E402
 from beamdae.cli.model_files.model_file import ModelFile  # noqa: E402
 from beamdae.equations.formulations.first_order import FIRST_ORDER  # noqa: E402
-from beamdae.equations.starts.state_evaluator import plan_state_sums  # noqa: E402
+from beamdae.equations.starts.state_evaluator import plan_motion  # noqa: E402
 from beamdae.integrators.alpha import generalized_alpha  # noqa: E402
 from beamdae.native import lane_kernels, llvm, loops, object_code, prebuilt_objects  # noqa: E402
 from beamdae.parts.part import Part  # noqa: E402
@@ -190,7 +190,7 @@ def derivative_runs() -> Iterator[Callable[[], Any]]:
 def single_state_runs() -> Iterator[Callable[[], Any]]:
     """Yield the machine code in which studies evaluate sums at single states."""
     equations = bd.equations_of_motion(driven_disk())
-    evaluator = SumEvaluator(plan_state_sums(equations.structure).motion, equations.p)
+    evaluator = SumEvaluator(plan_motion(equations.structure), equations.p)
     n, m = equations.n, equations.m
     yield partial(evaluator.load_native, 3 * n + m, n + 3 * m, compiles=True)
 

@@ -31,19 +31,18 @@ from beamdae.equations.part_warnings import (
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.dependent_constraints import (
-    ConstraintRank,
     DependentSet,
-    analyze_constraint_rank,
     find_dependent_sets,
 )
 from beamdae.equations.starts.mobility import (
-    count_rigid_mobility,
-    describe_free_motions,
-    describe_unheld_motions,
+    find_free_motions,
     find_loose_groups,
+    find_unheld_motions,
     select_free_groups,
 )
+from beamdae.equations.starts.rank import ConstraintRank, analyze_constraint_rank
 from beamdae.equations.starts.reduced_equations import drop_dependent_constraints
+from beamdae.equations.starts.rigid_motions import describe_free_motion
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
@@ -326,12 +325,13 @@ def check(
     )
     if equations.m <= _MAX_CONSTRAINTS:
         joints = analyze_constraint_rank(solver, time, q)
+        motions = find_free_motions(equations, q, joints)
         findings = replace(
             findings,
             rank=joints.rank,
-            rigid_mobility=count_rigid_mobility(equations, q, joints),
+            rigid_mobility=len(motions),
             dependent=find_dependent_sets(solver, time, q, v, joints),
-            free_motions=describe_free_motions(equations, q, joints),
+            free_motions=_describe_motions(equations, q, motions),
             unheld_motions=_unheld_motions(equations, q, v, joints, end or 1.0),
         )
         if state is not None and equations.n <= _MAX_COORDINATES:
@@ -425,7 +425,12 @@ def _unheld_motions(
             _, reactions = ConsistencySolver(equations).acceleration(times[0], q, v)
         except BeamdaeError:
             return ()  # constraints are dependent, or a motion has no inertia
-    return describe_unheld_motions(equations, times, q, reactions, joints, end)
+    motions = find_unheld_motions(equations, times, q, reactions, joints, end)
+    return _describe_motions(equations, q, motions)
+
+
+def _describe_motions(e: EquationsOfMotion, q: Array, motions: list[Array]) -> tuple[str, ...]:
+    return tuple(describe_free_motion(e, q, x) for x in motions)
 
 
 def _constraint_residuals(

@@ -16,7 +16,11 @@ from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.equations.formulations.sums import TIME_SIZE
-from beamdae.equations.starts.state_evaluator import plan_state_sums
+from beamdae.equations.starts.state_evaluator import (
+    plan_motion,
+    plan_smooth_motion,
+    plan_state_sums,
+)
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.export.c_code import (
     Tables,
@@ -206,7 +210,7 @@ class _SourceWriter:
                 "char *const", [format_string(value.name) for value in values]
             ),
             "residual": self._plan(residual, size),
-            "motion": self._plan(sums.motion, n + 3 * m),
+            "motion": self._plan(plan_motion(e.structure), n + 3 * m),
             "saddle": self._plan(sums.saddle, sums.saddle_pattern.nnz),
             "outputs": self._plan(outputs, len(x.outputs)),
             "residual_direction": self._plan(directions[0], size),
@@ -249,7 +253,7 @@ class _SourceWriter:
         fields = {name: format_number(value) for name, value in numbers.items()}
         fields["weights"] = tables.numbers(x.weights)
         fields["matrix"] = self._plan(matrix, form.pattern.nnz)
-        smooth_motion = plan_state_sums(e.structure).smooth_motion
+        smooth_motion = plan_smooth_motion(e.structure)
         fields["smooth_motion"] = self._plan(smooth_motion, e.n + 3 * e.m)
         fields["step_pattern"] = self._pattern(form.pattern, plan_elimination(form.pattern, e.n))
         return residual, e.n + e.m, 3 * e.n + e.m, fields

@@ -9,8 +9,8 @@ import numpy as np
 from beamdae.beams.beam import Beam
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.smooth_intervals import time_on_branch
-from beamdae.equations.starts.dependent_constraints import analyze_constraint_rank
 from beamdae.equations.starts.mobility import find_loose_groups, find_unheld_motions
+from beamdae.equations.starts.rank import analyze_constraint_rank
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import list_first
 from beamdae.parts.bodies.point_mass import PointMass

@@ -9,9 +9,9 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start, State
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.dependent_constraints import analyze_constraint_rank
-from beamdae.equations.starts.mobility import describe_free_motion_of
-from beamdae.equations.starts.rigid_motions import Body, collect_bodies
+from beamdae.equations.starts.mobility import find_free_motions
+from beamdae.equations.starts.rank import analyze_constraint_rank
+from beamdae.equations.starts.rigid_motions import Body, collect_bodies, describe_free_motion
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.parts.attachments import measure_extent
 from beamdae.parts.joints.drivers import DrivenJoint
@@ -206,14 +206,16 @@ def _describe_fall(
         return ""
     time = time_on_branch(e.breakpoints, 0.0)
     rank = analyze_constraint_rank(StateEvaluator(e.initially_active), time, closed_q)
+    motions = find_free_motions(e, closed_q, rank)
     rows = {part.name: part.rows for part in e.parts}
     for body in fallen:
         # Elastic beams may bend as far without a free motion.
-        if motion := describe_free_motion_of(e, closed_q, rank, rows[body.part]):
+        moving = (x for x in motions if np.any(x[rows[body.part]]))
+        if (motion := next(moving, None)) is not None:
             return (
                 f"{body.part}: the {request} {body.describe('this part')} from its "
-                f"drawing, because {motion}; if this is intended, draw the part there, otherwise "
-                "add the missing joint, spring or driver."
+                f"drawing, because {describe_free_motion(e, closed_q, motion)}; if this is "
+                "intended, draw the part there, otherwise add the missing joint, spring or driver."
             )
     return ""
 

@@ -1,12 +1,12 @@
 """Derivatives of consistent states, impacts and the start of generalized-alpha runs.
 
-The maps are recorded once, see `recorded_maps`; their derivatives are applied forward or
-transposed.
+The solver for consistent states is called with recorded arrays, see `recorded_maps`; the
+derivatives of its functions are applied forward or transposed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -16,27 +16,25 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from beamdae.analysis.sensitivities.model_differences import Difference
-from beamdae.analysis.sensitivities.operator_changes import directional_plan_along
 from beamdae.analysis.sensitivities.recorded_maps import (
     DifferentiableSum,
     Record,
-    Term,
-    Variable,
-    plan_direction,
+    plan_along,
+    value_of,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.static_equations import StaticEquations
-from beamdae.equations.formulations.sums import InputLayout, assemble_motion
+from beamdae.equations.starts.closing import CLOSING_COEFFICIENTS
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.state_evaluator import (
     MASS_COEFFICIENTS,
-    SECOND_DIFFERENCE,
     Coefficients,
-    plan_constraint_levels,
+    PlanFunction,
+    plan_balance,
     plan_state_sums,
 )
-from beamdae.equations.structure import Structure, cache_on_owner, share_plans
-from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaStart
+from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.integrators.alpha.family import JERK_INTERVAL, AlphaStart
 from beamdae.linear.factorizations import create_factorization
 from beamdae.symbolic.sparse_operators import transpose_pattern
 from beamdae.symbolic.sums.directional_sums import directional_plan
@@ -44,8 +42,6 @@ from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
 
-# Coefficients of stiffness, damping and mass in the matrix that closes joints.
-_CLOSING = (1.0, 0.0, 1.0)
 # Larger corrections of a differenced equilibrium, relative to the difference, are motions without
 # stiffness.
 _MAX_EQUILIBRIUM_CORRECTION = 1e-4
@@ -64,28 +60,10 @@ MIN_STIFF_PENETRATION = 1e-6
 _MAX_STATES = 8
 
 
-@share_plans
-def _plan_motion(structure: Structure) -> SumPlan:
-    """Return the plan of (F, g, g_dot, g_ddot, G^T lam) with the inputs (q, v, a, lam)."""
-    n = structure.n
-    layout = InputLayout(q=0, v=n, a=2 * n, lam=3 * n)
-    return assemble_motion(structure, layout, with_reactions=True).vector()
-
-
-@cache_on_owner
-def _plan_smooth_motion(structure: Structure) -> SumPlan:
-    return plan_state_sums(structure).smooth_motion
-
-
-@cache_on_owner
-def _plan_gradients(structure: Structure) -> SumPlan:
-    return plan_state_sums(structure).gradients
-
-
 @cache_on_owner
 def _plan_change(structure: Structure) -> SumPlan:
-    """Return the plan of the derivative of the motion along a change of the state."""
-    return directional_plan(_plan_motion(structure), 3 * structure.n + structure.m)
+    """Return the plan of the derivative of `plan_balance` along a change of the state."""
+    return directional_plan(plan_balance(structure), 3 * structure.n + structure.m)
 
 
 class StaticFactors:
@@ -143,6 +121,113 @@ def has_unique_equilibrium(equations: EquationsOfMotion, time: Array) -> bool:
 
 
 @dataclass(frozen=True)
+class RecordingSolver(ConsistencySolver):
+    """Solver for consistent states whose functions record their operations.
+
+    Its functions are those of `ConsistencySolver`, called with recorded arrays. The solution x of
+    an equation R(x) = 0 is recorded as x - A^-1 R(x) with a constant x and A = dR/dx, which has the
+    same derivative.
+
+    Attributes
+    ----------
+    derivatives, record
+        Sums and factors, and the record.
+    moves
+        True if times move with that of the record.
+    at
+        Consistent state near which states are recorded; None if it is not known.
+    """
+
+    derivatives: StartDerivatives
+    record: Record
+    moves: bool
+    at: State | None
+
+    def evaluate(self, plan: PlanFunction, time: Array, state: Sequence[Any], size: int) -> Any:
+        """See `StateEvaluator`."""
+        e = self.equations
+        zeros = (np.zeros(k) for k in (e.n, e.n, e.n, e.m))
+        state = [z if x is None else x for x, z in zip(state, zeros, strict=True)]
+        return self.record.evaluate(self.derivatives.sum(plan, size), time, state, self.moves)
+
+    def _split_levels(self, motion: Any) -> Any:
+        n, m = self.equations.n, self.equations.m
+        return [motion[n + k * m : n + (k + 1) * m] for k in range(3)]
+
+    def stiffness_force(self, time: Array, q: Any, v: Any, lam: Any, x: Array) -> Any:
+        """See `StateEvaluator`."""
+        change = np.concatenate([x, np.zeros(2 * self.equations.n + self.equations.m)])
+        return self._change(time, q, v, lam, change)[: self.equations.n]
+
+    def _change(self, time: Array, q: Any, v: Any, lam: Array, change: Array) -> Any:
+        """Return the derivative of (F, g, g_dot, g_ddot, G^T lam) along a change of the state."""
+        e = self.equations
+        state = (q, v, np.zeros(e.n), lam, change, np.zeros(len(e.p)))
+        return self.record.evaluate(self.derivatives.change, time, state, self.moves)
+
+    def close_positions(self, time: Array, q: Any, requested: Any = None) -> Any:
+        """Return the positions that close the joints, near those of a consistent state."""
+        e = self.equations
+        if e.m == 0:
+            return q
+        solve = self._solver_at(time, q, np.zeros(e.n), CLOSING_COEFFICIENTS, None)
+        right = np.zeros(e.n), self.position_gaps(time, q)
+        change = self.record.solve(solve, right, np.zeros(e.n + e.m))[: e.n]
+        return q - e.without_states(np.ones(e.n)) * change
+
+    def solve_saddle(
+        self,
+        time: Array,
+        q: Any,
+        v: Any,
+        force: Any,
+        rates: Any,
+        coefficients: Coefficients = MASS_COEFFICIENTS,
+        lam: Array | None = None,
+        kept: Array | None = None,
+    ) -> tuple[Any, Any]:
+        """See `StateEvaluator`; only constraints at the indices `kept` act, all by default."""
+        e = self.equations
+        solve = self._solver_at(time, q, v, coefficients, lam, kept)
+        right = [
+            np.zeros(k) if isinstance(x, float) else x for k, x in ((e.n, force), (e.m, rates))
+        ]
+        if lam is not None:  # The correction of a solution.
+            solution = self.record.solve(solve, right, np.zeros(e.n + e.m))
+            return solution[: e.n], solution[e.n :]
+        x = solve(np.concatenate([value_of(y) for y in right]), False)
+        if x.any():
+            assert coefficients == MASS_COEFFICIENTS
+            change = self._change(time, q, v, np.zeros(e.m), np.concatenate([np.zeros(2 * e.n), x]))
+            levels = self._split_levels(change)
+            right = [right[0] - change[: e.n] - change[e.n + 3 * e.m :], right[1] - levels[2]]
+        solution = self.record.solve(solve, right, x)
+        return solution[: e.n], solution[e.n :]
+
+    def acceleration(self, time: Array, q: Any, v: Any, stiff_time: float = 0.0) -> tuple[Any, Any]:
+        """See `ConsistencySolver`."""
+        if stiff_time == 0.0 and self.at is not None:
+            _, _, a, lam = self.at
+        else:
+            a, lam = self.derivatives.solver.acceleration(time, q.value, v.value, stiff_time)
+        force, rates = self.unbalance(time, q, v, a, lam, stiff_time)
+        coefficients = (stiff_time**2, 0.0, 1.0)
+        da, dlam = self.solve_saddle(time, q, v, -force, -rates, coefficients, lam)
+        return a + da, lam + dlam
+
+    def _solver_at(
+        self,
+        time: Array,
+        q: Any,
+        v: Any,
+        coefficients: Coefficients,
+        lam: Array | None,
+        kept: Array | None = None,
+    ) -> Callable[[Array, bool], Array]:
+        return self.derivatives.factorize(time, q.value, value_of(v), coefficients, lam, kept)
+
+
+@dataclass(frozen=True)
 class StartDerivatives:
     """Records of the maps to consistent states, and sums along directions.
 
@@ -159,55 +244,41 @@ class StartDerivatives:
 
     solver: ConsistencySolver
     moving: Difference | None = None
+    _sums: dict[PlanFunction, DifferentiableSum] = field(
+        default_factory=dict, init=False, repr=False
+    )
     _factors: dict[Any, Callable[[Array, bool], Array]] = field(
         default_factory=dict, init=False, repr=False
     )
 
-    def directional_plan(self, plan: Callable[[Structure], SumPlan], n_inputs: int) -> SumPlan:
+    def directional_plan(self, plan: PlanFunction, n_inputs: int) -> SumPlan:
         """Return the directional derivative of a sum with inputs of size `n_inputs`.
 
         `plan` returns the plan of the sum of a structure; it is a function of a module, because
         plans are cached by function.
         """
-        if self.moving is not None:
-            return directional_plan_along(self.moving, lambda e: plan(e.structure), n_inputs)
-        return plan_direction(self.equations.structure, plan, n_inputs)
+        return plan_along(self.equations, self.moving, plan, n_inputs)
 
     @property
     def equations(self) -> EquationsOfMotion:
         """Equations of motion of the solver."""
         return self.solver.equations
 
-    def _sum(
-        self, plan: Callable[[Structure], SumPlan], size: int, *, of_change: bool = False
-    ) -> DifferentiableSum:
+    def sum(self, plan: PlanFunction, size: int) -> DifferentiableSum:
+        """Return a sum of `StateEvaluator`."""
+        if plan not in self._sums:
+            e = self.equations
+            self._sums[plan] = DifferentiableSum(e, plan, 3 * e.n + e.m, size, self.moving)
+        return self._sums[plan]
+
+    @cached_property
+    def change(self) -> DifferentiableSum:
+        """Derivative of (F, g, g_dot, g_ddot, G^T lam) along a change of the state."""
         e = self.equations
-        n_inputs = 3 * e.n + e.m
-        if of_change:
-            n_inputs = 2 * n_inputs + len(e.p)
-        min_base = MIN_STIFF_PENETRATION if of_change else 0.0
-        return DifferentiableSum(e, plan, n_inputs, size, self.moving, min_base)
-
-    @cached_property
-    def _motion(self) -> DifferentiableSum:
-        return self._sum(_plan_motion, 2 * self.equations.n + 3 * self.equations.m)
-
-    @cached_property
-    def _smooth_motion(self) -> DifferentiableSum:
-        return self._sum(_plan_smooth_motion, self.equations.n + 3 * self.equations.m)
-
-    @cached_property
-    def _levels(self) -> DifferentiableSum:
-        return self._sum(plan_constraint_levels, self.equations.n + 3 * self.equations.m)
-
-    @cached_property
-    def _gradients(self) -> DifferentiableSum:
-        return self._sum(_plan_gradients, self.solver.sums.gradient_pattern.nnz)
-
-    @cached_property
-    def _change(self) -> DifferentiableSum:
-        size = 2 * self.equations.n + 3 * self.equations.m
-        return self._sum(_plan_change, size, of_change=True)
+        n_inputs, size = 2 * (3 * e.n + e.m) + len(e.p), 2 * e.n + 3 * e.m
+        return DifferentiableSum(
+            e, _plan_change, n_inputs, size, self.moving, MIN_STIFF_PENETRATION
+        )
 
     def start_map(self, time: Array, at: State, v: Array) -> Record:
         """Return the map from requested (q, v) to the consistent state (q, v, a, lam).
@@ -220,10 +291,10 @@ class StartDerivatives:
         v
             Requested velocities.
         """
-        record = self._record(time, 0.0)
+        record, (solver, _) = self._record(0.0, at)
         record.inputs = request = record.variables(at.q, v)
-        consistent = self._project(record, at, *request, moves=False)
-        record.outputs = self._complete(record, at, *consistent, moves=False)
+        q, v = self._project(solver, time, *request)
+        record.outputs = solver.complete(time, q, v)
         return record
 
     def restart_map(self, time: Array, at: State, v: Array, h: float) -> Record:
@@ -232,16 +303,16 @@ class StartDerivatives:
         The inputs are those along the moving time. The outputs are the consistent state along the
         moving time, (q, v, a, lam), and that at fixed time.
         """
-        record = self._record(time, h)
+        record, (fixed, moving) = self._record(h, at)
         record.inputs = request = record.variables(at.q, v)
-        moved_q, moved_v = self._project(record, at, *request, moves=True)
-        q = record.combine((1.0, moved_q), (-at.v, record.shift), value=at.q)
-        v_fixed = record.combine((1.0, moved_v), (-at.a, record.shift), value=at.v)
-        record.outputs = (
-            *self._complete(record, at, moved_q, moved_v, moves=True),
-            *self._complete(record, at, q, v_fixed, moves=False),
-        )
+        q, v = self._project(moving, time, *request)
+        q_fixed, v_fixed = q - at.v * record.shift, v - at.a * record.shift
+        record.outputs = (*moving.complete(time, q, v), *fixed.complete(time, q_fixed, v_fixed))
         return record
+
+    def _project(self, solver: RecordingSolver, time: Array, q: Any, v: Any) -> tuple[Any, Any]:
+        q = solver.close_positions(time, q)
+        return q, solver.project_velocities(time, q, v)
 
     def impact_map(
         self, time: Array, at: State, active: Array, restitution: Array, h: float
@@ -259,32 +330,18 @@ class StartDerivatives:
         h
             Step of the run [s].
         """
-        n, rates = self.equations.n, self.solver.constraint_levels(time, at.q, at.v)[1]
-        kept = np.concatenate([np.arange(n), n + active])
-        pattern = self.solver.sums.saddle_pattern
-        nonzeros = self.solver.saddle_matrix(time, at.q, at.v, None, MASS_COEFFICIENTS)
-        matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
-        factors = splu(sp.csc_array(matrix[kept][:, kept]))
-
-        def solve(right: Array, transposed: bool) -> Array:
-            solution = np.zeros(len(right))
-            solution[kept] = factors.solve(right[kept], "T" if transposed else "N")
-            return solution
-
-        record = self._record(time, h)
+        record, (_, solver) = self._record(h)
         record.inputs = q, v, e = record.variables(at.q, at.v, restitution)
-        right = np.concatenate([np.zeros(n), -(1.0 + restitution) * rates])
-        rate = self._level(record, 1, q, v, moves=True)
-        opening = record.combine((1.0 + restitution, rate), (rates, e))
-        record.outputs = (self._correct(record, solve, right, q, v, opening, moves=True),)
+        rates = solver.constraint_levels(time, q, v)[1]
+        jump, _ = solver.solve_saddle(time, q, v, 0.0, -(1.0 + e) * rates, kept=active)
+        record.outputs = (v + jump,)
         return record
 
     def gradient_map(self, time: Array, q: Array) -> Record:
         """Return the map from q to the non-zeros of G on `sums.gradient_pattern`."""
-        record = self._record(time, 0.0)
+        record, (solver, _) = self._record(0.0)
         record.inputs = variables = record.variables(q)
-        rest = record.variables(*self.solver.rest_state(q)[1:])
-        record.outputs = (record.evaluate(self._gradients, (*variables, *rest)),)
+        record.outputs = (solver.gradients(time, *variables),)
         return record
 
     def initial_motion(self, start: AlphaStart, time: Array, at: State, h: float) -> Record:
@@ -292,28 +349,18 @@ class StartDerivatives:
 
         It maps the state (q, v, a, lam) to (q, v, q'', algorithmic acceleration).
         """
-        record = self._record(time, h)
-        record.inputs = q, v, a, _ = record.variables(*at)
-        record.outputs = q, v, a, a
-        if not start.cured:
-            return record
-        interval, stiff_time = JERK_INTERVAL * h, STIFF_TIME * h
-        jerk = self._normal_jerk(record, q, v, a, interval, holonomic_only=False)
-        solution = self.solver.acceleration(time, at.q, at.v, stiff_time=stiff_time)
-        ddq, _ = self._accelerations(record, q, v, *solution, moves=True, stiff_time=stiff_time)
-        if start.index3:
-            position_jerk = jerk
-            if self.equations.nonholonomic_rows.size:
-                position_jerk = self._normal_jerk(record, q, v, a, interval, holonomic_only=True)
-            v = record.combine((1.0, v), (h**2 * start.member.defect, position_jerk))
-        record.outputs = q, v, ddq, record.combine((1.0, ddq), (start.member.shift * h, jerk))
+        record, (_, solver) = self._record(h)
+        record.inputs = state = record.variables(*at)
+        motion = replace(start, solver=solver).initial_motion(time, State(*state), h)
+        record.outputs = motion.q, motion.v, motion.ddq, motion.a
         return record
 
     def jerk_map(self, time: Array, at: State, h: float) -> Record:
         """Return the map from (q, v, a) to the normal jerk that corrects steps `h` [s]."""
-        record = self._record(time, h)
+        record, (_, solver) = self._record(h)
         record.inputs = q, v, a = record.variables(*at[:3])
-        jerk = self._normal_jerk(record, q, v, a, JERK_INTERVAL * h, holonomic_only=True)
+        interval = JERK_INTERVAL * h
+        jerk = solver.evaluate_normal_jerk(time, State(q, v, a, at.lam), interval, True)
         record.outputs = (jerk,)
         return record
 
@@ -355,215 +402,64 @@ class StartDerivatives:
 
     def _equilibrium_map(self, time: Array, at: State, factors: StaticFactors) -> Record:
         """Return the map from approximate positions to those of the equilibrium, (q, lam)."""
-        e, record = self.equations, self._record(time, 0.0)
+        n, (record, (solver, _)) = self.equations.n, self._record(0.0)
         record.inputs = (q,) = record.variables(at.q)
-        zeros = np.zeros(e.n)
-        rest = record.variables(zeros, zeros, at.lam)
-        motion = record.evaluate(self._motion, (q, *rest))
-        force, reactions = self._forces(record, motion)
-        solution = record.solve(
-            factors.solve,
-            e.n + e.m,
-            (record.combine((1.0, force), (1.0, reactions)), slice(e.n)),
-            (record.take(motion, slice(e.n, e.n + e.m)), slice(e.n, None)),
-        )
-        record.outputs = (
-            record.combine((1.0, q), (-1.0, record.take(solution, slice(e.n)))),
-            record.combine((-1.0, record.take(solution, slice(e.n, None)))),
-        )
+        force, levels = solver.balance(time, q, None, None, at.lam)
+        right = -force, -levels[0]
+        change = record.solve(factors.solve, right, np.zeros(n + self.equations.m))
+        record.outputs = q + change[:n], at.lam + change[n:]
         return record
 
-    def _record(self, time: Array, h: float) -> Record:
-        return Record(len(self.equations.p), time, _STEP_FRACTION * h)
-
-    def _project(
-        self, record: Record, at: State, q: Variable, v: Variable, *, moves: bool
-    ) -> tuple[Variable, Variable]:
-        """Return consistent positions and velocities."""
-        q = self._close(record, at.q, q, moves=moves)
-        if self.equations.m == 0:
-            return q, v
-        rates = self.solver.constraint_levels(record.time, at.q, v.point)[1]
-        right = np.concatenate([np.zeros(self.equations.n), -rates])
-        rate = self._level(record, 1, q, v, moves=moves)
-        solve = self._factorize(record.time, at.q, v.point, MASS_COEFFICIENTS)
-        v = self._correct(record, solve, right, q, v, rate, moves)
-        return q, replace(v, value=at.v)
-
-    def _close(self, record: Record, at: Array, q: Variable, *, moves: bool) -> Variable:
-        """Return positions that close the joints; states do not change."""
-        e = self.equations
-        if e.m == 0:
-            return q
-        gap = self._level(record, 0, q, moves=moves)
-        solve = self._factorize(record.time, at, np.zeros(e.n), _CLOSING)
-        change = record.solve(solve, e.n + e.m, (gap, slice(e.n, None)))
-        moving = -e.without_states(np.ones(e.n))
-        return record.combine((1.0, q), (moving, record.take(change, slice(e.n))), value=at)
-
-    def _complete(
-        self, record: Record, at: State, q: Variable, v: Variable, *, moves: bool
-    ) -> tuple[Variable, ...]:
-        """Return the state at consistent (q, v), with the rates of first-order states."""
-        e = self.equations
-        if len(e.states):
-            rest = record.variables(at.a, np.zeros(e.m))
-            motion = record.evaluate(self._motion, (q, v, *rest), moves=moves)
-            of_states = e.without_states(np.ones(e.n)) - 1.0
-            v = record.combine((1.0, v), (of_states, record.take(motion, slice(e.n))), value=at.v)
-        return q, v, *self._accelerations(record, q, v, at.a, at.lam, moves=moves)
-
-    def _accelerations(
-        self,
-        record: Record,
-        q: Variable,
-        v: Variable,
-        a: Array,
-        lam: Array,
-        *,
-        moves: bool,
-        stiff_time: float = 0.0,
-    ) -> tuple[Variable, Variable]:
-        """Return (a, lam) of `ConsistencySolver.acceleration`, given their values."""
-        e = self.equations
-
-        motion = record.evaluate(self._motion, (q, v, *record.variables(a, lam)), moves=moves)
-        forces: list[Term] = [(1.0, x) for x in self._forces(record, motion)]
-        if stiff_time:
-            rest = record.variables(np.zeros(e.n), lam)
-            direction = np.zeros(3 * e.n + e.m + len(e.p))
-            direction[: e.n] = stiff_time**2 * a
-            change = record.evaluate(
-                self._change, (q, v, *rest), direction=[direction], moves=moves
-            )
-            forces.append((1.0, record.take(change, slice(e.n))))
-            forces += self._force_change(record, q, v, stiff_time, moves)
-        solution = record.solve(
-            self._factorize(record.time, q.point, v.point, (stiff_time**2, 0.0, 1.0), lam),
-            e.n + e.m,
-            (record.combine(*forces), slice(e.n)),
-            (record.take(motion, slice(e.n + 2 * e.m, e.n + 3 * e.m)), slice(e.n, None)),
+    def _record(
+        self, h: float, at: State | None = None
+    ) -> tuple[Record, tuple[RecordingSolver, RecordingSolver]]:
+        """Return a record, and its solvers at fixed and at moving times."""
+        record = Record(len(self.equations.p), _STEP_FRACTION * h)
+        fixed, moving = (
+            RecordingSolver(self.equations, self, record, moves, at) for moves in (False, True)
         )
-        return (
-            record.combine((-1.0, record.take(solution, slice(e.n))), value=a),
-            record.combine((-1.0, record.take(solution, slice(e.n, None))), value=lam),
-        )
+        return record, (fixed, moving)
 
-    def _force_change(
-        self, record: Record, q: Variable, v: Variable, delta: float, moves: bool
-    ) -> list[Term]:
-        """Return the terms of `ConsistencySolver.evaluate_force_change`."""
-        e = self.equations
-        rest, moving = self._zeros(record)[1:], e.without_states(np.ones(e.n))
-        terms: list[Term] = []
-        for factor, shift in SECOND_DIFFERENCE:
-            moved = record.combine((1.0, q), (shift * delta * moving, v))
-            motion = record.evaluate(self._smooth_motion, (moved, v, *rest), moves=moves)
-            terms.append((factor * moving, record.take(motion, slice(e.n))))
-        return terms
-
-    def _normal_jerk(
-        self,
-        record: Record,
-        q: Variable,
-        v: Variable,
-        a: Variable,
-        delta: float,
-        holonomic_only: bool,
-    ) -> Variable:
-        """Return `ConsistencySolver.evaluate_normal_jerk`."""
-        e, none = self.equations, record.variables(np.zeros(self.equations.n))[0]
-        if e.m == 0:
-            return none
-
-        factor = np.full(e.m, 0.5 / delta)
-        if holonomic_only:
-            factor[e.nonholonomic_rows] = 0.0
-        right, terms = np.zeros(e.n + e.m), []
-        for d in (delta, -delta):
-            moved = record.combine((1.0, q), (d, v), (0.5 * d**2, a))
-            velocity = record.combine((1.0, v), (d, a))
-            level = self._level(record, 2, moved, velocity, a, moves=True, shift=d)
-            terms.append((np.sign(d) * factor, level))
-            values = moved.point, velocity.point, a.point
-            time = record.time + np.array([d, 0.0])
-            right[e.n :] -= terms[-1][0] * self.solver.constraint_levels(time, *values)[2]
-        solve = self._factorize(record.time, q.point, v.point, MASS_COEFFICIENTS)
-        rate = record.combine(*terms)
-        return self._correct(record, solve, right, q, v, rate, moves=True, start=none)
-
-    def _correct(
-        self,
-        record: Record,
-        solve: Callable[[Array, bool], Array],
-        right: Array,
-        q: Variable,
-        v: Variable,
-        rate: Variable,
-        moves: bool,
-        start: Variable | None = None,
-    ) -> Variable:
-        """Return velocities x + z, where M z + G^T mu = 0 and G z = -rate; x is v by default.
-
-        `right` is the right-hand side of these equations.
-        """
-        e, z = self.equations, solve(right, False)
-        terms, rates = [], [(1.0, rate)]
-        if z.any():
-            rest = self._zeros(record)
-            direction = np.concatenate([np.zeros(2 * e.n), z, np.zeros(len(e.p))])
-            change = record.evaluate(
-                self._change, (q, v, *rest[1:]), direction=[direction], moves=moves
-            )
-            forces = record.combine(*((1.0, x) for x in self._forces(record, change)))
-            terms = [(forces, slice(e.n))]
-            rates.append((1.0, record.take(change, slice(e.n + 2 * e.m, e.n + 3 * e.m))))
-        solution = record.solve(
-            solve, e.n + e.m, *terms, (record.combine(*rates), slice(e.n, None))
-        )
-        x = start or v
-        return record.combine(
-            (1.0, x), (-1.0, record.take(solution, slice(e.n))), value=x.point + z[: e.n]
-        )
-
-    def _level(
-        self, record: Record, level: int, *motion: Variable, moves: bool, shift: float = 0.0
-    ) -> Variable:
-        """Return g, g_dot or g_ddot at (q, v, a); omitted arguments are zero."""
-        e, zeros = self.equations, self._zeros(record)
-        state = (*motion, *zeros[len(motion) - 1 :])
-        total = record.evaluate(self._levels, state, shift=shift, moves=moves)
-        first = e.n + level * e.m
-        return record.take(total, slice(first, first + e.m))
-
-    def _forces(self, record: Record, motion: Variable) -> tuple[Variable, Variable]:
-        """Return F and G^T lam."""
-        n, m = self.equations.n, self.equations.m
-        return record.take(motion, slice(n)), record.take(motion, slice(n + 3 * m, None))
-
-    def _zeros(self, record: Record) -> tuple[Variable, ...]:
-        """Return zero velocities, accelerations and multipliers."""
-        n, m = self.equations.n, self.equations.m
-        return record.variables(np.zeros(n), np.zeros(n), np.zeros(m))
-
-    def _factorize(
+    def factorize(
         self,
         time: Array,
         q: Array,
         v: Array,
         coefficients: Coefficients,
-        lam: Array | None = None,
+        lam: Array | None,
+        kept: Array | None,
     ) -> Callable[[Array, bool], Array]:
-        """Return the function that solves the equations of the saddle-point matrix."""
-        if all(term.rows is None for term in self.equations.forces):
-            lam = None  # Without friction, the matrix does not depend on the multipliers.
-        key = coefficients, *(None if x is None else x.tobytes() for x in (time, q, v, lam))
+        """Return the function that solves the equations of the saddle-point matrix.
+
+        Multipliers of constraints that are not at the indices `kept` are zero.
+        """
+        if not self.solver.has_friction:
+            lam = None  # The matrix does not depend on the multipliers.
+        states = (None if x is None else x.tobytes() for x in (time, q, v, lam, kept))
+        key = coefficients, *states
         if key not in self._factors:
             if len(self._factors) >= _MAX_STATES:
                 self._factors.clear()
             nonzeros = self.solver.saddle_matrix(time, q, v, None, coefficients, lam)
-            self._factors[key] = _TransposableFactors(self.equations.structure, nonzeros).solve
+            self._factors[key] = (
+                _TransposableFactors(self.equations.structure, nonzeros).solve
+                if kept is None
+                else self._factorize_kept(nonzeros, kept)
+            )
         return self._factors[key]
+
+    def _factorize_kept(self, nonzeros: Array, kept: Array) -> Callable[[Array, bool], Array]:
+        n, pattern = self.equations.n, self.solver.sums.saddle_pattern
+        rows = np.concatenate([np.arange(n), n + kept])
+        matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
+        factors = splu(sp.csc_array(matrix[rows][:, rows]))
+
+        def solve(right: Array, transposed: bool) -> Array:
+            solution = np.zeros(len(right))
+            solution[rows] = factors.solve(right[rows], "T" if transposed else "N")
+            return solution
+
+        return solve
 
 
 @cache_on_owner

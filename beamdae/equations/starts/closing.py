@@ -34,7 +34,7 @@ from beamdae.errors import BeamdaeError
 Array = np.ndarray
 
 _RIGID_TIME = 1.0  # [s]; closing joints hardly excites modes of angular frequency above 1 / this
-_CLOSING_COEFFICIENTS = (_RIGID_TIME**2, 0.0, 1.0)
+CLOSING_COEFFICIENTS = (_RIGID_TIME**2, 0.0, 1.0)
 _REGULARIZATION = 1e-13  # relative to 1 / largest weight; makes dependent rows solvable
 
 _POSITION_TOLERANCE = 1e-12  # permitted gap, relative to its scale
@@ -267,9 +267,9 @@ class _Path:
         First-order states that are not selected do not change.
         """
         e = self.evaluator.equations
-        change = self._solve(q, force, -gaps[: e.m], _CLOSING_COEFFICIENTS)
+        change = self._solve(q, force, -gaps[: e.m], CLOSING_COEFFICIENTS)
         if len(self.selected):
-            responses = self._respond(q, _CLOSING_COEFFICIENTS, self.selected)
+            responses = self._respond(q, CLOSING_COEFFICIENTS, self.selected)
             missing = -gaps[e.m :] - change[self.selected]
             change = change + responses @ np.linalg.solve(responses[self.selected], missing)
         change[np.setdiff1d(e.states, self.selected)] = 0.0

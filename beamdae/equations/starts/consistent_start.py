@@ -15,12 +15,8 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.closing import close_joints, solve_least_change
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
-from beamdae.equations.starts.state_evaluator import MASS_COEFFICIENTS, StateEvaluator
+from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import BeamdaeError
-from beamdae.linear.factorizations import (
-    SingularMatrixError,
-    create_factorization,
-)
 from beamdae.parts.forces.friction import Friction
 from beamdae.symbolic.sparse_operators import build_selection
 
@@ -72,7 +68,17 @@ class ConsistencySolver(StateEvaluator):
         """
         q = self.close_positions(time, np.array(q, float))
         require_independent_constraints(self, time, q)
-        v = self._project_velocities(time, q, np.array(v, float))
+        return self.complete(time, q, self.project_velocities(time, q, np.array(v, float)))
+
+    def project_velocities(self, time: Array, q: Array, v: Array) -> Array:
+        """Return the velocities nearest to v, in the metric of the mass matrix, with g_dot = 0."""
+        if self.equations.m == 0:
+            return v
+        g_dot = self.constraint_levels(time, q, v)[1]
+        return v + self.solve_saddle(time, q, v, 0.0, -g_dot)[0] if g_dot.any() else v
+
+    def complete(self, time: Array, q: Array, v: Array) -> State:
+        """Return the state at consistent (q, v), with the rates of first-order states."""
         v = self.with_state_rates(time, q, v)
         return State(q, v, *self.acceleration(time, q, v))
 
@@ -89,13 +95,12 @@ class ConsistencySolver(StateEvaluator):
 
     def with_state_rates(self, time: Array, q: Array, v: Array) -> Array:
         """Return velocities with the rates x' = f(t, q, v, x) of the first-order states."""
-        states = self.equations.states
-        if not len(states):
+        e = self.equations
+        if not len(e.states):
             return v
         # The rows of these states are x' - f.
-        v = v.copy()
-        v[states] -= self.force(time, q, v)[states]
-        return v
+        is_state = 1.0 - e.without_states(np.ones(e.n))
+        return v - is_state * self.force(time, q, v)
 
     def start_state(self, time: Array, q: Array, v: Array) -> State:
         """Return the consistent state at the start of a run.
@@ -129,16 +134,24 @@ class ConsistencySolver(StateEvaluator):
             If forces, or derivatives of forces or constraints, are not finite, a motion has no
             inertia, or no solution of the equations with friction is found.
         """
-        e = self.equations
-        gamma = -self.constraint_levels(time, q, v)[2]
-        solver, force = self._factorize(time, q, v, (stiff_time**2, 0.0, 1.0))
-        change = np.zeros(e.n)
+        if self.has_friction:
+            return self._solve_with_friction(time, q, v, stiff_time)
+        coefficients = (stiff_time**2, 0.0, 1.0)
+        force, gamma = self.force(time, q, v), -self.constraint_levels(time, q, v)[2]
         if stiff_time > 0.0 and v.any():
+            force = force + self.evaluate_force_change(time, q, v, stiff_time)
+        return self.solve_saddle(time, q, v, -force, gamma, coefficients)
+
+    def unbalance(
+        self, time: Array, q: Array, v: Array, a: Array, lam: Array, stiff_time: float
+    ) -> tuple[Array, Array]:
+        """Return the residuals (n,) and (m,) of the equations that `acceleration` solves."""
+        force, levels = self.balance(time, q, v, a, lam)
+        if stiff_time > 0.0:
             change = self.evaluate_force_change(time, q, v, stiff_time)
-        if any(term.rows is not None for term in e.forces):
-            return self._solve_with_friction(time, q, v, change, gamma, stiff_time)
-        solution = solver.solve(np.concatenate([-force - change, gamma]))
-        return solution[: e.n], solution[e.n :]
+            stiffness = self.stiffness_force(time, q, v, lam, stiff_time**2 * a)
+            force = force + change + stiffness
+        return force, levels[2]
 
     def evaluate_normal_jerk(
         self, time: Array, state: State, delta: float, holonomic_only: bool = False
@@ -153,16 +166,16 @@ class ConsistencySolver(StateEvaluator):
         if e.m == 0:
             return np.zeros(e.n)
         q, v, a, _ = state
-        accelerations = [
+        ahead, behind = (
             self.constraint_levels(
                 time + np.array([d, 0.0]), q + d * v + 0.5 * d**2 * a, v + d * a, a
             )[2]
             for d in (delta, -delta)
-        ]
-        rate = (accelerations[0] - accelerations[1]) / (2.0 * delta)
+        )
+        factor = np.full(e.m, 0.5 / delta)
         if holonomic_only:
-            rate[e.nonholonomic_rows] = 0.0
-        return self.solve_saddle(time, q, v, 0.0, -rate)[0]
+            factor[e.nonholonomic_rows] = 0.0
+        return self.solve_saddle(time, q, v, 0.0, factor * (behind - ahead))[0]
 
     def require_inertia(self) -> None:
         """Reject a mass matrix that is not symmetric or not positive semidefinite at the start.
@@ -175,22 +188,20 @@ class ConsistencySolver(StateEvaluator):
             If the mass matrix is not symmetric or not positive semidefinite; the message names the
             coordinate.
         """
-        e, block = self.equations, self.sums.block
-        nonzeros = self.saddle_matrix(np.zeros(2), e.q0, e.v0, None, MASS_COEFFICIENTS)
-        mass = nonzeros[block.entries]
-        if not np.isfinite(mass).all():
+        e, mass = self.equations, self.mass_matrix(np.zeros(2), self.equations.q0)
+        if not np.isfinite(mass.data).all():
             return
-        size = float(np.max(np.abs(mass), initial=0.0))
-        asymmetry = np.abs(mass - block.transposed(mass))
-        if np.max(asymmetry, initial=0.0) > _ASYMMETRY_TOLERANCE * size:
-            worst = int(np.argmax(asymmetry))
-            row = max(int(block.pattern.indices[worst]), int(block.columns[worst]))
+        size = float(np.max(np.abs(mass.data), initial=0.0))
+        asymmetry = abs(mass - mass.T).tocoo()
+        if np.max(asymmetry.data, initial=0.0) > _ASYMMETRY_TOLERANCE * size:
+            worst = int(np.argmax(asymmetry.data))
+            row = max(x[worst] for x in asymmetry.coords)
             raise BeamdaeError(
                 f"{e.q_names[row]}: the mass matrix is not symmetric (entries of this "
-                f"row and column differ by {asymmetry[worst]:.3g}); correct the inertia "
+                f"row and column differ by {asymmetry.data[worst]:.3g}); correct the inertia "
                 "forces of the part."
             )
-        inertia, coordinate = _smallest_inertia(block.matrix(nonzeros))
+        inertia, coordinate = _smallest_inertia(mass)
         if inertia < -_ASYMMETRY_TOLERANCE * size:
             raise BeamdaeError(
                 f"{e.q_names[coordinate]}: the mass matrix has a negative eigenvalue "
@@ -291,39 +302,29 @@ class ConsistencySolver(StateEvaluator):
         groups = connected_components(graph, directed=False)[1]
         return groups[:n], groups[n : n + m]
 
-    def _project_velocities(self, time: Array, q: Array, v: Array) -> Array:
-        g_dot = self.constraint_levels(time, q, v)[1]
-        return v + self.solve_saddle(time, q, v, 0.0, -g_dot)[0] if np.any(g_dot) else v
-
     def _solve_with_friction(
-        self, time: Array, q: Array, v: Array, change: Array, gamma: Array, stiff_time: float
+        self, time: Array, q: Array, v: Array, stiff_time: float
     ) -> tuple[Array, Array]:
-        """Solve M a + F(lam) + change + G^T lam = 0, G a = gamma by Newton's method from lam = 0.
+        """Return accelerations and multipliers by Newton's method from zero.
 
-        F is evaluated at a = 0, and M includes T^2 K with T = `stiff_time`. dF/dlam is exact, so
-        that the first iteration gives the solution if friction is proportional to the reactions.
+        The first iteration gives the solution if friction is proportional to the reactions.
         """
-        e, pattern = self.equations, self.sums.saddle_pattern
-        solver, coefficients = create_factorization(pattern), (stiff_time**2, 0.0, 1.0)
-        solution = np.zeros(e.n + e.m)
+        e, coefficients = self.equations, (stiff_time**2, 0.0, 1.0)
+        a, lam = np.zeros(e.n), np.zeros(e.m)
         for _ in range(_MAX_FRICTION_ITERATIONS):
-            a, lam = solution[: e.n], solution[e.n :]
-            force = self.force(time, q, v, None, lam) + change
-            nonzeros = self.saddle_matrix(time, q, v, None, coefficients, lam)
-            if not (np.isfinite(force).all() and np.isfinite(nonzeros).all()):
-                break
-            block = self.sums.block.matrix(nonzeros)
-            gradient = self.constraint_matrix(time, q)
-            residual = np.concatenate([block @ a + force + gradient.T @ lam, gradient @ a - gamma])
+            force, rates = self.unbalance(time, q, v, a, lam, stiff_time)
             try:
-                solver.factorize(nonzeros)
-            except SingularMatrixError:
+                correction = self.solve_saddle(time, q, v, -force, -rates, coefficients, lam)
+            except BeamdaeError:
+                if not lam.any():
+                    raise
                 break
-            correction = solver.solve(-residual)
-            solution = solution + correction
-            size = float(np.max(np.abs(solution), initial=0.0))
-            if np.max(np.abs(correction), initial=0.0) <= _FRICTION_TOLERANCE * size:
-                return solution[: e.n], solution[e.n :]
+            a, lam = a + correction[0], lam + correction[1]
+            sizes = [np.max(np.abs(np.concatenate(x)), initial=0.0) for x in (correction, (a, lam))]
+            if not np.isfinite(sizes[1]):
+                break
+            if sizes[0] <= _FRICTION_TOLERANCE * sizes[1]:
+                return a, lam
         rows = [k for term in e.forces if term.rows is not None for k in term.rows.indices]
         joints = sorted({e.lam_names[k].rpartition(".")[0] for k in rows})
         parts = () if e.mechanism is None else e.mechanism.parts.values()

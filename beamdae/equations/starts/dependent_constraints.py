@@ -11,32 +11,29 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.rank import RANK_TOLERANCE
+from beamdae.equations.starts.rank import (
+    RANK_TOLERANCE,
+    ConstraintRank,
+    analyze_constraint_rank,
+    select_independent_rows,
+)
 from beamdae.equations.starts.rigid_motions import describe_largest_motion, join_some_names
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import BeamdaeError
-from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
-# Rejection of dependent constraints, by singular values of gradients of length one.
 _ZERO_GRADIENT_LENGTH = 1e-13  # of scaled gradients; shorter gradients are rounding errors
-_SINGULAR_VALUE_TOLERANCE = 1e-10
-_INVOLVED_SHARE = 1e-6  # constraints with smaller coefficients do not belong to a combination
-_MAX_SVD_CONSTRAINTS = 100  # the cost of an SVD is cubic; above, inverse iteration is tried first
-_MIN_INDEPENDENT_SQUARE = 1e-8  # smallest squared singular value that needs no SVD
+_MAX_DENSE_CONSTRAINTS = 100  # dense costs are cubic; above, inverse iteration is tried first
+_MIN_INDEPENDENT_SQUARE = 1e-8  # smallest squared singular value of independent constraints
 _INVERSE_ITERATIONS = 3
 _MAX_EXPLAINED_CONSTRAINTS = 300  # the cost of describing the blocked motions is cubic
 
-# Search for minimal dependent sets, by a QR factorization.
 _MIN_SHARE = 1e-7  # relative to the largest coefficient; smaller ones are rounding errors
 _SIDE_STEP = 1e-2  # distance of the nearby test position, relative to the mechanism
 _MAX_SIDE_ITERATIONS = 20
 _AGREEMENT_TOLERANCE = 1e-10  # gap of constraints that agree, relative to its scale
-_NULL_SPACE_TOLERANCE = 1e-9  # relative singular value
-_OUTSIDE_NULL_SPACE_TOLERANCE = 1e-10  # relative singular value
 _LEAST_SQUARES_TOLERANCE = 1e-8  # relative singular value
-_MIN_ALLOWED_MOTION = 1e-9  # relative length of the part of a motion other constraints allow
 _MAX_DESCRIBED_SETS = 8
 
 
@@ -50,51 +47,46 @@ def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: A
         dependent constraints. Unless there are more than 300 constraints, it also describes the
         motions that dependent constraints block more than once.
     """
-    e, pattern = evaluator.equations, evaluator.sums.gradient_pattern
-    names, t = e.lam_names, float(time[0])
-    count, size = pattern.shape
-    if count == 0:
+    e, t = evaluator.equations, float(time[0])
+    if e.m == 0 or (e.m > _MAX_DENSE_CONSTRAINTS and _are_clearly_independent(evaluator, time, q)):
         return
-    columns = column_indices(pattern)
-    gradients = evaluator.gradients(time, q) * e.position_scales[columns]
-    lengths = np.sqrt(np.bincount(pattern.indices, gradients**2, count))
+    constraint_rank = analyze_constraint_rank(evaluator, time, q)
+    lengths, rows = constraint_rank.lengths, constraint_rank.rows
     if np.any(lengths <= _ZERO_GRADIENT_LENGTH):
-        name = names[int(np.argmin(lengths))]
         raise BeamdaeError(
-            f"{name}: this constraint has a zero gradient at t = {t:g} s; change the "
-            "start values, or remove the constraint if it depends on no coordinate."
+            f"{e.lam_names[int(np.argmin(lengths))]}: this constraint has a zero gradient at "
+            f"t = {t:g} s; change the start values, or remove the constraint if it depends on no "
+            "coordinate."
         )
-    scaled_gradients = gradients / lengths[pattern.indices]
-    if count > _MAX_SVD_CONSTRAINTS and _are_clearly_independent(
-        sp.csr_array(
-            sp.csc_array((scaled_gradients, pattern.indices, pattern.indptr), shape=(count, size))
-        )
-    ):
+    count = len(rows.dependent)
+    if not count:
         return
-    matrix = np.zeros((count, size))
-    matrix[pattern.indices, columns] = scaled_gradients
-    left_vectors, singular, _ = np.linalg.svd(matrix, full_matrices=False)
-    rank = int(np.sum(singular > _SINGULAR_VALUE_TOLERANCE))
-    if rank == count:
-        return
-    if count > size:
-        left_vectors = np.linalg.svd(matrix)[0]
-    involved = np.max(np.abs(left_vectors[:, rank:]), axis=1) > _INVOLVED_SHARE
-    dependent = ", ".join(name for name, is_in in zip(names, involved, strict=True) if is_in)
+    weights = np.abs(rows.coefficients)
+    is_in = np.isin(np.arange(e.m), rows.dependent)
+    is_in[rows.independent] = np.any(
+        weights > _MIN_SHARE * np.max(weights, axis=1)[:, None], axis=0
+    )
+    dependent = ", ".join(e.lam_names[k] for k in np.flatnonzero(is_in))
     explanation = ""
-    if count <= _MAX_EXPLAINED_CONSTRAINTS:
-        constraint_rank = analyze_constraint_rank(evaluator, time, q)
+    if e.m <= _MAX_EXPLAINED_CONSTRAINTS:
         sets = find_dependent_sets(evaluator, time, q, np.zeros(e.n), constraint_rank)
-        explanation = describe_dependent_sets(sets)
+        explanation = f": {describe_dependent_sets(sets)}"
     raise BeamdaeError(
-        f"{dependent}: these constraints depend on each other at t = {t:g} s; remove "
-        f"{count - rank} of them or, at a singular position, change the start "
-        f"values{(f': {explanation}' if explanation else '')}."
+        f"{dependent}: these constraints depend on each other at t = {t:g} s; remove {count} of "
+        f"them or, at a singular position, change the start values{explanation}."
     )
 
 
-def _are_clearly_independent(rows: sp.csr_array) -> bool:
-    """Return True if inverse iteration finds the lowest eigenvalue of rows @ rows.T above 1e-8."""
+def _are_clearly_independent(evaluator: StateEvaluator, time: Array, q: Array) -> bool:
+    """Return True if inverse iteration finds the lowest eigenvalue of G G^T above 1e-8.
+
+    The rows of G have length one.
+    """
+    rows = evaluator.constraint_matrix(time, q) @ sp.diags_array(
+        evaluator.equations.position_scales
+    )
+    lengths = sp.linalg.norm(rows, axis=1)
+    rows = sp.diags_array(1.0 / np.maximum(lengths, _ZERO_GRADIENT_LENGTH)) @ rows
     try:
         factors = splu(sp.csc_array(rows @ rows.T), "MMD_AT_PLUS_A", 0.0)
     except RuntimeError:
@@ -169,75 +161,6 @@ def _describe_sets(sets: Sequence[DependentSet]) -> str:
     return sentence
 
 
-@dataclass(frozen=True)
-class RowSelection:
-    """Independent rows of a matrix, and the other rows as combinations of them.
-
-    Attributes
-    ----------
-    independent, dependent
-        Row indices, ascending.
-    coefficients
-        Weights of the independent rows in each dependent row, (dependent, independent).
-    """
-
-    independent: Array
-    dependent: Array
-    coefficients: Array
-
-
-def select_independent_rows(matrix: Array) -> RowSelection:
-    """Select independent rows of a matrix (m, n) by pivoted QR factorization of its transpose.
-
-    Rows should have equal lengths, because the rank tolerance is relative to the longest.
-    """
-    m = len(matrix)
-    if m == 0:
-        none = np.zeros(0, int)
-        return RowSelection(none, none, np.zeros((0, 0)))
-    triangle, order = la.qr(matrix.T, mode="r", pivoting=True)
-    diagonal = np.abs(np.diag(triangle))
-    rank = int(np.sum(diagonal > RANK_TOLERANCE * max(float(diagonal[0]), 1e-300)))
-    independent, dependent = order[:rank], order[rank:]
-    coefficients = la.solve_triangular(triangle[:rank, :rank], triangle[:rank, rank:]).T
-    columns, rows = np.argsort(independent), np.argsort(dependent)
-    return RowSelection(independent[columns], dependent[rows], coefficients[rows][:, columns])
-
-
-@dataclass(frozen=True)
-class ConstraintRank:
-    """Scaled constraint Jacobian G = dg/dq at one position, with its independent rows.
-
-    Attributes
-    ----------
-    matrix
-        G with columns scaled by `position_scales` and rows of length one, (m, n); rows of zeros
-        remain zero.
-    lengths
-        Lengths of the rows of G with scaled columns, before the rows are normalized, (m,).
-    rows
-        Selection of independent rows.
-    """
-
-    matrix: Array
-    lengths: Array
-    rows: RowSelection
-
-    @property
-    def rank(self) -> int:
-        """Number of linearly independent constraints."""
-        return len(self.rows.independent)
-
-
-def analyze_constraint_rank(evaluator: StateEvaluator, time: Array, q: Array) -> ConstraintRank:
-    """Return the scaled G at positions `q`, (n,), and a selection of independent rows."""
-    scales = evaluator.equations.position_scales
-    matrix = evaluator.constraint_matrix(time, q).toarray() * scales
-    lengths = np.linalg.norm(matrix, axis=1)
-    matrix = matrix / np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    return ConstraintRank(matrix, lengths, select_independent_rows(matrix))
-
-
 def find_dependent_sets(
     evaluator: StateEvaluator, time: Array, q: Array, v: Array, constraint_rank: ConstraintRank
 ) -> tuple[DependentSet, ...]:
@@ -289,7 +212,7 @@ def _gradients_nearby(
     """Return the scaled G at a nearby position that the constraints allow, or else at `q`."""
     e = evaluator.equations
     (nonzero_columns,) = np.nonzero(np.any(constraint_rank.matrix, axis=0))
-    free = la.null_space(constraint_rank.matrix[:, nonzero_columns], rcond=_NULL_SPACE_TOLERANCE)
+    free = la.null_space(constraint_rank.matrix[:, nonzero_columns], rcond=RANK_TOLERANCE)
     if not free.shape[1]:
         return constraint_rank.matrix
     direction = np.zeros(e.n)
@@ -327,13 +250,13 @@ def _describe_blocked_motion(
     (nonzero_columns,) = np.nonzero(np.any(matrix, axis=0))
     outside = np.delete(matrix, members, axis=0)[:, nonzero_columns]
     free = (
-        la.null_space(outside, rcond=_OUTSIDE_NULL_SPACE_TOLERANCE)
+        la.null_space(outside, rcond=RANK_TOLERANCE)
         if len(outside)
         else np.eye(len(nonzero_columns))
     )
     motion = np.zeros(matrix.shape[1])
     motion[nonzero_columns] = free @ (free.T @ along[nonzero_columns])
-    too_small = np.linalg.norm(motion) < _MIN_ALLOWED_MOTION * np.linalg.norm(along)
+    too_small = np.linalg.norm(motion) < RANK_TOLERANCE * np.linalg.norm(along)
     if too_small or not np.any(along):
         motion = along
     return f"the {describe_largest_motion(equations, q, motion * equations.position_scales)}"

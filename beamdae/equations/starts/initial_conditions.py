@@ -16,7 +16,7 @@ from beamdae.equations.starts.closing import solve_least_change
 from beamdae.equations.starts.consistent_start import ConsistencySolver, velocity_size
 from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
 from beamdae.equations.starts.relaxation import relax_to_equilibrium
-from beamdae.equations.starts.steady_rotation import find_steady_rotation, rotation_velocities
+from beamdae.equations.starts.steady_rotation import find_steady_rotation, rotating_state
 from beamdae.errors import BeamdaeError, list_first, short_repr, suggest, warn_user
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
@@ -114,89 +114,65 @@ def _rotate_steadily(
     solver = ConsistencySolver(e)
     # Checked first: about another center or at another speed, no steady state may exist.
     q = solver.state(time, e.q0, np.zeros(e.n)).q
-    driven = _driven_speed(solver, time, rotation, q)
-    if driven and abs(driven - rotation.speed) <= _MAX_SPEED_ROUNDING * abs(driven):
-        rotation = replace(rotation, speed=driven)
-    _require_rotation(solver, time, rotation, q, rotation_velocities(e, q, rotation), driven)
+    rotation = _require_rotation(solver, time, rotation, q)
     state = find_steady_rotation(e, time, rotation, q, frozen_forces=True)
-    _require_rotation(solver, time, rotation, state.q, state.v, driven)
+    _require_rotation(solver, time, rotation, state.q)
     return q, state.q, state.v
 
 
-def _driven_speed(
-    solver: ConsistencySolver, time: Array, rotation: Rotation, q: Array
-) -> float | None:
-    """Return the speed at which drivers turn the mechanism about the center, or None.
-
-    The rates of the constraints are a linear function of the speed.
-    """
-    e = solver.equations
-    v = rotation_velocities(e, q, replace(rotation, speed=1.0))
-    at_rest = solver.constraint_levels(time, q, np.zeros(e.n))[1]
-    slope = solver.constraint_levels(time, q, v)[1] - at_rest
-    tolerance = _VELOCITY_TOLERANCE * velocity_size(e, v)
-    if np.max(np.abs(slope) / e.constraint_scales, initial=0.0) <= tolerance:
-        return None
-    speed = -float(slope @ at_rest / (slope @ slope))
-    remaining = np.max(np.abs(at_rest + speed * slope) / e.constraint_scales)
-    return speed if remaining <= tolerance * max(1.0, abs(speed)) else None
-
-
 def _require_rotation(
-    solver: ConsistencySolver,
-    time: Array,
-    rotation: Rotation,
-    q: Array,
-    v: Array,
-    driven: float | None,
-) -> None:
-    """Reject a rotation that joints or drivers do not allow."""
+    solver: ConsistencySolver, time: Array, rotation: Rotation, q: Array
+) -> Rotation:
+    """Return a rotation that joints and drivers allow, at their speed if that was rounded."""
     e = solver.equations
-    g_dot = solver.constraint_levels(time, q, v)[1]
-    errors = np.abs(g_dot) / e.constraint_scales
-    worst = int(np.argmax(errors)) if e.m else 0
-    tolerance = _VELOCITY_TOLERANCE * velocity_size(e, v)
-    if e.m and not errors[worst] <= tolerance:
-        remedy = "use the speed of the driver and its center"
-        fixed = _find_fixed_angle(solver, time, q) if driven is None else None
-        if fixed is not None:
-            worst = fixed
-            remedy = (
-                "it fixes an angle to the ground, but a steady rotation turns all parts, so begin "
-                "at rest with bd.run_up as the law of the driver, or give velocities by name with "
-                "start={...}"
-            )
-        elif driven is not None and abs(driven) <= tolerance:
-            remedy = (
-                "joints and drivers allow no rotation about this center, use that of a Revolute, "
-                "without a Weld to the ground or a driver at rest, or give velocities by name with "
-                "start={...}"
-            )
-        elif driven is not None:
-            remedy = f"use the speed of the drivers, {driven:.10g} rad/s"
-        raise BeamdaeError(
-            f"start: {e.lam_names[worst]} does not allow a rotation at {rotation.speed:.10g} rad/s "
-            f"about {rotation.center} (the velocities differ by {abs(g_dot[worst]):.3g} m/s or "
-            f"rad/s); {remedy}."
-        )
 
+    def velocities(speed: float, center: tuple[float, float]) -> Array:
+        return rotating_state(e, Rotation(speed, center), q, np.zeros(e.m)).v
 
-def _find_fixed_angle(solver: ConsistencySolver, time: Array, q: Array) -> int | None:
-    """Return the index of a constraint at rest that prevents rotations about all centers, or None.
-
-    Its rate does not depend on the center, so translations do not change it.
-    """
-    e = solver.equations
+    size = velocity_size(e, velocities(rotation.speed, rotation.center))
+    tolerance = _VELOCITY_TOLERANCE * size * e.constraint_scales
     at_rest = solver.constraint_levels(time, q, np.zeros(e.n))[1]
-    turning = [rotation_velocities(e, q, Rotation(1.0, x)) for x in _CENTERS]
-    rates = [solver.constraint_levels(time, q, v)[1] - at_rest for v in turning]
-    tolerance = (
-        _VELOCITY_TOLERANCE * max(velocity_size(e, v) for v in turning) * e.constraint_scales
+    # The rates of the constraints are linear functions of the speed and of the center.
+    turning, *others = (
+        solver.constraint_levels(time, q, velocities(1.0, x))[1] - at_rest for x in _CENTERS
     )
-    is_fixed = (np.abs(at_rest) <= tolerance) & (np.abs(rates[0]) > tolerance)
-    for other in rates[1:]:
-        is_fixed &= np.abs(other - rates[0]) <= tolerance
-    return int(np.argmax(is_fixed)) if is_fixed.any() else None
+    moving = [x - turning for x in others]
+    slope = turning + rotation.center[0] * moving[0] + rotation.center[1] * moving[1]
+    driven = None
+    if np.any(np.abs(slope) > tolerance):
+        driven = -float(slope @ at_rest / (slope @ slope))
+        if np.any(np.abs(at_rest + driven * slope) > tolerance * max(1.0, abs(driven))):
+            driven = None
+    if driven and abs(driven - rotation.speed) <= _MAX_SPEED_ROUNDING * abs(driven):
+        return replace(rotation, speed=driven)
+    rates = at_rest + rotation.speed * slope
+    if np.all(np.abs(rates) <= tolerance):
+        return rotation
+    worst = int(np.argmax(np.abs(rates) / e.constraint_scales))
+    # Constraints at rest whose rates do not depend on the center.
+    is_fixed = (np.abs(at_rest) <= tolerance) & (np.abs(turning) > tolerance)
+    is_fixed &= np.all([np.abs(x) <= tolerance for x in moving], axis=0)
+    remedy = "use the speed of the driver and its center"
+    if driven is None and is_fixed.any():
+        worst = int(np.argmax(is_fixed))
+        remedy = (
+            "it fixes an angle to the ground, but a steady rotation turns all parts, so begin at "
+            "rest with bd.run_up as the law of the driver, or give velocities by name with "
+            "start={...}"
+        )
+    elif driven is not None and abs(driven) <= _VELOCITY_TOLERANCE * size:
+        remedy = (
+            "joints and drivers allow no rotation about this center, use that of a Revolute, "
+            "without a Weld to the ground or a driver at rest, or give velocities by name with "
+            "start={...}"
+        )
+    elif driven is not None:
+        remedy = f"use the speed of the drivers, {driven:.10g} rad/s"
+    raise BeamdaeError(
+        f"start: {e.lam_names[worst]} does not allow a rotation at {rotation.speed:.10g} rad/s "
+        f"about {rotation.center} (the velocities differ by {abs(rates[worst]):.3g} m/s or "
+        f"rad/s); {remedy}."
+    )
 
 
 def _split_by_kind(

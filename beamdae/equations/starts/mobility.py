@@ -11,12 +11,10 @@ from scipy.sparse.csgraph import connected_components
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
-from beamdae.equations.starts.dependent_constraints import ConstraintRank
-from beamdae.equations.starts.rank import RANK_TOLERANCE
+from beamdae.equations.starts.rank import RANK_TOLERANCE, ConstraintRank
 from beamdae.equations.starts.rigid_motions import (
     collect_bodies,
     compute_rigid_motions,
-    describe_free_motion,
 )
 from beamdae.equations.starts.state_evaluator import StateEvaluator, plan_state_sums
 from beamdae.symbolic.sparse_operators import column_indices, row_indices
@@ -34,32 +32,6 @@ _DISPLACEMENTS = (0.0, 1e-3, -1e-3, 0.1, -0.1, 1.0, -1.0)
 _MIN_SHARE = 1e-9  # smaller coefficients of rigid motions, relative to the largest, are zero
 
 
-def describe_free_motions(
-    e: EquationsOfMotion, q: Array, constraint_rank: ConstraintRank
-) -> tuple[str, ...]:
-    """Describe a basis of the rigid motions that no joint or driver blocks.
-
-    Beams are treated as rigid. The basis is chosen so that each motion involves few bodies.
-    """
-    return tuple(describe_free_motion(e, q, x) for x in _free_motions(e, q, constraint_rank))
-
-
-def describe_unheld_motions(
-    e: EquationsOfMotion,
-    times: Sequence[Array],
-    q: Array,
-    reactions: Array,
-    constraint_rank: ConstraintRank,
-    duration: float,
-) -> tuple[str, ...]:
-    """Describe those of the `describe_free_motions` along which no force and no damping acts.
-
-    See `find_unheld_motions`.
-    """
-    motions = find_unheld_motions(e, times, q, reactions, constraint_rank, duration)
-    return tuple(describe_free_motion(e, q, x) for x in motions)
-
-
 def find_unheld_motions(
     e: EquationsOfMotion,
     times: Sequence[Array],
@@ -69,7 +41,7 @@ def find_unheld_motions(
     duration: float,
     is_at_rest: bool = False,
 ) -> list[Array]:
-    """Return those of the free motions along which no force acts, as changes (n,) of `q`.
+    """Return those of the `find_free_motions` along which no force and no damping acts.
 
     Bodies of contacts are excluded, because contacts may hold them later.
 
@@ -89,7 +61,7 @@ def find_unheld_motions(
         True to disregard damping, and rotations of bodies that forces hold in translation.
     """
     mechanism = e.mechanism
-    motions = _free_motions(e, q, constraint_rank)
+    motions = find_free_motions(e, q, constraint_rank)
     if mechanism is None or mechanism.inactive or not motions:
         return []
     waiting = {body.name for part in mechanism.parts.values() if part.gaps for body in part.bodies}
@@ -131,17 +103,16 @@ def find_unheld_motions(
     return [x for x in unheld if not (is_at_rest and np.any(x[held]))]
 
 
-def describe_free_motion_of(
-    e: EquationsOfMotion, q: Array, constraint_rank: ConstraintRank, rows: slice
-) -> str:
-    """Describe the first of these motions that moves the part with these rows, or return ""."""
-    motions = _free_motions(e, q, constraint_rank)
-    return next((describe_free_motion(e, q, x) for x in motions if np.any(x[rows])), "")
+def find_free_motions(
+    e: EquationsOfMotion, q: Array, constraint_rank: ConstraintRank
+) -> list[Array]:
+    """Return a basis of the rigid motions that no joint or driver blocks, as changes (n,) of q.
 
-
-def _free_motions(e: EquationsOfMotion, q: Array, constraint_rank: ConstraintRank) -> list[Array]:
-    """Return the basis of `describe_free_motions`, as changes (n,) of the coordinates."""
-    motions = _rigid_motions_of_bodies(e, q)
+    Beams are treated as rigid, and first-order states do not move. The basis is chosen so that each
+    motion involves few bodies.
+    """
+    motions = compute_rigid_motions(e, q)
+    motions = motions[:, ~np.any(motions[e.states], axis=0)]
     space = la.null_space(constraint_rank.matrix @ motions, rcond=RANK_TOLERANCE)
     count = space.shape[1]
     if not count:
@@ -150,20 +121,6 @@ def _free_motions(e: EquationsOfMotion, q: Array, constraint_rank: ConstraintRan
     basis = space @ la.inv(space[order[:count]])
     basis[np.abs(basis) < _MIN_SHARE * np.max(np.abs(basis))] = 0.0
     return [motions @ basis[:, k] * e.position_scales for k in np.argsort(order[:count])]
-
-
-def count_rigid_mobility(e: EquationsOfMotion, q: Array, constraint_rank: ConstraintRank) -> int:
-    """Return the number of degrees of freedom of the mechanism with rigid beams."""
-    motions = _rigid_motions_of_bodies(e, q)
-    matrix = constraint_rank.matrix @ motions
-    rank = int(np.sum(la.svdvals(matrix) > RANK_TOLERANCE)) if matrix.size else 0
-    return motions.shape[1] - rank
-
-
-def _rigid_motions_of_bodies(e: EquationsOfMotion, q: Array) -> Array:
-    """Return the rigid motions at q without those of first-order states."""
-    motions = compute_rigid_motions(e, q)
-    return motions[:, ~np.any(motions[e.states], axis=0)]
 
 
 def _find_parts_on_ground(e: EquationsOfMotion) -> set[int]:
@@ -253,8 +210,7 @@ def select_free_groups(
     for group, positions in candidates.items():
         translations = np.zeros((e.n, 2))
         for body in positions:
-            x_and_y = np.array([body.position]) if body.nodes is None else body.nodes[:, :2]
-            translations[x_and_y, [0, 1]] = e.length
+            translations[body.points, [0, 1]] = e.length
         forces = stiffness @ (translations / e.position_scales[:, None])
         rows = np.concatenate([rows_of[name] for name in group])
         size = abs(stiffness[rows]).max() + abs(mass[rows]).max() / duration**2

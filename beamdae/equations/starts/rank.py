@@ -1,4 +1,4 @@
-"""Rank of the constraint Jacobian G during a run: smallest singular values and closed loops."""
+"""Rank of the constraint Jacobian G, at single positions and along runs; closed loops."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.sums import term_data
-from beamdae.equations.starts.state_evaluator import plan_state_sums
-from beamdae.equations.structure import ConstraintTerm, Structure, cache_on_owner
-from beamdae.symbolic.sparse_operators import column_indices, multiply_entries
+from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
@@ -22,32 +20,107 @@ MIN_RELATIVE_SHARE = 0.1  # relative to the largest; joints with smaller shares 
 _GROUND = ""
 
 
+def normalize_rows(matrix: Array) -> tuple[Array, Array]:
+    """Return a matrix (..., m, n) with rows of length one, or zero, and the lengths (..., m)."""
+    lengths = np.linalg.norm(matrix, axis=-1)
+    return matrix / np.where(lengths > 0.0, lengths, 1.0)[..., None], lengths
+
+
+def _scaled_gradients(evaluator: StateEvaluator, time: Array, q: Array) -> Array:
+    """Return G with columns scaled by `position_scales`, (m, n)."""
+    e, pattern = evaluator.equations, evaluator.sums.gradient_pattern
+    columns, matrix = column_indices(pattern), np.zeros((e.m, e.n))
+    matrix[pattern.indices, columns] = evaluator.gradients(time, q) * e.position_scales[columns]
+    return matrix
+
+
+@dataclass(frozen=True)
+class RowSelection:
+    """Independent rows of a matrix, and the other rows as combinations of them.
+
+    Attributes
+    ----------
+    independent, dependent
+        Row indices, ascending.
+    coefficients
+        Weights of the independent rows in each dependent row, (dependent, independent).
+    """
+
+    independent: Array
+    dependent: Array
+    coefficients: Array
+
+
+def select_independent_rows(matrix: Array) -> RowSelection:
+    """Select independent rows of a matrix (m, n) by pivoted QR factorization of its transpose.
+
+    Rows should have equal lengths, because the rank tolerance is relative to the longest.
+    """
+    m = len(matrix)
+    if m == 0:
+        none = np.zeros(0, int)
+        return RowSelection(none, none, np.zeros((0, 0)))
+    triangle, order = la.qr(matrix.T, mode="r", pivoting=True)
+    diagonal = np.abs(np.diag(triangle))
+    rank = int(np.sum(diagonal > RANK_TOLERANCE * max(float(diagonal[0]), 1e-300)))
+    if rank == m:
+        return RowSelection(np.arange(m), np.zeros(0, int), np.zeros((0, m)))
+    independent, dependent = order[:rank], order[rank:]
+    coefficients = la.solve_triangular(triangle[:rank, :rank], triangle[:rank, rank:]).T
+    columns, rows = np.argsort(independent), np.argsort(dependent)
+    return RowSelection(independent[columns], dependent[rows], coefficients[rows][:, columns])
+
+
+@dataclass(frozen=True)
+class ConstraintRank:
+    """Scaled constraint Jacobian G = dg/dq at one position, with its independent rows.
+
+    Attributes
+    ----------
+    matrix
+        G with columns scaled by `position_scales` and rows of length one, (m, n); rows of zeros
+        remain zero.
+    lengths
+        Lengths of the rows of G with scaled columns, before the rows are normalized, (m,).
+    rows
+        Selection of independent rows.
+    """
+
+    matrix: Array
+    lengths: Array
+    rows: RowSelection
+
+    @property
+    def rank(self) -> int:
+        """Number of linearly independent constraints."""
+        return len(self.rows.independent)
+
+
+def analyze_constraint_rank(evaluator: StateEvaluator, time: Array, q: Array) -> ConstraintRank:
+    """Return the scaled G at positions `q`, (n,), and a selection of independent rows."""
+    matrix, lengths = normalize_rows(_scaled_gradients(evaluator, time, q))
+    return ConstraintRank(matrix, lengths, select_independent_rows(matrix))
+
+
 @dataclass(frozen=True)
 class ConstraintJacobian:
     """G = dg/dq with columns scaled by `position_scales` and rows of length one.
 
     Attributes
     ----------
-    equations
-        Equations of motion with the constraints.
-    pattern
-        CSC pattern of G.
-    scatter
-        For each joint, the operator from the gradients of its copies to the non-zeros of G.
+    evaluator
+        Evaluator of the equations of motion with the constraints.
     rank
         Rank of G at regular positions; less than m if constraints are redundant. Equal to m unless
         set by `with_rank_at`.
     """
 
-    equations: EquationsOfMotion
-    pattern: sp.csc_array
-    scatter: tuple[sp.csr_array, ...]
+    evaluator: StateEvaluator
     rank: int
 
     def with_rank_at(self, time: Array, q: Array) -> ConstraintJacobian:
         """Return a copy with `rank` set to the rank of G at `time` = (t, branch) and `q`."""
-        singular = np.linalg.svd(self.at(time[None], q[None])[0], compute_uv=False)
-        return replace(self, rank=int(np.sum(singular > RANK_TOLERANCE)))
+        return replace(self, rank=analyze_constraint_rank(self.evaluator, time, q).rank)
 
     def at(self, times: Array, q: Array) -> Array:
         """Return the nonempty columns of the scaled G, (rows, m, columns), at rows of times and q.
@@ -59,27 +132,21 @@ class ConstraintJacobian:
     @property
     def columns(self) -> Array:
         """Indices of the nonempty columns."""
-        return np.flatnonzero(np.diff(self.pattern.indptr))
+        return np.flatnonzero(np.diff(self.evaluator.sums.gradient_pattern.indptr))
 
     def scaled(self, times: Array, q: Array) -> tuple[Array, Array]:
         """Return `at`, and the lengths (rows, m) by which the rows of G were divided."""
-        pattern, columns = self.pattern, self.columns
-        count = np.diff(pattern.indptr)[columns]
-        column = np.repeat(np.arange(len(columns)), count)
-        values = self._nonzeros(times, q)
-        values *= np.repeat(self.equations.position_scales[columns], count)
-        matrix = np.zeros((len(q), self.equations.m, len(columns)))
-        matrix[:, pattern.indices, column] = values
-        length = np.linalg.norm(matrix, axis=2)
-        return matrix / np.where(length > 0.0, length, 1.0)[..., None], length
+        columns, rows = self.columns, zip(times, q, strict=True)
+        matrices = [_scaled_gradients(self.evaluator, *row)[:, columns] for row in rows]
+        return normalize_rows(np.array(matrices))
 
     def smallest_singular_values(self, times: Array, q: Array) -> Array:
         """Return the smallest singular value of the scaled G at rows of (t, branch) and q, (rows,).
 
         Singular values that are zero at all positions, due to redundant constraints, are skipped.
         """
-        m = self.equations.m
-        rows_at_once = max(1, _MAX_ENTRIES // (m * max(self.pattern.nnz, 1)))
+        m = self.evaluator.equations.m
+        rows_at_once = max(1, _MAX_ENTRIES // max(m * len(self.columns), 1))
         blocks = []
         for first in range(0, len(q), rows_at_once):
             block = slice(first, first + rows_at_once)
@@ -96,54 +163,14 @@ class ConstraintJacobian:
         """
         left_vectors, _, _ = np.linalg.svd(self.at(time[None], q[None])[0])
         share = np.abs(left_vectors[:, self.rank - 1])
-        names = [name.rpartition(".")[0] or name for name in self.equations.lam_names]
-        involved = share > MIN_RELATIVE_SHARE * share.max()
-        return list(
-            dict.fromkeys(name for name, is_in in zip(names, involved, strict=True) if is_in)
-        )
-
-    def _nonzeros(self, times: Array, q: Array) -> Array:
-        """Return the unscaled non-zeros of G at rows of (t, branch) and q, one row per position."""
-        total = np.zeros((len(q), self.pattern.nnz))
-        for joint, scatter in zip(self.equations.joints, self.scatter, strict=True):
-            count, size = joint.count, joint.kernel.local.size
-            local = np.asarray(joint.operator @ q.T).T.reshape(len(q) * count, size)
-            data = np.tile(term_data(self.equations, joint).T, (len(q), 1))
-            gradients = joint.kernel.gradients(np.repeat(times, count, axis=0), local, data)
-            total += gradients.reshape(len(q), -1) @ scatter
-        return total
+        involved = np.flatnonzero(share > MIN_RELATIVE_SHARE * share.max())
+        names = [self.evaluator.equations.lam_names[k] for k in involved]
+        return list(dict.fromkeys(name.rpartition(".")[0] or name for name in names))
 
 
 def build_constraint_jacobian(e: EquationsOfMotion) -> ConstraintJacobian:
     """Return the constraint Jacobian with `rank` m, as for independent constraints."""
-    return ConstraintJacobian(
-        e, plan_state_sums(e.structure).gradient_pattern, _scatter_operators(e.structure), e.m
-    )
-
-
-@cache_on_owner
-def _scatter_operators(structure: Structure) -> tuple[sp.csr_array, ...]:
-    pattern = plan_state_sums(structure).gradient_pattern
-    positions = column_indices(pattern) * structure.m + pattern.indices
-    return tuple(_scatter_operator(joint, structure.m, positions) for joint in structure.joints)
-
-
-def _scatter_operator(joint: ConstraintTerm, m: int, positions: Array) -> sp.csr_array:
-    """Return the operator from the gradients of all copies to the entries of G.
-
-    `positions` has column * m + row of each entry.
-    """
-    pattern = joint.kernel.gradient_pattern
-    row, column = (np.array(x, int) for x in pattern.get_triplet())
-    copy = np.repeat(np.arange(joint.count), len(row))
-    i, j, source, weight = multiply_entries(
-        joint.rows,
-        copy * pattern.size1() + np.tile(row, joint.count),
-        joint.operator,
-        copy * pattern.size2() + np.tile(column, joint.count),
-    )
-    target = np.searchsorted(positions, j.astype(np.intp) * m + i)
-    return sp.csr_array((weight, (source, target)), shape=(len(copy), len(positions)))
+    return ConstraintJacobian(StateEvaluator(e), e.m)
 
 
 def has_closed_loops(e: EquationsOfMotion) -> bool:
@@ -170,7 +197,5 @@ def scaled_null_space(rows: sp.csc_array, scales: Array) -> Array:
     """Return a basis (n, k) of the null space of `rows`, orthonormal if divided by `scales`."""
     if not rows.shape[0]:
         return np.diag(scales)
-    matrix = rows.toarray() * scales
-    lengths = np.linalg.norm(matrix, axis=1)
-    matrix /= np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    matrix, _ = normalize_rows(rows.toarray() * scales)
     return scales[:, None] * la.null_space(matrix, rcond=RANK_TOLERANCE)

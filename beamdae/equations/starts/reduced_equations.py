@@ -9,19 +9,13 @@ import scipy.linalg as la
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.dependent_constraints import (
-    analyze_constraint_rank,
-    find_dependent_sets,
-)
-from beamdae.equations.starts.rank import build_constraint_jacobian
+from beamdae.equations.starts.dependent_constraints import find_dependent_sets
+from beamdae.equations.starts.rank import analyze_constraint_rank, build_constraint_jacobian
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.equations.structure import intern_structure
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
-
-# Gap of redundant constraints if the others are closed, relative to the mechanism.
-_REDUNDANT_GAP_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -68,15 +62,6 @@ class ReducedEquations:
                 f"redundant because {needed_set}; remove or correct one of them, or use "
                 "redundant='refuse' for a list of all dependent constraints."
             )
-        for gaps in evaluator.constraint_levels(time, state.q, state.v)[:2]:
-            relative = np.abs(gaps) / self.full.constraint_scales
-            worst = int(np.argmax(relative))
-            if relative[worst] > _REDUNDANT_GAP_TOLERANCE:
-                raise BeamdaeError(
-                    f"{self.full.lam_names[worst]}: this redundant constraint "
-                    f"contradicts the others by {abs(gaps[worst]):.3g} (m, rad or per s) at t = "
-                    f"{time[0]:g} s; make the constraints agree or remove this one."
-                )
 
     def restore_reactions(self, times: Array, q: Array, lam: Array) -> Array:
         """Return the minimum-norm multipliers of all constraints, (rows, m), that replace `lam`.

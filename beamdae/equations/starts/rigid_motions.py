@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -18,9 +19,8 @@ _MAX_CENTER_DISTANCE = 100.0  # [lengths of the mechanism]; a farther center mea
 _ROUNDING = 1e-9  # rounding error in a motion of size one
 _EQUAL_SIZE_TOLERANCE = 1e-6  # of bodies that move equally far, the first is named
 _MAX_NAMES = 9  # names or phrases in a sentence
-_FRAME_COORDINATES = (("x", "y", "angle"), ("x0", "y0", "theta"))
+_POINT_NAME, _ANGLE_NAME = re.compile(r"x\d*"), re.compile(r"(?:angle|theta|psi)\d*")
 _MAX_CACHED_COORDINATES = 20_000
-_NODE_COORDINATES = ("x", "y", "psi")  # of bodies without a floating frame
 
 
 def join_some_names(names: Sequence[str]) -> str:
@@ -31,10 +31,15 @@ def join_some_names(names: Sequence[str]) -> str:
 class Body(NamedTuple):
     """Indices of the coordinates of a part.
 
+    Coordinates are classified by their names: points have x and y, and inertial angles are called
+    angle, theta or psi, with or without a number.
+
     Attributes
     ----------
     name
         Name of the part.
+    points, angles
+        Indices of the coordinates (x, y) of all points, (k, 2), and of all inertial angles.
     position, angle
         Indices of the rigid coordinates (x, y) and of the angle, or None. If `nodes` is not None,
         these are the coordinates of the first node.
@@ -45,6 +50,8 @@ class Body(NamedTuple):
     """
 
     name: str
+    points: Array
+    angles: Array
     position: tuple[int, int] | None
     angle: int | None
     others: tuple[int, ...]
@@ -54,38 +61,32 @@ class Body(NamedTuple):
 def collect_bodies(e: EquationsOfMotion) -> tuple[Body, ...]:
     """Return a `Body` for each part of the equations."""
     parts = tuple((part.name, part.rows.start, part.rows.stop) for part in e.parts)
-    return _collect_bodies(e.q_names, parts)
+    return _collect_bodies(e.q_names, tuple(e.is_angle.tolist()), parts)
 
 
 @bounded_cache(_MAX_CACHED_COORDINATES, lambda bodies: sum(len(x.others) for x in bodies))
 def _collect_bodies(
-    q_names: tuple[str, ...], parts: tuple[tuple[str, int, int], ...]
+    q_names: tuple[str, ...], is_angle: tuple[bool, ...], parts: tuple[tuple[str, int, int], ...]
 ) -> tuple[Body, ...]:
     bodies = []
-    for name, start, stop in parts:
+    for part, start, stop in parts:
         index = {q_names[k].rpartition(".")[2]: k for k in range(start, stop)}
-        nodes = _node_coordinates(index)
-        if nodes is not None:
-            x, y, angle = nodes[0].tolist()
-            others = tuple(nodes[1:].ravel().tolist())
-            bodies.append(Body(name, (x, y), angle, others, nodes))
-            continue
-        x, y, angle = next(
-            (names for names in _FRAME_COORDINATES if names[0] in index), _FRAME_COORDINATES[0]
-        )
-        position = (index.pop(x), index.pop(y)) if x in index and y in index else None
-        rotation = index.pop(angle) if position is not None and angle in index else None
-        bodies.append(Body(name, position, rotation, tuple(index.values())))
+        pairs = [
+            (k, index[f"y{name[1:]}"])
+            for name, k in index.items()
+            if _POINT_NAME.fullmatch(name) and f"y{name[1:]}" in index
+        ]
+        turning = [k for name, k in index.items() if _ANGLE_NAME.fullmatch(name) and is_angle[k]]
+        points, angles = np.array(pairs, int).reshape(-1, 2), np.array(turning, int)
+        nodes, is_beam = None, 3 * len(pairs) == 3 * len(turning) == len(index)
+        if is_beam and pairs and set(index) != {"x", "y", "angle"}:
+            nodes = np.column_stack([points, angles])
+        position = pairs[0] if len(pairs) == 1 or nodes is not None else None
+        angle = turning[0] if position is not None and turning else None
+        rigid = {*(position or ()), angle}
+        others = tuple(k for k in index.values() if k not in rigid)
+        bodies.append(Body(part, points, angles, position, angle, others, nodes))
     return tuple(bodies)
-
-
-def _node_coordinates(index: dict[str, int]) -> Array | None:
-    """Return the indices (x, y, angle) of nodes, (k, 3); None unless these are all coordinates."""
-    count = len(index) // len(_NODE_COORDINATES)
-    names = [f"{name}{k}" for k in range(count) for name in _NODE_COORDINATES]
-    if not count or set(names) != set(index):
-        return None
-    return np.array([index[name] for name in names]).reshape(count, len(_NODE_COORDINATES))
 
 
 def compute_rigid_motions(e: EquationsOfMotion, q: Array) -> Array:
@@ -121,7 +122,7 @@ def move_rigidly(e: EquationsOfMotion, q: Array, motion: Array) -> Array:
     for body in collect_bodies(e):
         if body.position is None or body.angle is None:
             continue
-        points = body.nodes[:, :2] if body.nodes is not None else np.array([body.position])
+        points = body.points
         angle, first, (dx, dy) = motion[body.angle], q[points[0]], motion[points[0]]
         cos, sin = np.cos(angle), np.sin(angle)
         # Mean velocities of the first point along and across its first velocity.
@@ -227,10 +228,7 @@ class DisplacementMeasure:
         """Return the measure for the bodies of these equations."""
         point = np.arange(e.n)
         for body in collect_bodies(e):
-            if body.nodes is not None:
-                point[body.nodes[:, 1]] = body.nodes[:, 0]
-            elif body.position is not None:
-                point[body.position[1]] = body.position[0]
+            point[body.points[:, 1]] = body.points[:, 0]
         return cls(e.position_scales, point)
 
     def distances(self, changes: Array) -> Array:

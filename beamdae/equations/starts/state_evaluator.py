@@ -6,9 +6,9 @@ CasADi's virtual machine evaluates these quantities, because a run needs them on
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Self
 
@@ -25,7 +25,7 @@ from beamdae.equations.formulations.sums import (
     assemble_motion,
     create_matrix_sum,
 )
-from beamdae.equations.structure import Structure, share_plans
+from beamdae.equations.structure import Structure, cache_on_owner, share_plans
 from beamdae.errors import BeamdaeError
 from beamdae.linear.factorizations import (
     Factorization,
@@ -41,10 +41,9 @@ from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 Array = np.ndarray
 # Coefficients (c0, c1, c2) of stiffness, damping and mass.
 Coefficients = tuple[float, float, float]
+PlanFunction = Callable[[Structure], SumPlan]
 MASS_COEFFICIENTS = (0.0, 0.0, 1.0)
 _UNIT_COEFFICIENTS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), MASS_COEFFICIENTS)
-# Factors and shifts of the values in a second difference.
-SECOND_DIFFERENCE = ((1.0, 1.0), (-2.0, 0.0), (1.0, -1.0))
 
 
 @dataclass(frozen=True)
@@ -57,23 +56,10 @@ class ForceBlock:
         CSC pattern, (n, n).
     entries
         Indices of the block's entries among the non-zeros of the saddle-point matrix.
-    columns
-        Column of each entry; `pattern.indices` has the rows.
-    mirrored
-        Index of the entry mirrored about the diagonal; -1 if it is not in the pattern.
     """
 
     pattern: sp.csc_array
     entries: Array
-    columns: Array
-    mirrored: Array
-
-    def transposed(self, values: Array) -> Array:
-        """Return the entries of the transposed block on `pattern`; zero if not in the pattern.
-
-        `values` are the entries of the block.
-        """
-        return np.append(values, 0.0)[self.mirrored]
 
     def matrix(self, nonzeros: Array) -> sp.csc_array:
         """Return the block as a matrix, given the non-zeros of the saddle-point matrix."""
@@ -85,14 +71,8 @@ class ForceBlock:
 
 @dataclass(frozen=True)
 class StateSums:
-    """Plans of the sums in `StateEvaluator`, with inputs (q, v, a, lam), and matrix patterns.
+    """Plans of the matrices of `StateEvaluator`, with inputs (q, v, a, lam), and their patterns."""
 
-    The sum `smooth_motion` is `motion` without forces that have kinks over the motion, such as
-    contacts.
-    """
-
-    motion: SumPlan
-    smooth_motion: SumPlan
     gradients: SumPlan
     gradient_pattern: sp.csc_array
     saddle: SumPlan
@@ -100,11 +80,15 @@ class StateSums:
     block: ForceBlock
 
 
+def _layout(structure: Structure) -> InputLayout:
+    n = structure.n
+    return InputLayout(q=0, v=n, a=2 * n, lam=3 * n)
+
+
 @share_plans
 def plan_state_sums(structure: Structure) -> StateSums:
-    """Return the plans of the sums that `StateEvaluator` needs, and the matrix patterns."""
-    n, m = structure.n, structure.m
-    layout = InputLayout(q=0, v=n, a=2 * n, lam=3 * n)
+    """Return the plans of the matrices that `StateEvaluator` needs, and their patterns."""
+    n, m, layout = structure.n, structure.m, _layout(structure)
     jacobian = create_matrix_sum()
     for joint, copies in add_joint_matrices(jacobian, structure, layout, (), False):
         jacobian.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (0, 0))
@@ -118,27 +102,41 @@ def plan_state_sums(structure: Structure) -> StateSums:
     for row in structure.states:
         total.add_diagonal(1, (row, row), C_A, 1.0)
     pattern, saddle = total.matrix((n + m, n + m))
-    motion = assemble_motion(structure, layout).vector()
+    block = _locate_force_block(pattern, n)
+    return StateSums(gradients, gradient_pattern, saddle, pattern, block)
+
+
+@share_plans
+def plan_motion(structure: Structure) -> SumPlan:
+    """Return the plan of (F, g, g_dot, g_ddot)."""
+    return assemble_motion(structure, _layout(structure)).vector()
+
+
+@share_plans
+def plan_smooth_motion(structure: Structure) -> SumPlan:
+    """Return `plan_motion` without forces with kinks over the motion, such as contacts."""
     smooth = [term for term in structure.forces if not term.kernel.has_kinks_over_motion]
-    is_smooth = len(smooth) == len(structure.forces)
-    smooth_motion = motion if is_smooth else assemble_motion(structure, layout, smooth).vector()
-    return StateSums(
-        motion,
-        smooth_motion,
-        gradients,
-        gradient_pattern,
-        saddle,
-        pattern,
-        _locate_force_block(pattern, n),
-    )
+    if len(smooth) == len(structure.forces):
+        return plan_motion(structure)
+    return assemble_motion(structure, _layout(structure), smooth).vector()
 
 
 @share_plans
 def plan_constraint_levels(structure: Structure) -> SumPlan:
-    """Return the plan of `StateSums.motion` without forces, which take longer than joints do."""
-    n = structure.n
-    layout = InputLayout(q=0, v=n, a=2 * n, lam=3 * n)
-    return assemble_motion(structure, layout, forces=()).vector()
+    """Return `plan_motion` without forces, which take longer than joints do."""
+    return assemble_motion(structure, _layout(structure), forces=()).vector()
+
+
+@share_plans
+def plan_balance(structure: Structure) -> SumPlan:
+    """Return the plan of (F, g, g_dot, g_ddot, G^T lam)."""
+    return assemble_motion(structure, _layout(structure), with_reactions=True).vector()
+
+
+@cache_on_owner
+def plan_gradients(structure: Structure) -> SumPlan:
+    """Return the plan of the non-zeros of G."""
+    return plan_state_sums(structure).gradients
 
 
 def _locate_force_block(pattern: sp.csc_array, n: int) -> ForceBlock:
@@ -147,10 +145,7 @@ def _locate_force_block(pattern: sp.csc_array, n: int) -> ForceBlock:
     rows, columns = pattern.indices[entries].astype(np.intp), column[entries]
     starts = np.searchsorted(columns, np.arange(n + 1))
     block = sp.csc_array((np.ones(len(entries)), rows, starts), shape=(n, n))
-    # The keys ascend because the entries are sorted by column and row.
-    key, mirror_key = columns * n + rows, rows * n + columns
-    mirrored = np.minimum(np.searchsorted(key, mirror_key), len(key) - 1)
-    return ForceBlock(block, entries, columns, np.where(key[mirrored] == mirror_key, mirrored, -1))
+    return ForceBlock(block, entries)
 
 
 class Recent:
@@ -179,6 +174,9 @@ class StateEvaluator:
     """
 
     equations: EquationsOfMotion
+    _sums: dict[PlanFunction, tuple[SumEvaluator, Recent]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def __copy__(self) -> Self:
         """Return an instance with its own buffers."""
@@ -190,29 +188,9 @@ class StateEvaluator:
         return plan_state_sums(self.equations.structure)
 
     @cached_property
-    def _motion(self) -> SumEvaluator:
-        return SumEvaluator.borrow(self.sums.motion, self.equations.p, self)
-
-    @cached_property
-    def _smooth_motion(self) -> SumEvaluator:
-        return SumEvaluator.borrow(self.sums.smooth_motion, self.equations.p, self)
-
-    @cached_property
-    def _levels(self) -> SumEvaluator:
-        plan = plan_constraint_levels(self.equations.structure)
-        return SumEvaluator.borrow(plan, self.equations.p, self)
-
-    @cached_property
-    def _recent_motion(self) -> Recent:
-        return Recent()
-
-    @cached_property
-    def _recent_gaps(self) -> Recent:
-        return Recent()
-
-    @cached_property
-    def _gradients(self) -> SumEvaluator:
-        return SumEvaluator.borrow(self.sums.gradients, self.equations.p, self)
+    def has_friction(self) -> bool:
+        """True if forces depend on the multipliers, as friction in joints does."""
+        return any(term.rows is not None for term in self.equations.forces)
 
     @cached_property
     def _saddle(self) -> SumEvaluator:
@@ -226,6 +204,28 @@ class StateEvaluator:
     def _recent_factors(self) -> Recent:
         return Recent()
 
+    def evaluate(
+        self, plan: PlanFunction, time: Array, state: Sequence[Array | None], size: int
+    ) -> Array:
+        """Return a sum (size,) at the inputs (q, v, a, lam), of which None are zero.
+
+        `plan` is a function of a module that returns the plan of the sum of a structure.
+        """
+        n, m = self.equations.n, self.equations.m
+        zeros = (np.zeros(k) for k in (n, n, n, m))
+        parts = (y if y is not None else z for y, z in zip(state, zeros, strict=True))
+        inputs = np.concatenate([time, *parts])
+        if plan not in self._sums:
+            total = plan(self.equations.structure)
+            self._sums[plan] = SumEvaluator.borrow(total, self.equations.p, self), Recent()
+        evaluator, recent = self._sums[plan]
+
+        def compute() -> Array:
+            set_time(evaluator, *time)
+            return evaluator(inputs[len(time) :], size)
+
+        return recent.get(inputs, compute)
+
     def rest_state(self, q: Array) -> State:
         """Return the state at rest at positions `q`, with zero accelerations and multipliers."""
         zeros = np.zeros(self.equations.n)
@@ -235,18 +235,17 @@ class StateEvaluator:
         self, time: Array, q: Array, v: Array | None = None, a: Array | None = None
     ) -> Array:
         """Return g (0 if nonholonomic), g_dot and g_ddot, (3, m); omitted arguments are zero."""
+        # A restart needs the forces at this state, too.
+        plan = plan_motion if a is None and v is not None else plan_constraint_levels
+        return self._split_levels(self._evaluate_motion(plan, time, q, v, a))
+
+    def _split_levels(self, motion: Array) -> Array:
         n, m = self.equations.n, self.equations.m
-        if a is None and v is not None:
-            # A restart needs the forces at this state, too.
-            return self._evaluate_motion(time, q, v, a)[n:].reshape(3, m)
-        return self._evaluate(self._levels, time, (q, v, a), n + 3 * m)[n:].reshape(3, m)
+        return motion[n : n + 3 * m].reshape(3, m)
 
     def position_gaps(self, time: Array, q: Array) -> Array:
         """Return g, the gap of each constraint, (m,); 0 if the constraint is nonholonomic."""
-        # The steps of a consistent start ask for the same gaps repeatedly.
-        return self._recent_gaps.get(
-            np.concatenate([time, q]), lambda: self.constraint_levels(time, q)[0]
-        )
+        return self.constraint_levels(time, q)[0]
 
     def force(
         self,
@@ -257,7 +256,20 @@ class StateEvaluator:
         lam: Array | None = None,
     ) -> Array:
         """Return F, (n,); omitted arguments are zero."""
-        return self._evaluate_motion(time, q, v, a, lam)[: self.equations.n]
+        return self._evaluate_motion(plan_motion, time, q, v, a, lam)[: self.equations.n]
+
+    def balance(
+        self, time: Array, q: Array, v: Array | None, a: Array | None, lam: Array
+    ) -> tuple[Array, Array]:
+        """Return F + G^T lam, (n,), and `constraint_levels`; omitted arguments are zero."""
+        n, m = self.equations.n, self.equations.m
+        motion = self.evaluate(plan_balance, time, (q, v, a, lam), 2 * n + 3 * m)
+        return motion[:n] + motion[n + 3 * m :], self._split_levels(motion)
+
+    def stiffness_force(self, time: Array, q: Array, v: Array, lam: Array, x: Array) -> Array:
+        """Return dF/dq x, (n,)."""
+        nonzeros = self.saddle_matrix(time, q, v, None, (1.0, 0.0, 0.0), lam)
+        return np.asarray(self.sums.block.matrix(nonzeros) @ x)
 
     def evaluate_force_change(self, time: Array, q: Array, v: Array, delta: float) -> Array:
         """Return F(q + delta v) - 2 F(q) + F(q - delta v) at constant velocities v, (n,).
@@ -265,35 +277,30 @@ class StateEvaluator:
         Forces with kinks over the motion are left out, because contacts may close along it, and so
         are the rates of first-order states.
         """
-        e, total = self.equations, self._smooth_motion
-        step, change = delta * e.without_states(v), np.zeros(e.n + 3 * e.m)
-        for factor, shift in SECOND_DIFFERENCE:
-            motion = (q + shift * step, v, None)
-            change += factor * self._evaluate(total, time, motion, len(change))
-        return e.without_states(change[: e.n])
+        e, change = self.equations, np.zeros(self.equations.n)
+        moving = e.without_states(np.ones(e.n))
+        for factor, shift in ((1.0, 1.0), (-2.0, 0.0), (1.0, -1.0)):
+            moved = q + shift * delta * moving * v
+            motion = self._evaluate_motion(plan_smooth_motion, time, moved, v)
+            change = change + factor * moving * motion[: e.n]
+        return change
 
     def _evaluate_motion(
         self,
+        plan: PlanFunction,
         time: Array,
         q: Array,
-        v: Array | None,
-        a: Array | None,
+        v: Array | None = None,
+        a: Array | None = None,
         lam: Array | None = None,
     ) -> Array:
         """Return F and the three levels of constraints, (n + 3 m,)."""
-
-        def compute() -> Array:
-            size = self.equations.n + 3 * self.equations.m
-            return self._evaluate(self._motion, time, (q, v, a), size, lam)
-
-        if a is not None or lam is not None or v is None:
-            return compute()
-        return self._recent_motion.get(np.concatenate([time, q, v]), compute)
+        return self.evaluate(plan, time, (q, v, a, lam), self.equations.n + 3 * self.equations.m)
 
     def gradients(self, time: Array, q: Array) -> Array:
         """Return the non-zeros of G on `sums.gradient_pattern`, (nnz,)."""
         size = self.sums.gradient_pattern.nnz
-        return self._evaluate(self._gradients, time, (q, None, None), size)
+        return self.evaluate(plan_gradients, time, (q, None, None, None), size)
 
     def constraint_matrix(self, time: Array, q: Array) -> sp.csc_array:
         """Return G = dg/dq, sparse (m, n), with rows of A for nonholonomic constraints."""
@@ -314,8 +321,12 @@ class StateEvaluator:
         K, C and M are dF/dq, dF/dv and dF/da, where M has a unit diagonal for first-order states;
         the pattern is `sums.saddle_pattern`.
         """
+        zeros = np.zeros(self.equations.n + self.equations.m)
+        rest = (zeros[: self.equations.n] if a is None else a, zeros[self.equations.n :])
+        x = np.concatenate([q, v, rest[0], rest[1] if lam is None else lam])
         set_matrix_factors(self._saddle, *coefficients, c_l=1.0, c_h=1.0, c_r=1.0)
-        return self._evaluate(self._saddle, time, (q, v, a), self.sums.saddle_pattern.nnz, lam)
+        set_time(self._saddle, *time)
+        return self._saddle(x, self.sums.saddle_pattern.nnz)
 
     def linearize_forces(
         self, time: Array, state: State
@@ -324,22 +335,13 @@ class StateEvaluator:
 
         First-order states are constant: their rows and columns are zero, except for a unit mass.
         """
-        stiffness, damping, mass = self.linearize_with_states(time, state)
-        if len(self.equations.states):
-            moving = np.ones(self.equations.n)
-            moving[self.equations.states] = 0.0
-            keep = sp.diags_array(moving)
-            stiffness, damping = (sp.csc_array(keep @ x @ keep) for x in (stiffness, damping))
-        return stiffness, damping, mass
-
-    def linearize_with_states(
-        self, time: Array, state: State
-    ) -> tuple[sp.csc_array, sp.csc_array, sp.csc_array]:
-        """Return the matrices of `linearize_forces` with the equations of first-order states."""
         q, v, a, _ = state
         stiffness, damping, mass = (
             self.sums.block.matrix(self.saddle_matrix(time, q, v, a, c)) for c in _UNIT_COEFFICIENTS
         )
+        if len(self.equations.states):
+            keep = sp.diags_array(self.equations.without_states(np.ones(self.equations.n)))
+            stiffness, damping = (sp.csc_array(keep @ x @ keep) for x in (stiffness, damping))
         return stiffness, damping, mass
 
     def mass_matrix(self, time: Array, q: Array) -> sp.csc_array:
@@ -355,35 +357,31 @@ class StateEvaluator:
         force: Array | float,
         rates: Array | float,
         coefficients: Coefficients = MASS_COEFFICIENTS,
+        lam: Array | None = None,
     ) -> tuple[Array, Array]:
-        """Return x, (n,), and mu, (m,), with W x + G^T mu = `force` and G x = `rates`.
+        """Return x, (n,), and mu, (m,), with W x + (G^T + dF/dlam) mu = `force` and G x = `rates`.
 
         W = c0 K + c1 C + c2 M, with the mass matrix alone by default; see `saddle_matrix`.
         """
         n, m = self.equations.n, self.equations.m
         right = np.concatenate([np.zeros(n) + force, np.zeros(m) + rates])
-        solver, _ = self._factorize(time, q, np.zeros(n) if v is None else v, coefficients)
-        solution = solver.solve(right)
+        v = np.zeros(n) if v is None else v
+        lam = np.zeros(m) if lam is None or not self.has_friction else lam
+        # The solver keeps the factors of the last call if all arguments are the same.
+        self._recent_factors.get(
+            np.concatenate([time, q, v, coefficients, lam]),
+            lambda: self._factorize(time, q, v, coefficients, lam),
+        )
+        solution = self._solver.solve(right)
         return solution[:n], solution[n:]
 
     def _factorize(
-        self, time: Array, q: Array, v: Array, coefficients: Coefficients
-    ) -> tuple[Factorization, Array]:
-        """Factorize the saddle-point matrix; return the solver and F.
-
-        The solver keeps the factors of the last call if all arguments are the same.
-        """
-        force = self._recent_factors.get(
-            np.concatenate([time, q, v, coefficients]),
-            lambda: self._renew_factors(time, q, v, coefficients),
-        )
-        return self._solver, force
-
-    def _renew_factors(self, time: Array, q: Array, v: Array, coefficients: Coefficients) -> Array:
-        """Factorize the saddle-point matrix; return F."""
-        e, solver, pattern = self.equations, self._solver, self.sums.saddle_pattern
-        force = self.force(time, q, v)
-        nonzeros = self.saddle_matrix(time, q, v, None, coefficients)
+        self, time: Array, q: Array, v: Array, coefficients: Coefficients, lam: Array
+    ) -> Array:
+        """Factorize the saddle-point matrix; return an empty array."""
+        e, pattern = self.equations, self.sums.saddle_pattern
+        force = self.force(time, q, v, lam=lam)
+        nonzeros = self.saddle_matrix(time, q, v, None, coefficients, lam)
         if not np.all(np.isfinite(force)):
             name = e.q_names[int(np.flatnonzero(~np.isfinite(force))[0])]
             raise BeamdaeError(
@@ -399,7 +397,7 @@ class StateEvaluator:
                 "zero, add a small positive number under the root."
             )
         try:
-            solver.factorize(nonzeros)
+            self._solver.factorize(nonzeros)
         except SingularMatrixError:
             matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), pattern.shape)
             unresisted = la.svd(np.nan_to_num(matrix.toarray()))[2][-1, : e.n]
@@ -407,18 +405,4 @@ class StateEvaluator:
                 f"{e.q_names[int(np.argmax(np.abs(unresisted)))]}: this coordinate has no inertia "
                 f"at t = {time[0]:g} s; add mass or a joint."
             ) from None
-        return force
-
-    def _evaluate(
-        self,
-        total: SumEvaluator,
-        time: Array,
-        state: tuple[Array | None, ...],
-        size: int,
-        lam: Array | None = None,
-    ) -> Array:
-        n, m = self.equations.n, self.equations.m
-        inputs = [np.zeros(n) if x is None else x for x in state]
-        inputs.append(np.zeros(m) if lam is None else lam)
-        set_time(total, *time)
-        return total(np.concatenate(inputs), size)
+        return np.zeros(0)

@@ -16,8 +16,7 @@ and, through the strains of the state, centrifugal stiffening.
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,6 +25,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Convert, Tangent, compute_tangent, tangent_of
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.mobility import find_free_groups
+from beamdae.equations.starts.rigid_motions import collect_bodies
 from beamdae.errors import BeamdaeError, list_first
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.parts.joints.drivers import Driver
@@ -34,9 +34,6 @@ from beamdae.parts.rotation import Rotation
 
 Array = np.ndarray
 
-# Patterns of the names of point coordinates and of inertial angles.
-_POINT_NAME = re.compile(r"([xy])(\d*)")
-_ANGLE_NAME = re.compile(r"(?:angle|theta|psi)\d*")
 # Rounding error of elastic forces, relative to |K| times the natural sizes.
 STIFFNESS_ROUNDING = 1e-13
 # Forces rotate with the mechanism if they change by less than this fraction of the largest force.
@@ -88,18 +85,10 @@ class RotatingCoordinates:
 
     @classmethod
     def from_equations(cls, e: EquationsOfMotion) -> RotatingCoordinates:
-        """Classify coordinates by name: x, y, angle, theta and psi, with or without a number."""
-        x, y, angles = [], [], []
-        index = {name: k for k, name in enumerate(e.q_names)}
-        for name, k in index.items():
-            part, dot, coordinate = name.rpartition(".")
-            point = _POINT_NAME.fullmatch(coordinate)
-            if point and point[1] == "x" and f"{part}{dot}y{point[2]}" in index:
-                x.append(k)
-                y.append(index[f"{part}{dot}y{point[2]}"])
-            elif _ANGLE_NAME.fullmatch(coordinate) and e.coordinates[k].unit == "rad":
-                angles.append(k)
-        return cls(e.n, *(np.array(indices, int) for indices in (x, y, angles)))
+        """Return the coordinates of the points and angles of all bodies, see `Body`."""
+        bodies = collect_bodies(e)
+        x, y = np.vstack([np.zeros((0, 2), int), *(body.points for body in bodies)]).T
+        return cls(e.n, x, y, np.concatenate([np.zeros(0, int), *(x.angles for x in bodies)]))
 
     @property
     def can_rotate(self) -> bool:
@@ -181,14 +170,12 @@ def find_steady_rotation(
     q = ConsistencySolver(e).state(time, e.q0, np.zeros(e.n)).q if guess is None else guess
     lam, share, step = np.zeros(e.m), 0.0, 1.0
     # Checked first, because no steady state may exist if forces do not rotate.
-    first_state = _rotating_state(frame, rotation, rotation.speed, q, lam)
     if not frozen_forces:
-        _require_rotating_forces(e, time, frame, rotation, first_state)
+        _require_rotating_forces(e, time, frame, rotation, q)
     while share < 1.0:
         next_share = min(share + step, 1.0)
-        solution = _solve_steady_state(
-            e, time, frame, rotation, next_share * rotation.speed, q, lam
-        )
+        slower = replace(rotation, speed=next_share * rotation.speed)
+        solution = _solve_steady_state(e, time, frame, slower, q, lam)
         if solution is None:
             step *= 0.5
             if step < _MIN_SPEED_STEP:
@@ -206,10 +193,9 @@ def find_steady_rotation(
                 )
             continue
         (q, lam), share, step = solution, next_share, 2.0 * step
-    state = _rotating_state(frame, rotation, rotation.speed, q, lam)
     if not frozen_forces:
-        _require_rotating_forces(e, time, frame, rotation, state)
-    return state
+        _require_rotating_forces(e, time, frame, rotation, q)
+    return rotating_state(e, rotation, q, lam)
 
 
 def rotating_tangent(
@@ -261,20 +247,9 @@ def center_warning(e: EquationsOfMotion, rotation: Rotation) -> str:
     )
 
 
-def rotation_velocities(e: EquationsOfMotion, q: Array, rotation: Rotation) -> Array:
-    """Return the velocities (n,) of a rigid rotation of the whole mechanism at positions q."""
-    return rotating_state(e, rotation, q, np.zeros(e.m)).v
-
-
 def rotating_state(e: EquationsOfMotion, rotation: Rotation, q: Array, lam: Array) -> State:
-    """Return the state at positions q that rotates with the mechanism."""
-    frame = RotatingCoordinates.from_equations(e)
-    return _rotating_state(frame, rotation, rotation.speed, q, lam)
-
-
-def _rotating_state(
-    frame: RotatingCoordinates, rotation: Rotation, speed: float, q: Array, lam: Array
-) -> State:
+    """Return the state at positions q that rotates rigidly with the whole mechanism."""
+    frame, speed = RotatingCoordinates.from_equations(e), rotation.speed
     arm, s = q - frame.center_vector(rotation.center), frame.generator
     return State(q, speed * (s @ arm + frame.angle_vector), speed**2 * (s @ (s @ arm)), lam)
 
@@ -298,14 +273,12 @@ def _solve_steady_state(
     time: Array,
     frame: RotatingCoordinates,
     rotation: Rotation,
-    speed: float,
     q: Array,
     lam: Array,
 ) -> tuple[Array, Array] | None:
-    last_size = np.inf
+    last_size, speed = np.inf, rotation.speed
     for _ in range(_MAX_ITERATIONS):
-        state = _rotating_state(frame, rotation, speed, q, lam)
-        tangent = compute_tangent(e, time, state)
+        tangent = compute_tangent(e, time, rotating_state(e, rotation, q, lam))
         rotating = _to_rotating_frame(tangent, frame, speed)
         inertia = tangent.mass.diagonal()
         has_inertia = inertia > 0.0
@@ -334,12 +307,13 @@ def _require_rotating_forces(
     time: Array,
     frame: RotatingCoordinates,
     rotation: Rotation,
-    state: State,
+    q: Array,
 ) -> None:
+    state = rotating_state(e, rotation, q, np.zeros(e.m))
     d, c = frame.rotation_matrix(_TEST_ANGLE), frame.center_vector(rotation.center)
-    q = c + d @ (state.q - c) + _TEST_ANGLE * frame.angle_vector
-    rotated = State(q, d @ state.v, d @ state.a, np.zeros(e.m))
-    tangent = compute_tangent(e, time, state._replace(lam=np.zeros(e.m)))
+    turned = c + d @ (q - c) + _TEST_ANGLE * frame.angle_vector
+    rotated = State(turned, d @ state.v, d @ state.a, np.zeros(e.m))
+    tangent = compute_tangent(e, time, state)
     forces = tangent.residual[: e.n]
     rotated_forces = compute_tangent(e, time, rotated).residual[: e.n]
     difference = np.abs(rotated_forces - d @ forces)

@@ -213,16 +213,14 @@ class StackedSum:
         for kernel, start, lanes, copies in plan.batches:
             shapes = [(height, lanes, count) for height in (kernel.n_local, kernel.n_out)]
             inputs = local[start : start + kernel.n_local * lanes].reshape(shapes[0])[:, :copies]
-            outputs = out[first : first + kernel.n_out * lanes].reshape(shapes[1])
+            outputs = out[first : first + kernel.n_out * lanes].reshape(shapes[1])[:, :copies]
             first += kernel.n_out * lanes
-            changing = np.arange(count)
+            changing = np.ones((copies, count), bool)
             if kernel.linear_from is not None:
-                # A parameter changes few kernels of the start of a run.
-                (changing,) = np.nonzero(inputs[kernel.linear_from :].any(axis=(0, 1)))
-            if len(changing):
-                points = inputs[..., changing].T.reshape(-1, kernel.n_local)
-                values = kernel.rows(self._shared, points).reshape(len(changing), copies, -1)
-                outputs[:, :copies, changing] = values.T
+                # A direction changes few kernels.
+                changing = inputs[kernel.linear_from :].any(axis=0)
+            if changing.any():
+                outputs[:, changing] = kernel.rows(self._shared, inputs[:, changing].T).T
         result = np.zeros((count, size))
         result[:, : scatter.shape[0]] = (scatter @ out).T
         return result.reshape(*x.shape[:-1], size)
