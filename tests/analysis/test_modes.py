@@ -207,12 +207,14 @@ def test_regression_decays_that_take_the_place_of_vibrations_have_a_warning():
     """All ten modes decayed at 1 / damping, and the vibration was not among them."""
     vibration = bd.modes(cantilever(4), n=1).eigenvalues[0].imag
     mech = cantilever(4, damping=1.1 / vibration)
-    with pytest.warns(bd.BeamdaeWarning, match="10 of 10 modes decay at nearly the same rate of"):
+    with pytest.warns(
+        bd.BeamdaeWarning, match="all modes decay without oscillation, as fast modes"
+    ):
         result = bd.modes(mech, n=10)
     assert result.kinds == ("decay",) * 10
     undamped = bd.modes(mech, n=3, damping=False)
     assert undamped.kinds == ("vibration",) * 3
-    assert not any("modes decay" in warning for warning in undamped.warnings)
+    assert not any("all modes decay" in warning for warning in undamped.warnings)
 
 
 def test_mass_on_a_damper_decays_without_oscillation():

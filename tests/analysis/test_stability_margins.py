@@ -225,6 +225,44 @@ def test_peaks_of_flexible_structures_above_the_magnitude_one_are_crossovers():
     assert loop.stable
 
 
+def draw_roots(rng, count):
+    """Return real roots and pairs at rates from 0.2 to 5 rad/s, a sixth of them unstable."""
+    roots = []
+    for w in 10.0 ** rng.uniform(-0.7, 0.7, count):
+        sign = 1.0 if rng.random() < 1 / 6 else -1.0
+        ratio = sign * 10.0 ** rng.uniform(-3.0, -0.5)
+        pair = w * (ratio + 1j * np.sqrt(1.0 - ratio**2) * np.array([1.0, -1.0]))
+        roots += pair.tolist() if rng.random() < 0.6 else [sign * w]
+    return roots
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.filterwarnings("ignore:margins. the closed loop is unstable")
+def test_crossovers_of_delayed_loops_are_those_of_a_densely_sampled_phase(seed):
+    rng = np.random.default_rng(seed)
+    poles = [0.0] * rng.integers(0, 2) + draw_roots(rng, rng.integers(2, 5))
+    zeros = draw_roots(rng, 1) if len(poles) > 2 else []
+    delay, size = 10.0 ** rng.uniform(-2.0, 1.3), 10.0 ** rng.uniform(-0.5, 0.5)
+    f = np.geomspace(1e-3, 20.0, 400_000)
+    s = 2j * np.pi * f
+    values = np.prod([s - x for x in zeros], axis=0) / np.prod([s - x for x in poles], axis=0)
+    gain = size / np.median(np.abs(values[(f > 0.1) & (f < 1.0)]))
+    law = signal.ZerosPolesGain(zeros, poles, gain).to_ss()
+    loop = bd.margins(tank(["valve"]), controller=law, delay=delay)
+    magnitude = np.log(np.abs(gain * values))
+    turns = (np.unwrap(np.angle(values)) - 2.0 * np.pi * f * delay + np.pi) / (2.0 * np.pi)
+    found = {"phase": np.diff(np.floor(turns)), "gain": np.diff(np.sign(magnitude))}
+    is_large = {"phase": magnitude[1:] > np.log(1.01e-3), "gain": True}
+    table = loop.table()
+    table = table[(table["frequency [Hz]"] > f[0]) & (table["frequency [Hz]"] < f[-1])]
+    table = table[~(table["gain margin"] > 1.0 / 1.01e-3)]
+    for kind, changes in found.items():
+        expected = f[1:][(changes != 0.0) & is_large[kind]]
+        own = table["frequency [Hz]"][table["kind"] == kind]
+        assert_allclose(own, expected, rtol=3e-5)
+    assert len(table) > 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

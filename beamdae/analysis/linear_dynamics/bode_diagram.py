@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -33,37 +33,25 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# Smaller values, relative to those with which they are compared, are rounding noise.
-NOISE_RANGE = 1e-9
+NOISE_RANGE = 1e-9  # smaller values, relative to those with which they are compared, are rounding
 # Transfer functions below this share of the bound by the norms of matrices are rounding noise.
 _TRANSFER_ROUNDING = 10.0 * np.finfo(float).eps
 _QUARTILES = (0.25, 0.5, 0.75)
 _MAX_POLES = 24  # that are listed
 _MAX_REAL_POLES = 8  # of these; overdamped axial vibrations of beams have many
 _MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller imaginary parts are rounding errors
-_POLE_ROUNDING = 10.0 * np.finfo(float).eps  # of poles, relative to the largest one
-# A pole grows if its real part, relative to its magnitude, is above this multiple of the rounding
-# error eps |fastest pole| / |pole|, within these limits. In 576 hanging beams with a thickness of
-# 1/25 to 1/1500 of the length, undamped vibrations have growth rates of up to 2.5e4 times this
-# error.
-_GROWTH_ROUNDING = 5e4 * np.finfo(float).eps
-_LEAST_GROWTH_SHARE, _LARGEST_GROWTH_SHARE = 1e-9, 1e-4
-_MIN_POLE = 1e-4  # [1/s]; smaller poles are zero
+MIN_POLE = 1e-4  # [1/s]; smaller poles, of free motions and integrators, are zero
 _FREQUENCY_MARGIN = 10.0  # of the range, below the slowest and above the listed poles
 _MIN_RANGE = 3.0  # of the range above the lowest resonance, also if its error is large
 _MAX_PEAK_DAMPING = 0.7  # damping ratio above which a pole has no peak
 _MAX_FREQUENCY_RATIO = 1e6  # of the range
 _MAX_FREQUENCIES, _MIN_FREQUENCIES = 600, 60
 _FREQUENCY_WORK = 1e10  # frequencies times number of states cubed; about ten seconds
-_PEAK_SHARE = 0.5  # of the frequencies are beside poles
-# Distances from poles, in half widths of their peaks: at 1, the response has half of the power of
-# the peak. All poles have the first ones, slow ones the others, too.
-_HALF_POWER_POSITIONS = np.array([-1.0, 0.0, 1.0])
-_PEAK_POSITIONS = np.array([-6.0, -3.0, -1.5, -0.7, -0.3, 0.3, 0.7, 1.5, 3.0, 6.0])
-# Damping ratios that are rounding errors of stiff structures, and least half width of peaks, both
-# relative to the frequency.
-_UNDAMPED_WIDTH = 1e-6
-_UNDAMPED_DISTANCE = 0.1  # from undamped poles, where the response is infinite, in half widths
+# Frequencies beside poles, in half widths of their peaks: at 1, the response has half of the power
+# of the peak. The half width is at least this share of the frequency.
+_PEAK_POSITIONS = np.outer([-1.0, 1.0], [0.0, 0.3, 0.7, 1.0, 1.5, 3.0, 6.0]).ravel()
+_MIN_WIDTH = 1e-6
+_UNDAMPED_POSITION = 0.1  # in place of 0 beside undamped poles, where the response is infinite
 # Minimum ratio of listed peaks to the response beside them. Rounding errors cause lower ones, most
 # of all at undamped modes that the input does not excite; those that it excites are far higher.
 _MIN_PEAK_RATIO, _MIN_UNDAMPED_RATIO = 1.01, 2.0**0.5
@@ -204,19 +192,26 @@ class Bode(HasTable, HasPage):
         """
         import pandas as pd
 
-        poles = self.model.poles
-        is_undamped = np.abs(poles.real) <= _UNDAMPED_WIDTH * np.abs(poles)
-        undamped = np.abs(poles.imag[is_undamped]) / (2.0 * np.pi)
+        # Imported here because importing scipy.signal takes as long as a short run.
+        from scipy.signal import find_peaks
+
+        undamped = _find_undamped(self.model.poles)
         rows = []
         for x in self.transfer_functions:
             if x.is_noise:
                 continue
-            size = np.abs(x.response)
-            ratios = _peak_ratios(np.maximum(size, NOISE_RANGE * size.max()))
+            size, name, f, phase = (
+                np.abs(x.response),
+                self._short_name(x),
+                self.frequencies,
+                x.phase,
+            )
+            logarithms = np.log(np.maximum(size, NOISE_RANGE * size.max()))
+            peaks, found = find_peaks(logarithms, prominence=0.0)
+            ratios = dict(zip(peaks.tolist(), np.exp(found["prominences"]).tolist(), strict=True))
             ratios[int(np.argmax(size))] = np.inf
-            name, f, phase = self._short_name(x), self.frequencies, x.phase
             for k in sorted(ratios):
-                if np.any(np.abs(f[k] - undamped) <= _UNDAMPED_WIDTH * f[k]):
+                if np.any(np.abs(f[k] - undamped) <= _MIN_WIDTH * f[k]):
                     if ratios[k] >= _MIN_UNDAMPED_RATIO:
                         rows.append((name, f[k], np.inf, x.unit, np.nan))
                 elif ratios[k] >= _MIN_PEAK_RATIO:
@@ -347,14 +342,12 @@ def _compute_bode(
 ) -> Bode:
     """Return the result of `bode` without issuing warnings."""
     if values is None:
-        values = choose_frequencies(
-            model.poles, len(model.states), ends, model.find_resolved_frequency
-        )
+        values = _choose_frequencies(model, ends)
     response = model.evaluate_response(values.tolist())
     remarks = model.find_missed_peaks(values, response)
-    growing = find_growing_poles(model.poles)
-    if len(growing):
-        rate = float(np.max(growing.real))
+    # Without free motions.
+    rate = float(np.max(model.poles.real[np.abs(model.poles) > MIN_POLE], initial=0.0))
+    if rate > 0.0:
         unstable = (
             f"the linear model is unstable (largest growth rate {rate:.4g} 1/s), so motions do not "
             "settle to this response; linearize about a stable state, or close the control loop."
@@ -364,37 +357,12 @@ def _compute_bode(
 
 
 def describe_poles(poles: Array) -> list[PoleDescription]:
-    """Return frequency, damping ratio and growth rate of poles [1/s] above the real axis.
-
-    Real parts of oscillating poles within rounding errors are 0.
-    """
-    rounding = _POLE_ROUNDING * float(np.max(np.abs(poles), initial=0.0))
-    descriptions = []
-    for pole in poles.tolist():
-        real = 0.0 if _is_oscillating(pole) and abs(pole.real) <= rounding else pole.real
-        size = abs(complex(real, pole.imag))
-        frequency = abs(pole.imag) / (2.0 * np.pi) if _is_oscillating(pole) else 0.0
-        # Adding zero changes -0 to 0.
-        ratio = (-real / size if size else 0.0) + 0.0
-        descriptions.append(PoleDescription(frequency, ratio, real + 0.0))
-    return descriptions
-
-
-def find_growing_poles(poles: Array) -> Array:
-    """Return the poles with a positive real part, except rounding errors and free motions."""
-    poles = poles[~_are_zero(poles) & (poles.imag >= 0.0)]
-    sizes = np.abs(poles)
-    rounding = _GROWTH_ROUNDING * np.max(sizes, initial=0.0) / sizes
-    shares = np.clip(rounding, _LEAST_GROWTH_SHARE, _LARGEST_GROWTH_SHARE)
-    return poles[poles.real > shares * sizes]
-
-
-def _are_zero(poles: Array) -> Array:
-    """Return True for the poles of free motions and integrators, which are zero but for rounding.
-
-    Rounding errors of slow poles do not depend on the fastest one, see `compute_poles`.
-    """
-    return np.asarray(np.abs(poles) <= _MIN_POLE)
+    """Return frequency, damping ratio and growth rate of poles [1/s] above the real axis."""
+    rates = np.where(_oscillate(poles), np.abs(poles.imag), 0.0) / (2.0 * np.pi)
+    # Adding zero changes -0 to 0.
+    ratios = -poles.real / np.where(poles == 0.0, 1.0, np.abs(poles)) + 0.0
+    rows = zip(rates.tolist(), ratios.tolist(), (poles.real + 0.0).tolist(), strict=True)
+    return [PoleDescription(*row) for row in rows]
 
 
 def select_poles(poles: Array) -> list[int]:
@@ -402,86 +370,60 @@ def select_poles(poles: Array) -> list[int]:
 
     Of the others, at most eight are real. Poles are above the real axis.
     """
-    growth_rates = np.array([x.growth_rate for x in describe_poles(poles)])
-    is_oscillating = np.array([_is_oscillating(x) for x in poles], bool)
+    is_oscillating = _oscillate(poles)
     is_candidate = is_oscillating | (np.cumsum(~is_oscillating) <= _MAX_REAL_POLES)
     is_listed = is_candidate & (np.cumsum(is_candidate) <= _MAX_POLES)
-    return np.flatnonzero(is_listed | (growth_rates > 0.0)).tolist()
+    return np.flatnonzero(is_listed | (poles.real > 0.0)).tolist()
 
 
-def choose_frequencies(
-    all_poles: Array,
-    n_states: int,
-    ends: tuple[float, float] | None = None,
-    find_resolved_frequency: Callable[[float], float] = float,
-) -> Array:
+def _choose_frequencies(model: LinearModel, ends: tuple[float, float] | None) -> Array:
     """Return frequencies [Hz] around the listed poles, or between `ends` [Hz].
 
-    `find_resolved_frequency` returns the frequency up to which errors are small, at most its
-    argument. The frequencies contain all natural frequencies and half-power frequencies, and
-    are denser near lightly damped ones.
+    They contain all natural frequencies and half-power frequencies.
     """
-    poles = all_poles[all_poles.imag >= 0.0]
-    sizes = np.abs(poles) / (2.0 * np.pi)
-    slowest = float(np.min(sizes[~_are_zero(poles)], initial=np.inf))
-    slowest = slowest if np.isfinite(slowest) else 1.0
-    oscillates = np.array([_is_oscillating(x) for x in poles], bool)
+    poles = model.poles[model.poles.imag >= 0.0]
+    oscillates = _oscillate(poles)
     if ends is None:
-        listed = np.isin(np.arange(len(poles)), select_poles(poles))
-        is_peak = listed & oscillates & (np.abs(poles.real) < _MAX_PEAK_DAMPING * np.abs(poles))
+        sizes = np.abs(poles) / (2.0 * np.pi)
+        slowest = float(np.min(sizes[np.abs(poles) > MIN_POLE], initial=np.inf))
+        slowest = slowest if np.isfinite(slowest) else 1.0
+        is_peak = oscillates & (np.abs(poles.real) < _MAX_PEAK_DAMPING * np.abs(poles))
+        is_peak &= np.isin(np.arange(len(poles)), select_poles(poles))
+        peaks = np.append(sizes[is_peak], [] if is_peak.any() else slowest)
         low = slowest / _FREQUENCY_MARGIN
-        high = _FREQUENCY_MARGIN * max(slowest, np.max(sizes[is_peak], initial=0.0))
+        high = _FREQUENCY_MARGIN * max(slowest, float(np.max(peaks)))
         high = min(high, low * _MAX_FREQUENCY_RATIO)
-        lowest = np.min(sizes[is_peak], initial=np.inf) if is_peak.any() else slowest
-        ends = low, min(high, max(find_resolved_frequency(float(high)), _MIN_RANGE * lowest))
+        accuracy = deferred.module("accuracy.linear_models")
+        resolved = accuracy.find_resolved_frequency(model, high)
+        ends = low, min(high, max(resolved, _MIN_RANGE * float(np.min(peaks))))
     low, high = ends
-    work = _FREQUENCY_WORK / max(n_states, 1) ** 3
+    work = _FREQUENCY_WORK / max(len(model.states), 1) ** 3
     count = int(np.clip(work, _MIN_FREQUENCIES, _MAX_FREQUENCIES))
-    rates = poles.imag / (2.0 * np.pi)
-    peaks = poles[oscillates & (rates >= low) & (rates <= high)]
-    n_slow = int(_PEAK_SHARE * count) // (len(_PEAK_POSITIONS) + len(_HALF_POWER_POSITIONS))
-    near = np.concatenate(
-        [
-            frequencies_beside(peaks, _HALF_POWER_POSITIONS, _UNDAMPED_WIDTH).ravel(),
-            frequencies_beside(peaks[:n_slow], _PEAK_POSITIONS, _UNDAMPED_WIDTH).ravel(),
-        ]
-    )
+    near = frequencies_beside(poles[oscillates])
     near = near[(near > low) & (near < high)]
     grid = np.geomspace(low, high, max(count - len(near), _MIN_FREQUENCIES // 2))
     frequencies = np.concatenate([grid, near])
-    for pole in peaks[np.abs(peaks.real) <= _UNDAMPED_WIDTH * np.abs(peaks)]:
-        resonance = pole.imag / (2.0 * np.pi)
-        distance = _UNDAMPED_DISTANCE * _UNDAMPED_WIDTH * resonance
-        is_near = np.abs(frequencies - resonance) < distance
-        frequencies[is_near] = resonance + distance
+    for resonance in _find_undamped(poles):
+        distance = _UNDAMPED_POSITION * _MIN_WIDTH * resonance
+        frequencies[np.abs(frequencies - resonance) < distance] = resonance + distance
     return np.unique(frequencies)
 
 
-def frequencies_beside(poles: Array, positions: Array, least_width: float) -> Array:
-    """Return frequencies [Hz] beside poles (k, n), at positions in half widths of their peaks.
-
-    The half width is at least `least_width` of the frequency of the pole.
-    """
+def frequencies_beside(poles: Array, positions: Array = _PEAK_POSITIONS) -> Array:
+    """Return frequencies [Hz] beside the peaks of poles, at positions in their half widths."""
     centers = np.abs(poles.imag) / (2.0 * np.pi)
-    widths = np.maximum(np.abs(poles.real) / (2.0 * np.pi), least_width * centers)
-    return np.asarray(centers[:, None] + widths[:, None] * positions)
+    widths = np.maximum(np.abs(poles.real) / (2.0 * np.pi), _MIN_WIDTH * centers)
+    return np.ravel(centers[:, None] + widths[:, None] * positions)
 
 
-def _is_oscillating(pole: complex) -> bool:
-    return abs(pole.imag) > _MIN_IMAGINARY_SHARE * abs(pole)
+def _find_undamped(poles: Array) -> Array:
+    """Return the frequencies [Hz] at which responses are infinite."""
+    is_undamped = np.abs(poles.real) <= _MIN_WIDTH * np.abs(poles)
+    return np.asarray(np.abs(poles.imag[is_undamped]) / (2.0 * np.pi))
 
 
-def _peak_ratios(size: Array) -> dict[int, float]:
-    """Return the ratio of each local maximum to the higher one of the minima beside it, by index.
-
-    A side ends where the response exceeds the maximum.
-    """
-    # Imported here because importing scipy.signal takes as long as a short run.
-    from scipy.signal import find_peaks
-
-    peaks, properties = find_peaks(np.log(size), prominence=0.0)
-    ratios = np.exp(properties["prominences"])
-    return dict(zip(peaks.tolist(), ratios.tolist(), strict=True))
+def _oscillate(poles: Array) -> Array:
+    return np.asarray(np.abs(poles.imag) > _MIN_IMAGINARY_SHARE * np.abs(poles))
 
 
 def divide_units(output: Variable, source: Variable) -> str:

@@ -20,7 +20,6 @@ from beamdae.errors import (
     require_count,
     require_finite,
     require_sequence,
-    stated_error,
     warn_of_result,
     warnings_are_ignored,
 )
@@ -151,28 +150,21 @@ class Campbell(HasTable, HasPage):
         return tuple(text for _, text in self._describe_states()) + self._describe_lost_modes()
 
     def _describe_states(self) -> list[tuple[str, str]]:
-        """Return each warning of the modes, without and with the speeds at which it holds.
+        """Return each warning of the modes, without and with the fastest speed at which it holds.
 
-        Of warnings that differ only in numbers, the one with the largest percentages is returned,
-        or else the one at the fastest rotation.
+        Of warnings that differ only in numbers, the one at this speed is returned.
         """
-        kinds: dict[str, dict[float, str]] = {}
-        for speed, at_speed in zip(self.speeds.tolist(), self.modes, strict=True):
-            for sentence in at_speed.warnings:
-                kinds.setdefault(kind_of_message(sentence), {})[speed] = sentence
-        described = []
-        for sentences in kinds.values():
-            speeds = sorted(sentences)
-            worst = max(speeds, key=lambda x: (stated_error(sentences[x]), abs(x)))
-            sentence, where = sentences[worst], f"at {worst:g} rad/s, "
-            if len(speeds) > 1:
-                ends = f"{speeds[0]:g} to {speeds[-1]:g}"
-                where = f"at {len(speeds)} speeds from {ends} rad/s (here {worst:g} rad/s), "
+        by_speed = sorted(
+            zip(self.speeds.tolist(), self.modes, strict=True), key=lambda x: -abs(x[0])
+        )
+        found: dict[str, tuple[str, str]] = {}
+        common = set.intersection(*(set(x.warnings) for x in self.modes))
+        for speed, modes in by_speed:
+            for sentence in modes.warnings:
                 # Warnings of the model do not depend on the speed.
-                is_common = len(speeds) == len(self.modes) and len(set(sentences.values())) == 1
-                where = "" if is_common else where
-            described.append((sentence, f"{where}{sentence}"))
-        return described
+                text = sentence if sentence in common else f"at {speed:g} rad/s, {sentence}"
+                found.setdefault(kind_of_message(sentence), (sentence, text))
+        return list(found.values())
 
     def _describe_lost_modes(self) -> tuple[str, ...]:
         return tuple(
@@ -185,13 +177,9 @@ class Campbell(HasTable, HasPage):
     def _issue_warnings(self) -> None:
         """Issue the warnings that `modes` issues, and those of lost modes."""
         remarks = {x for at_speed in self.modes for x in at_speed._remarks}
-        issued = set(map(kind_of_message, self.modes[0]._linearization.equations.build_warnings))
-        for sentence, text in self._describe_states():
-            kind = kind_of_message(sentence)
-            if sentence not in remarks and kind not in issued:
-                issued.add(kind)
-                warn_of_result([text])
-        warn_of_result(self._describe_lost_modes())
+        states = [text for sentence, text in self._describe_states() if sentence not in remarks]
+        built = self.modes[0]._linearization.equations.build_warnings
+        warn_of_result((*states, *self._describe_lost_modes()), built)
 
     def plot(self, multiples: Sequence[int] | None = None) -> Plot:
         """Plot natural frequencies and multiples of the rotation speed over the rotation speed.

@@ -223,44 +223,49 @@ def _turning_warnings(lin: Linearization) -> tuple[str, ...]:
 
 
 def _linearize(name: str, model: Any, about: Any, t: float) -> Linearization:
-    if isinstance(about, Equilibrium):
-        return _linearize_path_end(name, model, about)
-    about = plain_text(about)
-    if isinstance(about, (Instant, Rotation)):
-        full_equations = as_equations(name, model, AS_DRAWN)
-        if isinstance(about, Instant):
-            return linearize_motion(full_equations, about)
-        equations, time, tangent_at, _ = frame_of(full_equations, about, t)
-        state = find_steady_rotation(equations, time, about)
+    about, full_equations = plain_text(about), as_equations(name, model, AS_DRAWN)
+    if isinstance(about, Instant):
+        return linearize_motion(full_equations, about)
+    if isinstance(about, Rotation):
         description = f"rotation at {about.speed:g} rad/s about {about.center}"
-        warnings = drawing_warnings(equations, time, state.q, description)
-        return Linearization(
-            equations,
-            full_equations,
-            description,
-            time,
-            state,
-            tangent_at(state),
-            warnings,
-            tangent_at=tangent_at,
-            rotation=about,
-        )
-    word = about if isinstance(about, str) else None
-    if word in (REFERENCE, AS_DRAWN):
-        return _linearize_rest(as_equations(name, model, AS_DRAWN), REFERENCE, t)
-    if not isinstance(about, Mapping) and word != EQUILIBRIUM:
-        hint = suggest(word, (REFERENCE, EQUILIBRIUM)) if word is not None else ""
+    elif isinstance(about, Equilibrium):
+        full_equations = about.to_checkpoint().start_equations(full_equations)
+        description = f"equilibrium at load factor {about.factor:g}" if about.loads else EQUILIBRIUM
+    elif isinstance(about, Mapping) or about == EQUILIBRIUM:
+        require_start("about", about)
+        full_equations = apply_initial_conditions(full_equations, about, t)
+        assert full_equations.start is not None
+        is_word = isinstance(about, str)
+        description = EQUILIBRIUM if is_word else f"rest at {full_equations.start.description}"
+    elif isinstance(about, str) and about in (REFERENCE, AS_DRAWN):
+        description = REFERENCE
+    else:
+        hint = suggest(about, (REFERENCE, EQUILIBRIUM)) if isinstance(about, str) else ""
         raise BeamdaeError(
             f"{name}: about must be 'reference', 'equilibrium', positions by "
             "name, bd.rotation(...), solution.at(t) or a result of bd.equilibrium, "
             f"got {short_repr(about)}{hint}."
         )
-    require_start("about", about)
-    full_equations = apply_initial_conditions(as_equations(name, model, AS_DRAWN), about, t)
-    if word == EQUILIBRIUM:
-        return _linearize_rest(full_equations, EQUILIBRIUM, t)
-    description = f"rest at {full_equations.start.description}"  # type: ignore[union-attr]
-    return _linearize_rest(full_equations, description, t)
+    frame = frame_of(full_equations, about, t, model)
+    e, time, tangent_at, rotation = frame
+    if rotation is not None:
+        state = find_steady_rotation(e, time, rotation)
+        notes = drawing_warnings(e, time, state.q, description)
+        tangent = tangent_at(state)
+        return Linearization(
+            e, full_equations, description, time, state, tangent, notes, 0.0, tangent_at, rotation
+        )
+    lin = Linearization(e, full_equations, description, time, *linearize_at_rest(frame))
+    note = ""
+    if isinstance(about, Equilibrium):
+        note = about.end_warning
+    elif t == 0.0:  # Later, drivers have left their positions in the drawing.
+        requested = full_equations
+        if requested.start is None:
+            # Given velocities have no effect on a state at rest.
+            requested = replace(requested, v0=np.zeros(requested.n))
+        note = compare_start(requested, lin.state).warning
+    return replace(lin, warnings=(*filter(None, (note,)), *lin.warnings))
 
 
 def active_equations(
@@ -306,20 +311,6 @@ def linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Lin
     return Linearization(equations, full_equations, description, time, state, tangent, warnings)
 
 
-def _linearize_rest(full_equations: EquationsOfMotion, description: str, t: float) -> Linearization:
-    frame = frame_of(full_equations, None, t)
-    rest = linearize_at_rest(frame)
-    lin = Linearization(frame.equations, full_equations, description, frame.time, *rest)
-    requested = full_equations
-    if requested.start is None:
-        # Given velocities have no effect on a state at rest.
-        requested = replace(requested, v0=np.zeros(requested.n))
-    if t == 0.0:  # Later, drivers have left their positions in the drawing.
-        change = compare_start(requested, lin.state).warning
-        lin = replace(lin, warnings=(*filter(None, [change]), *lin.warnings))
-    return lin
-
-
 def load_path_end(
     model: Any, full_equations: EquationsOfMotion, path: Equilibrium
 ) -> tuple[Loading, LoadedEquations, float]:
@@ -336,15 +327,6 @@ def load_path_end(
     loading = build_loading(model, full_equations, stages, path.t)
     stage, factors = active_stage(path.factors[-1]), path.factors[-1].tolist() or [1.0]
     return loading, loading.systems[stage], factors[stage]
-
-
-def _linearize_path_end(name: str, model: Any, path: Equilibrium) -> Linearization:
-    full_equations = path.to_checkpoint().start_equations(as_equations(name, model, AS_DRAWN))
-    frame = frame_of(full_equations, path, path.t, model)
-    rest = linearize_at_rest(frame)
-    description = f"equilibrium at load factor {path.factor:g}" if path.loads else EQUILIBRIUM
-    lin = Linearization(frame.equations, full_equations, description, frame.time, *rest)
-    return replace(lin, warnings=(*filter(None, (path.end_warning,)), *lin.warnings))
 
 
 class Frame(NamedTuple):

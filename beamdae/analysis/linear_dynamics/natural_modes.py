@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -28,9 +27,9 @@ from beamdae.analysis.linear_dynamics.linearization import (
     model_of_modes,
     searched_start,
 )
-from beamdae.beams.beam import Beam
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.mobility import find_free_groups
+from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
     BeamdaeError,
@@ -62,18 +61,11 @@ _MASS_ROUNDING = 1e-20
 # Largest bound on the rounding error of a squared frequency, relative to the square, without a
 # warning. Actual errors are below a tenth of the bound, as for free strips with L/h = 1e6.
 _MAX_SQUARE_ROUNDING = 0.05
-# Smallest share of the kinetic energy of a beam, without that of its rigid motion, of a motion that
-# deforms the beam. Clamped beams have 3 %, rounding errors of free strips with L/h = 1e6 0.003 %.
+# Smallest share of the kinetic energy, without rigid motions of the bodies, of a motion that
+# deforms beams. Clamped beams have 3 %, rounding errors of free strips with L/h = 1e6 0.003 %.
 _MIN_DEFORMATION_SHARE = 1e-3
-# Decays whose rates differ by at most this fraction are those of fast modes with material damping,
-# which leave out vibrations if they are at least this share of the requested modes.
-_EQUAL_RATE_TOLERANCE = 1e-3
-_MAX_DECAY_SHARE = 0.5
 _MAX_NAMES = 4  # of parts of a group without a joint
-# Time [s] up to which errors of all modes are among the warnings. A companion takes eight times as
-# long with dense matrices of twice the size, and is repeated for causes of errors; a few modes take
-# two to four times as long.
-_MAX_TIME, _TIME_RATIO_OF_ALL = 2.0, 16.0
+_ASSESSED = 10  # modes whose errors are measured if all modes are requested
 # Number of frequencies shown in the repr.
 _REPR_FREQUENCIES = 5
 
@@ -81,8 +73,7 @@ _REPR_FREQUENCIES = 5
 class _Request(NamedTuple):
     """State and time [s] of modes, see `modes`, and the number of modes whose errors are measured.
 
-    If `is_checked` is set, warnings contain these errors, unless they take long by a prediction of
-    the time [s].
+    If `is_checked` is set, warnings contain these errors.
     """
 
     about: Any
@@ -90,7 +81,6 @@ class _Request(NamedTuple):
     damping: bool
     assessed: int
     is_checked: bool
-    predicted_time: float
 
 
 @read_only_data
@@ -148,7 +138,10 @@ class Modes(HasModeShapes):
 
     @cached_property
     def errors(self) -> Any:
-        """Errors of the eigenvalues, see `Errors`, measured by modes of refined beams."""
+        """Errors of the eigenvalues, see `Errors`, measured by modes of refined beams.
+
+        If all modes are requested, they are those of the first ten.
+        """
         return deferred.module("accuracy.modes").measure_modes(self)
 
     @cached_property
@@ -162,12 +155,6 @@ class Modes(HasModeShapes):
         """
         if self._request is None or not self._request.is_checked:
             return self._state_warnings
-        if self._request.predicted_time > _MAX_TIME and "errors" not in vars(self):
-            unchecked = (
-                f"errors: not checked, because all modes of halved elements take more than "
-                f"{_MAX_TIME:g} s; use the errors of the result."
-            )
-            return (*self._state_warnings, unchecked)
         return (*self._state_warnings, *self.errors.sentences())
 
     @property
@@ -329,8 +316,8 @@ def modes(
     n
         Number of modes to return, those with the smallest |eigenvalue|. None returns all modes,
         computed with dense matrices. Material damping gives each fast mode a decay at the rate
-        1 / damping, and a warning names this rate if such decays take the place of vibrations.
-        Large models may then lack one of several equal modes near this rate.
+        1 / damping, and there is a warning if such decays take the place of all vibrations. Large
+        models may then lack one of several equal modes near this rate.
     damping
         Set False for undamped modes, from the symmetric parts of M and K alone.
     t
@@ -409,14 +396,16 @@ def compute_modes(
     is_damped = require_choice("modes", "damping", damping, (True, False))
     model = model_of_modes(model, about)
     time = require_finite("modes", "t", t)
-    begin = perf_counter()
     lin = linearize_about("modes", model, about, time)
     solution = solve_eigenproblem(lin.linearized_equations, count, is_damped)
     kinds = classify_modes(lin.linearized_equations, solution)
     mechanism = model if isinstance(model, Mechanism) else None
-    lin = replace(lin, warnings=(*lin.warnings, *_rounding_warnings(lin, solution, mechanism)))
-    lin = replace(lin, warnings=(*lin.warnings, *_decay_warnings(solution, kinds, count)))
-    lin = replace(lin, warnings=(*lin.warnings, *_free_body_warnings(lin, kinds, count)))
+    doubts = [
+        *_describe_rounding(lin, solution),
+        *_describe_decays(kinds, count),
+        *_describe_free_bodies(lin, kinds),
+    ]
+    lin = replace(lin, warnings=(*lin.warnings, *doubts))
     remarks = []
     if lin.equations.n <= lin.equations.m:
         remarks.append("there are no modes because joints and drivers fix every coordinate.")
@@ -433,10 +422,10 @@ def compute_modes(
         )
     request = None
     if mechanism is not None:
-        number_assessed = len(kinds) if assessed is None else min(assessed, len(kinds))
+        most = (_ASSESSED if count is None else count) if assessed is None else assessed
+        number_assessed = min(most, len(kinds))
         is_checked = number_assessed > 0 and not skips_result_checks()
-        predicted = _TIME_RATIO_OF_ALL * (perf_counter() - begin) if count is None else 0.0
-        request = _Request(about, time, is_damped, number_assessed, is_checked, predicted)
+        request = _Request(about, time, is_damped, number_assessed, is_checked)
     return Modes(
         lin.about,
         solution.values,
@@ -450,9 +439,7 @@ def compute_modes(
     )
 
 
-def _rounding_warnings(
-    lin: Linearization, solution: EigenSolution, mechanism: Mechanism | None
-) -> list[str]:
+def _describe_rounding(lin: Linearization, solution: EigenSolution) -> list[str]:
     """Return a warning if rounding errors of the stiffness hide slow modes, or none.
 
     The stiffest parts determine these errors. A mode whose frequency they hide is found as a free
@@ -463,8 +450,7 @@ def _rounding_warnings(
     bounds = quadratic_form_rounding(lin.linearized_equations.stiffness, solution.shapes)
     references = np.where(squares > 0.0, squares, np.min(squares[squares > 0.0], initial=np.inf))
     is_hidden = bounds > _MAX_SQUARE_ROUNDING * references
-    if mechanism is not None:
-        is_hidden |= (squares == 0.0) & _deforms_beams(lin, solution.shapes, mechanism)
+    is_hidden |= (squares == 0.0) & _are_deforming(lin, solution.shapes)
     if not np.any(is_hidden):
         return []
     limit = np.sqrt(np.max(bounds[is_hidden]) / _MAX_SQUARE_ROUNDING) / (2.0 * np.pi)
@@ -475,68 +461,42 @@ def _rounding_warnings(
     ]
 
 
-def _decay_warnings(
-    solution: EigenSolution, kinds: tuple[str, ...], count: int | None
-) -> list[str]:
-    """Return a warning if decays at nearly equal rates take the place of vibrations, or none."""
-    values = solution.values
-    if count is None or len(values) < count or kinds[-1] != DECAY:
-        return []
-    rate = float(np.abs(values[-1]))
-    is_equal = (np.abs(values + rate) <= _EQUAL_RATE_TOLERANCE * rate) & (values.imag == 0.0)
-    number = int(np.sum(is_equal))
-    if number < max(_MAX_DECAY_SHARE * count, 2.0):
+def _are_deforming(lin: Linearization, shapes: Array) -> Array:
+    """Return a mask (k,) of the shapes, (n, k), that are not rigid motions of the bodies."""
+    e, mass = lin.equations, lin.tangent.mass
+    rigid = e.position_scales[:, None] * compute_rigid_motions(e, lin.state.q)
+    momenta = mass @ rigid
+    motions = shapes - rigid @ (np.linalg.pinv(rigid.T @ momenta) @ (momenta.T @ shapes))
+    energies, totals = (np.einsum("ij,ij->j", x.conj(), mass @ x).real for x in (motions, shapes))
+    return np.asarray(energies > _MIN_DEFORMATION_SHARE * totals)
+
+
+def _describe_decays(kinds: tuple[str, ...], count: int | None) -> list[str]:
+    """Return a warning if all modes decay, although more modes exist, or none."""
+    if len(kinds) != count or set(kinds) != {DECAY}:
         return []
     return [
-        f"{number} of {count} modes decay at nearly the same rate of {rate:.4g} 1/s, as fast modes "
-        "with material damping do at 1 / damping; vibrations with a larger |eigenvalue| are not "
-        "among the modes. Set damping=False, or use a larger n."
+        "all modes decay without oscillation, as fast modes with material damping do at the rate "
+        "1 / damping; vibrations with a larger |eigenvalue| are not among the modes. Set "
+        "damping=False, or use a larger n."
     ]
 
 
-def _free_body_warnings(
-    lin: Linearization, kinds: tuple[str, ...], count: int | None
-) -> Iterator[str]:
-    """Yield a warning about bodies that nothing holds, if they are a part of the mechanism.
+def _describe_free_bodies(lin: Linearization, kinds: tuple[str, ...]) -> list[str]:
+    """Return a warning about bodies that nothing holds, if they are a part of the mechanism.
 
     A mechanism that is free as a whole has one if all modes are free motions.
     """
-    e = lin.full_equations
+    e, are_all = lin.full_equations, set(kinds) == {RIGID}
     if RIGID not in kinds or e.mechanism is None:
-        return
+        return []
     groups = find_free_groups(e, lin.time, lin.state.q)
     bodies = {part.name for part in e.parts if not part.is_state}
-    is_free_as_a_whole = any(bodies <= set(group) for group in groups)
-    if is_free_as_a_whole and set(kinds) != {RIGID}:
-        return
-    which = "all modes" if set(kinds) == {RIGID} else "modes of frequency 0"
-    remedy = ", or use a larger n" if is_free_as_a_whole and len(kinds) == count else ""
-    if groups:
-        names = "; ".join(list_first(group, _MAX_NAMES) for group in groups)
-        is_one = sum(map(len, groups)) == 1
-        yield (
-            f"{names}: no joint or spring connects {'it' if is_one else 'them'} to the ground, so "
-            f"{which} are free motions; add a joint, such as a Weld{remedy}."
-        )
-
-
-def _deforms_beams(lin: Linearization, shapes: Array, mechanism: Mechanism) -> Array:
-    """Return a mask (k,) of the shapes, (n, k), that are no rigid motion of one of the beams."""
-    e, mass = lin.equations, lin.tangent.mass
-    frame, q = RotatingCoordinates.from_equations(e), lin.state.q
-    motions = [frame.translation_vector(axis) for axis in (0, 1)]
-    motions.append(frame.generator @ q + frame.angle_vector)
-    is_deforming = np.zeros(shapes.shape[1], bool)
-    for part in e.parts:
-        if not isinstance(mechanism.parts.get(part.name), Beam):
-            continue
-        rows = part.rows
-        inertia = mass[rows][:, rows]
-        rigid, motion = np.stack(motions, axis=1)[rows], shapes[rows]
-        momenta = inertia @ rigid
-        motion = motion - rigid @ np.linalg.solve(rigid.T @ momenta, momenta.T @ motion)
-        energies, totals = (
-            np.einsum("ij,ij->j", x.conj(), inertia @ x).real for x in (motion, shapes[rows])
-        )
-        is_deforming |= energies > _MIN_DEFORMATION_SHARE * totals
-    return is_deforming
+    if not groups or (not are_all and any(bodies <= set(group) for group in groups)):
+        return []
+    names = "; ".join(list_first(group, _MAX_NAMES) for group in groups)
+    which = "all modes" if are_all else "modes of frequency 0"
+    return [
+        f"{names}: no joint or spring connects {'it' if sum(map(len, groups)) == 1 else 'them'} to "
+        f"the ground, so {which} are free motions; add a joint, such as a Weld, or use a larger n."
+    ]

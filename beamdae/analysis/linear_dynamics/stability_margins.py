@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.optimize as opt
 
-from beamdae.analysis.linear_dynamics.bode_diagram import find_growing_poles, frequencies_beside
+from beamdae.analysis.linear_dynamics.bode_diagram import (
+    MIN_POLE,
+    frequencies_beside,
+)
 from beamdae.analysis.linear_dynamics.linear_model import (
     LinearModel,
     Matrices,
@@ -55,20 +58,14 @@ Array = np.ndarray
 # Frequencies per decade at the start, decades around the poles, and the relative distance to which
 # intervals between frequencies are divided.
 _POINTS_PER_DECADE, _DECADES, _MIN_SPACING = 20, 2.0, 1e-7
-_MIN_POLE = 1e-4  # [1/s]; smaller poles are zero
 # Intervals are divided until the phase [rad] and the logarithm of the magnitude change by less.
 _MAX_CHANGE = 0.3
 _MAX_FREQUENCIES = 20_000
-# Intervals are not divided where the magnitude is below the first one; phase crossovers are listed
-# between the others: smaller magnitudes are resolved in part, and larger ones are those of poles.
-_MIN_DIVIDED, _MIN_MAGNITUDE, _MAX_MAGNITUDE = 5e-4, 1e-3, 1e9
-# Phases [rad] closer to -180 degrees are those of loops without damping, not crossovers.
+# Magnitudes of listed phase crossovers: smaller ones do not matter, larger ones are those of poles.
+_MIN_MAGNITUDE, _MAX_MAGNITUDE = 1e-3, 1e9
+# Phases [turns] closer to -180 degrees are those of loops without damping, not crossovers.
 _PHASE_ROUNDING = 1e-9
-# Positions beside poles, in half widths of their peaks, and the least width relative to a pole.
-_NEAR_POLES, _MIN_WIDTH = np.array([-3.0, -1.0, -0.3, 0.0, 0.3, 1.0, 3.0]), 1e-6
-# Errors of multipliers of stiff structures, and of double ones at 1.
-_MULTIPLIER_ROUNDING = 1e-7
-_NYQUIST_ROUNDING = 1e-9  # of the phase of negative multipliers
+_MULTIPLIER_ROUNDING = 1e-7  # of multipliers of stiff structures, and of double ones at 1
 # Loops with a delay have a phase crossover in each turn of the phase.
 _MAX_CROSSOVERS = 1000
 _MAX_DELAY = 1000  # samples; each adds one state
@@ -176,7 +173,8 @@ class StabilityMargins(HasTable):
         return pd.DataFrame(self.crossovers, columns=names)
 
 
-class _Loop(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Loop:
     """Loop transfer function L of x' = A x + b u, -u = c x + d u (or x_k+1), with a delay [s].
 
     `every` is None in continuous time; otherwise, there is no `delay`.
@@ -196,14 +194,21 @@ class _Loop(NamedTuple):
         system = self.a, self.b[:, None], self.c[None], np.array([[self.d]])
         return complex(transfer_matrix(system, point)[0, 0])
 
-    def poles(self, is_closed: bool) -> Array:
-        """Return the poles without delay [1/s]."""
-        matrix = self.a - is_closed * np.outer(self.b, self.c) / (1.0 + self.d)
+    @cached_property
+    def poles(self) -> Array:
+        """Poles without delay [1/s]."""
+        return self._find_poles(self.a)
+
+    @cached_property
+    def closed_poles(self) -> Array:
+        """Poles of the closed loop without delay [1/s]."""
+        return self._find_poles(self.a - np.outer(self.b, self.c) / (1.0 + self.d))
+
+    def _find_poles(self, matrix: Array) -> Array:
         if self.every is None:
             return compute_poles(matrix)
         multipliers = np.linalg.eigvals(matrix).astype(complex)
-        tiny = np.finfo(float).tiny
-        logarithms = np.log(np.where(multipliers == 0.0, tiny, multipliers))
+        logarithms = np.log(np.where(multipliers == 0.0, np.finfo(float).tiny, multipliers))
         logarithms.real[np.abs(logarithms.real) < _MULTIPLIER_ROUNDING] = 0.0
         return logarithms / self.every
 
@@ -480,47 +485,45 @@ def _as_system(controller: Any, count: int, every: Any) -> tuple[Matrices, float
 
 def _find_crossovers(loop: _Loop) -> list[Crossover]:
     """Return all crossovers in ascending order of their frequencies."""
-    crossovers, gains = [], _list_ends(loop)
+    crossovers, critical = [], _list_ends(loop)
     for (first, begin), (last, end) in pairwise(_sample(loop)):
         sizes = math.log(abs(begin)), math.log(abs(end))
         if sizes[0] * sizes[1] < 0.0 or sizes[0] == 0.0:
-            f = _find_root(lambda x: math.log(abs(loop.at(x))), first, last)
+            f = _find_root(lambda f: math.log(abs(loop.at(f))), first, last)
             # From 0 to 360 degrees.
             lag = (float(np.angle(-loop.at(f))) - _FULL_TURN * f * loop.delay) % _FULL_TURN
             margin = math.degrees(lag if lag <= np.pi else lag - _FULL_TURN)
             crossovers.append(Crossover("gain", f, math.nan, margin, lag / (_FULL_TURN * f)))
-        if max(abs(begin), abs(end)) > _MIN_DIVIDED and len(gains) < _MAX_CROSSOVERS:
-            roots = _find_phase_crossovers(loop, (first, begin), (last, end))
-            gains += [(f, abs(loop.at(f))) for f in roots]
+        is_large = max(abs(begin), abs(end)) > 0.5 * _MIN_MAGNITUDE
+        if is_large and len(critical) < _MAX_CROSSOVERS:
+            roots = _find_phase_crossovers(loop, first, last, begin, end)
+            critical += [(f, abs(loop.at(f))) for f in roots]
     crossovers += [
         Crossover("phase", f, 1.0 / size, math.nan, math.nan)
-        for f, size in gains
+        for f, size in critical
         if _MIN_MAGNITUDE < size < _MAX_MAGNITUDE
     ]
     return sorted(crossovers, key=lambda x: x.frequency)
 
 
 def _find_phase_crossovers(
-    loop: _Loop, first: tuple[float, complex], last: tuple[float, complex]
+    loop: _Loop, first: float, last: float, begin: complex, end: complex
 ) -> list[float]:
-    """Return the first frequencies with a phase of -180 degrees between two samples.
+    """Return the frequencies with a phase of -180 degrees between two samples.
 
     In between, the phase without the delay changes by less than half a turn.
     """
 
     def phase(f: float, value: complex) -> float:
-        """Return the phase above -180 degrees [rad], continuous from the first sample."""
-        change = np.angle(value / first[1])
-        return float(np.angle(-first[1]) + change) - _FULL_TURN * f * loop.delay
+        """Return the phase above -180 degrees [turns], continuous from the first sample."""
+        change = np.angle(-begin) + np.angle(value / begin)
+        return float(change) / _FULL_TURN - f * loop.delay
 
-    low, high = sorted((phase(*first), phase(*last)))
-    turns = np.arange(np.ceil(low / _FULL_TURN), np.ceil(high / _FULL_TURN))
-    levels = _FULL_TURN * turns[:_MAX_CROSSOVERS]
-    levels = levels[np.maximum(levels - low, high - levels) > _PHASE_ROUNDING]
-    return [
-        _find_root(partial(lambda level, f: phase(f, loop.at(f)) - level, x), first[0], last[0])
-        for x in levels.tolist()
-    ]
+    low, high = sorted((phase(first, begin), phase(last, end)))
+    turns = np.arange(np.ceil(low), np.ceil(high))[:_MAX_CROSSOVERS]
+    turns = turns[np.maximum(turns - low, high - turns) > _PHASE_ROUNDING]
+    differences = [partial(lambda k, f: phase(f, loop.at(f)) - k, k) for k in turns.tolist()]
+    return [_find_root(x, first, last) for x in differences]
 
 
 def _find_root(function: Callable[[float], float], low: float, high: float) -> float:
@@ -539,18 +542,18 @@ def _list_ends(loop: _Loop) -> list[tuple[float, float]]:
 
 def _sample(loop: _Loop) -> list[tuple[float, complex]]:
     """Return frequencies [Hz] between which magnitude and phase change little, and the values."""
-    poles = np.concatenate([loop.poles(is_closed=False), loop.poles(is_closed=True)])
-    poles = poles[np.isfinite(poles) & (np.abs(poles) > _MIN_POLE)]
-    scales = np.abs(poles) / _FULL_TURN
-    scales = np.append(scales, 1.0 / loop.delay) if loop.delay else scales
-    low, high = np.min(scales, initial=np.inf), np.max(scales, initial=0.0)
-    low, high = (low, high) if len(scales) else (1.0, 1.0)
-    low, high = low * 10.0**-_DECADES, high * 10.0**_DECADES
+    poles = np.concatenate([loop.poles, loop.closed_poles])
+    poles = poles[np.isfinite(poles) & (np.abs(poles) > MIN_POLE)]
+    scales = [*(np.abs(poles) / _FULL_TURN).tolist(), *([1.0 / loop.delay] if loop.delay else [])]
+    low, high = min(scales, default=1.0) / 10**_DECADES, max(scales, default=1.0) * 10**_DECADES
     if loop.every is not None:
         high = 0.5 / loop.every
         low = min(low, 1e-3 * high)
+    elif loop.d == 0.0:
+        # The magnitude decreases at least as the reciprocal of the frequency.
+        high *= max(1.0, abs(loop.at(high)) / _MIN_MAGNITUDE)
     count = int(_POINTS_PER_DECADE * math.log10(high / low)) + 2
-    near = frequencies_beside(poles, _NEAR_POLES, _MIN_WIDTH).ravel()
+    near = frequencies_beside(poles, np.array([-1.0, 0.0, 1.0]))
     near = near[(near > low) & (near < high)]
     grid = np.unique(np.concatenate([np.geomspace(low, high, count), near]))
     known = {f: loop.at(f) for f in grid.tolist()}
@@ -559,11 +562,11 @@ def _sample(loop: _Loop) -> list[tuple[float, complex]]:
         divided = []
         for first, last in pending:
             begin, end = known[first], known[last]
-            if max(abs(begin), abs(end)) < _MIN_DIVIDED or last < (1.0 + _MIN_SPACING) * first:
+            is_small = max(abs(begin), abs(end)) < 0.5 * _MIN_MAGNITUDE
+            if is_small or last < (1.0 + _MIN_SPACING) * first:
                 continue
-            change = end / begin if begin else complex("nan")
-            is_small = abs(np.angle(change)) < _MAX_CHANGE
-            if not (is_small and abs(math.log(abs(change) or 1e-300)) < _MAX_CHANGE):
+            change = np.log(end / begin) if begin and end else complex("nan")
+            if not max(abs(change.real), abs(change.imag)) < _MAX_CHANGE:
                 middle = math.sqrt(first * last)
                 known[middle] = loop.at(middle)
                 divided += [(first, middle), (middle, last)]
@@ -573,12 +576,9 @@ def _sample(loop: _Loop) -> list[tuple[float, complex]]:
 
 def _count_unstable_poles(loop: _Loop, crossovers: Sequence[float]) -> int:
     """Return the number of unstable poles of the closed loop; see `margins` for delays."""
-    growing = find_growing_poles(loop.poles(is_closed=True))
-    is_pair = growing.imag > 0.0
-    if loop.every is not None:
-        # Negative multipliers have no conjugate.
-        is_pair &= growing.imag * loop.every < np.pi * (1.0 - _NYQUIST_ROUNDING)
-    count = len(growing) + int(np.sum(is_pair))
+    # Both poles of a pair count; negative multipliers have no conjugate but the phase pi.
+    poles = loop.closed_poles
+    count = int(np.sum((np.abs(poles) > MIN_POLE) & (poles.real > 0.0)))
     for f in crossovers if loop.delay else ():
         is_falling = abs(loop.at((1.0 + 1e-6) * f)) < abs(loop.at((1.0 - 1e-6) * f))
         lag = float(np.angle(-loop.at(f))) % _FULL_TURN

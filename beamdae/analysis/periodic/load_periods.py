@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -34,9 +33,6 @@ _TEST_PERIODS = (0.29, 0.618)
 # numbers of periods; the last one is 1100 s for a period of 1e-9 s. Rounding of later times would
 # change the phase of loads by more than 1e-4 periods.
 _LATER_PERIODS = 2.0 ** np.arange(1.0, 41.0)
-# Search for the period that is suggested instead: first step and largest change, relative to the
-# period, and maximum number of steps.
-_PERIOD_STEP, _MAX_PERIOD_CHANGE, _MAX_SECANT_STEPS = 1e-5, 0.05, 12
 
 
 class Loads:
@@ -115,8 +111,7 @@ class Loads:
         Raises
         ------
         BeamdaeError
-            If one is not periodic; the message names the part, and the period if it is within 5 %
-            of this one, or that of a full turn.
+            If one is not periodic; the message names the part, and the period of a full turn.
         """
         e, (k, row, ratio) = self.equations, self._find_mismatch(self.period)
         if ratio <= _TOLERANCE:
@@ -128,17 +123,9 @@ class Loads:
         if is_constraint:
             unit = "rad" if np.tile(e.constraint_is_angle, 2)[row - 2 * e.n] else "m"
             difference = f"{ratio * self._sizes[row]:.3g} {unit}{'/s' * is_rate}"
-
-        def change_after(period: float) -> float:
-            now, later = self._at(np.array([time, time + period]))
-            return float(self._remove_turns((later - now)[None])[0, row])
-
-        period = find_nearby_root(change_after, self.period)
         parts = e.mechanism.parts if e.mechanism else {}
         part = parts.get(name.rpartition(".")[0]) if is_constraint else None
-        if period is not None and self.repeat_after(period):
-            advice = f", {period:.9g} s"
-        elif isinstance(part, Driver):
+        if isinstance(part, Driver):
             drifts = self._at(self._times + self.period) - self._at(self._times)
             rate = abs(float(np.mean(drifts[:, row]))) / self.period
             if rate > _TOLERANCE / self.period:
@@ -164,17 +151,3 @@ class Loads:
                     change = float(np.max(np.abs(np.diff(values)))) / size
                     found[other] = max(found.get(other, 0.0), change)
         return max(found, key=lambda x: found[x])
-
-
-def find_nearby_root(function: Callable[[float], float], start: float) -> float | None:
-    """Return the root within 5 % of `start`, by the secant method, with nine digits, or None."""
-    a, b = start, start * (1.0 + _PERIOD_STEP)
-    f_a, f_b = function(a), function(b)
-    for _ in range(_MAX_SECANT_STEPS):
-        if f_a == f_b:
-            break
-        a, b, f_a = b, b - f_b * (b - a) / (f_b - f_a), f_b
-        if not abs(b / start - 1.0) < _MAX_PERIOD_CHANGE:
-            return None
-        f_b = function(b)
-    return float(f"{b:.9g}")

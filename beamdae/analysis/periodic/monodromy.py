@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.linalg as la
@@ -69,21 +69,6 @@ class LinearizationError(BeamdaeError, CurveError):
     """Raised if the stage equations of a linearized step cannot be solved."""
 
 
-class DisturbanceBasis(NamedTuple):
-    """Independent disturbances of (q, v).
-
-    Attributes
-    ----------
-    columns
-        The disturbances, (2 n, k).
-    projection
-        Matrix (k, 2 n) that expresses disturbances of (q, v) in terms of `columns`.
-    """
-
-    columns: Array
-    projection: Array
-
-
 @dataclass(frozen=True)
 class VariationalEquations:
     """Equations of motion, without redundant constraints, linearized along runs."""
@@ -120,9 +105,10 @@ class VariationalEquations:
 
         return StepLoop(propagate_disturbances, make_workspace, matrices, form.is_native)
 
-    def admissible_disturbances(self, trajectory: Trajectory, scales: Array) -> DisturbanceBasis:
-        """Return a basis of the initial disturbances of (q, v) that the joints allow.
+    def admissible_disturbances(self, trajectory: Trajectory, scales: Array) -> tuple[Array, Array]:
+        """Return a basis (2 n, k) of the initial disturbances of (q, v) that the joints allow.
 
+        The second value is the matrix (k, 2 n) that expresses disturbances in terms of the basis.
         The basis is orthonormal in terms of the energy |dq' K dq| + dv' M dv, relative to that of
         vibrations with the natural sizes `scales`, (2 n,). In this norm, undamped modes of any
         frequency keep their size; relative to `scales`, stiff modes grow by the ratio of their
@@ -148,7 +134,7 @@ class VariationalEquations:
         lengths = np.linalg.norm(admissible, axis=0)
         nonzero = admissible[:, lengths > 0.0] / lengths[lengths > 0.0]
         directions = la.null_space(nonzero.T) if nonzero.size else np.eye(2 * n)
-        return DisturbanceBasis(
+        return (
             scales[:, None] * la.solve_triangular(factors.T, directions, lower=False),
             (factors @ directions).T / scales,
         )

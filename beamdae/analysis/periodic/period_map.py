@@ -13,7 +13,6 @@ from beamdae.analysis.periodic.load_periods import FULL_TURN
 from beamdae.analysis.periodic.monodromy import (
     EXACT_RANK,
     MAX_HALVINGS,
-    DisturbanceBasis,
     VariationalEquations,
     assemble_monodromy,
     dominant_range,
@@ -312,7 +311,7 @@ class PeriodRun:
         return float(np.max(np.abs(self.difference / self.scales)))
 
     @cached_property
-    def _disturbance_basis(self) -> DisturbanceBasis:
+    def _disturbance_basis(self) -> tuple[Array, Array]:
         return self.period_map.variational.admissible_disturbances(
             self.solution.trajectory, self.scales
         )
@@ -323,12 +322,12 @@ class PeriodRun:
 
         See `VariationalEquations.admissible_disturbances`.
         """
-        return self._disturbance_basis.columns
+        return self._disturbance_basis[0]
 
     @property
     def projection(self) -> Array:
         """Matrix (k, 2 n) that expresses disturbances of (q, v) in terms of `basis`."""
-        return self._disturbance_basis.projection
+        return self._disturbance_basis[1]
 
     @cached_property
     def deviation(self) -> Array:

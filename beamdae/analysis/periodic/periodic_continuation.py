@@ -29,11 +29,10 @@ from beamdae.analysis.continuation.engine import (
 from beamdae.analysis.periodic.load_periods import Loads
 from beamdae.analysis.periodic.period_map import PeriodMap, as_radau, build_periodic_equations
 from beamdae.analysis.periodic.shooting import (
-    LINEAR_REMEDY,
+    DAMPING_REMEDY,
     MAX_SETTLING_PERIODS,
     PeriodProblem,
     Tolerance,
-    explain_failure,
     linearization_at,
     settle_and_solve,
 )
@@ -307,12 +306,10 @@ class ResponseCurve:
         linear = settle_and_solve(period_map, settle, self.tolerance)
         run = linear.run
         if run.relative_deviation > self.tolerance.accepted:
-            reason = (
+            raise CurveError(
                 f"no periodic motion was found at {self.describe(0.0)}; change start=, increase "
-                f"settle= {LINEAR_REMEDY}"
+                f"settle=, or {DAMPING_REMEDY}"
             )
-            multipliers = floquet_multipliers(run.resolved_monodromy())
-            raise CurveError(explain_failure(reason, multipliers))
         problem = PeriodProblem(self.map_at, self.tolerance, varies=True)
         return problem.complete(Point(problem, run.state, 0.0, linear), np.zeros(0))
 
@@ -365,8 +362,7 @@ def _follow_curve(
         except CurveError as error:
             reason = _failure_reason(error)
             if not isinstance(error, BeamdaeError):
-                reason = f"{reason}; reduce step= {LINEAR_REMEDY}"
-                reason = explain_failure(reason, points[-1].multipliers)
+                reason = f"{reason}; reduce step=, or {DAMPING_REMEDY}"
             return Status("failed", f"{curve.describe(point.p)}: {reason}")
         critical += [(_KINDS[x.kind], curve.value(x.point.p)) for x in found]
         point = segment.end

@@ -19,11 +19,11 @@ from beamdae.analysis.periodic.period_map import (
     build_periodic_equations,
 )
 from beamdae.analysis.periodic.shooting import (
+    DAMPING_REMEDY,
     DEFAULT_RTOL,
     MAX_SETTLING_PERIODS,
     Tolerance,
     estimate_period,
-    explain_failure,
     settle_and_solve,
     solve_shooting,
 )
@@ -193,7 +193,7 @@ def periodic(
             )
         run, iterations = linear.run, linear.iterations
         multipliers, error_estimate = _refine_multipliers(run)
-        status = _describe_outcome(run, iterations, limits, is_free, multipliers)
+        status = _describe_outcome(run, iterations, limits, is_free)
         return PeriodicMotion(
             run.solution,
             run.period_map.period,
@@ -277,9 +277,7 @@ def _settle_freely(
     return period_map, *PeriodRun(period_map, solution).end_state()
 
 
-def _describe_outcome(
-    run: PeriodRun, iterations: int, limits: Tolerance, is_free: bool, multipliers: Array
-) -> Status:
+def _describe_outcome(run: PeriodRun, iterations: int, limits: Tolerance, is_free: bool) -> Status:
     deviation = run.relative_deviation
     if is_free and not np.any(np.abs(np.concatenate(run.rates)) > _REST_TOLERANCE):
         return Status(
@@ -296,13 +294,12 @@ def _describe_outcome(
         sentence += f", mostly in the state {state!r}; omit it if it grows in each period, such as "
         return Status("failed", f"{sentence}a work, or change start= or increase settle=")
     sentence += "; change start=, increase settle= or use a more accurate integrator"
-    period_map = run.period_map
-    if is_free:
-        return Status("failed", sentence)
-    if Loads(period_map.equations, period_map.begin, period_map.period).are_constant:
+    at = run.period_map
+    if not is_free and Loads(at.equations, at.begin, at.period).are_constant:
         sentence += ", or omit period= to find the period of the free motion"
-        return Status("failed", sentence)
-    return Status("failed", explain_failure(sentence, multipliers))
+    elif not is_free:
+        sentence += f", or {DAMPING_REMEDY}"
+    return Status("failed", sentence)
 
 
 def _find_drifting_state(run: PeriodRun) -> str:

@@ -64,16 +64,17 @@ _DIFFERENCE_STEP = 2e-5
 # Smaller singular values, relative to the largest, belong to directions in which all states are
 # periodic.
 _NEUTRAL_RATIO = 1e-9
+_DAMPING_RATIO = 0.1  # of corrections with a free period, relative to the deviation
 # A run has returned to its final state where it differs by at most this fraction of the range of
 # each coordinate and velocity; coordinates with a far smaller range than others are at rest. Number
 # of times at which states are compared, and around the nearest of these times.
 _RETURN_DISTANCE, _REST_RATIO = 0.2, 1e-6
 _RETURN_SAMPLES, _REFINED_RETURN_SAMPLES = 4001, 201
-# Largest distance of the moduli of multipliers of undamped vibrations from 1, by errors of runs and
-# of multipliers close to a resonance; a damping ratio of 0.1 % has 6e-3 at the first resonance.
-_UNDAMPED_MARGIN = 1e-3
-_MIN_UNDAMPED = 2  # multipliers of a vibration; a fold has one that is 1
-LINEAR_REMEDY = "or, for small motions, use bd.linearize(...).frequency_response"
+# Errors of runs are amplified at resonances without damping.
+DAMPING_REMEDY = (
+    "add damping, such as damping= of the sections, or, for small motions, use "
+    "bd.linearize(...).frequency_response"
+)
 _TINY = 1e-300  # avoids a division by zero
 
 
@@ -218,13 +219,24 @@ class PeriodLinearization:
         return replace(self, kept=replace(self.matrix, values=values))
 
     def bordered(self, column: Array, row: Array, corner: float) -> Factors:
-        """Return the factors of the bordered Jacobian; states that are all periodic remain."""
+        """Return the factors of the bordered Jacobian; states that are all periodic remain.
+
+        Motions without damping belong to families, in which the period changes with the size: if
+        it is free, corrections are those of Levenberg and Marquardt, with a damping proportional to
+        the deviation (Yamashita & Fukushima, Computing Suppl. 15 (2001) 239).
+        """
         matrix, off = self.matrix, self._complement(column)
         top = np.column_stack([matrix.values[:, :-1], matrix.run.projection @ column])
         small = np.vstack([top, np.append(row @ matrix.run.basis, corner - row @ off)])
         if not np.isfinite(small).all():
             raise CurveError("the linearized equations are not finite")
-        return _Factors(self, np.linalg.pinv(small, rcond=_NEUTRAL_RATIO), off, row)
+        left, sizes, right = np.linalg.svd(small)
+        damping = 0.0
+        if self.problem.is_free:
+            damping = _DAMPING_RATIO * min(self.run.relative_deviation, 1.0) * sizes[0]
+        is_kept = sizes > _NEUTRAL_RATIO * sizes[0]
+        inverse = np.where(is_kept, sizes, 0.0) / (sizes**2 + damping**2 + _TINY)
+        return _Factors(self, (right.T * inverse) @ left.T, off, row)
 
     def _complement(self, change: Array) -> Array:
         """Return the part of a change of the unknowns that the joints do not allow."""
@@ -516,19 +528,3 @@ def estimate_period(solution: Solution) -> float | None:
     around = np.linspace(times[max(nearest - 1, 0)], times[nearest + 1], _REFINED_RETURN_SAMPLES)
     distance = np.linalg.norm(differences(around) / ranges, axis=1)
     return float(trajectory.end - around[np.argmin(distance)])
-
-
-def explain_failure(reason: str, multipliers: Array) -> str:
-    """Return the reason why no motion is found, with missing damping as its likely cause."""
-    moduli = np.abs(multipliers)
-    moduli = moduli[np.abs(moduli - 1.0) <= _UNDAMPED_MARGIN]
-    if len(moduli) < _MIN_UNDAMPED:
-        return reason
-    # In a period of the loads, vibrations with their frequency decay by 2 pi times the ratio.
-    ratio = max(-float(np.mean(np.log(moduli))) / FULL_TURN, 0.0)
-    return (
-        f"{reason.partition(';')[0]}, probably because vibrations have a damping ratio of only "
-        f"{100.0 * ratio:.3f} % ({len(moduli)} multipliers have a modulus near 1), so that errors "
-        "of runs are amplified at resonances; add damping, such as damping= of the sections, "
-        f"{LINEAR_REMEDY}"
-    )
