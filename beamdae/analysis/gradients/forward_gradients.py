@@ -16,13 +16,10 @@ from beamdae.analysis.gradients.column_seeds import (
     evaluate_terms,
 )
 from beamdae.analysis.gradients.objectives import Objective
-from beamdae.analysis.sensitivities.further_forces import further_key
+from beamdae.analysis.sensitivities.directions import equations_key
 from beamdae.analysis.sensitivities.model_differences import Difference
-from beamdae.analysis.sensitivities.run_derivatives import (
-    RunDerivative,
-    differentiate_event_time,
-    find_stop,
-)
+from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, find_stop
+from beamdae.analysis.sensitivities.run_derivatives import RunDerivative
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.results.solution import Solution
@@ -55,7 +52,7 @@ def differentiate_along(
         by_restart[k] = differentiate_restart(terms, solution, float(intervals[k].t[0]))
     groups: dict[Any, list[str]] = {}
     for name, difference in differences.items():
-        groups.setdefault(further_key(difference.base), []).append(name)
+        groups.setdefault(equations_key(difference.base), []).append(name)
     value, result = 0.0, dict[str, float]()
     for names in groups.values():
         group = {name: differences[name] for name in names}

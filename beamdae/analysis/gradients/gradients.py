@@ -24,18 +24,20 @@ from beamdae.analysis.sensitivities.differentiable_methods import (
     require_end,
     warn_of_errors,
 )
-from beamdae.analysis.sensitivities.grouped_runs import differentiate_states
 from beamdae.analysis.sensitivities.model_differences import (
     Difference,
     derivative_call,
     difference_model,
 )
+from beamdae.analysis.sensitivities.requested_starts import (
+    assemble_neighbors,
+    start_adds_velocities,
+)
+from beamdae.analysis.sensitivities.restart_times import find_stop
 from beamdae.analysis.sensitivities.run_derivatives import (
     RunDerivative,
-    assemble_neighbors,
-    find_stop,
+    differentiate_states,
     node_state,
-    start_adds_velocities,
 )
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,

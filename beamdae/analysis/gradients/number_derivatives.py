@@ -25,7 +25,7 @@ from beamdae.analysis.sensitivities.model_differences import (
     rounding_of_numbers,
     warn_of_idle_parameters,
 )
-from beamdae.analysis.sensitivities.run_derivatives import start_adds_velocities
+from beamdae.analysis.sensitivities.requested_starts import start_adds_velocities
 from beamdae.beams.beam import beams_of
 from beamdae.beams.section_samples import keep_numbers_of_sections
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable

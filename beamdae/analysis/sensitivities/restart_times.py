@@ -1,0 +1,209 @@
+"""Derivatives of the times of events and breakpoints, at which runs restart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from beamdae.analysis.sensitivities.model_differences import Difference, derivative_call
+from beamdae.analysis.sensitivities.observable_derivatives import (
+    differentiate_columns,
+    time_derivative,
+)
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.smooth_intervals import SAME_TIME
+from beamdae.errors import BeamdaeError
+from beamdae.results.event_records import EventRecord
+from beamdae.results.solution import Solution
+from beamdae.results.trajectory import Interval, Trajectory
+
+Array = np.ndarray
+
+# Slowest rate of an event quantity at an event, relative to the range of the quantity and to the
+# duration of the interval before it. A parabola that passes its threshold with a slower rate
+# exceeds it by less than 1e-8 of its range, which runs do not resolve.
+_MIN_EVENT_RATE = 1e-4
+
+
+def time_rounding(trajectory: Trajectory) -> float:
+    """Return the difference up to which times of a run are the same [s]."""
+    return SAME_TIME * max(abs(trajectory.start), abs(trajectory.end))
+
+
+def event_number(equations: EquationsOfMotion, name: str) -> int:
+    """Return the index of an event."""
+    return next(k for k, x in enumerate(equations.events) if x.name == name)
+
+
+def find_event(solution: Solution, equations: EquationsOfMotion, t: float) -> EventRecord | None:
+    """Return the record of the event that acts at `t` [s], or None.
+
+    `equations` are those of all parts.
+
+    Raises
+    ------
+    BeamdaeError
+        If the derivative does not exist, because several events act, or the event is at the end of
+        the run or at a breakpoint.
+    """
+    rounding, end = time_rounding(solution.trajectory), solution.trajectory.end
+    records = [
+        x
+        for x in solution.event_records
+        if abs(x.t - t) <= rounding
+        and not isinstance(equations.events[event_number(equations, x.name)].do, str)
+    ]
+    if not records:
+        return None
+    names = [x.name for x in records]
+    coincidence = ""
+    if len(names) > 1:
+        # Impacts that close each other's gaps occur several times.
+        coincidence = f"events {' and '.join(dict.fromkeys(names))} act at the same time"
+    elif end - t <= rounding:
+        coincidence = f"event {names[0]} acts at the end of the run"
+    elif any(abs(t - b) <= rounding for b in equations.breakpoints):
+        coincidence = f"event {names[0]} acts at a breakpoint of a law"
+    if coincidence:
+        raise BeamdaeError(
+            f"{derivative_call()}: {coincidence}, t = {t:g} s, where the derivatives do not exist; "
+            "separate the two times."
+        )
+    return records[0]
+
+
+def find_stop(solution: Solution) -> int | None:
+    """Return the index of the event that stopped a run, None if it reached its end time.
+
+    Raises
+    ------
+    BeamdaeError
+        If several events stop the run at the same time.
+    """
+    end, rounding = solution.trajectory.end, time_rounding(solution.trajectory)
+    events = solution.equations.events
+    numbers = [
+        event_number(solution.equations, x.name)
+        for x in solution.event_records
+        if abs(x.t - end) <= rounding
+    ]
+    stops = [k for k in dict.fromkeys(numbers) if events[k].do == "stop"]
+    if len(stops) > 1:
+        names = " and ".join(events[k].name for k in stops)
+        raise BeamdaeError(
+            f"{derivative_call()}: events {names} stop the run at the same time, t = {end:g} s, "
+            "where the derivatives do not exist; separate the two times."
+        )
+    return stops[0] if stops else None
+
+
+def differentiate_breakpoint(difference: Difference, t: float, rounding: float) -> float:
+    """Return the derivative of the breakpoint at `t` [s]; zero if there is none.
+
+    Raises
+    ------
+    BeamdaeError
+        If breakpoints at this time move apart.
+    """
+    moves = breakpoint_derivatives(difference)
+    at = [dt for b, dt in moves if abs(b - t) <= rounding]
+    if at and max(at) != min(at):
+        raise BeamdaeError(
+            f"{derivative_call()}: {difference.name} moves one of several breakpoints at t = "
+            f"{t:g} s, where the derivatives do not exist; separate their times."
+        )
+    return at[0] if at else 0.0
+
+
+def require_inner_breakpoints(difference: Difference, trajectory: Trajectory) -> None:
+    """Reject a parameter that moves a breakpoint across the start or the end of the run."""
+    rounding = time_rounding(trajectory)
+    for b, dt in breakpoint_derivatives(difference):
+        if dt and min(abs(b - trajectory.start), abs(b - trajectory.end)) <= rounding:
+            raise BeamdaeError(
+                f"{derivative_call()}: {difference.name} moves the breakpoint of a law at t = "
+                f"{b:g} s across the start or the end of the run, where the derivatives do "
+                "not exist; choose another value, or another t_end."
+            )
+
+
+def differentiate_event_time(
+    equations: EquationsOfMotion,
+    number: int,
+    interval: Interval,
+    t: float,
+    along: Mapping[str, State],
+    differences: Mapping[str, Difference],
+) -> dict[str, float]:
+    """Return the derivatives of the time of an event [s] by parameter.
+
+    Parameters
+    ----------
+    equations, number
+        Equations of all parts, and index of the event in them.
+    interval, t
+        Interval of the run that contains the event, and the time of the event [s].
+    along
+        Derivatives of the state at this time before the event, one row, by parameter.
+    differences
+        Models at neighboring values, by parameter.
+
+    Raises
+    ------
+    BeamdaeError
+        If the event quantity hardly changes at the event.
+    """
+    times, at = np.array([[t, interval.branch]]), interval.at(np.array([t]))
+    term, rate = (
+        equations.events[number],
+        event_rate(equations, number, interval, t),
+    )
+    changes = differentiate_columns(
+        lambda e: e.events[number].observable,
+        equations,
+        times,
+        at,
+        along,
+        differences,
+        interval.configuration,
+    )
+    thresholds = {
+        name: x.derivative(lambda e: e.events[number].crosses) for name, x in differences.items()
+    }
+    return {
+        name: (thresholds[name] - float(change[0, term.column])) / rate + 0.0  # not -0.0
+        for name, change in changes.items()
+    }
+
+
+def event_rate(equations: EquationsOfMotion, number: int, interval: Interval, t: float) -> float:
+    """Return the rate of the quantity of an event at the time `t` [s] of the event.
+
+    Raises
+    ------
+    BeamdaeError
+        If the event quantity hardly changes at the event.
+    """
+    term, equations = equations.events[number], equations.with_loads_of(interval.configuration)
+    time, at = np.array([t, interval.branch]), interval.at(np.array([t]))
+    state = State(*(x[0] for x in at))
+    lam_rate = interval.derivative_at(np.array([t])).lam[0]
+    rate = float(time_derivative(term.observable, equations, time, state, lam_rate)[term.column])
+    values = term.evaluate_difference(
+        equations.p, interval.times, interval.rows.q, interval.rows.v, interval.rows.lam
+    )
+    duration = max(float(interval.nodes[-1] - interval.nodes[0]), np.finfo(float).tiny)
+    if not abs(rate) > _MIN_EVENT_RATE * float(np.ptp(values)) / duration:
+        raise BeamdaeError(
+            f"{derivative_call()}: the quantity of event {term.name} only touches its value at t = "
+            f"{t:g} "
+            "s, where the derivatives do not exist; choose other values of the parameters."
+        )
+    return rate
+
+
+def breakpoint_derivatives(difference: Difference) -> list[tuple[float, float]]:
+    """Return pairs of a breakpoint [s] and its derivative."""
+    derivatives = difference.derivative(lambda e: np.array(e.breakpoints))
+    return list(zip(difference.base.breakpoints, derivatives.tolist(), strict=True))
