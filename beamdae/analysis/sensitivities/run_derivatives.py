@@ -160,8 +160,7 @@ class _Chain:
                 crossing = self._begin(phases, interval)
             else:
                 crossing = self._cross(crossing.phases, intervals[k - 1], interval, rows[-1])
-            nodes = self._differentiate_interval(crossing, interval)
-            rows.append([self._derivative_interval(interval, x) for x in nodes])
+            rows.append(self._differentiate_interval(crossing, interval))
             all_shifts.append(crossing.shifts)
         return {
             name: RunDerivative(
@@ -170,19 +169,30 @@ class _Chain:
             for k, name in enumerate(self._differences)
         }
 
-    def _differentiate_interval(self, crossing: _Crossing, interval: Interval) -> Array:
-        """Return the derivatives of all nodes of an interval at fixed times, (k, nodes, size)."""
+    def _differentiate_interval(self, crossing: _Crossing, interval: Interval) -> list[Interval]:
+        """Return the derivatives of an interval at fixed times, by parameter."""
+        active, n = with_active_multipliers(interval), self._equations.n
         groups = group_directions([x.active for x in crossing.phases])
-        sweeps = [groups[k : k + GROUPS_PER_SWEEP] for k in range(0, len(groups), GROUPS_PER_SWEEP)]
-        nodes = [self._sweep(crossing, x, with_active_multipliers(interval)) for x in sweeps]
-        order = np.argsort(np.concatenate([x.members for x in groups]))
-        return np.concatenate(nodes, axis=1).swapaxes(0, 1)[order]
+        result = [interval] * len(crossing.phases)
+        for k in range(0, len(groups), GROUPS_PER_SWEEP):
+            sweep = groups[k : k + GROUPS_PER_SWEEP]
+            members = np.concatenate([x.members for x in sweep])
+            nodes = self._sweep(crossing, sweep, members, active)
+            for member, rows in zip(members.tolist(), nodes.swapaxes(0, 1), strict=True):
+                q, v, a, lam = np.split(rows, [n, 2 * n, 3 * n], axis=1)
+                if interval.configuration is not None:
+                    lam = interval.configuration.expand_multipliers(lam, self._equations.m)
+                result[member] = replace(interval, rows=State(q, v, a, lam))
+        return result
 
     def _sweep(
-        self, crossing: _Crossing, groups: Sequence[Directions], interval: Interval
+        self,
+        crossing: _Crossing,
+        groups: Sequence[Directions],
+        members: Array,
+        interval: Interval,
     ) -> Array:
         """Return the derivatives along the directions of some groups, (nodes, k, size)."""
-        members = np.concatenate([x.members for x in groups])
         shifts = crossing.shifts[members]
         changes = crossing.dq[members], crossing.dv[members]
         time, at = node_state(interval, 0)
@@ -207,13 +217,6 @@ class _Chain:
     def _active_equations(self, interval: Interval) -> EquationsOfMotion:
         now = interval.configuration
         return self._equations if now is None else now.equations
-
-    def _derivative_interval(self, interval: Interval, rows: Array) -> Interval:
-        n, m = self._equations.n, self._equations.m
-        q, v, a, lam = np.split(rows, [n, 2 * n, 3 * n], axis=1)
-        if interval.configuration is not None:
-            lam = interval.configuration.expand_multipliers(lam, m)
-        return replace(interval, rows=State(q, v, a, lam))
 
     def _begin(self, phases: list[Phase], interval: Interval) -> _Crossing:
         """Return the start of the run."""
