@@ -699,7 +699,7 @@ def spring_of(law):
         (lambda x: 40.0 * x**3, 2),
         (lambda x: 40.0 + x, 2),
         (lambda x: 40.0 + np.sin(200.0 * x), 4),
-        (lambda x: 40.0 + np.exp(30.0 * (x - 1.0)), 4),
+        (lambda x: 40.0 + np.exp(300.0 * (x - 1.0)), 4),
     ],
     ids=["power", "sum", "wave", "growth"],
 )
