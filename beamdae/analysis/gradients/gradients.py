@@ -407,8 +407,7 @@ def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float,
             return run.differentiate_along(objective, names)
     # The equilibrium of neighboring models is not needed if its adjoint is known.
     derivatives = run.number_derivatives(run.start if by_equilibrium is None else AS_DRAWN)
-    operators = adjoint.seeds.by_operators(equations)
-    by_operators = np.concatenate([np.zeros(0), *(x.data for x in operators)])
+    by_operators = np.concatenate([np.zeros(0), *adjoint.seeds.operators])
     if by_equilibrium is not None:
         numbers = numbers + by_equilibrium
     result = derivatives.p @ numbers + derivatives.operators @ by_operators

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.model_differences import Difference
+from beamdae.analysis.sensitivities.model_differences import Difference, equations_key
 from beamdae.analysis.sensitivities.operator_changes import moves_operators
 from beamdae.analysis.sensitivities.recorded_maps import Record
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
@@ -53,15 +53,6 @@ class Directions:
     def equations(self) -> EquationsOfMotion:
         """Equations that are differentiated."""
         return self.maps.equations
-
-
-def equations_key(equations: EquationsOfMotion) -> Any:
-    """Return a key that is equal if the same equations serve two parameters.
-
-    Forces that are missing in the run may have the same kernels and operators, but other numbers,
-    such as the points on which they act. Their structures are equal; their derivatives are not.
-    """
-    return equations.structure, (equations.p + 0.0).tobytes()  # not -0.0
 
 
 def group_directions(differences: Sequence[Difference]) -> list[Directions]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from beamdae.beams.beam import beams_of
 from beamdae.beams.section_samples import keep_numbers_of_sections
-from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm, Observable
+from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, has_same_patterns
 from beamdae.errors import BeamdaeError, format_exception, warn_user
 from beamdae.interrupts import outermost_call
@@ -503,18 +503,22 @@ def _require_same_structure(
         )
 
 
+def equations_key(equations: EquationsOfMotion) -> Any:
+    """Return a key that is equal if the same equations serve two parameters.
+
+    Forces that are missing in the run may have the same kernels and operators, but other numbers,
+    such as the points on which they act. Their structures are equal; their derivatives are not.
+    """
+    return equations.structure, (equations.p + 0.0).tobytes()  # not -0.0
+
+
 def forms_of(equations: EquationsOfMotion) -> list[tuple[int, int]]:
-    """Return `form_of` the observables of all columns and events."""
-    terms = (*equations.observables, *(x.observable for x in equations.events))
-    return [form_of(x) for x in terms]
-
-
-def form_of(observable: Observable) -> tuple[int, int]:
-    """Return the numbers of coordinates and of constants in the formula of an observable.
+    """Return the numbers of coordinates and constants in the formulas of all columns and events.
 
     CasADi simplifies 1 q to q, 2 q to q + q and 0 q to 0, without a constant, but not 1.001 q.
     """
-    return observable.operator.shape[0], observable.data.stop - observable.data.start
+    terms = (*equations.observables, *(x.observable for x in equations.events))
+    return [(x.operator.shape[0], x.data.stop - x.data.start) for x in terms]
 
 
 def _largest_of_kind(equations: EquationsOfMotion) -> Array:

@@ -160,13 +160,7 @@ def differentiate_event_time(
         event_rate(equations, number, interval, t),
     )
     changes = differentiate_columns(
-        lambda e: e.events[number].observable,
-        equations,
-        times,
-        at,
-        along,
-        differences,
-        interval.configuration,
+        lambda e: e.events[number].observable, times, at, along, differences, interval.inactive
     )
     thresholds = {
         name: x.derivative(lambda e: e.events[number].crosses) for name, x in differences.items()

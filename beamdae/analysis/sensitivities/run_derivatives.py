@@ -41,7 +41,7 @@ from beamdae.analysis.sensitivities.restart_times import (
     time_rounding,
 )
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators import GeneralizedAlpha, Radau
 from beamdae.integrators.events.impacts import apply_impact, select_active_constraints
@@ -205,7 +205,7 @@ class _Chain:
         else:
             start = StartDerivatives.start_map
             moved = fixed = differentiate_map(groups, changes, None, start, *request)
-        equations = self._active_equations(interval)
+        equations = interval.active_equations(self._equations)
         if isinstance(self._method, Radau):
             return differentiate_radau_steps(groups, equations, interval, fixed)
         nodes = differentiate_alpha_steps(self._method, groups, equations, interval, moved, shifts)
@@ -213,10 +213,6 @@ class _Chain:
         if shifts.any():
             nodes[1:] -= _rates_at_steps(interval)[1:, None] * shifts[:, None]
         return nodes
-
-    def _active_equations(self, interval: Interval) -> EquationsOfMotion:
-        now = interval.configuration
-        return self._equations if now is None else now.equations
 
     def _begin(self, phases: list[Phase], interval: Interval) -> _Crossing:
         """Return the start of the run."""
@@ -294,7 +290,7 @@ class _Chain:
         if isinstance(self._method, Radau):
             # Fast modes may be far from equilibrium within the steps; these accelerations belong to
             # the positions and velocities.
-            solver = ConsistencySolver(self._active_equations(before))
+            solver = ConsistencySolver(before.active_equations(self._equations))
             at = State(at.q, at.v, *solver.acceleration(time, at.q, at.v))
         # The velocities of generalized-alpha change at the rate of its own accelerations, also for
         # modes that are too fast for the step.
