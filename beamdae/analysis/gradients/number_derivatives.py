@@ -22,6 +22,7 @@ from beamdae.analysis.sensitivities.model_differences import (
     Difference,
     Stencil,
     Trial,
+    build_neighbor,
     difference_model,
     numbers_and_start,
     sizes_and_rounding,
@@ -266,9 +267,10 @@ class _Numbers:
         """
         masks = np.zeros(self.shape, bool)
         for k, name in enumerate(self.model.entries):
-            value = self._values[k] + RELATIVE_DIFFERENCE * self._sizes[k]
+            value = float(self._values[k] + RELATIVE_DIFFERENCE * self._sizes[k])
             with keep_numbers_of_sections(self._sections):
-                changed = _numbers_of(self._assemble(self.model(**{name: float(value)})))
+                neighbor = build_neighbor(self.model, {name: value})
+                changed = _numbers_of(self._assemble(neighbor))
             if len(changed) != len(self.here):
                 raise BeamdaeError(f"{self.model.name}: {name} changes the structure.")
             masks[k] = changed != self.here

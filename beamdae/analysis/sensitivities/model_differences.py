@@ -383,7 +383,7 @@ def try_step(
         try:
             with keep_numbers_of_sections(sections):
                 neighbors = tuple(
-                    assemble(_build_neighbor(model, {**parameters, name: value + x})) for x in steps
+                    assemble(build_neighbor(model, {**parameters, name: value + x})) for x in steps
                 )
         except BeamdaeError as problem:
             rejection = problem
@@ -449,7 +449,7 @@ def interpolate(steps: Sequence[float], values: Sequence[Array]) -> Array:
     return np.asarray(first + _combine(weights, [x - first for x in values]))
 
 
-def _build_neighbor(model: Model, parameters: Mapping[str, Any]) -> Any:
+def build_neighbor(model: Callable[..., Any], parameters: Mapping[str, Any]) -> Any:
     """Return the mechanism; errors of formulas reject parameters as those of parts do."""
     try:
         return model(**parameters)
@@ -476,30 +476,25 @@ def _require_same_structure(
     other: EquationsOfMotion,
 ) -> None:
     """Reject a parameter that changes more than the numbers and the start of a model."""
-    advice = "use differences of runs for this parameter"
-    if base.q_names != other.q_names or base.lam_names != other.lam_names:
+    has_same_operators = one.structure == other.structure
+    same = {
+        "the coordinates or constraints of the model": (
+            (base.q_names, base.lam_names) == (other.q_names, other.lam_names)
+        ),
+        "the number of times at which laws have breakpoints": (
+            len(base.breakpoints) == len(other.breakpoints)
+        ),
+        "the structure of the equations": has_same_operators
+        or all(has_same_patterns(x.structure, other.structure) for x in (one, base)),
+        f"the form of an observed column from one value next to {name} to another": (
+            forms_of(one) == forms_of(other)
+        ),
+    }
+    changed = next((subject for subject, is_same in same.items() if not is_same), None)
+    if changed is not None:
         raise BeamdaeError(
-            f"{derivative_call()}: {name} of {model} changes the coordinates or constraints of the "
-            f"model; {advice}."
-        )
-    if len(base.breakpoints) != len(other.breakpoints):
-        raise BeamdaeError(
-            f"{derivative_call()}: {name} of {model} moves one of several breakpoints of laws at "
-            "the "
-            f"same time, or changes their number; separate their times, or {advice}."
-        )
-    if one.structure != other.structure and not (
-        has_same_patterns(one.structure, other.structure)
-        and has_same_patterns(base.structure, other.structure)
-    ):
-        raise BeamdaeError(
-            f"{derivative_call()}: {name} of {model} changes the structure of the equations; "
-            f"{advice}."
-        )
-    if forms_of(one) != forms_of(other):
-        raise BeamdaeError(
-            f"{derivative_call()}: {name} of {model} changes the form of an observed column from "
-            f"one value next to {name} to another; {advice}."
+            f"{derivative_call()}: {name} of {model} changes {changed}; use differences of runs "
+            "for this parameter."
         )
 
 

@@ -36,10 +36,8 @@ def event_number(equations: EquationsOfMotion, name: str) -> int:
     return next(k for k, x in enumerate(equations.events) if x.name == name)
 
 
-def find_event(solution: Solution, equations: EquationsOfMotion, t: float) -> EventRecord | None:
+def find_event(solution: Solution, t: float) -> EventRecord | None:
     """Return the record of the event that acts at `t` [s], or None.
-
-    `equations` are those of all parts.
 
     Raises
     ------
@@ -47,29 +45,19 @@ def find_event(solution: Solution, equations: EquationsOfMotion, t: float) -> Ev
         If the derivative does not exist, because several events act, or the event is at the end of
         the run or at a breakpoint.
     """
-    rounding, end = time_rounding(solution.trajectory), solution.trajectory.end
-    records = [
-        x
-        for x in solution.event_records
-        if abs(x.t - t) <= rounding
-        and not isinstance(equations.events[event_number(equations, x.name)].do, str)
-    ]
+    records = _records_at(solution, t, stops=False)
     if not records:
         return None
-    names = [x.name for x in records]
-    coincidence = ""
-    if len(names) > 1:
-        # Impacts that close each other's gaps occur several times.
-        coincidence = f"events {' and '.join(dict.fromkeys(names))} act at the same time"
-    elif end - t <= rounding:
-        coincidence = f"event {names[0]} acts at the end of the run"
-    elif any(abs(t - b) <= rounding for b in equations.breakpoints):
-        coincidence = f"event {names[0]} acts at a breakpoint of a law"
-    if coincidence:
-        raise BeamdaeError(
-            f"{derivative_call()}: {coincidence}, t = {t:g} s, where the derivatives do not exist; "
-            "separate the two times."
-        )
+    rounding, times = time_rounding(solution.trajectory), solution.equations.breakpoints
+    for at, place in (
+        (solution.trajectory.end, "the end of the run"),
+        *((x, "a breakpoint of a law") for x in times),
+    ):
+        if abs(t - at) <= rounding:
+            raise BeamdaeError(
+                f"{derivative_call()}: event {records[0].name} acts at {place}, t = {t:g} s, where "
+                "the derivatives do not exist; separate the two times."
+            )
     return records[0]
 
 
@@ -81,21 +69,27 @@ def find_stop(solution: Solution) -> int | None:
     BeamdaeError
         If several events stop the run at the same time.
     """
-    end, rounding = solution.trajectory.end, time_rounding(solution.trajectory)
-    events = solution.equations.events
-    numbers = [
-        event_number(solution.equations, x.name)
-        for x in solution.event_records
-        if abs(x.t - end) <= rounding
-    ]
-    stops = [k for k in dict.fromkeys(numbers) if events[k].do == "stop"]
-    if len(stops) > 1:
-        names = " and ".join(events[k].name for k in stops)
+    records = _records_at(solution, solution.trajectory.end, stops=True)
+    return event_number(solution.equations, records[0].name) if records else None
+
+
+def _records_at(solution: Solution, t: float, *, stops: bool) -> list[EventRecord]:
+    """Return the record of the event that acts at `t` [s], or stops the run, if there is one."""
+    equations, rounding = solution.equations, time_rounding(solution.trajectory)
+
+    def is_sought(name: str) -> bool:
+        action = equations.events[event_number(equations, name)].do
+        return action == "stop" if stops else not isinstance(action, str)
+
+    records = [x for x in solution.event_records if abs(x.t - t) <= rounding and is_sought(x.name)]
+    # Impacts that close each other's gaps occur several times.
+    names = list(dict.fromkeys(x.name for x in records))
+    if len(records if not stops else names) > 1:
         raise BeamdaeError(
-            f"{derivative_call()}: events {names} stop the run at the same time, t = {end:g} s, "
+            f"{derivative_call()}: events {' and '.join(names)} act at the same time, t = {t:g} s, "
             "where the derivatives do not exist; separate the two times."
         )
-    return stops[0] if stops else None
+    return records
 
 
 def differentiate_breakpoint(difference: Difference, t: float, rounding: float) -> float:
@@ -154,47 +148,33 @@ def differentiate_event_time(
     BeamdaeError
         If the event quantity hardly changes at the event.
     """
-    times, at = np.array([[t, interval.branch]]), interval.at(np.array([t]))
-    term, rate = (
-        equations.events[number],
-        event_rate(equations, number, interval, t),
-    )
-    changes = differentiate_columns(
-        lambda e: e.events[number].observable, times, at, along, differences, interval.inactive
-    )
-    thresholds = {
-        name: x.derivative(lambda e: e.events[number].crosses) for name, x in differences.items()
-    }
-    return {
-        name: (thresholds[name] - float(change[0, term.column])) / rate + 0.0  # not -0.0
-        for name, change in changes.items()
-    }
-
-
-def event_rate(equations: EquationsOfMotion, number: int, interval: Interval, t: float) -> float:
-    """Return the rate of the quantity of an event at the time `t` [s] of the event.
-
-    Raises
-    ------
-    BeamdaeError
-        If the event quantity hardly changes at the event.
-    """
-    term, equations = equations.events[number], equations.with_loads_of(interval.configuration)
-    time, at = np.array([t, interval.branch]), interval.at(np.array([t]))
-    state = State(*(x[0] for x in at))
-    lam_rate = interval.derivative_at(np.array([t])).lam[0]
-    rate = float(time_derivative(term.observable, equations, time, state, lam_rate)[term.column])
+    term, at = equations.events[number], interval.at(np.array([t]))
+    times = np.array([[t, interval.branch]])
+    state, lam_rate = State(*(x[0] for x in at)), interval.derivative_at(np.array([t])).lam[0]
+    active = equations.without_loads_of(interval.inactive)
+    rates = time_derivative(term.observable, active, times[0], state, lam_rate)
     values = term.evaluate_difference(
-        equations.p, interval.times, interval.rows.q, interval.rows.v, interval.rows.lam
+        active.p, interval.times, interval.rows.q, interval.rows.v, interval.rows.lam
     )
     duration = max(float(interval.nodes[-1] - interval.nodes[0]), np.finfo(float).tiny)
+    rate = float(rates[term.column])
     if not abs(rate) > _MIN_EVENT_RATE * float(np.ptp(values)) / duration:
         raise BeamdaeError(
             f"{derivative_call()}: the quantity of event {term.name} only touches its value at t = "
-            f"{t:g} "
-            "s, where the derivatives do not exist; choose other values of the parameters."
+            f"{t:g} s, where the derivatives do not exist; choose other values of the parameters."
         )
-    return rate
+    changes = differentiate_columns(
+        lambda e: e.events[number].observable, times, at, along, differences, interval.inactive
+    )
+    return {
+        name: (
+            differences[name].derivative(lambda e: e.events[number].crosses)
+            - float(change[0, term.column])
+        )
+        / rate
+        + 0.0  # not -0.0
+        for name, change in changes.items()
+    }
 
 
 def breakpoint_derivatives(difference: Difference) -> list[tuple[float, float]]:

@@ -229,7 +229,7 @@ class _Chain:
     ) -> _Crossing:
         """Return a restart; `along` are the derivatives of the interval `before` by parameter."""
         t = float(after.t[0])
-        event = find_event(self._solution, self._equations, t)
+        event = find_event(self._solution, t)
         time, at = self._state_before(before)
         if event is None:
             rounding = time_rounding(self._solution.trajectory)
