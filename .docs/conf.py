@@ -6,6 +6,7 @@ import re
 import shutil
 import sys
 from itertools import takewhile
+from operator import attrgetter
 from pathlib import Path
 
 from docutils import nodes
@@ -13,6 +14,7 @@ from sphinx.addnodes import index, pending_xref, toctree
 from sphinx.transforms import SphinxTransform
 
 import beamdae as bd
+from beamdae import catalog
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -66,10 +68,10 @@ _PROTOCOLS = {bd.Part: ["multipliers", "reactions", "constraint", "observed"], b
 autosummary_generate = True
 autosummary_context = {
     "hidden": {
-        name: ", ".join([*other_members, *(word for word in vars(protocol) if word[0] != "_")])
-        for name in bd.__all__
+        public.name: ", ".join([*other_members, *(x for x in vars(protocol) if x[0] != "_")])
+        for public in catalog.NAMES.values()
         for protocol, other_members in _PROTOCOLS.items()
-        if isinstance(value := getattr(bd, name), type)
+        if isinstance(value := attrgetter(public.path)(bd), type)
         and issubclass(value, protocol)
         and value is not protocol
     }
@@ -148,22 +150,22 @@ class AddSearchWords(SphinxTransform):
 
 def resolve_public_name(app, env, node, contnode):
     """Resolve references to the defining module of a public name to the page of the name."""
-    name = node.get("reftarget", "").rpartition(".")[2]
-    if node.get("refdomain") != "py" or name not in bd.__all__:
+    public = catalog.NAMES.get(node.get("reftarget", "").rpartition(".")[2])
+    if node.get("refdomain") != "py" or public is None:
         return None
+    target = f"beamdae.{public.path}"
     domain = env.domains["py"]
-    return domain.resolve_xref(
-        env, node["refdoc"], app.builder, "obj", f"beamdae.{name}", node, contnode
-    )
+    return domain.resolve_xref(env, node["refdoc"], app.builder, "obj", target, node, contnode)
 
 
 def link_code(app, doctree):
     """Link inline code such as `bd.Beam(...)` to the page of its name."""
     for code in list(doctree.findall(nodes.literal)):
-        name = re.match(r"bd\.(\w+)", code.astext())
-        if not name or name[1] not in bd.__all__ or isinstance(code.parent, nodes.reference):
+        name = re.match(r"bd\.(?:results\.)?(\w+)", code.astext())
+        public = catalog.NAMES.get(name[1]) if name else None
+        if public is None or isinstance(code.parent, nodes.reference):
             continue
-        target = f"beamdae.{name[1]}"
+        target = f"beamdae.{public.path}"
         link = pending_xref("", refdomain="py", reftype="obj", reftarget=target, refwarn=True)
         link["refdoc"] = app.env.docname
         code.replace_self(link)

@@ -31,7 +31,7 @@ def write_reference(folder):
         title, opening = catalog.PAGES[page]
         blocks = [f"# {title}\n", f"{opening}\n"]
         for group in groups:
-            names = "\n".join(f"   {public.name}" for public in group.names)
+            names = "\n".join(f"   {public.path}" for public in group.names)
             blocks += [f"## {group.heading}\n"] if group.heading else []
             blocks.append(NAMES.format(names=names))
         (folder / f"{page}.md").write_text("\n".join(blocks), "utf-8")

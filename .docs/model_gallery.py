@@ -76,7 +76,7 @@ def write_scripts(folder):
 def save_picture(block, variables, gallery):
     """Save the value of a block's last expression if it is a plot or an animation."""
     value = variables["example_globals"].get("___")
-    if isinstance(value, bd.Plot):
+    if isinstance(value, bd.results.Plot):
         path = Path(next(variables["image_path_iterator"]))
         value.save(path)
     elif isinstance(value, Path):

@@ -1,6 +1,7 @@
 """beamdae: flexible multibody systems with curved beams; IDA, Radau and generalized-alpha.
 
-The public names are listed in `catalog`; each is imported when it is first used.
+The public names are listed in `catalog`; each is imported when it is first used. Classes that
+functions return are in `results`.
 """
 
 import os
@@ -18,13 +19,15 @@ if (
 import lazy_loader
 
 from beamdae.argument_names import explain_arguments
-from beamdae.catalog import attributes_by_module
+from beamdae.catalog import NAMES, attributes_by_module
 from beamdae.errors import suggest
 from beamdae.garbage_collection import paused_collection
 from beamdae.interrupts import interruptible
 from beamdae.scipy_import import fast_scipy_import, shorten_thread_timeout
 
-_load, __dir__, __all__ = lazy_loader.attach(__name__, submod_attrs=attributes_by_module())
+_load, __dir__, __all__ = lazy_loader.attach(
+    __name__, submodules={"results"}, submod_attrs=attributes_by_module()
+)
 __version__ = "0.1.0"
 # Interrupts are raised after the import.
 _import = interruptible(_load)
@@ -38,6 +41,7 @@ def __getattr__(name: str) -> Any:
         # Later accesses do not call this function.
         globals()[name] = value
         return value
-    hint = suggest(name, __all__)
+    public = NAMES.get(name)
+    hint = f" (it is {public.path})" if public else suggest(name, __all__)
     # With `name`, Python would add the same suggestion to the traceback.
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}", name=None)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Public:
-    """Public name `bd.<name>` and the module from which it is imported.
+    """Public name `bd.<name>` or `bd.results.<name>`, and the module from which it is imported.
 
     Attributes
     ----------
@@ -21,13 +21,21 @@ class Public:
         The public name.
     module
         Dotted path of the module or package from which the name is imported.
+    package
+        "results" for classes that functions return, which are in `bd.results`; otherwise empty.
     command
         Name of an integrator on the command line, as in `--integrator ida`; otherwise empty.
     """
 
     name: str
     module: str
+    package: str = ""
     command: str = ""
+
+    @property
+    def path(self) -> str:
+        """Path of the name in `beamdae`."""
+        return f"{self.package}.{self.name}" if self.package else self.name
 
 
 @dataclass(frozen=True)
@@ -84,12 +92,12 @@ GROUPS = (
             Public("Attachment", "beamdae.parts.attachments"),
             Public("Part", "beamdae.parts.part"),
             Public("model", "beamdae.model_functions"),
-            Public("Model", "beamdae.model_functions"),
+            Public("Model", "beamdae.model_functions", "results"),
             Public("param", "beamdae.model_parameters"),
             Public("load_model", "beamdae.cli.model_files.model_file"),
             Public("ConstrainedSystem", "beamdae.equations.assembly.constrained_system"),
             Public("equations_of_motion", "beamdae.equations.assembly.assemble"),
-            Public("EquationsOfMotion", "beamdae.equations.equations_of_motion"),
+            Public("EquationsOfMotion", "beamdae.equations.equations_of_motion", "results"),
         ),
     ),
     Group(
@@ -176,14 +184,14 @@ GROUPS = (
         "parts",
         "Inputs, states and controllers",
         (
-            Public("Input", "beamdae.parts.signals"),
-            Public("Sensor", "beamdae.parts.signals"),
-            Public("State", "beamdae.parts.signals"),
+            Public("Input", "beamdae.parts.signals", "results"),
+            Public("Sensor", "beamdae.parts.signals", "results"),
+            Public("State", "beamdae.parts.signals", "results"),
             Public("low_pass", "beamdae.parts.control.blocks"),
             Public("transfer_function", "beamdae.parts.control.blocks"),
             Public("pid", "beamdae.parts.control.blocks"),
             Public("Controller", "beamdae.parts.control.controller"),
-            Public("Sample", "beamdae.parts.control.controller"),
+            Public("Sample", "beamdae.parts.control.controller", "results"),
         ),
     ),
     Group(
@@ -204,7 +212,7 @@ GROUPS = (
             Public("Beam", "beamdae.beams.beam"),
             Public("welded_beams", "beamdae.beams.structures"),
             Public("frame", "beamdae.beams.structures"),
-            Public("Frame", "beamdae.beams.structures"),
+            Public("Frame", "beamdae.beams.structures", "results"),
             Public("Line", "beamdae.curves.plane_curves"),
             Public("Arc", "beamdae.curves.plane_curves"),
             Public("Parabola", "beamdae.curves.spline_curves"),
@@ -238,11 +246,11 @@ GROUPS = (
         "results",
         "Runs",
         (
-            Public("Solution", "beamdae.results.solution"),
-            Public("SavedRun", "beamdae.results.storage.saved_run"),
+            Public("Solution", "beamdae.results.solution", "results"),
+            Public("SavedRun", "beamdae.results.storage.saved_run", "results"),
             Public("load", "beamdae.simulation"),
-            Public("StepResponse", "beamdae.results.step_response"),
-            Public("SectionForces", "beamdae.results.section_forces.section_forces"),
+            Public("StepResponse", "beamdae.results.step_response", "results"),
+            Public("SectionForces", "beamdae.results.section_forces.section_forces", "results"),
         ),
     ),
     Group(
@@ -251,11 +259,11 @@ GROUPS = (
         (
             Public("draw", "beamdae.report.pictures.drawing"),
             Public("view", "beamdae.live.server"),
-            Public("LiveView", "beamdae.live.server"),
+            Public("LiveView", "beamdae.live.server", "results"),
             Public("plot", "beamdae.report.pictures.time_plots"),
-            Public("Plot", "beamdae.results.displays"),
+            Public("Plot", "beamdae.results.displays", "results"),
             Public("animate", "beamdae.report.pictures.run_animation"),
-            Public("Animation", "beamdae.results.displays"),
+            Public("Animation", "beamdae.results.displays", "results"),
         ),
     ),
     Group(
@@ -263,16 +271,16 @@ GROUPS = (
         "Equilibria",
         (
             Public("equilibrium", "beamdae.analysis.statics.static_equilibrium"),
-            Public("Equilibrium", "beamdae.results.equilibrium"),
-            Public("CriticalPoint", "beamdae.results.equilibrium"),
+            Public("Equilibrium", "beamdae.results.equilibrium", "results"),
+            Public("CriticalPoint", "beamdae.results.equilibrium", "results"),
             Public("buckling", "beamdae.analysis.statics.linear_buckling"),
-            Public("Buckling", "beamdae.analysis.statics.linear_buckling"),
+            Public("Buckling", "beamdae.analysis.statics.linear_buckling", "results"),
             Public("imperfect", "beamdae.analysis.statics.imperfections"),
             Public("knock_down", "beamdae.analysis.statics.imperfections"),
-            Public("KnockDown", "beamdae.analysis.statics.imperfections"),
+            Public("KnockDown", "beamdae.analysis.statics.imperfections", "results"),
             Public("boundary", "beamdae.analysis.statics.boundary"),
-            Public("Boundary", "beamdae.analysis.statics.boundary"),
-            Public("BoundaryPoint", "beamdae.analysis.statics.boundary"),
+            Public("Boundary", "beamdae.analysis.statics.boundary", "results"),
+            Public("BoundaryPoint", "beamdae.analysis.statics.boundary", "results"),
         ),
     ),
     Group(
@@ -280,16 +288,17 @@ GROUPS = (
         "Modes and linear models",
         (
             Public("modes", "beamdae.analysis.linear_dynamics.natural_modes"),
-            Public("Modes", "beamdae.analysis.linear_dynamics.natural_modes"),
-            Public("draw_modes", "beamdae.report.pictures.mode_shapes"),
+            Public("Modes", "beamdae.analysis.linear_dynamics.natural_modes", "results"),
             Public("animate_mode", "beamdae.report.pictures.mode_shapes"),
             Public("linearize", "beamdae.analysis.linear_dynamics.linear_model"),
-            Public("LinearModel", "beamdae.analysis.linear_dynamics.linear_model"),
+            Public("LinearModel", "beamdae.analysis.linear_dynamics.linear_model", "results"),
             Public("bode", "beamdae.analysis.linear_dynamics.bode_diagram"),
-            Public("Bode", "beamdae.analysis.linear_dynamics.bode_diagram"),
+            Public("Bode", "beamdae.analysis.linear_dynamics.bode_diagram", "results"),
             Public("margins", "beamdae.analysis.linear_dynamics.stability_margins"),
-            Public("StabilityMargins", "beamdae.analysis.linear_dynamics.stability_margins"),
-            Public("Crossover", "beamdae.analysis.linear_dynamics.stability_margins"),
+            Public(
+                "StabilityMargins", "beamdae.analysis.linear_dynamics.stability_margins", "results"
+            ),
+            Public("Crossover", "beamdae.analysis.linear_dynamics.stability_margins", "results"),
         ),
     ),
     Group(
@@ -298,8 +307,7 @@ GROUPS = (
         (
             Public("rotation", "beamdae.parts.rotation"),
             Public("campbell", "beamdae.analysis.linear_dynamics.campbell_diagram"),
-            Public("Campbell", "beamdae.analysis.linear_dynamics.campbell_diagram"),
-            Public("draw_campbell", "beamdae.report.pictures.mode_shapes"),
+            Public("Campbell", "beamdae.analysis.linear_dynamics.campbell_diagram", "results"),
         ),
     ),
     Group(
@@ -307,10 +315,10 @@ GROUPS = (
         "Periodic motions",
         (
             Public("periodic", "beamdae.analysis.periodic.periodic_solution"),
-            Public("PeriodicMotion", "beamdae.results.periodic_motion"),
+            Public("PeriodicMotion", "beamdae.results.periodic_motion", "results"),
             Public("frequency_response", "beamdae.analysis.periodic.periodic_continuation"),
-            Public("FrequencyResponse", "beamdae.results.frequency_response"),
-            Public("ResponsePoint", "beamdae.results.frequency_response"),
+            Public("FrequencyResponse", "beamdae.results.frequency_response", "results"),
+            Public("ResponsePoint", "beamdae.results.frequency_response", "results"),
         ),
     ),
     Group(
@@ -318,16 +326,16 @@ GROUPS = (
         "Sensitivities and fits",
         (
             Public("sensitivities", "beamdae.analysis.sensitivities.sensitivities"),
-            Public("Sensitivities", "beamdae.analysis.sensitivities.sensitivities"),
+            Public("Sensitivities", "beamdae.analysis.sensitivities.sensitivities", "results"),
             Public("equilibrium_sensitivities", "beamdae.analysis.sensitivities.statics"),
-            Public("EquilibriumSensitivities", "beamdae.analysis.sensitivities.statics"),
+            Public("EquilibriumSensitivities", "beamdae.analysis.sensitivities.statics", "results"),
             Public("mode_sensitivities", "beamdae.analysis.sensitivities.modes"),
-            Public("ModeSensitivities", "beamdae.analysis.sensitivities.modes"),
+            Public("ModeSensitivities", "beamdae.analysis.sensitivities.modes", "results"),
             Public("periodic_sensitivities", "beamdae.analysis.sensitivities.periodic"),
-            Public("PeriodicSensitivities", "beamdae.analysis.sensitivities.periodic"),
+            Public("PeriodicSensitivities", "beamdae.analysis.sensitivities.periodic", "results"),
             Public("fit", "beamdae.analysis.fit.fit"),
-            Public("Fit", "beamdae.analysis.fit.result"),
-            Public("ProfileLikelihood", "beamdae.analysis.fit.profile"),
+            Public("Fit", "beamdae.analysis.fit.result", "results"),
+            Public("ProfileLikelihood", "beamdae.analysis.fit.profile", "results"),
         ),
     ),
     Group(
@@ -335,8 +343,8 @@ GROUPS = (
         "Gradients",
         (
             Public("gradient", "beamdae.analysis.gradients.gradients"),
-            Public("Gradient", "beamdae.analysis.gradients.gradients"),
-            Public("Objective", "beamdae.analysis.gradients.objectives"),
+            Public("Gradient", "beamdae.analysis.gradients.gradients", "results"),
+            Public("Objective", "beamdae.analysis.gradients.objectives", "results"),
             Public("EndValue", "beamdae.analysis.gradients.objectives"),
             Public("TimeIntegral", "beamdae.analysis.gradients.objectives"),
             Public("SmoothMaximum", "beamdae.analysis.gradients.objectives"),
@@ -348,7 +356,7 @@ GROUPS = (
         "Export",
         (
             Public("export_fmu", "beamdae.export.fmu"),
-            Public("ExportedFmu", "beamdae.export.fmu"),
+            Public("ExportedFmu", "beamdae.export.fmu", "results"),
         ),
     ),
     Group(
@@ -356,10 +364,10 @@ GROUPS = (
         "Optimization",
         (
             Public("optimize", "beamdae.analysis.optimization.optimize"),
-            Public("Optimization", "beamdae.analysis.optimization.result"),
+            Public("Optimization", "beamdae.analysis.optimization.result", "results"),
             Public("at_most", "beamdae.analysis.optimization.quantities"),
             Public("at_least", "beamdae.analysis.optimization.quantities"),
-            Public("Quantity", "beamdae.analysis.optimization.quantities"),
+            Public("Quantity", "beamdae.analysis.optimization.quantities", "results"),
             Public("Mass", "beamdae.analysis.optimization.quantities"),
             Public("Frequency", "beamdae.analysis.optimization.quantities"),
             Public("EquilibriumValue", "beamdae.analysis.optimization.quantities"),
@@ -374,8 +382,8 @@ GROUPS = (
         "",
         (
             Public("sweep", "beamdae.studies"),
-            Public("Sweep", "beamdae.studies"),
-            Public("SweepResults", "beamdae.studies"),
+            Public("Sweep", "beamdae.studies", "results"),
+            Public("SweepResults", "beamdae.studies", "results"),
             Public("study", "beamdae.studies"),
             Public("Study", "beamdae.studies"),
             Public("Case", "beamdae.studies"),
@@ -388,8 +396,8 @@ GROUPS = (
         "",
         (
             Public("check", "beamdae.checks"),
-            Public("Check", "beamdae.checks"),
-            Public("Errors", "beamdae.accuracy.errors"),
+            Public("Check", "beamdae.checks", "results"),
+            Public("Errors", "beamdae.accuracy.errors", "results"),
             Public("verify", "beamdae.accuracy.runs"),
         ),
     ),
@@ -408,23 +416,29 @@ NAMES = {public.name: public for group in GROUPS for public in group.names}
 INTEGRATORS = {public.command: public for public in NAMES.values() if public.command}
 
 
-def attributes_by_module() -> dict[str, list[str]]:
-    """Return the public names of each module; keys are module paths without `beamdae.`."""
+def attributes_by_module(package: str = "") -> dict[str, list[str]]:
+    """Return the public names of a package by module; keys are paths without `beamdae.`."""
     names: dict[str, list[str]] = {}
     for public in NAMES.values():
-        names.setdefault(public.module.removeprefix("beamdae."), []).append(public.name)
+        if public.package == package:
+            names.setdefault(public.module.removeprefix("beamdae."), []).append(public.name)
     return names
 
 
-def stub_text() -> str:
-    """Return the text of the type stub `beamdae/__init__.pyi`."""
-    lines = sorted(
-        f"from .{module} import {name} as {name}"
-        for module, names in attributes_by_module().items()
+def stub_text(package: str = "") -> str:
+    """Return the text of the type stub `__init__.pyi` of a package."""
+    dots = ".." if package else "."
+    lines = [
+        f"from {dots}{module} import {name} as {name}"
+        for module, names in attributes_by_module(package).items()
         for name in names
-    )
-    return "\n".join([*lines, "", "__version__: str", ""])
+    ]
+    if not package:
+        lines.append("from . import results as results")
+    return "\n".join([*sorted(lines), *([] if package else ["", "__version__: str"]), ""])
 
 
 if __name__ == "__main__":
-    Path(__file__).with_name("__init__.pyi").write_text(stub_text(), "utf-8")
+    for package in ("", "results"):
+        stub = Path(__file__).parent / package / "__init__.pyi"
+        stub.write_text(stub_text(package), "utf-8")

@@ -15,7 +15,6 @@ import numpy as np
 from beamdae import deferred
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.model_hash import hash_model
 from beamdae.equations.smooth_intervals import SAME_TIME
 from beamdae.errors import (
     BeamdaeError,
@@ -47,8 +46,7 @@ from beamdae.memory import is_out_of_memory, require_memory
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.results.outcome import Status
-from beamdae.results.solution import Solution, unpack_solution
-from beamdae.results.storage.files import require_file_path
+from beamdae.results.solution import Solution
 
 # Imported by the functions that need them: their import takes 5 % of the time of a short command.
 if TYPE_CHECKING:
@@ -352,22 +350,12 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
     >>> print(f"{bd.load(path, mech).at(0.5).state.q[1]:.3f} m")
     0.774 m
     """
-    from beamdae.results.storage import saved_run
-    from beamdae.results.storage.reader import translate_field_errors
+    from beamdae.results.storage.saved_run import load_saved_run
 
-    file = require_file_path("load", path)
-    arrays, content = saved_run.read_saved_run(file)
-    if model is None:
-        return saved_run.saved_run_from_arrays(file, arrays, content)
-    equations = as_equations("load", model, AS_DRAWN, sampled=True)
-    if hash_model(equations) != content["identity"]:
-        raise BeamdaeError(
-            f"{file}: the file contains a run of a model with other parts or values; "
-            "pass the model of this run, or omit the model to load only the tables."
-        )
-    with translate_field_errors(file, saved_run.KIND):
-        packed = saved_run.packed_run_from_arrays(equations, arrays, content)
-        return unpack_solution(equations, packed)
+    equations = None
+    if model is not None:
+        equations = as_equations("load", model, AS_DRAWN, sampled=True)
+    return load_saved_run(path, equations)
 
 
 def as_mechanism(name: str, model: Any) -> Mechanism:

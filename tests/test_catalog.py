@@ -1,5 +1,6 @@
 """Public names are defined where the catalog says, and generated files agree with it."""
 
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
@@ -8,22 +9,25 @@ from sample_parts import SAMPLES
 import beamdae as bd
 from beamdae import catalog
 
-STUB = Path(bd.__file__).with_name("__init__.pyi")
+PACKAGE = Path(bd.__file__).parent
 
 
-def test_type_stub_is_up_to_date():
-    assert STUB.read_text() == catalog.stub_text(), "run `python beamdae/catalog.py`"
+@pytest.mark.parametrize("package", ["", "results"])
+def test_type_stubs_are_up_to_date(package):
+    stub = PACKAGE / package / "__init__.pyi"
+    assert stub.read_text() == catalog.stub_text(package), "run `python beamdae/catalog.py`"
 
 
 @pytest.mark.parametrize("public", catalog.NAMES.values(), ids=lambda public: public.name)
 def test_public_name_is_defined_in_its_module(public):
-    value = getattr(bd, public.name)
+    value = attrgetter(public.path)(bd)
     assert getattr(value, "__module__", public.module).startswith(public.module)
 
 
 def test_every_public_name_is_listed_once_in_the_reference():
     names = [public.name for group in catalog.GROUPS for public in group.names]
-    assert sorted(names) == sorted(set(names)) == sorted(bd.__all__)
+    assert sorted(names) == sorted(set(names))
+    assert sorted([*names, "results"]) == sorted([*bd.__all__, *bd.results.__all__])
     assert {group.page for group in catalog.GROUPS} == set(catalog.PAGES)
 
 

@@ -557,7 +557,7 @@ def test_formulas_and_numbers_are_accepted_as_laws(law):
         ),
         (lambda s: bd.compare(np.array(1.0)), "compare: cases must be a list of at least one"),
         (lambda s: bd.grid(mass=ca.MX.sym("x")), "grid: mass must be a list of values"),
-        (lambda s: bd.Model(3, 1.0, {}), "model: build must be a function, got 3."),
+        (lambda s: bd.results.Model(3, 1.0, {}), "model: build must be a function, got 3."),
     ],
 )
 def test_wrong_arguments_of_functions_of_runs_are_rejected(call, words):

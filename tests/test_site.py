@@ -103,4 +103,4 @@ def test_code_of_the_first_screen_runs():
     exec("\n".join(lines[:-1]), variables)
     assert re.match(r"run\.animate\(", lines[-1])
     assert variables["run"].status.kind == "ok"
-    assert isinstance(variables["run"], bd.Solution)
+    assert isinstance(variables["run"], bd.results.Solution)

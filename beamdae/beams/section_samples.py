@@ -284,18 +284,19 @@ def _add_between(
     def find_maximum() -> float:
         return _find_maximum(excess, float(s[place - 1]), float(s[place + 1]), tolerance)
 
-    middle = split = 0.5 * (start + end)
+    found = None
     if is_short:
-        split = find_maximum()
+        found = find_maximum()
     else:
         residual = np.max(np.abs(_RESIDUAL_PROJECTION @ values[:, kind]))
         distance = np.max(np.abs(linear[:, kind] - values[:, kind]))
         if residual > _MAX_SMOOTH_RESIDUAL * distance:
             kink = find_maximum()
             if _is_kink(excess, kink, start, end):
-                split = kink
+                found = kink
+    split = 0.5 * (start + end) if found is None else found
     added.append(split)
-    if split != middle:
+    if found is not None:
         located.append(_LocatedMaximum(split, start, end, kind))
     if depth > 0 and len(added) < _MAX_SECTIONS_PER_INTERVAL:
         for a, b in ((start, split), (split, end)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,34 +12,12 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, require_choice
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_one_column, select_columns
-from beamdae.results.storage.schema import (
-    ArrayRule,
-    FieldError,
-    column_name,
-    number,
-    record,
-    require_equal,
-    sequence,
-    text,
-)
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
     import pandas as pd
 
 Array = np.ndarray
-
-# Name of the array in a packed run, with one row per parameter, column and output time.
-ARRAY = "derivatives"
-# Rule for `ColumnDerivatives.to_record`.
-RECORD = record(
-    {
-        "parameters": sequence(text),
-        "values": sequence(number()),
-        "observed": sequence(column_name),
-        "coordinates": sequence(column_name),
-    }
-)
 
 
 @read_only_data
@@ -105,31 +83,6 @@ class ColumnDerivatives:
         columns = {**observed, **self.coordinates[parameter], **observed}
         return select_derivative(columns, column, parameter, (TIME, self.t), observed=observed)
 
-    def to_record(self) -> tuple[dict[str, Any], Array]:
-        """Return names and headers as JSON-compatible values, and all derivatives in one array."""
-        names = list(self.parameters)
-        content = {
-            "parameters": names,
-            "values": [float(x) for x in self.parameters.values()],
-            "observed": list(self.observed[names[0]]),
-            "coordinates": list(self.coordinates[names[0]]),
-        }
-        rows = [[*self.observed[name].values(), *self.coordinates[name].values()] for name in names]
-        return content, np.array(rows, float).reshape(len(names), -1, len(self.t))
-
-    @classmethod
-    def from_record(cls, t: Array, content: Mapping[str, Any], rows: Array) -> ColumnDerivatives:
-        """Return the derivatives of a record, see `to_record`."""
-        names, headers = content["parameters"], content["observed"]
-        observed = {
-            x: dict(zip(headers, y, strict=False)) for x, y in zip(names, rows, strict=True)
-        }
-        first, headers = len(headers), content["coordinates"]
-        coordinates = {
-            x: dict(zip(headers, y[first:], strict=True)) for x, y in zip(names, rows, strict=True)
-        }
-        return cls(t, dict(zip(names, content["values"], strict=True)), observed, coordinates)
-
 
 def require_derivatives(derivatives: ColumnDerivatives | None) -> ColumnDerivatives:
     """Return the derivatives of a run if it has them.
@@ -145,23 +98,6 @@ def require_derivatives(derivatives: ColumnDerivatives | None) -> ColumnDerivati
             "simulate(..., sensitivities=[...]), and check that the run reached its end."
         )
     return derivatives
-
-
-def array_rules(content: Mapping[str, Any]) -> dict[str, ArrayRule]:
-    """Return the rule for the array of a record."""
-    columns = len(content["observed"]) + len(content["coordinates"])
-    return {ARRAY: ArrayRule((len(content["parameters"]), columns, "rows"), finite=False)}
-
-
-def require_consistent(content: Mapping[str, Any]) -> None:
-    """Raise FieldError unless names and headers of a record differ from each other."""
-    for name in ("parameters", "observed", "coordinates"):
-        if len(set(content[name])) < len(content[name]):
-            raise FieldError("must be different names", name, ARRAY)
-    if not content["parameters"]:
-        raise FieldError("must contain a name", "parameters", ARRAY)
-    count = len(content["parameters"])
-    require_equal(f"{ARRAY}.values", len(content["values"]), "the number of parameters", count)
 
 
 def derivative_header(column: str, parameter: str) -> str:

@@ -131,7 +131,9 @@ class HasModeShapes(HasTable, HasPage):
     """Base class of results with mode shapes."""
 
     def plot(self) -> Plot:
-        """Draw up to twelve mode shapes, see `beamdae.draw_modes`.
+        """Draw up to twelve mode shapes, superimposed on the state to which they belong.
+
+        Displacements are linearized about the state of the modes and scaled to be visible.
 
         Raises
         ------

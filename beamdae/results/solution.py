@@ -547,11 +547,6 @@ def unpack_solution(
         The packed run, which contains the start.
     made_by
         The integrator of the run.
-
-    Raises
-    ------
-    Exception
-        `FieldError` of results.storage.schema if the packed run does not fit the equations.
     """
     from beamdae.results.storage.packed_run import unpack_fields
 

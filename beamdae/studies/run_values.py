@@ -175,16 +175,6 @@ def is_event_count(column: str) -> bool:
     return column.startswith("event ") and column.endswith(", times")
 
 
-def is_event_time(column: str) -> bool:
-    """Return True if a column of the case table contains first times of an event."""
-    return column.startswith("event ") and column.endswith(", first [s]")
-
-
-def is_output(column: str) -> bool:
-    """Return True if a column of the case table contains values of an output of a sweep."""
-    return column.startswith(format_output_column(""))
-
-
 def _select_event_columns(values: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if name.startswith("event ")}
 

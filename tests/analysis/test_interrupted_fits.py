@@ -52,7 +52,7 @@ def test_regression_an_interrupted_fit_has_its_best_estimates():
         with pytest.raises(Interrupted, match=r"^fit: interrupted") as caught:
             bd.fit(model(n)[0], DATA, "stiffness", METHOD, sigma=1e-4)
         best = caught.value.partial
-        assert isinstance(best, bd.Fit)
+        assert isinstance(best, bd.results.Fit)
         assert best.status.kind == "interrupted"
         errors.append(abs(best.parameters["stiffness"] - 40.0))
     # The period of the discrete oscillator is longer by 0.1 %.
@@ -112,7 +112,7 @@ def test_regression_derivatives_survive_an_interrupt_of_their_error_estimate(cal
     objective = [bd.EndValue("mass.x")] * (call == "gradient")
     with pytest.raises(Interrupted, match="error of the derivatives was estimated") as caught:
         function(spring, *objective, "stiffness", METHOD)
-    assert isinstance(caught.value.partial, (bd.Gradient, bd.Sensitivities))
+    assert isinstance(caught.value.partial, (bd.results.Gradient, bd.results.Sensitivities))
 
 
 @pytest.mark.parametrize("call", ["sensitivities", "gradient"])

@@ -215,7 +215,7 @@ def test_result_is_a_table_and_a_picture(tmp_path):
     table = result.table()
     assert list(table) == ["mode", "load factor [-]", "moves most"]
     assert "2.46" in repr(result)
-    assert bd.draw_modes(result).save(tmp_path / "modes.png").stat().st_size > 1000
+    assert result.plot().save(tmp_path / "modes.png").stat().st_size > 1000
 
 
 def side_spring_column(stiffness, formulation="exact"):

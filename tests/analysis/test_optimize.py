@@ -421,7 +421,7 @@ def test_regression_warnings_of_the_analyses_of_the_best_design_are_kept():
     with pytest.warns(bd.BeamdaeWarning):
         expected = bd.equilibrium(cantilever(**{**given, **design.parameters})).warnings
     # Both paths end in the same equilibrium.
-    assert sum(isinstance(x, bd.Equilibrium) for x in design.analyses) == 2
+    assert sum(isinstance(x, bd.results.Equilibrium) for x in design.analyses) == 2
     assert design.warnings[-len(expected) :] == expected
     # Designs of the search are not reported.
     assert [str(x.message) for x in caught][-len(expected) :] == list(expected)
@@ -995,7 +995,7 @@ def test_bound_of_the_largest_stress_leads_to_uniform_strength():
     assert result.status.success
     # The limit of 150 MPa was "at its limit", and no table contained the largest stress.
     (limit,) = result.constraints
-    (path,) = (x for x in result.analyses if isinstance(x, bd.Equilibrium))
+    (path,) = (x for x in result.analyses if isinstance(x, bd.results.Equilibrium))
     assert limit.largest == path.columns["stress.largest [Pa]"][-1] < 0.99 * limit.value
     assert "the largest quantity itself is" in limit.comparison
     # M = sigma b h^2 / 6 bounds the height of each section from below. The smallest mass of linear
@@ -1029,7 +1029,7 @@ def test_bound_of_the_largest_stress_in_a_run_states_the_largest_stress():
     limit = bd.at_most(bd.SmoothMaximum("stress.bound", 50.0), "50 MPa")
     settings = {"integrator": bd.GeneralizedAlpha(1e-4), "bounds": {"width": (0.005, 0.2)}}
     result = bd.optimize(swing, bd.Mass(), by="width", subject_to=limit, **settings)
-    (run,) = (x for x in result.analyses if isinstance(x, bd.Solution))
+    (run,) = (x for x in result.analyses if isinstance(x, bd.results.Solution))
     (constraint,) = result.constraints
     assert constraint.largest == run.columns["stress.largest [Pa]"].max()
     assert result.constraint_table()["largest"].tolist() == [constraint.largest]

@@ -295,7 +295,7 @@ def test_resonances_of_a_campbell_diagram():
     )
     with pytest.raises(bd.BeamdaeError, match="multiples must"):
         diagram.resonances([0])
-    axis = bd.draw_campbell(diagram).figure.axes[0]
+    axis = diagram.plot().figure.axes[0]
     assert len(axis.lines[-1].get_xdata()) == len(table)
     assert {"mode 1", "mode 2"} <= {text.get_text() for text in axis.texts}
 
@@ -315,7 +315,7 @@ def test_regression_pictures_and_pages_show_chosen_engine_orders(tmp_path):
     assert "5\u00d7" in page or "5\\u00d7" in page
     assert not diagram.resonances([]).size
     with pytest.raises(bd.BeamdaeError, match="multiples must"):
-        bd.draw_campbell(diagram, [0.5])
+        diagram.plot([0.5])
     with pytest.raises(bd.BeamdaeError, match="campbell: multiples must"):
         bd.campbell(rotor_on_a_bearing(), [1.0], multiples=[0])
 

@@ -417,10 +417,12 @@ def test_model_file_may_define_dataclasses(command):
 
 
 def test_public_names_can_be_imported():
-    assert not [name for name in bd.__all__ if not callable(getattr(bd, name))]
+    assert [name for name in bd.__all__ if not callable(getattr(bd, name))] == ["results"]
     assert set(bd.__all__) <= set(dir(bd))
     with pytest.raises(AttributeError, match="module 'beamdae' has no attribute 'Beem'"):
         _ = bd.Beem
+    with pytest.raises(AttributeError, match=r"no attribute 'Modes' \(it is results\.Modes\)"):
+        _ = bd.Modes
 
 
 @pytest.mark.slow(reason="starts a process that imports everything")

@@ -106,6 +106,12 @@ def test_unbounded_reactions_are_not_a_number(method):
     masses = (0.5, 0.8)
     run = bd.simulate(parallelogram(masses), method, t_end=3.0)
     angle, rate, acceleration = motion(masses, run.t)
+    # Numbers of steps between rows and the nearest change point, where sin(angle) is zero.
+    steps = run.trajectory.intervals[0].t
+    turns = np.diff(np.floor(motion(masses, steps)[0] / np.pi))
+    change_points = np.flatnonzero(turns)
+    rows = np.searchsorted(steps, run.t)
+    distance = np.abs(rows[:, None] - change_points).min(axis=1)
     tip_x = -LENGTH * (rate**2 * np.cos(angle) + acceleration * np.sin(angle))
     tip_y = LENGTH * (acceleration * np.cos(angle) - rate**2 * np.sin(angle))
     head_y = -COUPLER * (tip_y + GRAVITY) / 2.0
@@ -115,7 +121,8 @@ def test_unbounded_reactions_are_not_a_number(method):
         expected, actual = mass * tip_x / 2.0 - head_x, run[f"foot {k}.Fx"].to_numpy()
         is_number = np.isfinite(actual)
         assert 0 < np.sum(~is_number) < 0.1 * len(actual)
-        assert np.abs(np.sin(angle[~is_number])).max() < 0.2
+        # Polynomials through the three steps on each side have up to five steps.
+        assert np.all((np.abs(np.sin(angle)) < 0.2) | (distance <= 6) | is_number)
         size = np.maximum(np.abs(expected), np.ptp(expected[np.abs(np.sin(angle)) > 0.2]) / 2.0)
         assert np.max(np.abs(actual - expected)[is_number] / size[is_number]) < 0.01
         assert f"foot {k}.Fx" not in run.step_extremes

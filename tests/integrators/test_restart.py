@@ -113,8 +113,8 @@ INCOMPLETE = "the file is not a complete checkpoint"
     ("change", "sentence"),
     [
         (
-            lambda text: text.replace('"version": 3', '"version": 1'),
-            "version must be 3, got 1;",
+            lambda text: text.replace('"version": 4', '"version": 1'),
+            "version must be 4, got 1;",
         ),
         (lambda text: re.sub('"t": [0-9.]+', '"t": 0.05', text), r"since it was .*wrong checksum"),
         (lambda text: "[1]", INCOMPLETE),

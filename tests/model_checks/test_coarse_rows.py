@@ -20,7 +20,7 @@ ALPHA = bd.GeneralizedAlpha(PERIOD / 60.0)
 pytestmark = pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 
 
-def stop_law(form, **settings) -> bd.Solution:
+def stop_law(form, **settings) -> bd.results.Solution:
     """Return a run onto a stop whose force is a formula or a table."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(0.0, -4.43)))
@@ -34,7 +34,7 @@ def stop_law(form, **settings) -> bd.Solution:
     return bd.simulate(mech, t_end=1e-3, output_step=5e-4, **settings)
 
 
-def vibration(rows_per_period, method=None, periods=60) -> bd.Solution:
+def vibration(rows_per_period, method=None, periods=60) -> bd.results.Solution:
     """Return a run of a mass on a spring."""
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 1.0, at=(0.1, 0.0)))
@@ -45,7 +45,7 @@ def vibration(rows_per_period, method=None, periods=60) -> bd.Solution:
     return bd.simulate(mech, method, t_end=end, output_step=PERIOD / rows_per_period)
 
 
-def leaf(output_step) -> bd.Solution:
+def leaf(output_step) -> bd.results.Solution:
     """Return a run of a steel leaf with a mass under a sudden load, with a period of 64 ms."""
     mech = bd.Mechanism()
     section = bd.Section.rectangle(STEEL, 0.06, 0.012, damping=2e-4)
@@ -58,7 +58,7 @@ def leaf(output_step) -> bd.Solution:
     return bd.simulate(mech, t_end=0.5, output_step=output_step)
 
 
-def chirp(rows) -> bd.Solution:
+def chirp(rows) -> bd.results.Solution:
     """Return a run of a mass on a spring that a sweep drives through the resonance."""
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
@@ -69,7 +69,7 @@ def chirp(rows) -> bd.Solution:
     return bd.simulate(mech, t_end=6.0, output_step=6.0 / rows)
 
 
-def double_pendulum(rows, size=1.0, method=None) -> bd.Solution:
+def double_pendulum(rows, size=1.0, method=None) -> bd.results.Solution:
     """Return a run of two rods of this size, relative to 0.4 m."""
     mech, length = bd.Mechanism(gravity=(0.0, -9.81)), 0.4 * size
     ends = (0.0, 0.0), (length, 0.0), (2.0 * length, 0.0)
@@ -86,7 +86,7 @@ def double_pendulum(rows, size=1.0, method=None) -> bd.Solution:
     return bd.simulate(mech, method, t_end=end, output_step=end / rows)
 
 
-def stage(output_step) -> bd.Solution:
+def stage(output_step) -> bd.results.Solution:
     """Return a run of a stage between two flexures, whose angle is parasitic."""
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("stage", mass=0.3, inertia=1e-4, center=(0.0, 0.0)))
@@ -102,7 +102,7 @@ def stage(output_step) -> bd.Solution:
     return bd.simulate(mech, t_end=0.5, output_step=output_step)
 
 
-def blade(rows) -> bd.Solution:
+def blade(rows) -> bd.results.Solution:
     """Return a run of a blade at constant speed, whose stress varies by 3e-8."""
     mech, speed = bd.Mechanism(), 314.0
     hub = mech.add(bd.RigidBody("hub", mass=4.0, inertia=0.02))
@@ -119,7 +119,7 @@ def blade(rows) -> bd.Solution:
     return bd.simulate(mech, bd.Auto(1e-5), **settings)
 
 
-def bounce(rows) -> bd.Solution:
+def bounce(rows) -> bd.results.Solution:
     """Return a run of a ball whose velocity jumps."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
@@ -129,7 +129,7 @@ def bounce(rows) -> bd.Solution:
     return bd.simulate(mech, t_end=2.0, output_step=2.0 / rows)
 
 
-def magnitude(output_step) -> bd.Solution:
+def magnitude(output_step) -> bd.results.Solution:
     """Return a run of a vibrating strip, whose largest stress has valleys at zero."""
     mech = bd.Mechanism()
     section = bd.Section.rectangle(STEEL, width=0.02, height=0.004, damping=1e-3)
@@ -141,7 +141,7 @@ def magnitude(output_step) -> bd.Solution:
     return bd.simulate(mech, bd.Radau(1e-5), **settings)
 
 
-def weld(method) -> bd.Solution:
+def weld(method) -> bd.results.Solution:
     """Return a run of a body at rest, with the reactions that hold it."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     body = mech.add(bd.RigidBody("body", 1.0, 0.1, center=(0.3, 0.4)))
@@ -235,7 +235,7 @@ def test_rows_that_show_the_motion_have_no_sentence(compute):
     ids=["vibration", "alpha", "leaf", "chirp", "pendulum", "contact"],
 )
 def test_curves_show_the_values_with_the_output_step(
-    compute: Callable[[], bd.Solution], refine: Callable[[float], bd.Solution]
+    compute: Callable[[], bd.results.Solution], refine: Callable[[float], bd.results.Solution]
 ):
     (sentence,) = compute().row_warnings
     found = re.search(r"; tables .*, and curves show them with output_step=(\S+)\.$", sentence)

@@ -73,7 +73,7 @@ def test_a_study_file_may_name_a_model_in_another_folder(tmp_path):
 @pytest.mark.slow(reason="six runs of the four-bar linkage")
 def test_crank_speed_sweep_gives_the_stored_torques_and_deflections(tmp_path):
     (sweep,) = studies(FOLDER / "crank_speeds.py").values()
-    assert isinstance(sweep, bd.Sweep)
+    assert isinstance(sweep, bd.results.Sweep)
     assert len(sweep.cases) == 21
     speeds, excluded_rise = (2.0, 5.0, 8.0), 0.06
     indices = [

@@ -31,18 +31,20 @@ WITHOUT_DERIVATIVES = ("Controller", "Sample")
 
 
 @cache
-def reference_run(entry: str) -> bd.Solution:
+def reference_run(entry: str) -> bd.results.Solution:
     return completed(entry_model(entry=entry), bd.Radau(1e-3 * RTOL))
 
 
-def completed(model, method, t_end=T_END, rows=ROWS, **settings) -> bd.Solution:
+def completed(model, method, t_end=T_END, rows=ROWS, **settings) -> bd.results.Solution:
     """Return a run that has reached its end."""
     run = bd.simulate(model, method, t_end, rows, **settings)
     assert run.status.success, run.status.sentence
     return run
 
 
-def require_agreement(run: bd.Solution, exact: bd.Solution, name: str = "", most=100.0) -> None:
+def require_agreement(
+    run: bd.results.Solution, exact: bd.results.Solution, name: str = "", most=100.0
+) -> None:
     """Require differences of at most `most` rtol of half the range of each position."""
     off = max_relative_difference(run, exact) / RTOL
     assert off <= most, f"{name}: off by {off:.2g} rtol"

@@ -36,14 +36,14 @@ def build_with_observations(drawing: Drawing) -> bd.Mechanism:
     return mech
 
 
-def position_columns(solution: bd.Solution) -> dict[str, np.ndarray]:
+def position_columns(solution: bd.results.Solution) -> dict[str, np.ndarray]:
     """Return the columns of positions and angles."""
     quantities = ("x", "y", "angle")
     columns = solution.columns.items()
     return {k: c for k, c in columns if k.split(".")[-1].split(" ")[0] in quantities}
 
 
-def max_relative_difference(one: bd.Solution, other: bd.Solution) -> float:
+def max_relative_difference(one: bd.results.Solution, other: bd.results.Solution) -> float:
     """Return the largest difference of a column over half its range, or 1 % of the widest."""
     here, there = position_columns(one), position_columns(other)
     half = {name: 0.5 * np.ptp(column) for name, column in there.items()}
@@ -79,7 +79,7 @@ class ReferenceRun:
         return max_relative_difference(other, self.run) / RTOL if other.status.success else np.inf
 
 
-def require_completed(run: bd.Solution) -> bd.Solution:
+def require_completed(run: bd.results.Solution) -> bd.results.Solution:
     """Return a run that reached its end; reject the example if it exceeded a limit."""
     assume(run.status.kind != "limited")
     assert run.status.success, f"{run.integrator['integrator']}: {run.status.sentence}"

@@ -564,10 +564,10 @@ def test_regression_texts_of_modes_do_not_stretch_the_rows(column, show):
 
 def test_the_page_of_a_boundary_marks_its_special_points(show):
     values, status = np.array([1.0, 2.0, 1.0]), Status("ok", "reached the end")
-    special = (bd.BoundaryPoint("cusp", 2.0, 5.0),)
+    special = (bd.results.BoundaryPoint("cusp", 2.0, 5.0),)
     factors, q = np.array([3.0, 5.0, 6.0]), np.zeros((3, 1))
     unstable = np.zeros(3, int)
-    boundary = bd.Boundary(
+    boundary = bd.results.Boundary(
         "limit point", "rise", values, factors, special, unstable, q, status, ("press",)
     )
     tab = show(build_critical_loads_page(boundary, "limit loads"))
@@ -580,7 +580,9 @@ def test_the_page_of_a_boundary_marks_its_special_points(show):
 
 
 def test_the_page_of_knock_down_factors_starts_from_the_perfect_structure():
-    curve = bd.KnockDown(np.array([1e-5, 1e-4]), np.array([2.0, np.nan]), ("limit point", ""), 4.0)
+    curve = bd.results.KnockDown(
+        np.array([1e-5, 1e-4]), np.array([2.0, np.nan]), ("limit point", ""), 4.0
+    )
     page = build_critical_loads_page(curve, "arch")
     assert page["axes"] == {"x": "amplitude [m]", "y": "load factor [-]"}
     assert page["cases"][0]["values"]["knock-down factor [-]"] == 0.5

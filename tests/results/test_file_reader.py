@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
 import tracemalloc
 import zipfile
 from pathlib import Path
@@ -18,9 +17,8 @@ from test_files import posix
 
 import beamdae as bd
 from beamdae.errors import FileContentError
-from beamdae.results.storage import reader
 from beamdae.results.storage.checkpoint import Checkpoint
-from beamdae.results.storage.reader import checksum
+from beamdae.results.storage.documents import checksum
 from beamdae.studies.case import Case
 from beamdae.studies.store.store import Store
 from beamdae.studies.store.trajectory_csv import (
@@ -28,9 +26,6 @@ from beamdae.studies.store.trajectory_csv import (
     parse_trajectory,
 )
 from beamdae.studies.tasks import Task
-
-# Files written before saved runs had a checksum.
-GOLDEN = Path(__file__).parent / "golden"
 
 
 def falling():
@@ -49,47 +44,14 @@ def rewrite_run(path, change):
     """Change content and arrays of a saved run, and write it with the right checksum."""
     with np.load(path) as archive:
         arrays = dict(archive)
-    content = json.loads(arrays.pop("told").tobytes())
-    content.pop("checksum", None)
+    content = json.loads(arrays.pop("document").tobytes())
+    del content["checksum"]
     change(content, arrays)
     content["checksum"] = checksum(content, arrays)
-    arrays["told"] = np.frombuffer(json.dumps(content).encode(), np.uint8)
+    arrays["document"] = np.frombuffer(json.dumps(content).encode(), np.uint8)
     with open(path, "wb") as file:
         np.savez(file, **arrays)
     return path
-
-
-# Files of earlier versions -------------------------------------------------------------------
-
-
-def test_saved_runs_without_checksum_are_read(tmp_path):
-    run = bd.load(GOLDEN / "bouncing.run")
-    assert run.status.success
-    assert run["ball.y"].iloc[-1] == pytest.approx(0.1, abs=1e-6)
-    assert run.metadata()["versions"]["numpy"] == "2.4.6"
-
-
-def test_checkpoints_of_version_3_are_read():
-    checkpoint = Checkpoint.read(GOLDEN / "bouncing.json")
-    assert checkpoint.t == 0.4
-    assert list(checkpoint.frozen_gaps) == ["hold"]
-
-
-def test_records_without_further_checks_are_read(tmp_path):
-    @bd.model(t_end=0.1)
-    def swing():
-        return falling()
-
-    task = Task("key", Case(swing, {}, bd.Radau()), 0.1, 0.01, name="one")
-    store = Store(tmp_path)
-    for path in (store.record_path(task), store.rows_path(task)):
-        path.parent.mkdir(exist_ok=True)
-        shutil.copy(GOLDEN / f"record{path.suffix}", path)
-    outcome, problem = store.load(task)
-    assert problem == ""
-    assert outcome.values["steps"] == 200
-    assert outcome.table.shape == (11, 15)
-    assert len(outcome.frames["t"]) == 120
 
 
 # Size ----------------------------------------------------------------------------------------
@@ -108,63 +70,37 @@ def test_regression_devices_pipes_and_folders_are_not_read(tmp_path, read):
         read(tmp_path)
 
 
-@pytest.mark.slow(reason="half a second and more")
-def test_regression_an_archive_is_refused_before_it_is_unpacked(tmp_path):
+def test_regression_compressed_archives_are_refused_before_they_are_unpacked(tmp_path):
     """3 MB were unpacked to 3.2 GB, of which this file is a hundredth."""
     path = tmp_path / "a.run"
-    header = {"descr": "<f8", "fortran_order": False, "shape": (400_000_000,)}
-    with (
-        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
-        archive.open("told.npy", "w") as member,
-    ):
-        np.lib.format.write_array_header_1_0(member, header)
-        for _ in range(70):
-            member.write(bytes(1_000_000))
+    with open(path, "wb") as file:
+        np.savez_compressed(file, document=np.zeros(4_000_000))
     tracemalloc.start()
-    with pytest.raises(bd.BeamdaeError, match=r"unpacks to 70000128 bytes, but at most 100 times"):
+    with pytest.raises(bd.BeamdaeError, match="the arrays must not be compressed; simulate"):
         bd.load(path)
     assert tracemalloc.get_traced_memory()[1] < 1e6
     tracemalloc.stop()
 
 
-def test_the_sizes_of_an_array_and_its_header_must_agree(tmp_path):
+def test_arrays_are_not_larger_than_their_header_says(tmp_path):
     path = tmp_path / "a.run"
-    header = {"descr": "<f8", "fortran_order": False, "shape": (10**9,)}
-    with zipfile.ZipFile(path, "w") as archive, archive.open("told.npy", "w") as member:
+    header = {"descr": "<f8", "fortran_order": False, "shape": (10**13,)}
+    with zipfile.ZipFile(path, "w") as archive, archive.open("document.npy", "w") as member:
         np.lib.format.write_array_header_1_0(member, header)
         member.write(bytes(80))
-    with pytest.raises(bd.BeamdaeError, match="'told' has 208 bytes, but its header allows 80000"):
+    with pytest.raises(bd.BeamdaeError, match="the file is not a complete saved run"):
         bd.load(path)
 
 
-def test_constant_arrays_are_saved_such_that_they_can_be_read(tmp_path, monkeypatch, run):
-    monkeypatch.setattr(reader, "_MAX_BYTES_OF_ANY_COMPRESSION", 0)
-    monkeypatch.setattr(reader, "_MAX_COMPRESSION", 1.01)
-    path = run.save(tmp_path / "a.run")
-    with zipfile.ZipFile(path) as archive:
-        assert {x.compress_type for x in archive.infolist()} == {zipfile.ZIP_STORED}
-    assert_array_equal(bd.load(path).table(), run.table())
-
-
 @pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (b"[" + b",".join([b"[]"] * 2_000_001) + b"]", "2000002 lists and objects, but at most"),
-        (b"[" * 101 + b"]" * 101, "101 levels of nesting, but at most 100 are allowed"),
-        (b'["' + b"]" * 200 + b'"' + b"," + b"[" * 101, "102 levels of nesting"),
-        (b"[" + b"1," * 10_000_000 + b"1]", "10000001 values, but at most 10000000"),
-        (b'{"t": 1, "u": 2, "t": 3}', "the field 't' occurs twice in one object"),
-        (b'"' + b'\\"' * 1_000_000, "not a complete checkpoint"),
-        (b'{"t": ' + b"9" * 5000 + b"}", "not a complete checkpoint"),
-        (b"\xff\xfe", "not a complete checkpoint"),
-    ],
-    ids=["lists", "nesting", "brackets in text", "values", "twice", "text", "digits", "binary"],
+    "text",
+    [b"[" * 100_000, b'"' + b'\\"' * 1_000_000, b'{"t": ' + b"9" * 5000 + b"}", b"\xff\xfe", b"3"],
+    ids=["nesting", "text", "digits", "binary", "number"],
 )
-def test_regression_json_has_limits(tmp_path, text, words):
-    """90 MB of lists took 40 s."""
+def test_files_of_other_content_are_refused(tmp_path, text):
     path = tmp_path / "end.json"
     path.write_bytes(text)
-    with pytest.raises(FileContentError, match=words):
+    with pytest.raises(FileContentError, match="the file is not a complete checkpoint; run the"):
         Checkpoint.read(path)
 
 
@@ -175,48 +111,33 @@ def drop_last_row(content, arrays):
     arrays["v"] = arrays["v"][:-1]
 
 
-def swap_times(content, arrays):
-    arrays["t"] = arrays["t"][::-1].copy()
-    arrays["table"][0], arrays["coordinates"][0] = arrays["t"], arrays["t"]
-
-
 RUNS = {
     "more nodes": (
         lambda c, a: a.update(nodes=np.append(a["nodes"], 9.0)),
-        r"q must have the shape \(\d+, 2\), got ",
+        r"q must contain numbers in the shape \(\d+, 2\), got float64 in ",
     ),
-    "fewer rows": (drop_last_row, r"v must have the shape \(\d+, 2\), got "),
-    "nan": (lambda c, a: a["q"].fill(np.nan), "q must contain only finite numbers"),
-    "falling times": (swap_times, "t must ascend"),
-    "jump": (lambda c, a: a["nodes"].sort() or a["nodes"].__imul__(-1), "nodes must ascend"),
-    "scaled": (lambda c, a: a["q"].__imul__(3.0), "coordinates must be the coordinates and vel"),
-    "floats": (lambda c, a: a.update(ends=a["ends"] * 1.0), "ends must be an array of integers"),
-    "halves": (lambda c, a: a.update(q0=a["q0"].astype("f4")), "q0 must be an array of 8-byte fl"),
-    "ends": (lambda c, a: a["ends"].__imul__(2), "ends must begin with 0 and end with"),
-    "stages": (lambda c, a: c["plain"].update({"per step": [7]}), "per step must divide the num"),
-    "count": (lambda c, a: c["plain"].update({"per step": []}), "per step must equal the number"),
+    "fewer rows": (drop_last_row, r"v must contain numbers in the shape \(\d+, 2\), got "),
+    "falling times": (lambda c, a: a["t"].__imul__(-1.0), "the times must ascend"),
+    "falling nodes": (lambda c, a: a["nodes"].__imul__(-1.0), "the times must ascend"),
+    "texts": (lambda c, a: a.update(q0=np.array(["a", "b"])), "q0 must contain numbers in the sh"),
+    "stages": (
+        lambda c, a: c["run"]["intervals"][0].update(nodes_per_step=7),
+        "nodes must be 1 and 7 per step",
+    ),
+    "intervals": (lambda c, a: c["run"].update(intervals=[]), "nodes must be 0, got "),
     "status": (
-        lambda c, a: c["plain"]["status"].update(kind="failed"),
-        "beside.status must equal plain.status status, 'failed', got 'ok'",
+        lambda c, a: c["run"]["status"].update(kind="splendid"),
+        "run.status.kind: invalid enum value 'splendid'",
     ),
     "steps": (
-        lambda c, a: c["plain"]["statistics"].update(steps=-1),
-        "plain.statistics.steps must be a whole number of at least 0, got -1",
+        lambda c, a: c["run"]["statistics"].update(steps="many"),
+        "run.statistics.steps: expected int, got str",
     ),
-    "end": (
-        lambda c, a: c["beside"]["result"].update(last_time=9.0),
-        "beside.result.last_time must equal the last of nodes, 0.5, got 9.0",
-    ),
-    "headers": (lambda c, a: c["table"].pop(), r"table must have the shape \(9, rows\)|table must"),
-    "same headers": (
-        lambda c, a: c["table"].__setitem__(1, "t [s]"),
-        "table must be different headers that begin with 't ",
-    ),
-    "control": (lambda c, a: c.update(label="\x1b[2J"), "label must be a text without control"),
-    "missing": (lambda c, a: c["plain"].pop("events"), "plain.events is missing"),
-    "extra": (lambda c, a: c.update(more=1), "more is not a field of this file, only format"),
-    "member": (lambda c, a: a.update(more=np.zeros(3)), "more is not an array of a saved run"),
-    "version": (lambda c, a: c.update(version=2.0), "version must be one of 1, 2, got 2.0"),
+    "headers": (lambda c, a: c["table"].pop(), "the file is not a complete saved run"),
+    "control": (lambda c, a: c.update(label="\x1b[2J"), "must not contain control characters"),
+    "missing": (lambda c, a: c["run"].pop("events"), "run: object missing required field events"),
+    "member": (lambda c, a: a.pop("lam"), "lam is missing"),
+    "version": (lambda c, a: c.update(version=2), "version must be 3, got 2"),
 }
 
 
@@ -249,17 +170,15 @@ def test_runs_with_other_content_than_their_checksum_are_refused(tmp_path, run):
 
 
 CHECKPOINTS = {
-    "huge": ({"t": 10**400}, "t must be a finite number, got 1000000"),
-    "large": ({"t": 1e80}, "t must be a number that is allowed as an initial condition"),
-    "pair": ({"states": {"ball.x": [1.0]}}, "states.ball.x must be a list with 2 entries, got a "),
-    "text": (
-        {"states": {"ball.x": ["1", 2.0]}},
-        "states.ball.x.0 must be a finite number, got '1'",
+    "huge": ({"t": 10**400}, "the content: integer value out of range|t: .*out of range"),
+    "large": ({"t": 1e80}, "t must not exceed 1e"),
+    "names": ({"q": {"ball.x": 1.0}}, "q and v must have the same names"),
+    "text": ({"q": {"ball.x": "1"}}, r"q\[\.\.\.\]: expected float, got str"),
+    "events": ({"events": "bounce"}, "events: expected array, got str"),
+    "gap": (
+        {"frozen_gaps": {"hold": {"event": ""}}},
+        r"frozen_gaps\[\.\.\.\]: object missing required field offsets",
     ),
-    "events": ({"events": "bounce"}, "events must be a list, got 'bounce'"),
-    "due": ({"due": {"a": "sideways"}}, "due.a must be one of 'up', 'down', got 'sideways'"),
-    "gap": ({"found": {"hold": {"found": [0.0], "event": ""}}}, "found.hold.since is missing"),
-    "sign": ({"sides": {"a": 2}}, "sides.a must be one of -1, 0, 1, got 2"),
     "part": (
         {"inactive": ["ball"]},
         "'ball': an earlier run switched this part, but the model has",

@@ -41,7 +41,7 @@ NAMES = {"table", "to_csv", "to_parquet", "plot", "page"}
 
 
 def test_every_result_has_a_table_that_can_be_written():
-    classes = {name: getattr(bd, name) for name in dir(bd)}
+    classes = {name: getattr(bd.results, name) for name in dir(bd.results)}
     methods = {
         name: {x for x in NAMES if hasattr(one, x)}
         for name, one in classes.items()
@@ -53,7 +53,7 @@ def test_every_result_has_a_table_that_can_be_written():
 @pytest.mark.parametrize("name", sorted({*METHODS, *OTHER_RESULTS} - WITHOUT_WARNINGS))
 def test_regression_every_result_has_warnings(name):
     """Responses that ended early, boundaries and derivatives had none."""
-    result = getattr(bd, name)
+    result = getattr(bd.results, name)
     names = {field.name for field in dataclasses.fields(result)}
     assert "warnings" in names | set(dir(result))
 
@@ -95,20 +95,22 @@ def disk():
 @pytest.fixture(scope="module")
 def results(disk):
     run = bd.simulate(disk, bd.GeneralizedAlpha(1e-2), t_end=0.1, output_step=0.01)
-    points = (bd.BoundaryPoint("cusp", 1.5, 1.5),)
+    points = (bd.results.BoundaryPoint("cusp", 1.5, 1.5),)
     ok, two = run.status, np.array([1.0, 2.0])
     return {
         "Solution": run,
-        "PeriodicMotion": bd.PeriodicMotion(run, 0.1),
+        "PeriodicMotion": bd.results.PeriodicMotion(run, 0.1),
         "Modes": bd.modes(disk),
         "Campbell": bd.campbell(disk, [1.0, 2.0], 1),
-        "KnockDown": bd.KnockDown(two, two, ("limit point", ""), 3.0),
-        "Boundary": bd.Boundary(
+        "KnockDown": bd.results.KnockDown(two, two, ("limit point", ""), 3.0),
+        "Boundary": bd.results.Boundary(
             "limit point", "rise", two, two, points, np.zeros(2, int), two[:, None], ok, ("f",)
         ),
-        "ProfileLikelihood": bd.ProfileLikelihood("E", two, two, 3.84, (0.5, 2.5), {}),
-        "FrequencyResponse": bd.FrequencyResponse(
-            "frequency", tuple(bd.ResponsePoint(x, 0.1, run, np.ones(1)) for x in (1.0, 2.0)), ok
+        "ProfileLikelihood": bd.results.ProfileLikelihood("E", two, two, 3.84, (0.5, 2.5), {}),
+        "FrequencyResponse": bd.results.FrequencyResponse(
+            "frequency",
+            tuple(bd.results.ResponsePoint(x, 0.1, run, np.ones(1)) for x in (1.0, 2.0)),
+            ok,
         ),
     }
 

@@ -242,7 +242,7 @@ def test_regression_warnings_of_runs_are_reported():
 
 @pytest.mark.slow(reason="many small runs")
 def test_decorated_function_is_a_sweep_that_runs_when_called():
-    assert isinstance(speeds, bd.Sweep)
+    assert isinstance(speeds, bd.results.Sweep)
     assert speeds.name == "speeds"
     assert list(speeds().table["rows"]) == [401.0] * 3
 

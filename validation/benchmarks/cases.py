@@ -115,7 +115,7 @@ class PublishedCase:
     model_error: float = 0.0
 
     @cached_property
-    def equations(self) -> bd.EquationsOfMotion:
+    def equations(self) -> bd.results.EquationsOfMotion:
         """Equations of motion of the system."""
         model = self.build()
         return bd.equations_of_motion(model) if isinstance(model, bd.Mechanism) else model.equations
@@ -125,17 +125,17 @@ class PublishedCase:
         """End of the run [s]."""
         return self.times[-1]
 
-    def attempt(self, integrator: Any) -> bd.Solution:
+    def attempt(self, integrator: Any) -> bd.results.Solution:
         """Simulate with output at multiples of the first of `times`; the run may fail."""
         return bd.simulate(self.equations, integrator, self.t_end, output_step=self.times[0])
 
-    def run(self, integrator: Any) -> bd.Solution:
+    def run(self, integrator: Any) -> bd.results.Solution:
         """Simulate with output at multiples of the first of `times`; a failed run raises."""
         solution = self.attempt(integrator)
         assert solution.status.success, solution.status.sentence
         return solution
 
-    def compare(self, solution: bd.Solution) -> dict[str, tuple[Array, Array]]:
+    def compare(self, solution: bd.results.Solution) -> dict[str, tuple[Array, Array]]:
         """Return the published and the computed rows at `times` by name."""
         times = np.array(self.times)
         rows = np.searchsorted(solution.t, times - 1e-9)
@@ -145,7 +145,7 @@ class PublishedCase:
             for name, reference in self.answer(times).items()
         }
 
-    def errors(self, solution: bd.Solution) -> dict[str, float]:
+    def errors(self, solution: bd.results.Solution) -> dict[str, float]:
         """Return the largest error at `times` by name."""
         pairs = self.compare(solution)
         return {

@@ -93,12 +93,12 @@ def elastica(elements: int = 8) -> bd.Mechanism:
     return mech
 
 
-def solve_elastica(elements: int = 8) -> bd.Equilibrium:
+def solve_elastica(elements: int = 8) -> bd.results.Equilibrium:
     """Return the equilibria at the loads of the table."""
     return bd.equilibrium(elastica(elements), to=list(ELASTICA))
 
 
-def tabulate_tip(path: bd.Equilibrium) -> Array:
+def tabulate_tip(path: bd.results.Equilibrium) -> Array:
     """Return shortening, deflection and slope of the tip, one row per load of the table."""
     rows = [int(np.flatnonzero(path.factors[:, 0] == load)[0]) for load in ELASTICA]
     x, y, angle = (path.columns[f"tip.{name}"][rows] for name in ("x [m]", "y [m]", "angle [rad]"))
@@ -123,7 +123,7 @@ def compare_elastica() -> Iterator[PathResult]:
 # A shallow arch -----------------------------------------------------------------------------------
 
 
-def solve_shallow_arch(elements: int = 8, formulation: str = "exact") -> bd.Equilibrium:
+def solve_shallow_arch(elements: int = 8, formulation: str = "exact") -> bd.results.Equilibrium:
     """Follow the arch of models/ through both limit points to its inverted position."""
     model = shallow_arch(elements=elements, formulation=formulation)
     return bd.equilibrium(model, to={"crown.y": -0.01})

@@ -80,7 +80,7 @@ class SpinUpCase:
 
     def _run(
         self, integrator: Any, settings: Mapping[str, Any], t_end: float, output_step: float
-    ) -> bd.Solution:
+    ) -> bd.results.Solution:
         parameters = {k: x for k, x in settings.items() if k != "frame"}
         solution = bd.simulate(
             spin_up(elements=ELEMENTS, **parameters), integrator, t_end, output_step=output_step
@@ -91,7 +91,7 @@ class SpinUpCase:
     def _row(
         self,
         setting: str,
-        run: bd.Solution,
+        run: bd.results.Solution,
         name: str,
         reference: float,
         computed: float,

@@ -93,20 +93,20 @@ def _measure_roughness(coupler: tuple[float, ...], rocker: tuple[float, ...]) ->
 class Design(NamedTuple):
     """Result of the optimization, with the runs of the designs [m, Pa]."""
 
-    result: bd.Optimization
-    reference: bd.Solution
-    first: bd.Solution
+    result: bd.results.Optimization
+    reference: bd.results.Solution
+    first: bd.results.Solution
     limit: float
     evaluations: int
 
-    def measure(self, run: bd.Solution) -> tuple[float, float]:
+    def measure(self, run: bd.results.Solution) -> tuple[float, float]:
         """Return the largest deviation from the path and the largest stress of a run."""
         at, exact = run.at_times(TIMES), self.reference.at_times(TIMES)
         errors = [at[name].to_numpy() - exact[name].to_numpy() for name in PATH]
         return float(np.max(np.hypot(*errors))), _largest_stress(run)
 
 
-def _largest_stress(run: bd.Solution) -> float:
+def _largest_stress(run: bd.results.Solution) -> float:
     return max(float(run[name].abs().max()) for name in STRESSES)
 
 
@@ -180,7 +180,9 @@ def main() -> None:
     result.solution.animate(RESULTS / "compliant_four_bar.gif", frames=30)
 
 
-def _draw(reference: bd.Solution, first: bd.Solution, result: bd.Optimization) -> None:
+def _draw(
+    reference: bd.results.Solution, first: bd.results.Solution, result: bd.results.Optimization
+) -> None:
     """Draw the paths of both designs and the optimized heights."""
     import matplotlib
 

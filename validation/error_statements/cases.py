@@ -53,7 +53,7 @@ class ErrorCase:
     """
 
     name: str
-    model: bd.Model
+    model: bd.results.Model
     settings: dict[str, Any] = field(default_factory=dict)
     integrator: bd.Integrator = field(default_factory=bd.Auto)
     rows: int = ROWS
@@ -63,7 +63,7 @@ class ErrorCase:
         """What is too coarse, or "accurate"."""
         return self.name.partition(": ")[2].partition(",")[0]
 
-    def run(self) -> bd.Solution:
+    def run(self) -> bd.results.Solution:
         """Return the run, whose checks are evaluated when its warnings are read."""
         return self._simulate(self.settings, self.integrator, self.rows)
 
@@ -83,7 +83,9 @@ class ErrorCase:
             raise RuntimeError(f"{self.name}: {solution.status.sentence}")
         return solution.observed
 
-    def _simulate(self, settings: dict[str, Any], method: bd.Integrator, rows: int) -> bd.Solution:
+    def _simulate(
+        self, settings: dict[str, Any], method: bd.Integrator, rows: int
+    ) -> bd.results.Solution:
         t_end = self.model.t_end
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", bd.BeamdaeWarning)

@@ -34,7 +34,7 @@ class Statement(NamedTuple):
     has_warned: bool
 
 
-def read_statement(solution: bd.Solution) -> Statement:
+def read_statement(solution: bd.results.Solution) -> Statement:
     """Return what the errors and the warnings of a run state.
 
     A run that does not end is a statement as well, and so is a companion that does not.
@@ -109,7 +109,7 @@ def judge_columns(
     return Comparison(verdict, *sizes, *counts)
 
 
-def compare(case: ErrorCase, solution: bd.Solution, statement: Statement) -> Comparison:
+def compare(case: ErrorCase, solution: bd.results.Solution, statement: Statement) -> Comparison:
     """Compare the statement of a run with the true errors of its columns, see `judge_columns`.
 
     Errors are root mean squares or, in cases of coarse rows, those of the peaks.

@@ -101,7 +101,7 @@ def draw_cases(seed: int) -> Iterator[Case]:
 
 def read_values(result: Any) -> dict[str, float]:
     """Return the values of a result by header."""
-    if isinstance(result, bd.Buckling):
+    if isinstance(result, bd.results.Buckling):
         return {f"load factor of mode {k} [-]": x for k, x in enumerate(result.factors, 1)}
     values = {header: float(x[-1]) for header, x in result.columns.items()}
     points = {f"{x.kind} 1 [-]": x.factor for x in result.critical[:1]}

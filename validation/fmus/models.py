@@ -65,7 +65,9 @@ np.save(sys.argv[4], rows)
 """
 
 
-def compare(model: bd.Model, fmu: bd.ExportedFmu, folder: Path) -> tuple[float, str, float]:
+def compare(
+    model: bd.results.Model, fmu: bd.results.ExportedFmu, folder: Path
+) -> tuple[float, str, float]:
     """Return the difference between an FMU and a run, its output, and that of another run."""
     result = folder / "rows.npy"
     command = [sys.executable, "-c", _SIMULATION, fmu.path, STEP, model.t_end, result]

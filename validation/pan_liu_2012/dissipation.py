@@ -46,12 +46,12 @@ def high_pass(values: np.ndarray) -> np.ndarray:
     return sosfiltfilt(sections, values)
 
 
-def run_undamped_pendulum(integrator: object) -> bd.Solution:
+def run_undamped_pendulum(integrator: object) -> bd.results.Solution:
     """Simulate the pendulum without physical damping, released with its whole weight at once."""
     return bd.simulate(pendulum(damping=0.0), integrator, t_end=T_END, output_step=OUTPUT_STEP)
 
 
-def run_reference() -> bd.Solution:
+def run_reference() -> bd.results.Solution:
     """Simulate with a step that resolves the axial vibrations, and little dissipation."""
     return run_undamped_pendulum(
         bd.GeneralizedAlpha(step=2e-5, rho_inf=0.95, newton_tolerance=1e-11)

@@ -23,7 +23,9 @@ TIP_V = "deformation.v [m]"
 TIP_COLUMNS = [TIP_U, TIP_V]
 
 
-def run_to_end(mechanism: bd.Mechanism, t_end: float, rows: float, integrator: Any) -> bd.Solution:
+def run_to_end(
+    mechanism: bd.Mechanism, t_end: float, rows: float, integrator: Any
+) -> bd.results.Solution:
     """Return the solution of a run, or raise if it does not reach its end."""
     solution = bd.simulate(mechanism, integrator, t_end=t_end, output_step=rows)
     if not solution.status.success:

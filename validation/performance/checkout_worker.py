@@ -15,7 +15,7 @@ import beamdae as bd
 
 
 @cache
-def _assemble(model: str, parameters: str) -> tuple[bd.EquationsOfMotion, float]:
+def _assemble(model: str, parameters: str) -> tuple[bd.results.EquationsOfMotion, float]:
     function = getattr(import_module(model), model)
     return bd.equations_of_motion(function(**json.loads(parameters))), function.t_end
 

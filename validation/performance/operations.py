@@ -110,7 +110,7 @@ def solutions(work: Any) -> int:
 
 
 def time_step_operations(
-    equations: bd.EquationsOfMotion, step: float, repeats: int
+    equations: bd.results.EquationsOfMotion, step: float, repeats: int
 ) -> OperationTimers:
     """Return timers of generalized-alpha on index 3: each returns the time of one call [s]."""
     form, member = formulate_step(equations, False), bd.GeneralizedAlpha(step)
@@ -135,7 +135,7 @@ def time_step_operations(
 
 
 def time_first_order_operations(
-    equations: bd.EquationsOfMotion, rate: complex, repeats: int
+    equations: bd.results.EquationsOfMotion, rate: complex, repeats: int
 ) -> OperationTimers:
     """Return timers of Ida or, with a complex rate, of Radau's pair of linear systems."""
     form = formulate_first_order(equations, "stabilized-index1")

@@ -68,7 +68,7 @@ def measure_costs(model: Callable[[int], bd.Mechanism], size: int, turns: int) -
     return row
 
 
-def time_step(equations: bd.EquationsOfMotion, turns: int) -> float:
+def time_step(equations: bd.results.EquationsOfMotion, turns: int) -> float:
     """Return the additional time of a run per additional step [s]."""
     steps_added, smallest = count_steps(equations.n), []
     for steps in (WARM_UP_STEPS, WARM_UP_STEPS + steps_added):

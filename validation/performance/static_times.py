@@ -77,7 +77,7 @@ class PathTimes:
     total: float
     assembly: float
     stability: float
-    path: bd.Equilibrium
+    path: bd.results.Equilibrium
 
 
 @single_threaded
@@ -119,7 +119,7 @@ def time_path(mechanism: bd.Mechanism, steps: int) -> PathTimes:
     return PathTimes(total, times["assembly"], times["stability"], path)
 
 
-def loaded_point(path: bd.Equilibrium) -> np.ndarray:
+def loaded_point(path: bd.results.Equilibrium) -> np.ndarray:
     """Return the end position of the loaded point."""
     return np.array([path.columns[f"point.{axis} [m]"][-1] for axis in "xy"])
 

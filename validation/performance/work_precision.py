@@ -122,7 +122,7 @@ def run_beamdae(case: Case, mesh: tuple[int, int], integrator: bd.Integrator) ->
     return Outcome(path, integration, time.process_time() - begin)
 
 
-def tip_path(solution: bd.Solution) -> Array:
+def tip_path(solution: bd.results.Solution) -> Array:
     return solution.observed[["tip.x [m]", "tip.y [m]"]].to_numpy()
 
 
@@ -165,7 +165,7 @@ def _time_parts_once(
 
 
 @cache
-def _equations(case: Case, mesh: tuple[int, int]) -> bd.EquationsOfMotion:
+def _equations(case: Case, mesh: tuple[int, int]) -> bd.results.EquationsOfMotion:
     return bd.equations_of_motion(case.mechanism(mesh))
 
 

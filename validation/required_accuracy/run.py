@@ -55,7 +55,7 @@ CASES = (
 )
 
 
-def refine(case: ToleranceCase, accuracy: float, share: float = 1.0) -> bd.Solution:
+def refine(case: ToleranceCase, accuracy: float, share: float = 1.0) -> bd.results.Solution:
     """Refine the positions, angles and deflections of a case for a share of its duration."""
     t_end = share * duration(case)
     return bd.simulate(

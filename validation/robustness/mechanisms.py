@@ -125,7 +125,7 @@ def try_seed(name: str) -> list[MechanismRow]:
     return rows
 
 
-def _run(seed: int, integrator: bd.Integrator) -> bd.Solution | str:
+def _run(seed: int, integrator: bd.Integrator) -> bd.results.Solution | str:
     t_end = end_time(seed)
     try:
         with warnings.catch_warnings():
@@ -137,7 +137,7 @@ def _run(seed: int, integrator: bd.Integrator) -> bd.Solution | str:
         return f"{type(error).__name__}: {error}"[:_MAX_EXCEPTION_LENGTH]
 
 
-def _compute_reference(seed: int) -> tuple[bd.Solution | None, float]:
+def _compute_reference(seed: int) -> tuple[bd.results.Solution | None, float]:
     """Return a reference and its disagreement with another one; None if they differ too much."""
     limits: dict[str, Any] = {
         "max_step": end_time(seed) / _MIN_REFERENCE_STEPS,
@@ -157,7 +157,7 @@ def _compute_reference(seed: int) -> tuple[bd.Solution | None, float]:
     return None, smallest
 
 
-def describe_warnings(solution: bd.Solution) -> str:
+def describe_warnings(solution: bd.results.Solution) -> str:
     """Return the warnings of a run that concern the errors of its integration.
 
     Warnings about output rows and the validity of laws do not, and neither do errors by elements
@@ -173,7 +173,9 @@ def describe_warnings(solution: bd.Solution) -> str:
     return " ".join(sentences)
 
 
-def compare_columns(solution: bd.Solution, reference: bd.Solution) -> dict[str, float]:
+def compare_columns(
+    solution: bd.results.Solution, reference: bd.results.Solution
+) -> dict[str, float]:
     """Return the largest error of each moving position and angle relative to half its range."""
     return {
         header: error
@@ -182,7 +184,7 @@ def compare_columns(solution: bd.Solution, reference: bd.Solution) -> dict[str, 
     }
 
 
-def _compare_all(solution: bd.Solution, reference: bd.Solution) -> dict[str, float]:
+def _compare_all(solution: bd.results.Solution, reference: bd.results.Solution) -> dict[str, float]:
     rows = min(len(solution.t), len(reference.t))
     exact = {header: np.asarray(x)[:rows] for header, x in reference.columns.items()}
     half_range = {header: 0.5 * float(np.ptp(x)) for header, x in exact.items()}
@@ -199,7 +201,7 @@ def _compare_all(solution: bd.Solution, reference: bd.Solution) -> dict[str, flo
 
 
 def measure_errors(
-    solution: bd.Solution, reference: bd.Solution, disagreement: float
+    solution: bd.results.Solution, reference: bd.results.Solution, disagreement: float
 ) -> dict[str, Any]:
     """Return the fields of a row that compare a run and its error estimate with a reference."""
     errors = compare_columns(solution, reference)

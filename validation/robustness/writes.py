@@ -49,7 +49,7 @@ def shaken(stiffness=100.0):
     return mech
 
 
-def run(**settings: Any) -> bd.Solution:
+def run(**settings: Any) -> bd.results.Solution:
     """Run the arm."""
     return bd.simulate(arm(), bd.Radau(1e-4), output_step=0.01, **settings)
 

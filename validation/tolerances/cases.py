@@ -66,7 +66,7 @@ CASES = tuple(
 
 def _case(
     name: str,
-    model: bd.Model,
+    model: bd.results.Model,
     columns: tuple[str, ...],
     t_end: float,
     bound: float = UNDAMPED,
@@ -221,7 +221,7 @@ WIDE = (*CASES, *map(_add_deflections, _OTHERS))
 
 def _new_case(
     name: str,
-    model: bd.Model,
+    model: bd.results.Model,
     t_end: float,
     columns: str,
     deflections: str = "",

@@ -56,7 +56,7 @@ class ToleranceCase:
     """
 
     name: str
-    model: bd.Model
+    model: bd.results.Model
     columns: tuple[str, ...]
     parameters: dict[str, Any] = field(default_factory=dict)
     bound: float = UNDAMPED
@@ -95,7 +95,7 @@ class ToleranceCase:
             mechanism.observe(f"{name} bend", bend)
         return mechanism
 
-    def run(self, integrator: Any) -> bd.Solution:
+    def run(self, integrator: Any) -> bd.results.Solution:
         """Simulate the case with output at the times of the reference."""
         t_end = self.duration
         return bd.simulate(
@@ -103,7 +103,7 @@ class ToleranceCase:
         )
 
     def select_columns(
-        self, solution: bd.Solution, columns: tuple[str, ...] | None = None
+        self, solution: bd.results.Solution, columns: tuple[str, ...] | None = None
     ) -> np.ndarray:
         """Return observed columns, (rows, columns); defaults to the compared ones."""
         return solution.observed[list(columns or self.columns)].to_numpy()
@@ -129,7 +129,7 @@ class ToleranceCase:
 
     def errors(
         self,
-        solution: bd.Solution,
+        solution: bd.results.Solution,
         reference: np.ndarray | None = None,
         columns: tuple[str, ...] | None = None,
     ) -> np.ndarray:

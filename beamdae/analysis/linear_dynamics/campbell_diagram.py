@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq, linear_sum_assignment
+import scipy
 
 from beamdae.analysis.eigenproblems.eigensolution import DECAY
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
@@ -194,7 +194,21 @@ class Campbell(HasTable, HasPage):
         warn_of_result(self._describe_lost_modes())
 
     def plot(self, multiples: Sequence[int] | None = None) -> Plot:
-        """Plot the frequencies over the rotation speed, see `beamdae.draw_campbell`."""
+        """Plot natural frequencies and multiples of the rotation speed over the rotation speed.
+
+        Circles mark the resonances where they are equal, see `resonances`. The picture ends above
+        the first mode beyond the multiples; a note names modes of higher frequencies.
+
+        Parameters
+        ----------
+        multiples
+            Numbers of excitations per revolution (engine orders). Defaults to those of the diagram.
+
+        Raises
+        ------
+        BeamdaeError
+            If `multiples` is invalid.
+        """
         return load_views().draw_campbell(self, multiples)
 
     def page(self, path: str | Path, multiples: Sequence[int] | None = None) -> Path:
@@ -311,7 +325,9 @@ class Campbell(HasTable, HasPage):
             if values[0] * values[1] >= 0.0 or np.all(np.abs(values) <= 2.0 * _EQUAL * excitations):
                 continue
             tolerance = 2.0 * _SPEED_TOLERANCE
-            square = brentq(difference, *pair, xtol=1e-16 * max(excitations), rtol=tolerance)
+            square = scipy.optimize.brentq(
+                difference, *pair, xtol=1e-16 * max(excitations), rtol=tolerance
+            )
             # At rest, motions without stiffness have the frequency of an excitation: zero.
             if abs(difference(square)) < 2.0 * _MAX_DEVIATION * multiple**2 * abs(square):
                 yield float(np.copysign(np.sqrt(abs(square)), square))
@@ -433,7 +449,7 @@ def _follow(
     mac = start.modes.mac(after)[start.order]
     decayed, decays = (np.array(x.kinds) == DECAY for x in (start.modes, after))
     weights = np.where(decays & ~decayed[start.order, None], _DECAY_WEIGHT, 1.0)
-    rows, matches = linear_sum_assignment(-weights * mac)
+    rows, matches = scipy.optimize.linear_sum_assignment(-weights * mac)
     lost = mac[rows, matches] < _MIN_MAC
     if halvings and lost.any():
         middle = 0.5 * (start.speed + speed)

@@ -221,7 +221,7 @@ def buckling(
     Returns
     -------
     Buckling
-        Load factors and mode shapes; `draw_modes` draws them.
+        Load factors and mode shapes; `plot` draws them.
 
     Raises
     ------

@@ -132,13 +132,14 @@ def modes_command(
         files["resonances"] = out / f"{model.name}_resonances.csv"
     files |= {f"{k}": out / f"{model.name}_mode_{k}.gif" for k in animated_modes}
     require_writable(("--out", files.values()))
-    from beamdae.analysis.linear_dynamics.campbell_diagram import SPEED_MULTIPLES, campbell
     from beamdae.analysis.linear_dynamics.natural_modes import compute_modes
     from beamdae.parts.rotation import rotation
 
     mechanism = model()
     result: Any
     if len(speeds) >= _MIN_SPEEDS:
+        from beamdae.analysis.linear_dynamics.campbell_diagram import SPEED_MULTIPLES, campbell
+
         orders = multiple or SPEED_MULTIPLES
         result = campbell(mechanism, speeds, number, damping=damping, multiples=orders)
         result = replace(result, speed_unit=speed[0][1] if speed else "rad/s")

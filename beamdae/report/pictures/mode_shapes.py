@@ -106,26 +106,7 @@ def _require_drawable(name: str, modes: Any) -> Mechanism:
 
 
 def draw_modes(modes: Modes | Buckling) -> Plot:
-    """Draw up to twelve mode shapes, superimposed on the state to which they belong.
-
-    Displacements are linearized about the state of the modes and scaled to be visible.
-
-    Parameters
-    ----------
-    modes
-        Modes of a mechanism, see `beamdae.modes` and `beamdae.buckling`.
-
-    Returns
-    -------
-    Plot
-        The figure, displayed by a notebook; `Plot.save` writes it to a file.
-
-    Raises
-    ------
-    BeamdaeError
-        If `modes` is not a result of `beamdae.modes` or `beamdae.buckling`, or there are no modes
-        or no mechanism with parts that can be drawn.
-    """
+    """Draw up to twelve mode shapes; see `HasModeShapes.plot`."""
     return Plot(create_modes_figure(modes))
 
 
@@ -205,38 +186,8 @@ def animate_mode(
 
 
 def draw_campbell(diagram: Campbell, multiples: Sequence[int] | None = None) -> Plot:
-    """Plot natural frequencies and multiples of the rotational speed over the rotational speed.
-
-    Circles mark the resonances where they are equal; see `Campbell.resonances`. The picture ends
-    above the first mode beyond the multiples; a note names modes of higher frequencies.
-
-    Parameters
-    ----------
-    diagram
-        Result of `beamdae.campbell`.
-    multiples
-        Numbers of excitations per revolution (engine orders). Defaults to those of the diagram.
-
-    Returns
-    -------
-    Plot
-        The figure, displayed by a notebook; `Plot.save` writes it to a file.
-
-    Raises
-    ------
-    BeamdaeError
-        If `diagram` is not a result of `beamdae.campbell`, or `multiples` is invalid.
-    """
-    _require_campbell(diagram)
+    """Plot a Campbell diagram; see `Campbell.plot`."""
     return Plot(create_campbell_figure(diagram.with_multiples(multiples)))
-
-
-def _require_campbell(diagram: Any) -> None:
-    if not isinstance(diagram, Campbell):
-        raise BeamdaeError(
-            "draw_campbell: diagram must be a result of beamdae.campbell, "
-            f"got {short_repr(diagram)}."
-        )
 
 
 def choose_frequency_limit(diagram: Campbell) -> float:

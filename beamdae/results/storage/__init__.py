@@ -2,6 +2,6 @@
 
 May import: results, but results.solution only in `continued_runs` and inside functions; equations
 and the layers below.
-To extend: add a module for a new file format, write its files with `files.atomic_write`, read them
-with `reader`, and state the rules of its fields with `schema`.
+To extend: add a module for a new file format, state its content as a dataclass, and read and write
+it with `documents.Format` and `files.atomic_write`.
 """

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.model_hash import hash_model
-from beamdae.errors import BeamdaeError, FileContentError, short_repr
+from beamdae.errors import BeamdaeError, FileContentError, require_finite, short_repr
 from beamdae.input_files import CHECKPOINT, register_input
 from beamdae.parts.events import DIRECTIONS
 from beamdae.parts.joints.event_constraints import FrozenGap
@@ -19,47 +18,9 @@ from beamdae.read_only import read_only_data
 from beamdae.results.outcome import PILOT_RUN_SUFFIX
 from beamdae.results.provenance import state_hash
 from beamdae.results.run_data import RunData
-from beamdae.results.storage.files import require_file_path, write_text
-from beamdae.results.storage.packed_run import GAP
-from beamdae.results.storage.reader import (
-    FileKind,
-    checksum,
-    is_archive,
-    read_json,
-    require_content,
-)
-from beamdae.results.storage.schema import (
-    choice,
-    integer,
-    mapping,
-    record,
-    sequence,
-    start_value,
-    text,
-)
-
-KIND = FileKind("checkpoint", "run the model again from the start")
-_FORMAT = "beamdae checkpoint"
-_VERSION = 3
-_CHECKSUM = "checksum"
-_CONTENT = record(
-    {
-        "format": text,
-        "version": integer(),
-        _CHECKSUM: text,
-        "t": start_value,
-        "events": sequence(text),
-        "due": mapping(choice(*(name for name, sign in DIRECTIONS.items() if sign))),
-        "inactive": sequence(text),
-        "found": mapping(GAP),
-        "model": text,
-        "parameters": mapping(text),
-        "identity": text,
-        "sides": mapping(choice(-1, 0, 1)),
-        "doubt": text,
-        "states": mapping(sequence(start_value, [2])),
-    }
-)
+from beamdae.results.storage.documents import Format
+from beamdae.results.storage.files import require_file_path, write_bytes
+from beamdae.results.storage.reader import FileKind, is_archive
 
 
 @read_only_data
@@ -148,23 +109,7 @@ class Checkpoint:
             If the file cannot be written.
         """
         file = require_file_path("checkpoint", path)
-        content = {
-            "format": _FORMAT,
-            "version": _VERSION,
-            "t": self.t,
-            "events": self.events,
-            "due": self.due,
-            "inactive": self.inactive,
-            "found": {name: gap.to_record() for name, gap in self.frozen_gaps.items()},
-            "model": self.model,
-            "parameters": self.parameters,
-            "identity": self.identity,
-            "sides": self.event_signs,
-            "doubt": self.doubt,
-            "states": {name: [self.q[name], self.v[name]] for name in self.q},
-        }
-        content[_CHECKSUM] = _compute_checksum(content)
-        return write_text(file, json.dumps(content, indent=2) + "\n", CHECKPOINT)
+        return write_bytes(file, _FORMAT.write(asdict(self), indent=2), kind=CHECKPOINT)
 
     @classmethod
     def read(cls, path: str | Path) -> Checkpoint:
@@ -180,33 +125,14 @@ class Checkpoint:
             problem = "the file is a saved run, not a checkpoint"
             remedy = "load it with its model, bd.load(path, model), and start from the solution"
             raise FileContentError(path, problem, remedy)
-        content = read_json(path, KIND)
-        if not isinstance(content, dict) or content.get("format") != _FORMAT:
-            raise KIND.incomplete(path)
-        require_content(
-            path, KIND, record({"version": choice(_VERSION), _CHECKSUM: text}, others=True), content
-        )
-        if content[_CHECKSUM] != _compute_checksum(content):
-            raise KIND.error(path, "the content has changed since it was written (wrong checksum)")
-        require_content(path, KIND, _CONTENT, content)
-        states = content["states"]
+        checkpoint = _FORMAT.read(path)
+        for values in ({"t": checkpoint.t}, checkpoint.q, checkpoint.v):
+            for name, value in values.items():
+                require_finite(str(path), name, value)
+        if list(checkpoint.q) != list(checkpoint.v):
+            raise _FORMAT.kind.error(path, "q and v must have the same names")
         register_input(path, CHECKPOINT)
-        return cls(
-            t=float(content["t"]),
-            q={name: float(x[0]) for name, x in states.items()},
-            v={name: float(x[1]) for name, x in states.items()},
-            events=tuple(content["events"]),
-            due=content["due"],
-            inactive=tuple(content["inactive"]),
-            frozen_gaps={
-                name: FrozenGap.from_record(gap) for name, gap in content["found"].items()
-            },
-            model=content["model"],
-            parameters=content["parameters"],
-            identity=content["identity"],
-            event_signs=content["sides"],
-            doubt=content["doubt"],
-        )
+        return checkpoint
 
     def start_equations(self, equations: EquationsOfMotion) -> EquationsOfMotion:
         """Return the equations that start from this state, with its active parts and events.
@@ -265,6 +191,4 @@ class Checkpoint:
         return "" if is_same else "other numbers or formulas"
 
 
-def _compute_checksum(content: dict[str, Any]) -> str:
-    """Return a hash of the content without its checksum, independent of the file layout."""
-    return checksum({name: x for name, x in content.items() if name != _CHECKSUM})
+_FORMAT = Format(FileKind("checkpoint", "run the model again from the start"), 4, Checkpoint)

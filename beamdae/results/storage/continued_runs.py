@@ -5,9 +5,9 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
@@ -16,27 +16,9 @@ from beamdae.errors import BeamdaeError, is_valid_path
 from beamdae.results.outcome import REACHED_END, Kind, Status
 from beamdae.results.solution import Solution
 from beamdae.results.storage.checkpoint import Checkpoint
+from beamdae.results.storage.documents import read_json
 from beamdae.results.storage.files import unescape_cell, write_bytes, write_table
-from beamdae.results.storage.reader import (
-    FileKind,
-    read_bytes,
-    read_json,
-    require_content,
-    translate_field_errors,
-)
-from beamdae.results.storage.saved_run import RESULT
-from beamdae.results.storage.schema import (
-    FieldError,
-    anything,
-    choice,
-    flag,
-    number,
-    record,
-    require_ascending,
-    sequence,
-    text,
-    wrong_value,
-)
+from beamdae.results.storage.reader import ContentError, FileKind, read_bytes
 
 Array = np.ndarray
 
@@ -50,29 +32,29 @@ _METADATA_KIND = FileKind("metadata of a run", "run the model again")
 _TABLE_KIND = FileKind("table of a run", "run the model again")
 
 
-def _file_name(value: Any) -> None:
-    """Require the name of a file in the same folder."""
-    text(value)
-    if not value or Path(value).name != value or not is_valid_path(value):
-        raise wrong_value("the name of a file in the folder of the table", value)
+@dataclass(frozen=True)
+class _Part:
+    file: str
+
+    def __post_init__(self) -> None:
+        if not self.file or Path(self.file).name != self.file or not is_valid_path(self.file):
+            raise ValueError("it must be the name of a file in the folder of the table")
 
 
-_METADATA = record(
-    {
-        "status": choice(*get_args(Kind)),
-        "reason": text,
-        "result": RESULT,
-        "start": anything,
-        "events": sequence(record({}, {"done": flag}, others=True)),
-        "warnings": sequence(text),
-        "end": record(
-            {"state": text, **{name: number(finite=False) for name in CUMULATIVE_COLUMNS}},
-            others=True,
-        ),
-    },
-    {"parts": sequence(record({"file": _file_name}, others=True))},
-    others=True,
-)
+@dataclass(frozen=True)
+class _Metadata:
+    """Fields of the metadata of a run that are combined; others are copied."""
+
+    status: Kind
+    reason: str
+    result: dict[str, Any]
+    start: Any
+    events: list[dict[str, Any]]
+    warnings: list[str]
+    end: dict[str, float | str]
+    parts: list[_Part] = field(default_factory=list)
+
+
 # Metadata that apply to a single run and are omitted from the combined metadata.
 _OF_ONE_RUN = ("versions", "written", "errors")
 
@@ -156,8 +138,9 @@ class RunParts:
                 write_bytes(before[0].with_suffix(suffix), content)
         parts = [*before, latest]
         metadata = [_read_metadata(part) for part in parts]
-        columns = _join_columns([_read_columns(part) for part in parts], metadata)
-        joined_metadata = _join_metadata([part.name for part in parts], metadata)
+        with _METADATA_KIND.errors_of(self.table):
+            columns = _join_columns([_read_columns(part) for part in parts], metadata)
+            joined_metadata = _join_metadata([part.name for part in parts], metadata)
         table_columns = dict(columns)
         if joined_metadata["status"] != "ok":
             table_columns[_STATUS] = [joined_metadata["status"]] * len(columns[TIME])
@@ -167,16 +150,13 @@ class RunParts:
 
 
 def _read_metadata(table: Path) -> dict[str, Any]:
-    path = table.with_suffix(".json")
-    metadata = read_json(path, _METADATA_KIND)
-    require_content(path, _METADATA_KIND, _METADATA, metadata)
-    return dict(metadata)
+    return read_json(table.with_suffix(".json"), _METADATA_KIND, _Metadata)
 
 
 def _read_columns(table: Path) -> dict[str, Array]:
     """Read the numeric columns of a CSV file, by header."""
     text = read_bytes(table, _TABLE_KIND)
-    try:
+    with _TABLE_KIND.errors_of(table):
         header, *rows = csv.reader(io.StringIO(text.decode(), newline=""))
         headers = [unescape_cell(cell) for cell in header]
         columns = dict(zip(headers, zip(*rows, strict=True), strict=True))
@@ -185,13 +165,11 @@ def _read_columns(table: Path) -> dict[str, Array]:
             name: np.array([float(x) if x else np.nan for x in column])
             for name, column in columns.items()
         }
-    except (ValueError, csv.Error):
-        raise _TABLE_KIND.incomplete(table) from None
-    with translate_field_errors(table, _TABLE_KIND):
         for name in (TIME, *CUMULATIVE_COLUMNS):
             if name not in numbers or headers.count(name) > 1:
-                raise FieldError("must be a column of the table", name)
-        require_ascending(TIME, numbers[TIME])
+                raise ContentError(f"{name} must be a column of the table")
+        if not (np.diff(numbers[TIME]) > 0.0).all():
+            raise ContentError(f"{TIME} must ascend")
     return numbers
 
 

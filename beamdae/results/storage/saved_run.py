@@ -2,61 +2,31 @@
 
 from __future__ import annotations
 
-import json
-import os
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError, MissingModelError
 from beamdae.input_files import register_input
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives, require_derivatives
-from beamdae.results.energy_balance import Quality
 from beamdae.results.outcome import Statistics, Status
-from beamdae.results.run_data import coordinate_headers
-from beamdae.results.solution import Solution
+from beamdae.results.solution import Solution, unpack_solution
+from beamdae.results.storage.documents import Format, require_shapes
 from beamdae.results.storage.files import atomic_write, require_file_path, write_result
 from beamdae.results.storage.packed_run import (
-    PLAIN,
     PackedRun,
-    array_rules,
+    PlainRun,
     pack_run,
+    plain_values,
     require_consistent,
     unpack_derivatives,
-    unpack_trajectory,
 )
-from beamdae.results.storage.reader import (
-    MAX_ARCHIVE_BYTES,
-    Archive,
-    FileKind,
-    checksum,
-    is_compression_allowed,
-    open_archive,
-    parse_json,
-    require_json_limits,
-    translate_field_errors,
-)
-from beamdae.results.storage.schema import (
-    ArrayRule,
-    FieldError,
-    anything,
-    choice,
-    column_name,
-    flag,
-    integer,
-    mapping,
-    number,
-    record,
-    require_equal,
-    sequence,
-    text,
-)
+from beamdae.results.storage.reader import FileKind
 from beamdae.results.time_series import TimeSeries
 
 if TYPE_CHECKING:
@@ -64,53 +34,34 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-KIND = FileKind("saved run", "simulate and save the run again")
-_FORMAT = "beamdae run"
-_VERSION = 2
-_READABLE_VERSIONS = (1, 2)
-_CHECKSUM = "checksum"
-# Names of arrays in the archive. `_CONTENT` is JSON and contains the headers of the other two.
-_CONTENT = "told"
-_TABLE = "table"
-_COORDINATES = "coordinates"
-# Largest difference between the coordinates and the states at the output times, relative to the
-# largest value of a coordinate. Other versions may interpolate differently between the steps.
-_MAX_DEVIATION = 1e-3
+_TABLE, _COORDINATES = "table", "coordinates"  # arrays with one row per column
 
-# Rule for `RunData.summary`.
-RESULT = record(
-    {
-        "success": flag,
-        "status": text,
-        "reason": text,
-        "last_time": number(),
-        **{f.name: number(0.0) for f in fields(Statistics)},
-        **{f.name: number(finite=False) for f in fields(Quality)},
-    }
-)
-_METADATA = record(
-    {
-        "status": text,
-        "reason": text,
-        "result": RESULT,
-        "warnings": sequence(text),
-        "versions": mapping(text),
-    },
-    others=True,
-)
-_CONTENT_RULE = record(
-    {
-        "format": text,
-        "version": integer(),
-        "label": text,
-        "identity": text,
-        "plain": PLAIN,
-        _TABLE: sequence(column_name),
-        _COORDINATES: sequence(column_name),
-        "beside": _METADATA,
-        _CHECKSUM: text,
-    }
-)
+
+@dataclass(frozen=True)
+class SavedContent:
+    """Content of a saved run beside its arrays.
+
+    Attributes
+    ----------
+    label, identity
+        Short name of the integrator, and the hash of the equations, see `hash_model`.
+    run
+        Data of the run.
+    table, coordinates
+        Headers of the tables.
+    metadata
+        Metadata of the run, see `Solution.metadata`.
+    """
+
+    label: str
+    identity: str
+    run: PlainRun
+    table: list[str]
+    coordinates: list[str]
+    metadata: dict[str, Any]
+
+
+_FORMAT = Format(FileKind("saved run", "simulate and save the run again"), 3, SavedContent)
 
 
 @read_only_data
@@ -234,154 +185,56 @@ def save_run(run: Solution, path: str | Path) -> Path:
     Raises
     ------
     BeamdaeError
-        If the file cannot be written, or the run exceeds the size limits of a file.
+        If the file cannot be written.
     """
     file = require_file_path("save", path)
     packed, table = pack_run(run), run.all_columns()
     coordinates = run.coordinate_columns()
-    arrays: dict[str, Any] = {
+    arrays = {
         **packed.arrays,
         _TABLE: np.stack(list(table.values())),
         _COORDINATES: np.stack(list(coordinates.values())),
     }
     content = {
-        "format": _FORMAT,
-        "version": _VERSION,
         "label": run.label,
         "identity": hash_model(run.equations),
-        "plain": packed.plain,
-        _TABLE: list(table),
-        _COORDINATES: list(coordinates),
-        "beside": run.metadata(),
+        "run": plain_values(packed),
+        "table": list(table),
+        "coordinates": list(coordinates),
+        "metadata": run.metadata(),
     }
-    raw = json.dumps({**content, _CHECKSUM: checksum(content, arrays)}).encode()
-    require_json_limits(file, KIND, raw)
-    arrays[_CONTENT] = np.frombuffer(raw, np.uint8)
     with atomic_write(file) as scratch, open(scratch, "wb") as stream:
-        np.savez_compressed(stream, **arrays)
-        stream.flush()
-        size = os.fstat(stream.fileno()).st_size
-        if not is_compression_allowed(sum(x.nbytes for x in arrays.values()), size):
-            # Constant arrays, which `read_saved_run` accepts only if they are not compressed.
-            stream.seek(0)
-            np.savez(stream, **arrays)
-            stream.truncate()
-            size = os.fstat(stream.fileno()).st_size
-        if size > MAX_ARCHIVE_BYTES:
-            raise BeamdaeError(
-                f"{file}: the run needs {size} bytes, but a saved run has at most "
-                f"{MAX_ARCHIVE_BYTES}; save fewer rows with solution.at_times(times).save(path)."
-            )
+        _FORMAT.write_archive(stream, content, arrays)
     return file
 
 
-def read_saved_run(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Read the arrays and the JSON content of a file written by `save_run`.
+def load_saved_run(path: Any, equations: EquationsOfMotion | None) -> SavedRun | Solution:
+    """Return the tables of a run, or the run if its equations are given.
 
     Raises
     ------
     BeamdaeError
-        If the file cannot be read, is not a complete saved run of a supported version, or a field
-        has a type, shape or value that `save_run` does not write.
+        If the file cannot be read, is not a complete saved run of this version, or contains a run
+        of other equations.
     """
+    file = require_file_path("load", path)
     register_input(file)
-    with open_archive(file, KIND) as archive:
-        content = _read_content(archive)
-        plain = content["plain"]
-        rules = array_rules(plain) | {
-            _TABLE: ArrayRule((len(content[_TABLE]), "rows"), finite=False),
-            _COORDINATES: ArrayRule((len(content[_COORDINATES]), "rows")),
-            _CONTENT: ArrayRule(("bytes",), "u"),
-        }
-        arrays = archive.read_arrays(rules)
-    del arrays[_CONTENT]
-    expected = content.pop(_CHECKSUM)
-    if content["version"] > 1 and expected != checksum(content, arrays):
-        raise KIND.error(file, "the content has changed since it was written (wrong checksum)")
-    with translate_field_errors(file, KIND), np.errstate(all="ignore"):
-        require_consistent(PackedRun(arrays, plain))
-        _require_consistent_tables(arrays, content)
-    return arrays, content
-
-
-def _read_content(archive: Archive) -> dict[str, Any]:
-    """Return the JSON content of a saved run, in the current format except for its version."""
-    file = archive.path
-    if _CONTENT not in archive.headers or archive.headers[_CONTENT].dtype != np.uint8:
-        raise KIND.incomplete(file)
-    content = parse_json(file, KIND, archive.read_array(_CONTENT).tobytes())
-    if not isinstance(content, dict) or content.get("format") != _FORMAT:
-        raise KIND.incomplete(file)
-    with translate_field_errors(file, KIND):
-        record({"version": choice(*_READABLE_VERSIONS)}, others=True)(content)
-        if content["version"] == 1:
-            # This version has no checksum, and the package versions only in the metadata.
-            record({"plain": mapping(anything), "beside": _METADATA}, others=True)(content)
-            content["plain"]["versions"] = content["beside"]["versions"]
-            content[_CHECKSUM] = ""
-        _CONTENT_RULE(content)
-    return content
-
-
-def _require_consistent_tables(arrays: dict[str, Array], content: dict[str, Any]) -> None:
-    """Raise FieldError unless tables and metadata agree with the data of the run."""
-    plain, metadata, t = content["plain"], content["beside"], arrays["t"]
-    for name in (_TABLE, _COORDINATES):
-        headers = content[name]
-        if len(set(headers)) < len(headers) or headers[:1] != [TIME]:
-            raise FieldError(f"must be different headers that begin with {TIME!r}", name)
-        if not np.array_equal(arrays[name][0], t):
-            raise FieldError(f"must begin with the times of t, the column {TIME!r}", name)
-    missing = next((x for x in LEDGER_COLUMNS if x not in content[_TABLE]), None)
-    if missing is not None:
-        raise FieldError(f"must contain the column {missing!r}", _TABLE)
-    n, m = len(arrays["q0"]), arrays["lam"].shape[1]
-    columns = len(content[_COORDINATES])
-    require_equal(_COORDINATES, columns, "1 + 2 n + m", 1 + 2 * n + m)
-    result, status = metadata["result"], plain["status"]
-    for name, value in (("status", status["kind"]), ("reason", status["sentence"])):
-        require_equal(f"beside.{name}", metadata[name], f"plain.status {name}", value)
-        require_equal(f"beside.result.{name}", result[name], f"plain.status {name}", value)
-    require_equal("beside.result.success", result["success"], "status ok", status["kind"] == "ok")
-    for name, value in plain["statistics"].items():
-        require_equal(f"beside.result.{name}", result[name], f"plain.statistics.{name}", value)
-    end = float(arrays["nodes"][-1])
-    require_equal("beside.result.last_time", result["last_time"], "the last of nodes", end)
-    packed = PackedRun(arrays, plain)
-    _, state = unpack_trajectory(packed).at(t)
-    motion, saved = np.hstack([state.q, state.v]), arrays[_COORDINATES][1 : 2 * n + 1].T
-    scale = np.max(np.abs(motion), axis=0, initial=0.0)
-    if not (np.abs(saved - motion) <= _MAX_DEVIATION * scale).all():
-        raise FieldError(
-            "must be the coordinates and velocities of the states q and v", _COORDINATES
-        )
-
-
-def packed_run_from_arrays(
-    equations: EquationsOfMotion, arrays: dict[str, Array], content: dict[str, Any]
-) -> PackedRun:
-    """Return the packed run of the result of `read_saved_run`.
-
-    Raises
-    ------
-    FieldError
-        If the coordinates differ from the coordinates of the equations.
-    """
-    headers = coordinate_headers(equations)
-    require_equal(_COORDINATES, content[_COORDINATES], "the coordinates of the model", headers)
-    return PackedRun(arrays, content["plain"])
-
-
-def saved_run_from_arrays(
-    file: Path, arrays: dict[str, Array], content: dict[str, Any]
-) -> SavedRun:
-    """Create a `SavedRun` from the result of `read_saved_run`."""
-    plain = content["plain"]
-    return SavedRun(
-        Status(**plain["status"]),
-        Statistics(**plain["statistics"]),
-        {**content["beside"], "label": content["label"], "file": file.name},
-        dict(zip(content[_TABLE], arrays[_TABLE], strict=True)),
-        dict(zip(content[_COORDINATES], arrays[_COORDINATES], strict=True)),
-        unpack_derivatives(PackedRun(arrays, plain)),
-    )
+    content, arrays = _FORMAT.read_archive(file)
+    packed = PackedRun(arrays, content.run)
+    with _FORMAT.kind.errors_of(file):
+        require_consistent(packed)
+        names = {_TABLE: "headers rows", "t": "rows"}
+        require_shapes(arrays, names | {_COORDINATES: "coordinates rows"})
+        columns = dict(zip(content.table, arrays[_TABLE], strict=True))
+        states = dict(zip(content.coordinates, arrays[_COORDINATES], strict=True))
+        if equations is None:
+            metadata = {**content.metadata, "label": content.label, "file": file.name}
+            derivatives = unpack_derivatives(packed)
+            run = content.run
+            return SavedRun(run.status, run.statistics, metadata, columns, states, derivatives)
+        if hash_model(equations) != content.identity:
+            raise BeamdaeError(
+                f"{file}: the file contains a run of a model with other parts or values; "
+                "pass the model of this run, or omit the model to load only the tables."
+            )
+        return unpack_solution(equations, packed)

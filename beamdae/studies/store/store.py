@@ -3,41 +3,26 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from operator import methodcaller
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 from beamdae.errors import BeamdaeError, FileContentError
-from beamdae.results.outcome import Status
+from beamdae.results.storage.documents import Format
 from beamdae.results.storage.files import atomic_write, remove_stale_scratch_files, write_bytes
-from beamdae.results.storage.reader import (
-    FileKind,
-    checksum,
-    open_regular_file,
-    read_bytes,
-    read_json,
-    require_content,
-    translate_field_errors,
-)
-from beamdae.results.storage.schema import anything, choice, record, text
+from beamdae.results.storage.reader import FileKind, open_regular_file, read_bytes
 from beamdae.studies.store.file_reads import changed_files
-from beamdae.studies.store.record_rules import check_outcome, parse_rows
+from beamdae.studies.store.record_rules import Record, parse_rows
 from beamdae.studies.store.trajectory_csv import format_trajectory
 from beamdae.studies.tasks import Outcome, Task, shared_measures, shared_table, trajectory_columns
 
-_FORMAT = 3
-_TO_NUMBER = methodcaller("item")  # Python number of a NumPy scalar
-_KIND = FileKind("record", "run the case again")
+_FORMAT = Format(FileKind("record", "run the case again"), 4, Record)
 _TRAJECTORY = FileKind("trajectory", "run the case again")
-_RECORD = record({"format": choice(_FORMAT), "sha256": text, "outcome": anything})
 
 
 @dataclass(frozen=True)
@@ -97,9 +82,7 @@ class Store:
             "limits": asdict(task.limits),
             "repetitions": task.repetitions,
         }
-        record = {"format": _FORMAT, "sha256": _compute_checksum(content), "outcome": content}
-        json_text = json.dumps(record, default=_TO_NUMBER)
-        write_bytes(self.record_path(task), f"{json_text}\n".encode(), durable=False)
+        write_bytes(self.record_path(task), _FORMAT.write(content), durable=False)
         file = outcome.file if rows is None else self.trajectory_path(task).name
         return replace(outcome, file=file, text=b"")
 
@@ -130,20 +113,20 @@ class Store:
                     f"{path}: the path must be a file, but is a folder; remove the folder."
                 )
         try:
-            content = _load_content(record)
+            content = _FORMAT.read(record) if os.path.lexists(record) else None
             if content is None or not _is_usable(task, content):
                 return None, ""
-            rows = None if content["rows"] is None else _read_rows(rows_path, link, content)
+            rows = None if content.rows is None else _read_rows(rows_path, link, content)
         except FileContentError as problem:
             return None, f"{problem.path.name}: {problem.problem}"
         outcome = Outcome(
-            Status(**content["status"]),
-            content["values"],
+            content.status,
+            content.values,
             rows,
-            content["frames"],
-            content["read"],
+            content.frames,
+            content.read,
             "" if rows is None else link.name,
-            _measures={} if rows is None else content["rows"].get("measures"),
+            _measures={} if content.rows is None else content.rows.measures,
         )
         return outcome, ""
 
@@ -153,29 +136,18 @@ class Store:
             remove_stale_scratch_files(folder)
 
 
-def _load_content(path: Path) -> dict[str, Any] | None:
-    if not os.path.lexists(path):
-        return None
-    stored = read_json(path, _KIND)
-    require_content(path, _KIND, _RECORD, stored)
-    content = stored["outcome"]
-    if stored["sha256"] != _compute_checksum(content):
-        raise _KIND.error(path, "the content has changed since it was written")
-    require_content(path, _KIND, check_outcome, content)
-    return dict(content)
-
-
-def _read_rows(path: Path, link: Path, content: dict[str, Any]) -> Callable[[], pd.DataFrame]:
+def _read_rows(path: Path, link: Path, record: Record) -> Callable[[], pd.DataFrame]:
     """Check that the trajectory at `path` is unchanged, and restore its readable name, `link`.
 
     Return a function that parses the text, because most tables of large studies are not used, and
     the file may change later.
     """
+    assert record.rows is not None
     csv_text = read_bytes(path, _TRAJECTORY)
-    if hashlib.sha256(csv_text).hexdigest() != content["rows"]["sha256"]:
+    if hashlib.sha256(csv_text).hexdigest() != record.rows.sha256:
         raise _TRAJECTORY.error(path, "the trajectory has changed since it was written")
     _link_trajectory(path, link, csv_text)
-    return partial(_parse_rows, path, csv_text, content)
+    return partial(_parse_rows, path, csv_text, record)
 
 
 def _format_rows(outcome: Outcome) -> bytes:
@@ -204,20 +176,14 @@ def _link_trajectory(source: Path, path: Path, text: bytes) -> None:
             scratch.write_bytes(text)
 
 
-def _parse_rows(path: Path, csv_text: bytes, content: dict[str, Any]) -> pd.DataFrame:
-    with translate_field_errors(path, _TRAJECTORY):
-        return parse_rows(csv_text, content)
+def _parse_rows(path: Path, csv_text: bytes, record: Record) -> pd.DataFrame:
+    with _TRAJECTORY.errors_of(path):
+        return parse_rows(csv_text, record)
 
 
-def _is_usable(task: Task, content: dict[str, Any]) -> bool:
-    if changed_files(content["read"], task.case.model.home):
+def _is_usable(task: Task, record: Record) -> bool:
+    if changed_files(record.read, task.case.model.home):
         return False
-    if content["status"]["kind"] != "ok":
-        return bool(content["limits"] == asdict(task.limits))
-    if content["repetitions"] < task.repetitions:
-        return False
-    return not task.frames or content["frames"] is not None
-
-
-def _compute_checksum(content: Any) -> str:
-    return checksum(content, sort_keys=True, separators=(",", ":"), default=_TO_NUMBER)
+    if not record.status.success:
+        return record.limits == task.limits
+    return record.repetitions >= task.repetitions and not (task.frames and record.frames is None)

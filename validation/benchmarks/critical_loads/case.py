@@ -121,7 +121,7 @@ class CriticalLoadCase:
         strain = "exact" if formulation in EXACT_STRAINS else "green"
         return _cached_reference(self, slenderness, strain)
 
-    def solve(self, slenderness: float, elements: int, formulation: str) -> bd.Equilibrium:
+    def solve(self, slenderness: float, elements: int, formulation: str) -> bd.results.Equilibrium:
         """Return the path computed by beamdae."""
         mech = self.build(slenderness, elements, FORMULATIONS[formulation])
         with warnings.catch_warnings():

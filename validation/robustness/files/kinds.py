@@ -58,7 +58,7 @@ def caught(gravity: float = 9.81) -> bd.Mechanism:
 
 
 @cache
-def _solution() -> bd.Solution:
+def _solution() -> bd.results.Solution:
     return bd.simulate(caught, _METHOD, output_step=0.02)
 
 
@@ -321,7 +321,7 @@ def use_record(path: Path) -> None:
 
 
 @cache
-def _parts_folder() -> tuple[Path, Checkpoint, bd.Solution]:
+def _parts_folder() -> tuple[Path, Checkpoint, bd.results.Solution]:
     folder = Path(mkdtemp())
     _solution().to_csv(folder / "run.csv")
     checkpoint = Checkpoint.of(_solution())

@@ -38,7 +38,7 @@ def _pushed_bar(sandbox: Sandbox) -> bd.Mechanism:
     return sandbox.mech
 
 
-def _pushed_bar_angle(sandbox: Sandbox) -> bd.LinearModel:
+def _pushed_bar_angle(sandbox: Sandbox) -> bd.results.LinearModel:
     return bd.linearize(_pushed_bar(sandbox), "equilibrium", outputs=["knee.x"])
 
 
@@ -151,7 +151,7 @@ def _shaken_bar(sandbox: Sandbox) -> bd.Mechanism:
     return mech
 
 
-def _shaken_model(sandbox: Sandbox) -> bd.Model:
+def _shaken_model(sandbox: Sandbox) -> bd.results.Model:
     """Return a model of an excited oscillator with the frequency as parameter."""
 
     @bd.model(t_end=_PERIOD)
@@ -247,7 +247,7 @@ def _column() -> bd.Mechanism:
     return mech
 
 
-def _truss() -> bd.Model:
+def _truss() -> bd.results.Model:
     """Return a model of a truss that snaps through, with the rise as parameter."""
 
     @bd.model(t_end=T_END)
@@ -355,7 +355,7 @@ STATIC_CALLS: dict[str, WorkingCall] = {
 }
 
 
-def _section_forces(sandbox: Sandbox, **arguments: Any) -> bd.SectionForces:
+def _section_forces(sandbox: Sandbox, **arguments: Any) -> bd.results.SectionForces:
     """Return section forces of a falling beam."""
     beam = sandbox.beam
     solution = sandbox.run()
@@ -369,7 +369,7 @@ def _cantilever(sandbox: Sandbox) -> bd.Mechanism:
     return sandbox.mech
 
 
-def _loaded_cantilever(sandbox: Sandbox) -> bd.Equilibrium:
+def _loaded_cantilever(sandbox: Sandbox) -> bd.results.Equilibrium:
     """Return the equilibrium of a clamped beam under its weight."""
     return bd.equilibrium(_cantilever(sandbox), loads=["gravity"], step=1.0)
 
@@ -432,15 +432,15 @@ def _refine_arguments(sandbox: Sandbox) -> dict[str, Any]:
 _SENSITIVITY_METHOD = bd.GeneralizedAlpha(OUTPUT_STEP, time_limit=RUN_TIME_LIMIT)
 
 
-def _sensitivities(sandbox: Sandbox) -> bd.Sensitivities:
+def _sensitivities(sandbox: Sandbox) -> bd.results.Sensitivities:
     return bd.sensitivities(sandbox.swing, "mass", _SENSITIVITY_METHOD, output_step=OUTPUT_STEP)
 
 
-def _equilibrium_sensitivities(sandbox: Sandbox) -> bd.EquilibriumSensitivities:
+def _equilibrium_sensitivities(sandbox: Sandbox) -> bd.results.EquilibriumSensitivities:
     return bd.equilibrium_sensitivities(sandbox.swing, "mass")
 
 
-def _mode_sensitivities(sandbox: Sandbox) -> bd.ModeSensitivities:
+def _mode_sensitivities(sandbox: Sandbox) -> bd.results.ModeSensitivities:
     return bd.mode_sensitivities(sandbox.swing, "mass", "equilibrium")
 
 
@@ -456,11 +456,11 @@ def _shaken(stiffness=100.0, damping=50.0):
     return mech
 
 
-def _periodic_sensitivities() -> bd.PeriodicSensitivities:
+def _periodic_sensitivities() -> bd.results.PeriodicSensitivities:
     return bd.periodic_sensitivities(_shaken, "stiffness", 0.1, bd.Radau(1e-6), settle=1)
 
 
-def _optimization(sandbox: Sandbox) -> bd.Optimization:
+def _optimization(sandbox: Sandbox) -> bd.results.Optimization:
     return bd.optimize(
         sandbox.swing, bd.Mass(), "mass", (), {"mass": (0.5, 2.0)}, max_evaluations=2
     )
@@ -469,14 +469,14 @@ def _optimization(sandbox: Sandbox) -> bd.Optimization:
 _FIT_DATA = {"t [s]": [0.001, 0.002, 0.004, 0.01], "bob.y": [0.5, 0.4999, 0.4995, 0.499]}
 
 
-def _fit(sandbox: Sandbox) -> bd.Fit:
+def _fit(sandbox: Sandbox) -> bd.results.Fit:
     return bd.fit(
         sandbox.swing, _FIT_DATA, "mass", _SENSITIVITY_METHOD, sigma=1e-3, max_evaluations=1
     )
 
 
-def _fit_from_several_starts(sandbox: Sandbox, folder: Any, **options: Any) -> bd.Fit:
-    results: list[bd.Fit] = []
+def _fit_from_several_starts(sandbox: Sandbox, folder: Any, **options: Any) -> bd.results.Fit:
+    results: list[bd.results.Fit] = []
 
     def write(path: Any) -> None:
         method = _SENSITIVITY_METHOD

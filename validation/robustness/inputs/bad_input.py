@@ -99,7 +99,7 @@ def _assess_result(result: Any) -> TrialOutcome:
     """Return the outcome of a result: that of a solution by its status, warnings and columns."""
     if isinstance(result, TrialOutcome):
         return result
-    if not isinstance(result, bd.Solution):
+    if not isinstance(result, bd.results.Solution):
         return TrialOutcome("ran")
     result.summary(), result.coordinates(), result.drift
     if not result.status.success:

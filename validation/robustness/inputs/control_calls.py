@@ -15,18 +15,18 @@ from robustness.inputs.sandbox import (
 )
 
 
-def _sense(sandbox: Sandbox, name: str = "tilt", column: str = "angle") -> bd.Sensor:
+def _sense(sandbox: Sandbox, name: str = "tilt", column: str = "angle") -> bd.results.Sensor:
     return sandbox.mech.sensor(name, sandbox.bar.at(*KNEE), column)
 
 
-def _drive(sandbox: Sandbox) -> bd.Input:
+def _drive(sandbox: Sandbox) -> bd.results.Input:
     """Return an input that is the moment on the bar."""
     drive = sandbox.mech.input("drive", 0.5, "N m")
     sandbox.mech.add(bd.Moment("torque", sandbox.bar.at(*KNEE), drive))
     return drive
 
 
-def _control(sample: bd.Sample) -> float:
+def _control(sample: bd.results.Sample) -> float:
     sample.state[0] += sample.reads[0]
     return -0.1 * sample.state[0] + 1e-3 * sample.random.normal()
 
@@ -44,28 +44,28 @@ def _controller_arguments(sandbox: Sandbox) -> dict[str, Any]:
     }
 
 
-def _run_with_answer(sandbox: Sandbox, answer: Any) -> bd.Solution:
+def _run_with_answer(sandbox: Sandbox, answer: Any) -> bd.results.Solution:
     """Simulate with a controller whose law returns this."""
     drive = _drive(sandbox)
     return run_with_part(sandbox, bd.Controller("pilot", 0.002, [], drive, lambda sample: answer))
 
 
-def _run_with_kept(sandbox: Sandbox, state: Any) -> bd.Solution:
+def _run_with_kept(sandbox: Sandbox, state: Any) -> bd.results.Solution:
     """Simulate with a controller whose law replaces its discrete state by this."""
 
-    def keep(sample: bd.Sample) -> float:
+    def keep(sample: bd.results.Sample) -> float:
         sample.state = state
         return 0.0
 
     return run_with_part(sandbox, bd.Controller("pilot", 0.002, [], _drive(sandbox), keep, [0.0]))
 
 
-def _follow(sandbox: Sandbox, rate: Any) -> bd.Solution:
+def _follow(sandbox: Sandbox, rate: Any) -> bd.results.Solution:
     sandbox.mech.state("lag").follows(rate)
     return sandbox.run()
 
 
-def _simulate_inputs(sandbox: Sandbox, inputs: Any) -> bd.Solution:
+def _simulate_inputs(sandbox: Sandbox, inputs: Any) -> bd.results.Solution:
     return sandbox.run(inputs=inputs)
 
 
@@ -74,7 +74,7 @@ def _input_values(sandbox: Sandbox) -> dict[str, Any]:
     return {"inputs": {"drive": 1.0}}
 
 
-def _simulate_value(sandbox: Sandbox, value: Any) -> bd.Solution:
+def _simulate_value(sandbox: Sandbox, value: Any) -> bd.results.Solution:
     _drive(sandbox)
     return sandbox.run(inputs={"drive": value})
 

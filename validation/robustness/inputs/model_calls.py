@@ -55,18 +55,18 @@ def _attachment_members(sandbox: Sandbox) -> dict[str, Any]:
     return {name: getattr(at, name) for name in names}
 
 
-def _run_with_pin_at(sandbox: Sandbox, place: Any) -> bd.Solution:
+def _run_with_pin_at(sandbox: Sandbox, place: Any) -> bd.results.Solution:
     post = sandbox.mech.add(bd.RigidBody("post", 1.0, 0.1, (4.0, 0.0)))
     return run_with_part(sandbox, bd.Revolute("pin", place, post.at(3.0, 0.0)))
 
 
-def _run_with_falling_body(sandbox: Sandbox, mech: bd.Mechanism) -> bd.Solution:
+def _run_with_falling_body(sandbox: Sandbox, mech: bd.Mechanism) -> bd.results.Solution:
     bob = mech.add(bd.RigidBody("bob", 1.0, 0.1))
     mech.observe("place", bob.at(0.0, 0.0))
     return sandbox.run(mech)
 
 
-def _run_with_observable_named(sandbox: Sandbox, name: str, what: Any) -> bd.Solution:
+def _run_with_observable_named(sandbox: Sandbox, name: str, what: Any) -> bd.results.Solution:
     sandbox.mech.observe(name, what)
     return sandbox.run()
 
@@ -222,7 +222,7 @@ MECHANISM_CALLS: dict[str, WorkingCall] = {
 }
 
 
-def evaluate_objective(sandbox: Sandbox, objective: bd.Objective) -> list[float]:
+def evaluate_objective(sandbox: Sandbox, objective: bd.results.Objective) -> list[float]:
     """Return the values of the terms of an objective for a column that increases with time."""
     values, t = [], np.linspace(0.0, 1.0, 11)
     grid = SampleGrid(t, np.full(len(t), 1.0 / len(t)), 0.0, 1.0)

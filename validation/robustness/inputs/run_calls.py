@@ -28,25 +28,25 @@ def _function_returning(values: Any) -> Any:
     return few
 
 
-def _run_decorated_sweep(sandbox: Sandbox, over: Any) -> bd.SweepResults:
+def _run_decorated_sweep(sandbox: Sandbox, over: Any) -> bd.results.SweepResults:
     return bd.sweep(sandbox.swing, integrator=sandbox.integrator, t_end=T_END)(
         _function_returning(over)
     )()
 
 
-def _run_sweep(sandbox: Sandbox) -> bd.SweepResults:
+def _run_sweep(sandbox: Sandbox) -> bd.results.SweepResults:
     return bd.sweep(sandbox.swing, {"mass": [1.0, 2.0]}, integrator=sandbox.integrator, t_end=T_END)
 
 
-def _sweep_into_folder(sandbox: Sandbox, folder: Any, **arguments: Any) -> bd.SweepResults:
-    results: list[bd.SweepResults] = []
+def _sweep_into_folder(sandbox: Sandbox, folder: Any, **arguments: Any) -> bd.results.SweepResults:
+    results: list[bd.results.SweepResults] = []
     write_two_folders_down(
         sandbox, lambda path: results.append(bd.sweep(**arguments, folder=path)), folder
     )
     return results[0]
 
 
-def _get_table(sandbox: Sandbox, result: bd.SweepResults) -> Any:
+def _get_table(sandbox: Sandbox, result: bd.results.SweepResults) -> Any:
     return result.table
 
 
@@ -230,11 +230,11 @@ def _compare_arguments(sandbox: Sandbox) -> dict[str, Any]:
     }
 
 
-def _run_model(sandbox: Sandbox, model: Any) -> bd.Solution:
+def _run_model(sandbox: Sandbox, model: Any) -> bd.results.Solution:
     return sandbox.run(model)
 
 
-def _model_returning(mechanism: Any) -> bd.Model:
+def _model_returning(mechanism: Any) -> bd.results.Model:
     def swing() -> Any:
         return mechanism
 
@@ -248,12 +248,12 @@ def _study_listing(cases: Any) -> bd.Study:
     return bd.study(output_step=OUTPUT_STEP)(few)
 
 
-def _load_written_model(sandbox: Sandbox, path: Any, name: Any) -> bd.Model:
+def _load_written_model(sandbox: Sandbox, path: Any, name: Any) -> bd.results.Model:
     sandbox.write_model()
     return bd.load_model(path, name)
 
 
-def _close_view(box: Sandbox, live: bd.LiveView) -> str:
+def _close_view(box: Sandbox, live: bd.results.LiveView) -> str:
     live.close()
     return live.url
 
@@ -280,7 +280,9 @@ MODEL_CALLS: dict[str, WorkingCall] = {
     "model defaults": WorkingCall(
         lambda box: {"mass": 1.0, "spin": 1, "name": "bob", "at": (1.0, 0.0)},
         _run_model,
-        lambda box, **defaults: bd.Model(box.swing.build, T_END, {"stiff": True, **defaults}),
+        lambda box, **defaults: bd.results.Model(
+            box.swing.build, T_END, {"stiff": True, **defaults}
+        ),
     ),
     "model returning": WorkingCall(
         lambda box: {"mechanism": box.mech},

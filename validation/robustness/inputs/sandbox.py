@@ -91,18 +91,18 @@ class Sandbox(SampleMechanism):
         self.mech.observe("end", beam.end)
         return beam
 
-    def run(self, model: Any = None, **settings: Any) -> bd.Solution:
+    def run(self, model: Any = None, **settings: Any) -> bd.results.Solution:
         """Simulate a few steps of a model, by default of the mechanism."""
         options = {"t_end": T_END, "output_step": OUTPUT_STEP} | settings
         return bd.simulate(self.mech if model is None else model, self.integrator, **options)
 
     @property
-    def solution(self) -> bd.Solution:
+    def solution(self) -> bd.results.Solution:
         """Solution of the mechanism."""
         return self.run()
 
     @property
-    def swing(self) -> bd.Model:
+    def swing(self) -> bd.results.Model:
         """Model with parameters of each type, which it passes on unchecked."""
 
         @bd.model(t_end=T_END)
@@ -184,41 +184,41 @@ def return_result(sandbox: Sandbox, result: Any) -> Any:
     return result
 
 
-def run_with_part(sandbox: Sandbox, part: Any) -> bd.Solution:
+def run_with_part(sandbox: Sandbox, part: Any) -> bd.results.Solution:
     """Simulate with the part added."""
     sandbox.mech.add(part)
     return sandbox.run()
 
 
-def run_with_law(sandbox: Sandbox, law: Any) -> bd.Solution:
+def run_with_law(sandbox: Sandbox, law: Any) -> bd.results.Solution:
     """Simulate with a moment that follows the law."""
     return run_with_part(sandbox, bd.Moment("torque", sandbox.bar.at(*KNEE), law))
 
 
-def run_with_curve(sandbox: Sandbox, curve: Any) -> bd.Solution:
+def run_with_curve(sandbox: Sandbox, curve: Any) -> bd.results.Solution:
     """Simulate with a beam along the curve."""
     sandbox.falling(curve=curve)
     return sandbox.run()
 
 
-def run_with_section(sandbox: Sandbox, section: Any) -> bd.Solution:
+def run_with_section(sandbox: Sandbox, section: Any) -> bd.results.Solution:
     """Simulate with a beam of the section."""
     sandbox.falling(section=section)
     return sandbox.run()
 
 
-def run_with_observable(sandbox: Sandbox, quantity: Any) -> bd.Solution:
+def run_with_observable(sandbox: Sandbox, quantity: Any) -> bd.results.Solution:
     """Simulate with the quantity observed."""
     sandbox.mech.observe("watched", quantity)
     return sandbox.run()
 
 
-def run_with_mass_at(sandbox: Sandbox, attachment: Any) -> bd.Solution:
+def run_with_mass_at(sandbox: Sandbox, attachment: Any) -> bd.results.Solution:
     """Simulate with a point mass on the attachment."""
     return run_with_part(sandbox, bd.PointMass("mass", 0.1, on=attachment))
 
 
-def run_with_integrator(sandbox: Sandbox, integrator: Any) -> bd.Solution:
+def run_with_integrator(sandbox: Sandbox, integrator: Any) -> bd.results.Solution:
     """Simulate with the integrator."""
     return bd.simulate(sandbox.mech, integrator, T_END, OUTPUT_STEP)
 

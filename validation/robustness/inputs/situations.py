@@ -123,11 +123,11 @@ class _UserCurve:
 Situation = Callable[[Sandbox], Any]
 
 
-def _run_system(sandbox: Sandbox, **changed: Any) -> bd.Solution:
+def _run_system(sandbox: Sandbox, **changed: Any) -> bd.results.Solution:
     return sandbox.run(bd.ConstrainedSystem(**sandbox.circle | changed))
 
 
-def _run_with_parts(sandbox: Sandbox, *joints: Any) -> bd.Solution:
+def _run_with_parts(sandbox: Sandbox, *joints: Any) -> bd.results.Solution:
     for joint in joints:
         sandbox.mech.add(joint)
     return sandbox.run()
@@ -243,7 +243,7 @@ JOINTS: dict[str, Situation] = {
 }
 
 
-def _run_in_units(sandbox: Sandbox, length: float, mass: float, time: float) -> bd.Solution:
+def _run_in_units(sandbox: Sandbox, length: float, mass: float, time: float) -> bd.results.Solution:
     """Simulate a hinged beam with all quantities in other units of length, mass and time."""
     E, rho = 2.1e11 * mass / (length * time**2), 7850.0 * mass / length**3
     section = bd.Section.rectangle(bd.Material(E, 0.3, rho), 0.02 * length, 0.004 * length)

@@ -1,0 +1,182 @@
+"""Documents: JSON objects with a format, a version and a checksum, alone or with NumPy arrays.
+
+The content is decoded to a type: a dataclass, or a structure of the package `msgspec`. Arrays are
+stored beside it in a zip archive, not compressed, so that a file never unpacks to more than its
+size.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, Generic, TypeVar
+
+import msgspec
+import numpy as np
+
+from beamdae.errors import short_repr
+from beamdae.memory import require_memory
+from beamdae.results.storage.reader import ContentError, FileKind, open_result, read_bytes
+
+Array = np.ndarray
+_T = TypeVar("_T")
+
+# A checkpoint of 100 000 coordinates has 10 MB.
+_MAX_JSON_BYTES = 100_000_000
+# Control characters would be executed by a terminal; line breaks and tabs are part of messages.
+_CONTROL_CHARACTER = re.compile(r"\x7f|(?<!\\)(?:\\\\)*\\(?:u00[0189][0-9a-f]|[bf])")
+_CHECKSUM = "checksum"
+_CONTENT = "document"  # array that contains the JSON text
+
+
+@dataclass(frozen=True)
+class Format(Generic[_T]):
+    """Format of documents.
+
+    Attributes
+    ----------
+    kind
+        Kind of the files, for messages.
+    version
+        Number of the format; other versions are not read.
+    content
+        Type of the content.
+    """
+
+    kind: FileKind
+    version: int
+    content: type[_T]
+
+    def write(self, content: Mapping[str, Any], indent: int | None = None) -> bytes:
+        """Return the text of a document; `content` has the fields of the type."""
+        return self._format(content, {}, indent)
+
+    def read(self, path: Path) -> _T:
+        """Return the content of the document at `path`.
+
+        Raises
+        ------
+        FileContentError
+            If the file cannot be read, is no document of this format and version, has changed since
+            it was written, or a field has a wrong type.
+        """
+        raw = read_bytes(path, self.kind, _MAX_JSON_BYTES)
+        with self.kind.errors_of(path):
+            return self._parse(raw, {})
+
+    def write_archive(
+        self, stream: BinaryIO, content: Mapping[str, Any], arrays: Mapping[str, Array]
+    ) -> None:
+        """Write an archive of the document and arrays."""
+        members: dict[str, Any] = {**arrays}
+        members[_CONTENT] = np.frombuffer(self._format(content, arrays), np.uint8)
+        np.savez(stream, **members)
+
+    def read_archive(self, path: Path) -> tuple[_T, dict[str, Array]]:
+        """Return content and arrays of the archive at `path`; for errors, see `read`."""
+        with open_result(path, self.kind) as stream, self.kind.errors_of(path):
+            with zipfile.ZipFile(stream) as archive:
+                members = archive.infolist()
+            if any(x.compress_type != zipfile.ZIP_STORED for x in members):
+                raise ContentError("the arrays must not be compressed")
+            size = float(sum(x.file_size for x in members))
+            require_memory("load", f"{path} with {size:g} bytes", size, "free memory")
+            stream.seek(0)
+            with np.load(stream, allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
+            return self._parse(arrays.pop(_CONTENT).tobytes(), arrays), arrays
+
+    def _format(
+        self, content: Mapping[str, Any], arrays: Mapping[str, Array], indent: int | None = None
+    ) -> bytes:
+        plain = {"format": self.kind.name, "version": self.version, **content}
+        plain = json.loads(json.dumps(plain, default=_as_number))
+        document = {**plain, _CHECKSUM: checksum(plain, arrays)}
+        return f"{json.dumps(document, indent=indent)}\n".encode()
+
+    def _parse(self, raw: bytes, arrays: Mapping[str, Array]) -> _T:
+        plain = json.loads(raw)
+        if not isinstance(plain, dict) or plain.get("format") != self.kind.name:
+            raise ValueError(raw)
+        expected, version = plain.pop(_CHECKSUM, ""), plain.get("version")
+        if version != self.version:
+            raise ContentError(f"version must be {self.version}, got {short_repr(version)}")
+        if expected != checksum(plain, arrays):
+            raise ContentError("the content has changed since it was written (wrong checksum)")
+        return convert(plain, self.content)
+
+
+def read_json(path: Path, kind: FileKind, content: type) -> dict[str, Any]:
+    """Return a JSON object that may have further fields than the type of its content.
+
+    Raises
+    ------
+    FileContentError
+        If the file cannot be read or is not JSON, or a field is missing or has a wrong type.
+    """
+    raw = read_bytes(path, kind, _MAX_JSON_BYTES)
+    with kind.errors_of(path):
+        plain = json.loads(raw)
+        convert(plain, content)
+        return dict(plain)
+
+
+def convert(plain: Any, content: type[_T]) -> _T:
+    """Return the content of a JSON value that was read.
+
+    Raises
+    ------
+    ContentError
+        If a field is missing or has a wrong type, or a text contains control characters.
+    """
+    if _CONTROL_CHARACTER.search(json.dumps(plain)):
+        raise ContentError("the content must not contain control characters")
+    try:
+        return msgspec.convert(plain, content)
+    except msgspec.ValidationError as problem:
+        what, _, where = str(problem).replace("`", "").partition(" - at ")
+        field = where.removeprefix("$").removeprefix(".") or "the content"
+        raise ContentError(f"{field}: {what[:1].lower()}{what[1:]}") from None
+
+
+def checksum(content: Any, arrays: Mapping[str, Array] | None = None) -> str:
+    """Return a hash of JSON content and arrays, independent of the layout of the file."""
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
+    for name, array in sorted((arrays or {}).items()):
+        digest.update(f"\n{name} {array.dtype.str} {array.shape}\n".encode())
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+def require_shapes(arrays: Mapping[str, Array], dimensions: Mapping[str, str]) -> dict[str, int]:
+    """Return the sizes of the dimensions of numeric arrays, such as those of "rows n".
+
+    Raises
+    ------
+    ContentError
+        If an array is missing or has another shape; dimensions of the same name have the same size.
+    """
+    sizes: dict[str, int] = {}
+    for name, names in dimensions.items():
+        if name not in arrays:
+            raise ContentError(f"{name} is missing")
+        array, axes = arrays[name], names.split()
+        found = zip(axes, array.shape, strict=False)
+        has_sizes = array.ndim == len(axes) and all(sizes.setdefault(x, k) == k for x, k in found)
+        if not has_sizes or array.dtype.kind not in "fiu":
+            shape = ", ".join(str(sizes.get(x, x)) for x in axes)
+            raise ContentError(
+                f"{name} must contain numbers in the shape ({shape}), got {array.dtype} in "
+                f"{array.shape}"
+            )
+    return sizes
+
+
+def _as_number(value: Any) -> Any:
+    """Return the Python number of a NumPy scalar."""
+    return value.item()
