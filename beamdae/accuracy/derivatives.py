@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -133,7 +134,9 @@ def _measure(
         companion = analyze(refine)
     except BeamdaeError as problem:
         reason = f"a refined repetition fails: {problem}".rstrip(".")
-        return Errors.unchecked(headers, peaks, reason)
+        refined = describe_refinement(run.equations, latest, run)
+        errors = Errors.unchecked(headers, peaks, reason)
+        return replace(errors, refined=refined, has_failed=True)
     refined = describe_refinement(run.equations, latest, run)
 
     def repeat_or_none(is_halved: bool) -> _Values | None:
@@ -153,7 +156,7 @@ def _measure(
         bool(refined.inexact),
     )
     errors = compare(values, companion)
-    return Errors(**{**vars(errors), "split": split})
+    return Errors(**{**vars(errors), "_split": split})
 
 
 def _compare(

@@ -111,7 +111,7 @@ class Errors(HasTable):
         True if the companion does not reach the end.
     relative_to
         What the errors, or those of each column, are relative to, for sentences.
-    split
+    _split
         Function that returns `causes`, if there may be several.
     status
         Outcome of a required accuracy: "ok" or "limited", with the largest error and the settings
@@ -127,7 +127,7 @@ class Errors(HasTable):
     reason: str = ""
     has_failed: bool = False
     relative_to: str | tuple[str, ...] = "half its range"
-    split: Callable[[], Mapping[str, Array]] | None = None
+    _split: Callable[[], Mapping[str, Array]] | None = None
     status: Status = UNREQUIRED
 
     @classmethod
@@ -165,7 +165,7 @@ class Errors(HasTable):
             rows,
             refined,
             relative_to=relative_to,
-            split=split,
+            _split=split,
         )
 
     @classmethod
@@ -198,7 +198,7 @@ class Errors(HasTable):
 
     def __getstate__(self) -> dict[str, Any]:
         # Functions cannot be pickled; causes that are known are kept.
-        return {**vars(self), "split": None}
+        return {**vars(self), "_split": None}
 
     def __repr__(self) -> str:
         is_known = bool(np.isfinite(self.total).any())
@@ -221,9 +221,9 @@ class Errors(HasTable):
         has_mesh = bool(x.elements or x.degrees or x.friction_speeds)
         is_possible = bool(self.refined.accuracy[0]), has_mesh, bool(self.refined.inexact)
         possible = dict(zip(CAUSES, is_possible, strict=True))
-        if sum(possible.values()) < 2 or self.split is None:
+        if sum(possible.values()) < 2 or self._split is None:
             return {x: self.total if possible[x] else np.zeros_like(self.total) for x in CAUSES}
-        return self.split()
+        return self._split()
 
     def table(self) -> pd.DataFrame:
         """Return one row per column of the result.
@@ -267,7 +267,7 @@ class Errors(HasTable):
 
         selected = {x: getattr(self, x)[here] for x in ("values", "companions", "total", "rows")}
         headers = tuple(x for x in self.headers if x in columns)
-        return replace(self, headers=headers, split=split, **selected)
+        return replace(self, headers=headers, _split=split, **selected)
 
     def sentences(self) -> Iterator[str]:
         """Yield a sentence if a required accuracy is not reached, or an error exceeds 4 %."""

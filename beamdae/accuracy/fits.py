@@ -87,4 +87,4 @@ def measure_fit(problem: FitProblem, evaluation: Evaluation) -> Errors:
         return state(second - first).total
 
     split = Split(np.zeros_like(changes), changes, repeat_or_none, compare, bool(refined.inexact))
-    return replace(state(changes), split=split)
+    return replace(state(changes), _split=split)

@@ -75,7 +75,7 @@ def measure_motion(motion: PeriodicMotion, time_limit: float | None = None) -> E
         return _compare(first, second, refined).total
 
     split = Split(motion, other, repeat, compare, bool(refined.inexact))
-    return replace(_compare(motion, other, refined), split=split)
+    return replace(_compare(motion, other, refined), _split=split)
 
 
 def measure_response(response: FrequencyResponse, time_limit: float | None = None) -> Errors:

@@ -113,7 +113,7 @@ def measure_run(
         return _compare(first, second, refined).total
 
     split = Split(run, other, repeat, compare, bool(refined.inexact))
-    return replace(_compare(run, other, refined), split=split)
+    return replace(_compare(run, other, refined), _split=split)
 
 
 @interruptible

@@ -311,7 +311,7 @@ def _improve(
     target = _SHARE * request.accuracy
     model, method, _ = step
     name, value = errors.refined.accuracy
-    split: Any = errors.split
+    split: Any = errors._split
     reuses = analysis.is_run and name == "rtol"
     if reuses and _TIME_RATIO * totals.max() <= 2.0 * target:
         return _reuse(step, split.companion)

@@ -68,6 +68,25 @@ def test_prescribed_position_has_derivatives_of_the_load_factor():
         assert result.sensitivity("load factor", name).iloc[0] == 0.0
 
 
+def test_equilibria_of_rigid_bodies_depend_on_no_mass_and_their_reactions_on_it():
+    """A rigid pendulum at rest has no stiffness but that of its reactions."""
+
+    @bd.model(t_end=1.0)
+    def plumb(mass=2.0, offset=0.3):
+        mech = bd.Mechanism(gravity=(0.0, -G))
+        bob = mech.add(bd.RigidBody("bob", mass, 0.1, center=(1.0, 0.0)))
+        pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+        mech.observe("bob", bob.at(1.0, offset))
+        mech.observe("pin", pin.reaction)
+        return mech
+
+    result = bd.equilibrium_sensitivities(plumb, ["mass", "offset"])
+    factors = result.equilibrium.factors[:, 0]
+    assert_allclose(result.sensitivity("bob.y", "mass"), 0.0, atol=1e-12)
+    assert_allclose(result.sensitivity("pin.Fy", "mass"), G * factors, rtol=1e-9)
+    assert_allclose(result.sensitivity("bob.x", "offset"), 1.0, rtol=1e-9)
+
+
 @pytest.mark.slow(reason="half a second and more")
 def test_stages_of_loads():
     result = bd.equilibrium_sensitivities(hanging, "mass", loads=[["gravity"], ["pull"]], to=0.5)

@@ -15,7 +15,10 @@ from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.export.c_code import Tables, write_kernel, write_point_kernel
 from beamdae.export.fmu import C_FOLDER
 from beamdae.native.lane_kernels import LANE_WIDTH, rewrite
+from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.sums.rotations import rotate_kernel
+
+pytestmark = pytest.mark.skipif(not is_native_enabled(), reason="requires machine code")
 
 # Sums of some hundred products of numbers between 0.5 and 1.5, in another order.
 ROUNDING = 1e-13

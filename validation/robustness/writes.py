@@ -50,8 +50,10 @@ def shaken(stiffness=100.0):
 
 
 def run(**settings: Any) -> bd.results.Solution:
-    """Run the arm."""
-    return bd.simulate(arm(), bd.Radau(1e-4), output_step=0.01, **settings)
+    """Run the arm; its metadata contain the warnings that have been read."""
+    solution = bd.simulate(arm(), bd.Radau(1e-4), output_step=0.01, **settings)
+    assert isinstance(solution.warnings, tuple)
+    return solution
 
 
 def _saved_run(folder: Path) -> Any:

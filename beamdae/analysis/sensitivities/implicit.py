@@ -238,9 +238,14 @@ def find_regular_point(problem: StaticProblem, q: Array, mu: float, control: Con
 
 
 def _deform(problem: StaticProblem, q: Array, mu: float) -> Array:
-    """Return the unknowns at positions q, with the forces that follow from deformations alone."""
-    x, first = problem.start(q), problem.rigid_size
+    """Return the unknowns at positions q: the forces that follow from deformations, and reactions.
+
+    Rigid bodies have no other stiffness than that of the reactions that balance their loads.
+    """
+    x, n, first = problem.start(q), problem.n, problem.rigid_size
     x[first:] = problem.residual(x, mu)[0][first:]
+    gradients = problem.matrix(x, mu)[:n, n:first].toarray()
+    x[n:first] = np.linalg.lstsq(gradients, -problem.residual(x, mu)[0][:n])[0]
     return x
 
 

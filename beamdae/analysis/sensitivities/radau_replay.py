@@ -43,7 +43,7 @@ from beamdae.integrators.radau.stages import (
     set_stages,
 )
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
-from beamdae.native.loop_functions import combine, split_complex
+from beamdae.native.loop_functions import combine, max_norm, split_complex
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sums.kernel_sums import (
@@ -145,7 +145,7 @@ def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
         combine(replay.corrections[0], (1.0,), (run.real_change,))
         split_complex(replay.corrections[1], replay.corrections[2], run.complex_change)
         # The size of the motion is that at the start of the step, or larger.
-        measure_block(replay, 0, weights[:0], run.y[: 2 * n], weights)
+        replay.sizes[1, 0] = max_norm(run.y[: 2 * n], weights)
         for i in range(3):
             change, w = replay.corrections[i], run.w[i]
             measure_block(replay, 0, change[: 2 * n], w[: 2 * n], weights)
