@@ -23,7 +23,7 @@ def empty_folder(tmp_path, monkeypatch):
 
 
 def code_blocks(text):
-    return re.findall(r"```(?:python|\{code-cell\})\n(.*?)```", text, flags=re.DOTALL)
+    return re.findall(r"```(?:python|\{code-cell\}(?: python)?)\n(.*?)```", text, flags=re.DOTALL)
 
 
 def run_page(page):

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_pair, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    as_real,
+    require_mapping,
+    require_pair,
+    require_sequence,
+    short_repr,
+)
 from beamdae.model_parameters import convert_text
 
 Array = np.ndarray
@@ -16,36 +23,70 @@ MAX_STARTS = 10_000
 MAX_SEED = 2**32 - 1
 
 
-def convert_bounds(caller: str, name: str, bounds: Any, unit: str) -> tuple[Any, Any]:
-    """Return (lower, upper) with texts converted to a unit, and None replaced by infinity."""
-    pair = require_pair(caller, f"bounds of {name}", bounds, "(lower, upper)")
-    lower, upper = (convert_text(caller, f"bounds of {name}", x, unit) for x in pair)
-    return -np.inf if lower is None else lower, np.inf if upper is None else upper
+def read_bounds(
+    caller: str, bounds: Any, first: Mapping[str, Any], units: Mapping[str, str]
+) -> dict[str, tuple[Array, Array]]:
+    """Return lower and upper bounds, one per entry, by name of a parameter.
 
+    Parameters
+    ----------
+    caller
+        The calling function, for messages.
+    bounds
+        (lower, upper) by name: numbers, texts with units, lists of numbers, or None.
+    first, units
+        First values of the parameters, numbers or lists of numbers, and their units by name.
 
-def require_bounds_around(
-    caller: str, name: str, first: Any, lower: Array, upper: Array, given: Any
-) -> None:
-    """Raise BeamdaeError unless bounds (k,) ascend and contain the first values of a parameter.
-
-    `given` are the bounds for the message.
+    Raises
+    ------
+    BeamdaeError
+        If bounds are invalid, do not ascend, or do not contain the first values.
     """
-    texts = f"bounds of {name}", f"got {short_repr(given)}"
-    if np.any(lower == upper):
-        raise BeamdaeError(
-            f"{caller}: {texts[0]} must differ, {texts[1]}; remove {name} from by to keep "
-            "its value."
+    given = {} if bounds is None else bounds
+    given = require_mapping(caller, "bounds", given, "a dict of (lower, upper) by name")
+    result = {}
+    for name, value in given.items():
+        part = f"bounds of {name}"
+        if name not in first:
+            raise BeamdaeError(
+                f"{caller}: bounds contains {short_repr(name)}, which is not in by; name one of "
+                f"{', '.join(first)}."
+            )
+        ends = require_pair(caller, part, value, "(lower, upper)")
+        lower, upper = (
+            _read_bound(
+                caller, part, default if x is None else x, np.size(first[name]), units[name]
+            )
+            for x, default in zip(ends, (-np.inf, np.inf), strict=True)
         )
-    if np.any(lower > upper):
-        raise BeamdaeError(
-            f"{caller}: {texts[0]} must ascend, (lower, upper), {texts[1]}; exchange them."
-        )
-    if not np.all((lower <= first) & (first <= upper)):
-        raise BeamdaeError(
-            f"{caller}: {texts[0]} must be (lower, upper) around its first value "
-            f"{short_repr(first)}, {texts[1]}; change the bounds, or pass another first value, "
-            f"parameters={{{name!r}: value}}."
-        )
+        got = f"got {short_repr(value)}"
+        if np.any(lower == upper):
+            raise BeamdaeError(
+                f"{caller}: {part} must differ, {got}; remove {name} from by to keep its value."
+            )
+        if np.any(lower > upper):
+            raise BeamdaeError(
+                f"{caller}: {part} must ascend, (lower, upper), {got}; exchange them."
+            )
+        if not np.all((lower <= first[name]) & (first[name] <= upper)):
+            raise BeamdaeError(
+                f"{caller}: {part} must be (lower, upper) around its first value "
+                f"{short_repr(first[name])}, {got}; change the bounds, or pass another first "
+                f"value, parameters={{{name!r}: value}}."
+            )
+        result[name] = lower, upper
+    return result
+
+
+def _read_bound(caller: str, part: str, bound: Any, count: int, unit: str) -> Array:
+    """Return a bound (count,) of the entries of a parameter."""
+    bound = convert_text(caller, part, bound, unit)
+    entries = [bound] * count if as_real(bound) is not None else bound
+    what = "a number, or one per entry"
+    numbers = [as_real(x) for x in require_sequence(caller, part, entries, what)]
+    if len(numbers) != count or any(x is None or np.isnan(x) for x in numbers):
+        raise BeamdaeError(f"{caller}: {part} must be {what} ({count}), got {short_repr(bound)}.")
+    return np.array(numbers, float)
 
 
 def spread_starts(lower: Array, upper: Array, count: int, seed: int) -> Array:

@@ -468,7 +468,7 @@ def test_regression_only_columns_with_a_unit_of_time_are_times(name):
     table = {name: TIMES, "t [ms]": 1e3 * TIMES, "mass.x": TIMES}
     columns = read_measurements("plot", table).columns
     assert [x.name for x in columns] == [name, "mass.x"]
-    np.testing.assert_allclose(columns[-1].times, TIMES, rtol=1e-15)
+    np.testing.assert_allclose(columns[-1].table["t [s]"], TIMES, rtol=1e-15)
 
 
 @SLOW

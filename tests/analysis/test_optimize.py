@@ -15,8 +15,8 @@ from beamdae.analysis.fit.variables import Scaling
 from beamdae.analysis.gradients.number_derivatives import FlatModel
 from beamdae.analysis.optimization import analyses, scaling, solvers
 from beamdae.analysis.optimization.analyses import DesignModel, RunSettings, create_analysis
-from beamdae.analysis.optimization.problem import DesignProblem
-from beamdae.analysis.optimization.result import Constraint, list_warnings
+from beamdae.analysis.optimization.problem import create_problem
+from beamdae.analysis.optimization.result import Constraint
 from beamdae.analysis.optimization.solvers import METHODS
 
 truss = bd.model(t_end=1.0)(mechanisms.truss)
@@ -128,7 +128,7 @@ def test_designs_of_a_search_have_the_stress_sections_of_its_first_design(by):
     first = {"height": (0.008, 0.008, 0.008, 0.006, 0.003), "length": 0.4}
     settings = RunSettings(None, None, None)
     arguments = (tapered_leaf, bd.Mass(), by, bd.at_most(STRESS, 5e8), None, first, settings)
-    problem = DesignProblem(*arguments)
+    problem = create_problem(*arguments)
     kept = problem.with_sections_of(problem.design(problem.first))
     other = problem.first * (1.1 if by == "length" else np.array([1.0, 0.6, 1.0, 1.0, 0.5]))
 
@@ -152,7 +152,7 @@ def test_regression_gradients_of_runs_from_equilibrium_have_the_kept_stress_sect
     first = {"height": (0.008, 0.008, 0.008, 0.006, 0.003)}
     settings = RunSettings(bd.GeneralizedAlpha(1e-3), 2e-3, "equilibrium")
     limit = bd.at_most(bd.SmoothMaximum("stress.bound"), 5e8)
-    problem = DesignProblem(tapered_leaf, bd.Mass(), "height", limit, None, first, settings)
+    problem = create_problem(tapered_leaf, bd.Mass(), "height", limit, None, first, settings)
     problem = problem.with_sections_of(problem.design(problem.first))
     other, step = problem.first * [1.0, 0.6, 1.0, 1.0, 0.5], 1e-5 * problem.first
     gradient = problem.design(other).gradients[1]
@@ -206,7 +206,7 @@ def test_numbers_within_a_thousandth_of_a_limit_have_a_note(goal, note):
     design = bd.optimize(pair, distance, "stiff", bounds={"stiff": (1.0, 4.0)}, tolerance=1e-10)
     assert design.bound_notes == note
     assert all(x in repr(design) for x in note)
-    assert design.at_bounds == (("stiff",) if goal in (0.5, 5.0) else ())
+    assert design.at_bounds == (("stiff",) if note else ())
 
 
 def light_heights(count):
@@ -389,7 +389,7 @@ def test_gradients_of_all_quantities_agree_with_differences():
         bd.ParameterFunction(lambda height, length, **_: sum(x**2 for x in height) * length),
         bd.SquaredErrors("tip.y", [0.05, 0.1], [0.0, -0.01]) / 3.0,
     ]
-    problem = DesignProblem(
+    problem = create_problem(
         cantilever,
         quantities[0],
         ["height", "length"],
@@ -430,13 +430,21 @@ def test_regression_warnings_of_the_analyses_of_the_best_design_are_kept():
 @pytest.mark.slow(reason="a second")
 def test_regression_warnings_about_output_rows_are_omitted():
     """They recommended output_step=, an argument that `optimize` does not have."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.05)))
-    floor = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0))
-    mech.observe("floor", mech.add(bd.Contact("floor", ball.point, floor, 1e6)).force)
+
+    @bd.model(t_end=3.0)
+    def drop(height=0.05):
+        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height)))
+        floor = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0))
+        mech.observe("floor", mech.add(bd.Contact("floor", ball.point, floor, 1e9)).force)
+        mech.observe("ball", ball.point)
+        return mech
+
     with pytest.warns(bd.BeamdaeWarning, match="floor.N: the output rows miss"):
-        solution = bd.simulate(mech, t_end=0.2, output_step=0.05)
-    assert list_warnings([solution]) == tuple(x for x in solution.warnings if "rows" not in x)
+        bd.simulate(drop(), bd.GeneralizedAlpha(rtol=1e-4))
+    with pytest.warns(bd.BeamdaeWarning, match="stopped after 1 evaluation") as caught:
+        design = bd.optimize(drop, bd.EndValue("ball.y"), "height", max_evaluations=1)
+    assert not any("output" in text for text in [*design.warnings, *map(str, caught)])
 
 
 @pytest.mark.slow(reason="two seconds")
@@ -661,7 +669,7 @@ def test_regression_interrupts_during_the_first_gradient_return_the_first_design
     def interrupt(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(scaling.Scaling, "scale_to", interrupt)
+    monkeypatch.setattr(scaling.ScaledProblem, "scaled_by", interrupt)
     result = bd.optimize(cantilever, bd.Mass(), "width", partial="return")
     assert (result.status.kind, result.evaluations) == ("interrupted", 1)
     assert result.status.sentence == "interrupted after 1 evaluation"
@@ -807,7 +815,7 @@ def test_regression_only_values_of_runs_with_adaptive_steps_are_noisy():
     """With rtol=1e-2, limits of the mass were satisfied at 1.01 times the limit."""
     limits = [bd.at_most(bd.Mass(), 1.0), bd.at_most(bd.EndValue("mass.x"), 1.0)]
     noises = [
-        DesignProblem(
+        create_problem(
             oscillator,
             bd.SquaredErrors("mass.x", [1.0], [1.0]),
             "stiffness",
@@ -922,7 +930,7 @@ def read_bounds_of_fit(bounds):
 def read_bounds_of_optimize(bounds):
     settings = RunSettings(ALPHA, None, None)
     objective = bd.EndValue("mass.y")
-    problem = DesignProblem(hanger, objective, "stiffness", [], bounds, None, settings)
+    problem = create_problem(hanger, objective, "stiffness", [], bounds, None, settings)
     return [problem.lower[0], problem.upper[0]]
 
 
@@ -1243,7 +1251,7 @@ def test_regression_gradients_that_are_not_finite_are_stated_once():
 
 def test_regression_searches_without_bounds_advise_them():
     with pytest.warns(
-        bd.BeamdaeWarning, match="positive, got .*; pass bounds= that keep the sign of width"
+        bd.BeamdaeWarning, match="positive, got .*; pass bounds= that exclude such designs"
     ):
         bd.optimize(cantilever, bd.Mass(), "width", bounds={"width": (None, 0.1)})
 
@@ -1268,7 +1276,7 @@ def test_regression_whole_numbers_without_derivative_have_advice(call):
 
 
 def test_regression_first_designs_that_fail_name_meaningless_strains():
-    """With E in MPa, neither the error nor a warning mentioned units."""
+    """With E in MPa, the error did not mention units."""
     soft = bd.Material(E=211e3, nu=0.31, rho=7800.0)
 
     @bd.model(t_end=1.0)
@@ -1284,10 +1292,7 @@ def test_regression_first_designs_that_fail_name_meaningless_strains():
 
     tip = bd.at_least(bd.EquilibriumValue("tip.y"), -0.01)
     hint = "the largest strain is .*, far beyond linear elasticity"
-    with (
-        pytest.warns(bd.BeamdaeWarning, match=hint),
-        pytest.raises(bd.BeamdaeError, match=f"did not reach its end.*{hint}.*check .* units"),
-    ):
+    with pytest.raises(bd.BeamdaeError, match=f"did not reach its end.*{hint}.*check .* units"):
         bd.optimize(leaf, bd.Mass(), "height", tip)
 
 

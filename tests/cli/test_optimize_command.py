@@ -104,7 +104,7 @@ def test_regression_bounds_may_have_one_end(here, bounds, expected):
     result = run("--by", "mass", "--minimize", "mass", "--bounds", bounds, "--no-page", "--json")
     if expected is None:
         # Without a lower bound, masses become negative.
-        assert (result.exit_code, "pass --bounds that keep the sign of mass" in result.stderr) == (
+        assert (result.exit_code, "pass --bounds that exclude such designs" in result.stderr) == (
             1,
             True,
         )

@@ -71,14 +71,8 @@ class MeasuredColumn(NamedTuple):
         Name of the column of the run, with the unit of the data.
     name_in_data
         Name of the column in the data.
-    times
-        Times (n,) [s]; NaN if missing.
-    cells
-        Values (n,), which may be no numbers.
-    sigma
-        Standard deviations (n,) of the errors of the values.
-    rows
-        Numbers (n,) of the rows in the data.
+    table
+        "t [s]" (NaN if missing), "value" (may be no number) and "sigma" by row of the data.
     place
         Name of the table, for messages.
     time_header
@@ -88,10 +82,7 @@ class MeasuredColumn(NamedTuple):
     experiment: str
     name: str
     name_in_data: str
-    times: Array
-    cells: Array
-    sigma: Array
-    rows: Array
+    table: pd.DataFrame
     place: str
     time_header: str
 
@@ -266,10 +257,9 @@ def match_columns(
 
 def _read_values(part: str, column: MeasuredColumn) -> pd.DataFrame:
     """Return times, values and standard deviations of the values that are not missing."""
-    values = _as_numbers(part, column.cells, column.name_in_data, column.place)
-    table = pd.DataFrame({TIME: column.times, VALUE: values, SIGMA: column.sigma})
-    table = table[np.isfinite(values)]
-    _require_times(part, table[TIME].to_numpy(), column.rows[table.index], column.place)
+    values = _as_numbers(part, column.table[VALUE].to_numpy(), column.name_in_data, column.place)
+    table = column.table.assign(value=values).dropna(subset=VALUE)
+    _require_times(part, table[TIME], column.place)
     return table.sort_values(TIME, kind="stable")
 
 
@@ -575,9 +565,7 @@ def _read_wide_table(
     part: str, table: Mapping[str, Any], name: str, names: _ColumnNames, experiment: str
 ) -> list[MeasuredColumn]:
     """Return the columns of a table with a column of times and one column per observed column."""
-    headers = list(map(standardize_header, table))
-    _require_different(part, headers, name)
-    table = dict(zip(headers, table.values(), strict=True))
+    table = _standardize(part, table, name)
     in_run = {x: names.in_run(x) for x in table}
     time = _find_time(part, in_run, (TIME,))
     if time is None or len(table) == 1:
@@ -592,29 +580,35 @@ def _read_wide_table(
         )
     times, time_header = _read_times(part, table.pop(time), time, in_run[time], name)
     # Rows without a time are empty, unless a column has a value there.
-    rows = np.flatnonzero(np.isfinite(times))
-    _require_times(part, times[rows], rows, name)
-    if np.any(np.diff(times[rows]) <= 0.0):
-        k = int(np.argmax(np.diff(times[rows]) <= 0.0))
-        later, before = format_distinct(times[rows[k + 1]], times[rows[k]])
+    timed = times.dropna()
+    _require_times(part, timed, name)
+    unsorted = timed.index[timed.diff() <= 0.0]
+    if len(unsorted):
+        later, before = format_distinct(*timed.loc[: unsorted[0]].iloc[[-1, -2]])
         raise BeamdaeError(
             f"{part}: the times of {name} must be finite and ascend, got {later} s after "
-            f"{before} s in row {rows[k + 1] + 1}; sort the rows and average repeated ones."
+            f"{before} s in row {unsorted[0] + 1}; sort the rows and average repeated ones."
         )
     cells = {x: _as_cells(part, values, x, name, len(times)) for x, values in table.items()}
-    is_filled = np.any([pd.notna(x) for x in cells.values()], axis=0)
-    _warn_of_empty_rows(part, times, is_filled, name)
-    others = np.ones(len(times)), np.arange(len(times)), name, time_header
-    return [MeasuredColumn(experiment, in_run[x], x, times, cells[x], *others) for x in cells]
+    _warn_of_empty_rows(part, times, pd.DataFrame(cells).notna().any(axis=1), name)
+    return [
+        MeasuredColumn(
+            experiment,
+            in_run[x],
+            x,
+            pd.DataFrame({TIME: times, VALUE: cells[x], SIGMA: 1.0}),
+            name,
+            time_header,
+        )
+        for x in cells
+    ]
 
 
 def _read_long_table(
     part: str, table: Mapping[str, Any], name: str, names: _ColumnNames
 ) -> list[MeasuredColumn]:
     """Return the columns of a table with one value per row; its rows may have any order."""
-    headers = list(map(standardize_header, table))
-    _require_different(part, headers, name)
-    table = dict(zip(headers, table.values(), strict=True))
+    table = _standardize(part, table, name)
     own = (EXPERIMENT, _OBSERVABLE, *_TIME_NAMES, VALUE, SIGMA)
     in_run = {x: x if x in own else names.in_run(x) for x in table}
     time = _find_time(part, in_run, _TIME_NAMES)
@@ -635,10 +629,9 @@ def _read_long_table(
     if len({len(x) for x in columns.values()}) > 1:
         raise BeamdaeError(f"{part}: the columns of {name} must have equal lengths.")
     frame = pd.DataFrame({EXPERIMENT: "", SIGMA: 1.0, **columns})
-    is_filled = frame[VALUE].notna().to_numpy()
-    _warn_of_empty_rows(part, times, is_filled, name)
-    frame = frame[is_filled]
-    _require_times(part, frame[TIME].to_numpy(), frame.index.to_numpy(), name)
+    _warn_of_empty_rows(part, times, frame[VALUE].notna(), name)
+    frame = frame.dropna(subset=VALUE)
+    _require_times(part, frame[TIME], name)
     if (wrong := frame[~(frame[SIGMA] > 0.0)]).size:
         raise BeamdaeError(
             f"{part}: sigma of {name} must be positive, got {wrong[SIGMA].iloc[0]:g} in row "
@@ -656,25 +649,17 @@ def _read_long_table(
         )
     return [
         MeasuredColumn(
-            experiment=experiment,
-            name=names.in_run(column),
-            name_in_data=column,
-            times=rows[TIME].to_numpy(),
-            cells=rows[VALUE].to_numpy(),
-            sigma=rows[SIGMA].to_numpy(),
-            rows=rows.index.to_numpy(),
-            place=name,
-            time_header=time_header,
+            experiment, names.in_run(column), column, rows[[TIME, VALUE, SIGMA]], name, time_header
         )
         for key, rows in frame.groupby(keys, sort=False)
         for experiment, column in [map(str, key)]
     ]
 
 
-def _warn_of_empty_rows(part: str, times: Array, is_filled: Array, name: str) -> None:
+def _warn_of_empty_rows(part: str, times: pd.Series, is_filled: pd.Series, name: str) -> None:
     """Warn if most of the rows with a time have no value, but not all, as after a failed export."""
-    is_timed = np.isfinite(times)
-    count, total = int(np.sum(is_timed & ~is_filled)), int(np.sum(is_timed))
+    is_timed = times.notna()
+    count, total = int((is_timed & ~is_filled).sum()), int(is_timed.sum())
     if 0.5 * total < count < total:
         warn_user(
             f"{part}: {count} of {total} rows of {name} have a time but no value; fill them in, or "
@@ -683,18 +668,23 @@ def _warn_of_empty_rows(part: str, times: Array, is_filled: Array, name: str) ->
         )
 
 
-def _require_times(part: str, times: Array, rows: Array, name: str) -> None:
-    """Reject missing and negative times of the given rows."""
+def _require_times(part: str, times: pd.Series, name: str) -> None:
+    """Reject missing and negative times of rows."""
     rule = f"{part}: the times of {name} must be finite and ascend, from 0 s or later"
-    if not np.isfinite(times).all():
-        k = int(np.argmax(~np.isfinite(times)))
-        raise BeamdaeError(f"{rule}, but row {rows[k] + 1} has no time; fill it in, or remove it.")
-    if np.any(times < 0.0):
-        k = int(np.argmax(times < 0.0))
+    for row in times.index[times.isna()]:
+        raise BeamdaeError(f"{rule}, but row {row + 1} has no time; fill it in, or remove it.")
+    for row in times.index[times < 0.0]:
         raise BeamdaeError(
-            f"{rule}, got {times[k]:g} s in row {rows[k] + 1}; remove the rows before the start of "
+            f"{rule}, got {times[row]:g} s in row {row + 1}; remove the rows before the start of "
             "the run (t < 0), or shift the times."
         )
+
+
+def _standardize(part: str, table: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return columns by their headers in one form; two cannot be the same."""
+    headers = list(map(standardize_header, table))
+    _require_different(part, headers, name)
+    return dict(zip(headers, table.values(), strict=True))
 
 
 def _find_time(part: str, in_run: Mapping[str, str], names: Sequence[str]) -> str | None:
@@ -719,15 +709,15 @@ def _is_time_unit(unit: str) -> bool:
     return conversion_factor(unit, "s") is not None
 
 
-def _read_times(part: str, values: Any, time: str, in_run: str, name: str) -> tuple[Array, str]:
+def _read_times(part: str, values: Any, time: str, in_run: str, name: str) -> tuple[pd.Series, str]:
     """Return the times [s], from the first one if they are time stamps, and their header."""
     header = time if split_unit(time)[1] else in_run
     unit = split_unit(header)[1]
     if np.asarray(values).dtype.kind in "MOUS":
         stamps = read_time_stamps(part, f"{time!r} of {name}", map(str, values))
         if stamps is not None:
-            return stamps, header
-    numbers = _as_numbers(part, values, time, name)
+            return pd.Series(stamps), header
+    numbers = pd.Series(_as_numbers(part, values, time, name))
     if not unit:
         warn_user(
             f"{part}: the times {time!r} of {name} have no unit and are taken as seconds; name the "

@@ -368,18 +368,6 @@ class FitProblem:
         """Return the recorded values (N,) that an evaluation predicts, or those left out."""
         return self._values + evaluation.residuals / self.weights
 
-    def accepts(self, values: Array) -> bool:
-        """Return True if the equations of all experiments can be assembled with values (K,)."""
-        try:
-            with _without_warnings():
-                for experiment in self._settings:
-                    mechanism = self.model(**self._parameters(experiment, values))
-                    as_equations("fit", mechanism, self.start)
-        except (ValueError, ArithmeticError):
-            # BeamdaeError, or an error of the model function at extreme values.
-            return False
-        return True
-
     def weighted_rates(self, evaluation: Evaluation) -> Array:
         """Return the time derivatives (N,) of the recorded values over the sigma of the data."""
         times = self._shift_times(evaluation.values)

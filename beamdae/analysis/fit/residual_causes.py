@@ -7,9 +7,7 @@ together with the error.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +23,7 @@ from beamdae.analysis.fit.problem import (
 )
 from beamdae.analysis.fit.variables import Scaling
 from beamdae.equations.measures import TIME
-from beamdae.errors import BeamdaeError, BeamdaeWarning, InputWarning, warn_user
+from beamdae.errors import BeamdaeError, InputWarning, warn_user
 from beamdae.model_parameters import conversion_factor, format_with_unit, split_unit
 from beamdae.results.columns import remove_unit
 
@@ -50,11 +48,9 @@ _MIN_FACTOR = 1.8
 _SHARES, _COST_OF_CHANGES = (1.0, 0.5, 0.25, 0.125), 0.1
 # Share of the variation of a part that an error leaves if it is named, and values of a part.
 _MAX_LEFT_SHARE, _MIN_VALUES_PER_ESTIMATE = 0.05, 3
-# Iterations for scales, which multiply changes of the estimates.
-_SCALE_FITS = 6
-# Delays are searched among this number, up to this share of the duration in both directions, in
-# curves with this number of times; the runs must cover the last share of the late data.
-_DELAY_COUNT, _MAX_DELAY_SHARE, _CURVE_TIMES, _MIN_COVERED_SHARE = 200, 0.25, 1000, 0.75
+# Delays are searched among this number, up to this share of the duration in both directions; the
+# data must cover the last share of the rows at these times.
+_DELAY_COUNT, _MAX_DELAY_SHARE, _MIN_COVERED_SHARE = 200, 0.25, 0.75
 # Ratio of the ranges of a column in the first run and in the data from which a fit warns, and from
 # which it does not search if no parameter explains it.
 _MAX_RANGE_RATIO, _MAX_SEARCHED_RATIO = 100.0, 300.0
@@ -82,22 +78,15 @@ class _Cause(NamedTuple):
     phrase: str
 
 
-class _Prediction(NamedTuple):
-    """Predicted values (N,), their changes by estimates (N, k), and their rates (N,)."""
-
-    model: Array
-    effects: Array
-    rates: Array
-
-
 class _Comparison:
     """Data in standard deviations beside the predictions of an evaluation.
 
-    `cost` is that of a relative change of an estimate by 1.
+    `cost` is that of a relative change of an estimate by 1. `model` are the predicted values (N,),
+    `effects` their changes by estimates (N, k), and `rates` their rates (N,).
     """
 
     def __init__(self, problem: FitProblem, evaluation: Evaluation, cost: float) -> None:
-        self.problem, self.evaluation, self.cost = problem, evaluation, cost
+        self.problem, self.cost = problem, cost
         table = problem.data.table
         self.headers = problem.data.headers
         self.columns = pd.factorize(table[COLUMN])[0]
@@ -105,12 +94,10 @@ class _Comparison:
         self.weights = np.where(evaluation.is_omitted, 0.0, problem.weights)
         self.values = table[VALUE].to_numpy() * self.weights
         estimates = np.append(evaluation.values, evaluation.coefficients)
-        self.sizes = np.where(estimates == 0.0, 1.0, np.abs(estimates))
-        self.prediction = _Prediction(
-            evaluation.residuals + self.values,
-            evaluation.jacobian * self.sizes,
-            problem.weighted_rates(evaluation),
-        )
+        sizes = np.where(estimates == 0.0, 1.0, np.abs(estimates))
+        self.model = evaluation.residuals + self.values
+        self.effects = evaluation.jacobian * sizes
+        self.rates = problem.weighted_rates(evaluation)
 
     def variation(self, rows: Array) -> float:
         """Return the sum of the squared deviations of rows from the mean of their column."""
@@ -118,116 +105,53 @@ class _Comparison:
         means = np.bincount(columns, values * weights) / np.bincount(columns, weights**2)
         return float(np.sum((values - np.nan_to_num(means)[columns] * weights) ** 2))
 
-    def fit(
-        self,
-        errors: Array,
-        rows: Array,
-        prediction: _Prediction | None = None,
-        values: Array | None = None,
-    ) -> tuple[float, Array]:
-        """Return the sum of squares that errors with effects (N, j) leave, and their sizes (j,).
+    def fit(self, errors: Array, rows: Array, values: Array | None = None) -> tuple[Array, Array]:
+        """Return the residuals that errors with effects (N, j) leave, and their sizes (j,).
 
-        Sizes are 0 for errors that changes of the estimates compensate.
+        The residuals are those of the rows (n,), then the costs of the changes of the estimates.
+        Sizes are 0 for errors that these changes compensate.
         """
-        model, effects, _ = self.prediction if prediction is None else prediction
-        values = self.values if values is None else values
-        count = len(effects.T)
-        effects = np.vstack([effects[rows], self.cost * np.eye(count)])
+        count = len(self.effects.T)
+        effects = np.vstack([self.effects[rows], self.cost * np.eye(count)])
         errors = np.vstack([errors[rows], np.zeros((count, len(errors.T)))])
-        residuals = np.append((model - values)[rows], np.zeros(count))
+        values = self.values if values is None else values
+        residuals = np.append((self.model - values)[rows], np.zeros(count))
         directions, singular, _ = np.linalg.svd(effects / column_lengths(effects), False)
         directions = directions[:, singular > MIN_SINGULAR_RATIO]
         own, rest = (x - directions @ (directions.T @ x) for x in (errors, residuals))
         lengths = column_lengths(own)
         if np.any(lengths < _MIN_INDEPENDENT_PART * column_lengths(errors)):
-            return float(rest @ rest), np.zeros(len(errors.T))
+            return rest, np.zeros(len(errors.T))
         sizes = -np.linalg.lstsq(own / lengths, rest, rcond=None)[0]
-        rest = rest + own / lengths @ sizes
-        return float(rest @ rest), sizes / lengths
+        return rest + own / lengths @ sizes, sizes / lengths
 
-    def fit_scales(self, numbers: Sequence[int], rows: Array) -> tuple[float, Array]:
-        """Return the sum of squares that scales and offsets of columns leave, and the scales.
+    def fit_scales(
+        self, numbers: Sequence[int], rows: Array, has_offsets: bool
+    ) -> tuple[float, Array]:
+        """Return the sum of squares that scales of columns leave, and the scales.
 
-        Scales multiply changes of the estimates: the best scales of the present change alternate
-        with linear changes of all.
+        The data over their scale are linear in the reciprocal scale.
         """
-        is_in = (self.columns[:, None] == np.asarray(numbers))[rows]
-        any_in, offsets = is_in.any(axis=1), is_in * self.weights[rows, None]
-        values, (model, effects, _) = self.values[rows], (x[rows] for x in self.prediction)
-        scales, change, left = np.ones(len(numbers)), np.zeros(len(self.sizes)), np.inf
-        for _ in range(_SCALE_FITS):
-            changed = model + effects @ change
-            matrix = np.hstack([is_in * changed[:, None], offsets])
-            best = _solve(matrix, values - np.where(any_in, 0.0, changed))
-            scales = best[: len(scales)]
-            factors = np.where(any_in, is_in @ scales, 1.0)
-            residuals = np.where(any_in, 0.0, changed) + matrix @ best - values
-            left = float(residuals @ residuals + np.sum((self.cost * change) ** 2))
-            whole = np.zeros((len(values) + len(change), len(change) + len(best)))
-            whole[: len(values)] = np.hstack([effects * factors[:, None], matrix])
-            whole[len(values) :, : len(change)] = self.cost * np.eye(len(change))
-            step = _solve(whole, -np.append(residuals, self.cost * change))
-            change = change + step[: len(change)]
-        return left, scales
+        is_in = self.columns[:, None] == np.asarray(numbers)
+        errors = is_in * -self.values[:, None]
+        if has_offsets:
+            errors = np.hstack([errors, is_in * self.weights[:, None]])
+        rest, sizes = self.fit(errors, rows)
+        scales = 1.0 / (1.0 + sizes[: len(numbers)])
+        factors = np.where(is_in.any(axis=1), is_in @ scales, 1.0)[rows]
+        rest[: len(factors)] *= factors
+        return float(rest @ rest), scales
 
-    @cached_property
-    def _curves(self) -> dict[str, tuple[Array, dict[str, Array]]]:
-        """Times of each run, and columns (k, 2 + j): model, rates and effects by header."""
-        curves = {}
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", BeamdaeWarning)
-            for experiment, run in self.evaluation.runs.items():
-                t = np.linspace(0.0, run.solution.trajectory.end, _CURVE_TIMES)
-                dense = run.at_times(t)
-                names = self.problem.names
-                columns = {}
-                for header in self.headers:
-                    if header in dense.solution.columns:
-                        curve = dense.solution.columns[header]
-                        effects = [dense.sensitivity(header, x).to_numpy() for x in names]
-                        columns[header] = np.stack([curve, np.gradient(curve, t), *effects], axis=1)
-                curves[experiment] = t, columns
-        return curves
-
-    def delayed(self, delay: float, is_late: Array) -> _Prediction:
-        """Return the prediction if some rows are late; NaN where the run does not cover them."""
-        if not delay:
-            return self.prediction
-        problem, count = self.problem, len(self.problem.names)
-        model, effects, rates = (x.copy() for x in self.prediction)
-        shifts = np.zeros(len(self.times))
-        scales, offsets = np.ones(len(self.times)), np.zeros(len(self.times))
-        for shift, value in zip(
-            problem.sensors.shifts, self.evaluation.values[count:], strict=True
-        ):
-            shifts[shift.rows] = value
-        linear = zip(
-            (*problem.sensors.scales, *problem.sensors.offsets),
-            self.evaluation.coefficients,
-            strict=True,
-        )
-        for sensor, value in linear:
-            (offsets if sensor in problem.sensors.offsets else scales)[sensor.rows] = value
-        for source, rows in problem.data.rows:
+    def advanced(self, delay: float, is_late: Array) -> Array:
+        """Return the values (N,) in which some rows are earlier; NaN beyond the end of the data."""
+        values = self.values.copy()
+        for _, rows in self.problem.data.rows:
             late = np.arange(rows.start, rows.stop)[is_late[rows]]
-            t, columns = self._curves[source.experiment]
-            moved = self.times[late] - shifts[late] - delay
-            outside = np.where((moved >= 0.0) & (moved <= t[-1]), 0.0, np.nan)
-            at = np.clip(np.searchsorted(t, moved) - 1, 0, len(t) - 2)
-            share = np.clip((moved - t[at]) / (t[at + 1] - t[at]), 0.0, 1.0)[:, None]
-            curves = columns[source.header]
-            curves = (1.0 - share) * curves[at] + share * curves[at + 1]
-            factors = scales[late] * self.weights[late]
-            model[late] = curves[:, 0] * factors + offsets[late] * self.weights[late] + outside
-            rates[late] = curves[:, 1] * factors
-            effects[late, :count] = curves[:, 2:] * factors[:, None] * self.sizes[:count]
-        return _Prediction(model, effects, rates)
-
-
-def _solve(matrix: Array, target: Array) -> Array:
-    """Return the solution of least squares; columns have equal lengths for the rank."""
-    lengths = column_lengths(matrix)
-    return np.asarray(np.linalg.lstsq(matrix / lengths, target, MIN_SINGULAR_RATIO)[0] / lengths)
+            if len(late):
+                times, recorded = self.times[rows], self.values[rows] / self.weights[rows]
+                moved = np.interp(times[late - rows.start] + delay, times, recorded, np.nan, np.nan)
+                values[late] = moved * self.weights[late]
+        return values
 
 
 def suggest_causes(problem: FitProblem, end: Evaluation, first: Evaluation | None) -> str:
@@ -247,11 +171,12 @@ def suggest_causes(problem: FitProblem, end: Evaluation, first: Evaluation | Non
             for share in (1.0,) if is_end else _SHARES:
                 rows = whole.times <= share * whole.times.max()
                 count = int(np.sum(rows))
-                if count < _MIN_VALUES_PER_ESTIMATE * len(whole.sizes):
+                if count < _MIN_VALUES_PER_ESTIMATE * len(whole.effects.T):
                     break
                 square = float(np.sum(end.residuals[rows] ** 2))
                 if not is_end:
-                    square = min(square, whole.fit(np.zeros((len(rows), 0)), rows)[0])
+                    rest = whole.fit(np.zeros((len(rows), 0)), rows)[0]
+                    square = min(square, float(rest @ rest))
                 # At least the noise is left.
                 least = min(float(problem.data.is_sigma_known) * count, square)
                 limit = least + (1.0 - _MIN_SHARE) * (square - least)
@@ -309,14 +234,14 @@ def _errors_of_times(
                 f"about {abs(delay):.2g} s ({omit}estimate an error of the times with {shift})"
             )
             yield _Cause(left, f"delay {name}", phrase)
-    left, sizes = data.fit((-data.prediction.rates * data.times)[:, None], rows)
+    rest, sizes = data.fit((-data.rates * data.times)[:, None], rows)
     rate = float(sizes[0])
     if rate and abs(rate) <= _MAX_CLOCK_ERROR:
         phrase = (
             f"times that are {100.0 * abs(rate):.2g} % too {'long' if rate > 0.0 else 'short'} "
             "(check the sampling rate, and what determines the frequencies of the model)"
         )
-        yield _Cause(left, "clock", phrase)
+        yield _Cause(float(rest @ rest), "clock", phrase)
 
 
 def _find_delay(
@@ -330,13 +255,13 @@ def _find_delay(
     variation = data.variation(rows)
     ends = []
     for delay in delays.tolist():
-        moved = data.delayed(delay, is_late)
-        covered = rows & np.isfinite(moved.model)
+        moved = data.advanced(delay, is_late) if delay else data.values
+        covered = rows & np.isfinite(moved)
         if np.sum(covered) < _MIN_COVERED_SHARE * np.sum(rows):
             ends.append((np.inf, delay))
             continue
-        left, sizes = data.fit((-moved.rates * is_late)[:, None], covered, moved)
-        left *= variation / (data.variation(covered) or np.inf)
+        rest, sizes = data.fit((-data.rates * is_late)[:, None], covered, moved)
+        left = float(rest @ rest) * variation / (data.variation(covered) or np.inf)
         ends.append((left, delay + float(sizes[0])))
     outside = [(np.inf, 0.0)]
     minima = [
@@ -352,24 +277,26 @@ def _errors_of_values(data: _Comparison, numbers: Sequence[int], rows: Array) ->
     columns = [data.headers[k] for k in numbers]
     names = [remove_unit(x) for x in columns]
     is_in = data.columns[:, None] == np.asarray(numbers)
-    left, sizes = data.fit(is_in * data.prediction.model[:, None], rows)
-    if sizes.all() and not any(_is_unit_error(1.0 + x) for x in sizes):
+    left, scales = data.fit_scales(numbers, rows, has_offsets=False)
+    if np.all(scales != 1.0) and not any(map(_is_unit_error, scales)):
         amounts = [
-            f"{100.0 * abs(x):.2g} % too {'large' if x > 0.0 else 'small'}" for x in sizes.tolist()
+            f"{100.0 * abs(x - 1.0):.2g} % too {'large' if x > 1.0 else 'small'}"
+            for x in scales.tolist()
         ]
         phrase = f"values of {', '.join(names)} that are {', '.join(amounts)}"
         yield _Cause(left, f"scale {names}", f"{phrase} (estimate this with scale={names})")
-    left, sizes = data.fit(is_in * data.weights[:, None], rows)
+    rest, sizes = data.fit(is_in * data.weights[:, None], rows)
     if sizes.all():
         amounts = [
             format_with_unit(float(f"{x:.2g}"), split_unit(header)[1])
             for x, header in zip(sizes.tolist(), columns, strict=True)
         ]
         phrase = f"a constant error of {', '.join(names)} of {', '.join(amounts)}"
-        yield _Cause(left, f"offset {names}", f"{phrase} (estimate this with offset={names})")
+        phrase = f"{phrase} (estimate this with offset={names})"
+        yield _Cause(float(rest @ rest), f"offset {names}", phrase)
     sensors = data.problem.sensors.scales
     if not any(np.any(x.rows & np.isin(data.columns, numbers)) for x in sensors):
-        left, scales = data.fit_scales(numbers, rows)
+        left, scales = data.fit_scales(numbers, rows, has_offsets=True)
         if any(map(_is_unit_error, scales)):
             yield _Cause(left, f"unit {names}", _describe_scales(data.problem, columns, scales))
 

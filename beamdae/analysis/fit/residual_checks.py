@@ -13,7 +13,7 @@ from beamdae.analysis.fit.problem import MAX_NOISE_CORRELATION, Evaluation, FitP
 from beamdae.analysis.fit.residual_causes import suggest_causes
 from beamdae.analysis.fit.search import SearchResult
 from beamdae.analysis.fit.variables import Scaling
-from beamdae.model_parameters import split_unit
+from beamdae.model_parameters import format_with_unit, split_unit
 
 Array = np.ndarray
 
@@ -47,7 +47,7 @@ _MAX_SCATTER_RATIO = 3.0
 def check_end(
     problem: FitProblem, scaling: Scaling, search: SearchResult, information: Information
 ) -> Iterator[str]:
-    """Yield warnings about omitted data, rejected values, bounds and intervals."""
+    """Yield warnings about omitted data, bounds and intervals."""
     end = search.evaluation
     values = dict(zip(problem.variables, end.values.tolist(), strict=True))
     if end.count < problem.count:
@@ -55,31 +55,18 @@ def check_end(
             f"The fit leaves out {problem.count - end.count} of {problem.count} data, at which "
             "reactions of the model grow without bounds."
         )
-    if search.rejected and not search.status.success:
-        # Most domains end at zero.
-        limits = {x: 0.0 if y * values[x] <= 0.0 else values[x] for x, y in search.rejected.items()}
-        bounds = [
-            f"{x!r}: ({limits[x]:.4g}, upper)"
-            if y < values[x]
-            else f"{x!r}: (lower, {limits[x]:.4g})"
-            for x, y in search.rejected.items()
-        ]
-        named = " and ".join(f"{name} = {x:.4g}" for name, x in search.rejected.items())
-        yield (
-            f"The model rejected {named} during the search; pass bounds={{{', '.join(bounds)}}}, "
-            "because searches next to invalid values may end early or elsewhere."
-        )
     x, (lower, upper) = scaling.variables(end.values), scaling.limits
     starts_of_data = [x.name for x in problem.sensors.shifts if x.is_at_first_time]
     for k in np.flatnonzero(search.at_bounds):
         name, is_upper = problem.variables[k], upper[k] - x[k] < x[k] - lower[k]
         side, beyond = ("upper", "larger") if is_upper else ("lower", "smaller")
+        bound = format_with_unit(float(scaling.bounds[int(is_upper)][k]), problem.units[name])
         remedy = "Widen the bounds"
         if is_upper and name in starts_of_data:
             # The run starts at 0 s, and a shift moves times back.
             remedy = f"Omit data before {2.0 * values[name]:.3g} s"
         yield (
-            f"{name} is at its {side} bound {scaling.bound_texts[name][int(is_upper)]} and has no "
+            f"{name} is at its {side} bound {bound} and has no "
             f"standard deviation; those of other estimates hold it there. {remedy} if {beyond} "
             f"values are possible, or leave {name} out of the fit."
         )

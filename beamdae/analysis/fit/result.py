@@ -201,43 +201,34 @@ class Fit:
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the estimates, followed by `run_warnings`.
 
-        Sentences on values of parameters that the model rejected, on estimates that refined runs
-        would change by more than 0.4 standard deviations (see `errors`), on models that do
-        not explain the data (`sigma` is known, and larger values of chi-square have a probability
-        below 1e-3), on a given `sigma` of more than 1.4 times the residuals of its column (if
-        smaller residuals have a probability below 1e-6), on residuals that are no white noise
-        (consecutive ones have a correlation above 0.5, single ones are outliers, or, without
-        `sigma`, columns or experiments scatter differently), on estimates at a bound, on intervals
-        of correlated parameters whose linear approximation may fail (`profile` does without it), or
-        on data that end after the end time of the model.
+        Sentences on estimates that refined runs would change by more than 0.4 standard deviations
+        (see `errors`), on models that do not explain the data (`sigma` is known, and larger values
+        of chi-square have a probability below 1e-3), on a given `sigma` of more than 1.4 times the
+        residuals of its column (if smaller residuals have a probability below 1e-6), on residuals
+        that are no white noise (consecutive ones have a correlation above 0.5, single ones are
+        outliers, or, without `sigma`, columns or experiments scatter differently), on estimates at
+        a bound, on intervals of correlated parameters whose linear approximation may fail
+        (`profile` does without it), or on data that end after the end time of the model.
         """
         return (*self._own_warnings, *self.run_warnings)
 
     @cached_property
     def run_warnings(self) -> tuple[str, ...]:
-        """Warnings of the runs with the estimates.
+        """Warnings of the runs with the estimates, none if the search ended before a minimum.
 
-        If the search ended before a minimum, only those that the first runs also have.
         Warnings that not all experiments have begin with the name of the first one. Those
         about the output rows are omitted, because a fit compares values at the times of the data.
         """
-        first = self._search.first if self.status.kind == "limited" else None
         kinds: dict[str, dict[str, str]] = {}
-        for experiment, run in self.solutions.items():
-            known = None
-            if first is not None:
-                of_first = first.runs[experiment].solution.model_warnings
-                known = set(map(kind_of_message, of_first))
+        for experiment, run in self.solutions.items() if self.status.kind != "limited" else ():
             for sentence in run.model_warnings:
-                kind = kind_of_message(sentence)
-                if sentence not in run.row_warnings and (known is None or kind in known):
-                    kinds.setdefault(kind, {}).setdefault(experiment, sentence)
-        sentences = []
-        for by_experiment in kinds.values():
-            experiment, sentence = next(iter(by_experiment.items()))
-            is_everywhere = len(by_experiment) == len(self.solutions)
-            sentences.append(sentence if is_everywhere else f"{experiment}: {sentence}")
-        return tuple(sentences)
+                if sentence not in run.row_warnings:
+                    kinds.setdefault(kind_of_message(sentence), {}).setdefault(experiment, sentence)
+        rows = ((x, *next(iter(x.items()))) for x in kinds.values())
+        return tuple(
+            sentence if len(x) == len(self.solutions) else f"{experiment}: {sentence}"
+            for x, experiment, sentence in rows
+        )
 
     @property
     def standard_deviations(self) -> Array:
@@ -561,26 +552,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
     # Fixed estimates keep the variances of the complete fit.
     variances = np.where(is_fixed, np.diag(whole.covariance), np.diag(covariance))
     np.fill_diagonal(covariance, variances)
-    status, errors = search.status, None
-    own_warnings = [*problem.duration_warnings, *check_end(problem, scaling, search, free)]
-    if not search.explains:
-        causes = suggest_causes(problem, end, search.first)
-        advice = "check signs, units and times of the data and start=, or start from other values"
-        status = Status("limited", f"{status.sentence}; {causes}{advice}")
-    elif search.status.success or not search.rejected:
-        own_warnings += check_residuals(problem, search, residuals, freedom)
-    # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
-    scatter = max(1.0, float(np.sqrt(np.mean(residuals**2))))
-    largest = float((data[VALUE] / data[SIGMA]).abs().max())
-    is_computed = estimate * scatter <= _MIN_RELATIVE_SIGMA * largest
-    is_computed &= not problem.data.is_sigma_known
-    if status.kind != "interrupted" and search.explains and not is_computed:
-        try:
-            errors = deferred.module("accuracy.fits").measure_fit(problem, end)
-            own_warnings += check_errors(end, errors, estimate, scatter)
-        except KeyboardInterrupt:
-            acknowledge()
-            status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
+    status, own_warnings, errors = _check(problem, scaling, search, free, estimate)
     undetermined = whole.describe_undetermined(values, problem.units, free)
     mean_squares = (data[SIGMA] ** 2).groupby(data[COLUMN], sort=False).mean()
     return Fit(
@@ -604,6 +576,37 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         _starts=starts,
         _errors=errors,
     )
+
+
+def _check(
+    problem: FitProblem, scaling: Scaling, search: SearchResult, free: Information, estimate: float
+) -> tuple[Status, list[str], Any]:
+    """Return the status of a fit, its warnings, and its errors by runs, None if not measured.
+
+    `estimate` is the estimated factor of the standard deviations of the data.
+    """
+    end, status, errors, data = search.evaluation, search.status, None, problem.data.table
+    residuals = end.residuals / estimate
+    sentences = [*problem.duration_warnings, *check_end(problem, scaling, search, free)]
+    if not search.explains:
+        causes = suggest_causes(problem, end, search.first)
+        advice = "check signs, units and times of the data and start=, or start from other values"
+        return Status("limited", f"{status.sentence}; {causes}{advice}"), sentences, None
+    if status.success or not search.failures:
+        freedom = end.count - len(free.sizes)
+        sentences += check_residuals(problem, search, residuals, freedom)
+    # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
+    scatter = max(1.0, float(np.sqrt(np.mean(residuals**2))))
+    largest = float((data[VALUE] / data[SIGMA]).abs().max())
+    is_computed = estimate * scatter <= _MIN_RELATIVE_SIGMA * largest
+    if status.kind != "interrupted" and (problem.data.is_sigma_known or not is_computed):
+        try:
+            errors = deferred.module("accuracy.fits").measure_fit(problem, end)
+            sentences += check_errors(end, errors, estimate, scatter)
+        except KeyboardInterrupt:
+            acknowledge()
+            status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
+    return status, sentences, errors
 
 
 def _sizes(problem: FitProblem, values: Mapping[str, float]) -> Array:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -74,8 +73,8 @@ class SearchResult:
         True (K,) for variables at a bound.
     first
         The first evaluation.
-    rejected
-        Values of parameters that the model rejected during the search, by name.
+    failures
+        Sentence on runs that failed during the search, or "".
     is_stalled
         True if the search ended without progress before it explained the data.
     explains
@@ -87,7 +86,7 @@ class SearchResult:
     status: Status
     at_bounds: Array
     first: Evaluation | None = None
-    rejected: Mapping[str, float] = field(default_factory=dict)
+    failures: str = ""
     is_stalled: bool = False
     explains: bool = True
 
@@ -110,10 +109,9 @@ class _Evaluations:
     ) -> None:
         self.problem, self.scaling, self.limit = problem, scaling, limit
         self.failures: list[str] = []
-        self.failed_values = scaling.values(first)
         self._sums: list[float] = []
         # The first run must succeed.
-        self.first = self.best = problem.evaluate(self.failed_values) if known is None else known
+        self.first = self.best = problem.evaluate(scaling.values(first)) if known is None else known
         self.count = 1
         self._accepted = first.tobytes()
         self._cache = {self._accepted: self.first}
@@ -155,7 +153,6 @@ class _Evaluations:
             # BeamdaeError, or an error of the model function at extreme values.
             is_ours = isinstance(failure, BeamdaeError)
             self.failures.append(str(failure) if is_ours else format_exception(failure))
-            self.failed_values = self.scaling.values(x)
             self._require_progress()
             return None
 
@@ -231,15 +228,15 @@ def local_search(
             or f"the search ended next to values at which {cause}, {next_step:.2g} standard "
             "deviations before a minimum",
         )
-    rejected: dict[str, float] = {}
+    failures = ""
     if record.failures:
-        rejected = _find_rejected_values(problem, last.values, record.failed_values)
-        if not status.success:
-            count = format_count(len(record.failures), "run")
-            sentence = f"{status.sentence}; {count} failed, the last one: {record.failures[-1]}"
-            status = Status(status.kind, sentence)
+        count, last_one = format_count(len(record.failures), "run"), record.failures[-1]
+        failures = (
+            f"{count} failed, the last one: {last_one.removesuffix('.')}; pass bounds= that "
+            "exclude such values"
+        )
     is_stalled &= not status.success
-    return SearchResult(last, record.count, status, at_bounds, record.first, rejected, is_stalled)
+    return SearchResult(last, record.count, status, at_bounds, record.first, failures, is_stalled)
 
 
 def _minimize(
@@ -329,7 +326,11 @@ def search(
             reason = f"interrupted after {format_count(end.evaluations, 'evaluation')}"
             partial = replace(end, status=Status("interrupted", reason))
             raise Interrupted(reason, partial) from None
-    return _judge_explanation(problem, end)
+    end = _judge_explanation(problem, end)
+    if end.status.success or not end.failures:
+        return end
+    sentence = f"{end.status.sentence}; {end.failures}"
+    return replace(end, status=Status(end.status.kind, sentence))
 
 
 def _repeat_from_first_data(
@@ -405,20 +406,6 @@ def _judge_explanation(problem: FitProblem, end: SearchResult) -> SearchResult:
         ending = f"stopped without progress after {format_count(end.evaluations, 'evaluation')}"
     status = Status("limited", f"{ending}, but the model explains {amount}")
     return replace(end, status=status, explains=False)
-
-
-def _find_rejected_values(problem: FitProblem, values: Array, failed: Array) -> dict[str, float]:
-    """Return the failed values of the parameters that the model rejects, by name.
-
-    Each parameter alone is set to its failed value.
-    """
-    rejected = {}
-    for k, name in enumerate(problem.names):
-        changed = values.copy()
-        changed[k] = failed[k]
-        if failed[k] != values[k] and not problem.accepts(changed):
-            rejected[name] = float(failed[k])
-    return rejected
 
 
 def _find_next_step(

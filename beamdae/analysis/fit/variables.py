@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.fit.problem import FitProblem
-from beamdae.analysis.parameter_bounds import convert_bounds, require_bounds_around, spread_starts
-from beamdae.errors import BeamdaeError, as_real, require_mapping, require_names, short_repr
-from beamdae.model_parameters import format_with_unit
+from beamdae.analysis.parameter_bounds import read_bounds, spread_starts
+from beamdae.errors import BeamdaeError, require_names, short_repr
 
 Array = np.ndarray
 
@@ -35,8 +34,6 @@ class Scaling:
         Lower and upper bounds of the variables, (K,) each.
     bounds
         Lower and upper bounds of the values, (K,) each.
-    bound_texts
-        Lower and upper bounds by name, as given or with units.
     is_log
         True (K,) for parameters in `log`.
     sizes
@@ -46,23 +43,20 @@ class Scaling:
     def __init__(self, problem: FitProblem, bounds: Any, log: Any) -> None:
         names, values = problem.names, problem.first_values
         logarithmic = set(require_names("fit", "log", log, "a list of names of parameters"))
-        limits = {} if bounds is None else bounds
-        limits = require_mapping("fit", "bounds", limits, "a dict of (lower, upper) by name")
-        for argument, given in (("log", logarithmic), ("bounds", limits)):
-            unknown = next((name for name in given if name not in names), None)
-            if unknown is not None:
-                raise BeamdaeError(
-                    f"fit: {argument} contains {short_repr(unknown)}, which is not in by; name "
-                    f"one of {', '.join(names)}."
-                )
+        for name in logarithmic - set(names):
+            raise BeamdaeError(
+                f"fit: log contains {short_repr(name)}, which is not in by; name one of "
+                f"{', '.join(names)}."
+            )
+        first_values = dict(zip(names, values.tolist(), strict=False))
+        limits = read_bounds("fit", bounds, first_values, problem.units)
         self.is_log = np.array([name in logarithmic for name in problem.variables])
         shifts = problem.sensors.shifts
         lower, upper = np.full((2, len(values)), [[-np.inf], [np.inf]])
-        self.bound_texts = {x.name: tuple(f"{y:g} s" for y in x.bounds) for x in shifts}
         for k, shift in enumerate(shifts, len(names)):
             lower[k], upper[k] = shift.bounds
         for k, name in enumerate(names):
-            first, unit = float(values[k]), problem.units[name]
+            first = float(values[k])
             if self.is_log[k]:
                 lower[k] = 0.0
                 if not first > 0.0:
@@ -72,19 +66,13 @@ class Scaling:
                     )
             if name not in limits:
                 continue
-            ends = map(as_real, convert_bounds("fit", name, limits[name], unit))
-            least, most = (np.nan if x is None else x for x in ends)
-            require_bounds_around("fit", name, first, np.array(least), np.array(most), limits[name])
+            least, most = (float(x[0]) for x in limits[name])
             if self.is_log[k] and -np.inf < least < 0.0:
                 raise BeamdaeError(
                     f"fit: the lower bound of {name} must not be negative because it is in log, "
                     f"got {least:g}; raise the bound, or remove {name} from log."
                 )
             lower[k], upper[k] = max(lower[k], least), most
-            self.bound_texts[name] = tuple(
-                given if isinstance(given, str) else format_with_unit(float(x), unit)
-                for given, x in zip(limits[name], (least, most), strict=True)
-            )
         self.bounds = lower, upper
         self._values = values
         self._is_linear = (values == 0.0) | (np.arange(len(values)) >= len(names))

@@ -39,20 +39,21 @@ _JUMP = 4.0 * float(np.finfo(float).eps)
 
 
 class Summand:
-    """Term that can be added, subtracted and multiplied by numbers; base class.
+    """Term that can be added, subtracted and multiplied by numbers; base class."""
 
-    Derived classes define `_plus` for the terms that they can be added to, and `_times`.
-    """
+    @property
+    def terms(self) -> tuple[tuple[float, Any], ...]:
+        """Factors and terms whose weighted sum is this one."""
+        return ((1.0, self),)
 
-    def _plus(self, other: Any) -> Any:
-        """Return the sum, or NotImplemented if `other` must compute it."""
-        raise NotImplementedError
-
-    def _times(self, factor: float) -> Any:
+    def _sum(self, terms: tuple[tuple[float, Any], ...]) -> Any:
+        """Return the weighted sum of terms, of which one is of this kind."""
         raise NotImplementedError
 
     def __add__(self, other: Any) -> Any:
-        return self._plus(other) if isinstance(other, Summand) else self._reject("+", other)
+        if not isinstance(other, Summand):
+            return self._reject("+", other)
+        return self._sum((*self.terms, *other.terms))
 
     def __radd__(self, other: Any) -> Any:
         # `sum` begins with zero.
@@ -65,12 +66,13 @@ class Summand:
         return self._reject("-", other)
 
     def __neg__(self) -> Any:
-        return self._times(-1.0)
+        return self * -1.0
 
     def __mul__(self, factor: Any) -> Any:
         if as_real(factor) is None:
             return self._reject("*", factor)
-        return self._times(require_finite(type(self).__name__, "a factor", factor))
+        number = require_finite(type(self).__name__, "a factor", factor)
+        return self._sum(tuple((number * weight, term) for weight, term in self.terms))
 
     __rmul__ = __mul__
 
@@ -107,11 +109,6 @@ class Objective(Summand):
     subtracted and multiplied by numbers: `EndValue("tip.y") + 0.1 * TimeIntegral("tip.x", 2)`.
     """
 
-    @property
-    def terms(self) -> tuple[tuple[float, ColumnObjective], ...]:
-        """Factors and functions of single columns whose weighted sum is the objective."""
-        raise NotImplementedError
-
     def value(self, solution: Solution) -> float:
         """Return the value for a run.
 
@@ -135,13 +132,10 @@ class Objective(Summand):
             total += factor * term.evaluate(values, grid.weights)[0]
         return total
 
-    def _plus(self, other: Summand) -> Objective:
-        if not isinstance(other, Objective):
-            return NotImplemented
-        return WeightedSum((*self.terms, *other.terms))
-
-    def _times(self, factor: float) -> Objective:
-        return WeightedSum(tuple((factor * weight, term) for weight, term in self.terms))
+    def _sum(self, terms: tuple[tuple[float, Any], ...]) -> Any:
+        others = [x for _, x in terms if not isinstance(x, ColumnObjective)]
+        # Those of other analyses sum objectives, too.
+        return others[0]._sum(terms) if others else WeightedSum(terms)
 
 
 @dataclass(frozen=True)
@@ -163,11 +157,6 @@ class ColumnObjective(Objective):
     """
 
     column: str
-
-    @property
-    def terms(self) -> tuple[tuple[float, ColumnObjective], ...]:
-        """See `Objective`."""
-        return ((1.0, self),)
 
     def sample_times(self, grid: SampleGrid) -> Array:
         """Return the ascending times at which the column is evaluated [s]."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from beamdae.analysis.gradients.number_derivatives import (
     NumberDerivatives,
     differentiate_numbers,
 )
-from beamdae.analysis.gradients.objectives import EndValue
+from beamdae.analysis.gradients.objectives import EndValue, SampleGrid, SmoothMaximum, read_column
 from beamdae.analysis.linear_dynamics.linearization import REFERENCE
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.analysis.optimization.quantities import (
@@ -38,7 +38,6 @@ from beamdae.analysis.optimization.quantities import (
     ParameterFunction,
     RunQuantity,
 )
-from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
 from beamdae.analysis.sensitivities.modes import mode_sensitivities
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.analysis.sensitivities.statics import equilibrium_sensitivities
@@ -138,6 +137,10 @@ class Analysis:
         """Return the value of a quantity of the analysis."""
         raise NotImplementedError
 
+    def maximum(self, quantity: Any) -> float:
+        """Return the maximum over the run of a smooth maximum, and the value of others."""
+        return self.value(quantity)
+
     def gradient(self, weights: Mapping[Any, float]) -> Array:
         """Return the gradient (k,) of a weighted sum of quantities."""
         raise NotImplementedError
@@ -158,12 +161,27 @@ class RunAnalysis(Analysis):
         """See `Analysis`."""
         return quantity.objective.value(self.result)
 
+    def maximum(self, quantity: RunQuantity) -> float:
+        """See `Analysis`."""
+        if not isinstance(quantity.objective, SmoothMaximum):
+            return self.value(quantity)
+        samples = self.result.at_times(SampleGrid.of(self.result.trajectory).t)
+        return float(np.max(np.abs(read_column(samples, quantity.column)[1])))
+
     def gradient(self, weights: Mapping[RunQuantity, float]) -> Array:
         """See `Analysis`."""
         return self._run.differentiate(sum(x.objective * w for x, w in weights.items()))[1]
 
 
-class EquilibriumAnalysis(Analysis):
+class _Reading(NamedTuple):
+    """Value read from rows of a path, and its derivatives by the entries of these rows."""
+
+    value: float
+    rows: Array
+    weights: Array
+
+
+class PathAnalysis(Analysis):
     """An equilibrium path.
 
     Gradients of end values at the full load are computed by the adjoint of the static equations,
@@ -175,9 +193,8 @@ class EquilibriumAnalysis(Analysis):
         self, model: DesignModel, quantities: Sequence[EquilibriumQuantity], settings: RunSettings
     ) -> None:
         flat = model.flat
-        self._model, self._flat, self._arguments = model, flat, quantities[0].path
-        self._start = settings.start
-        path = equilibrium(model.mechanism, **self._arguments, start=self._start)
+        self._model, self._arguments = model, quantities[0].path | {"start": settings.start}
+        path = equilibrium(model.mechanism, **self._arguments)
         if not path.status.success:
             raise BeamdaeError(
                 f"{_NAME}: the equilibrium path of {flat.name} did not reach its end "
@@ -187,49 +204,56 @@ class EquilibriumAnalysis(Analysis):
 
     def value(self, quantity: EquilibriumQuantity) -> float:
         """See `Analysis`."""
-        if isinstance(quantity, CriticalLoad):
-            return float(self._critical_point(quantity).factor)
-        column = self._column(quantity)
-        if isinstance(quantity, EquilibriumErrors):
-            errors = column[self._rows(quantity)] - quantity.values
-            return float(np.sum((errors / quantity.sigma) ** 2))
-        return float(column[len(self.result.q) - 1])
+        return self._read(quantity).value
 
     def gradient(self, weights: Mapping[EquilibriumQuantity, float]) -> Array:
         """See `Analysis`."""
         adjoint = self._adjoint_gradient(weights)
-        if adjoint is not None:
-            return adjoint
-        result = np.zeros(len(self._flat.entries))
-        for k, name in enumerate(self._flat.entries):
-            for quantity, weight in weights.items():
-                derivative = self._derivative(quantity, name)
+        return self._forward_gradient(weights) if adjoint is None else adjoint
+
+    def _read(self, quantity: EquilibriumQuantity) -> _Reading:
+        path = self.result
+        if isinstance(quantity, CriticalLoad):
+            if len(path.critical) < quantity.number:
+                raise BeamdaeError(
+                    f"{_NAME}: the equilibrium path of {self._model.flat.name} to load factor "
+                    f"{path.factor:g} has {len(path.critical)} critical points, but "
+                    f"{quantity.label} is requested; increase to=."
+                )
+            point = path.critical[quantity.number - 1]
+            return _Reading(float(point.factor), np.array([point.row]), np.ones(1))
+        column = self._column(quantity)
+        if isinstance(quantity, EquilibriumErrors):
+            rows = self._rows(quantity)
+            errors = (column[rows] - quantity.values) / quantity.sigma
+            return _Reading(float(errors @ errors), rows, 2.0 * errors / quantity.sigma)
+        last = len(path.q) - 1
+        return _Reading(float(column[last]), np.array([last]), np.ones(1))
+
+    def _forward_gradient(self, weights: Mapping[EquilibriumQuantity, float]) -> Array:
+        names = list(self._model.flat.entries)
+        result = np.zeros(len(names))
+        for quantity, weight in weights.items():
+            reading = self._read(quantity)
+            for k, name in enumerate(names):
+                if isinstance(quantity, CriticalLoad):
+                    rates = np.sum(self._sensitivities.factors[name], axis=1)
+                else:
+                    rates = self._sensitivities.sensitivity(quantity.column, name).to_numpy()  # type: ignore[attr-defined]
+                derivative = float(reading.weights @ rates[reading.rows])
                 if not np.isfinite(derivative):
                     raise BeamdaeError(
-                        f"{_NAME}: {quantity.label} of {self._flat.name} has no derivative with "
-                        f"respect to {name}, which does not preserve a critical point; remove it "
-                        "from by, or add an imperfection to the model."
+                        f"{_NAME}: {quantity.label} of {self._model.flat.name} has no derivative "
+                        f"with respect to {name}, which does not preserve a critical point; remove "
+                        "it from by, or add an imperfection to the model."
                     )
                 result[k] += weight * derivative
         return result
 
-    def _derivative(self, quantity: EquilibriumQuantity, parameter: str) -> float:
-        sensitivities = self._sensitivities
-        if isinstance(quantity, CriticalLoad):
-            row = self._critical_point(quantity).row
-            return float(np.sum(sensitivities.factors[parameter][row]))
-        rates = sensitivities.sensitivity(quantity.column, parameter).to_numpy()  # type: ignore[attr-defined]
-        if isinstance(quantity, EquilibriumErrors):
-            rows = self._rows(quantity)
-            errors = self._column(quantity)[rows] - quantity.values
-            return float(np.sum(2.0 * errors / quantity.sigma**2 * rates[rows]))
-        return float(rates[-1])
-
     @cached_property
     def _sensitivities(self) -> Any:
-        return equilibrium_sensitivities(
-            as_model(self._flat), list(self._flat.entries), **self._arguments, start=self._start
-        )
+        flat = self._model.flat
+        return equilibrium_sensitivities(as_model(flat), list(flat.entries), **self._arguments)
 
     def _column(self, quantity: Any) -> Array:
         values = self.result[quantity.column]
@@ -255,16 +279,6 @@ class EquilibriumAnalysis(Analysis):
             )
         return rows
 
-    def _critical_point(self, quantity: CriticalLoad) -> Any:
-        points = self.result.critical
-        if len(points) < quantity.number:
-            raise BeamdaeError(
-                f"{_NAME}: the equilibrium path of {self._flat.name} to load factor "
-                f"{self.result.factor:g} has {len(points)} critical points, but {quantity.label} "
-                "is requested; increase to=."
-            )
-        return points[quantity.number - 1]
-
     def _adjoint_gradient(self, weights: Mapping[EquilibriumQuantity, float]) -> Array | None:
         """Return the gradient by the adjoint, or None if it does not apply."""
         path = self.result
@@ -272,12 +286,11 @@ class EquilibriumAnalysis(Analysis):
         available = {x.partition(" [")[0] for x in (*path.columns, *path.coordinate_columns())}
         is_full_load = len(path.loads) == 1 and path.factor == 1.0 and not path.free
         is_regular = e.configurations is None and not e.redundant
-        if not is_full_load or not is_regular:
-            return None
-        if not all(
+        is_end = all(
             isinstance(x, EquilibriumValue) and x.column.partition(" [")[0] in available
             for x in weights
-        ):
+        )
+        if not (is_full_load and is_regular and is_end):
             return None
         rest, row = np.zeros((1, e.n)), slice(-1, None)
         at = State(path.q[row], rest, rest, path.lam[row])
@@ -310,20 +323,10 @@ class ModeAnalysis(Analysis):
         self._flat, about = model.flat, quantities[0].about
         number = max(x.number for x in quantities)
         self._about = about or REFERENCE
-        self.result = self._compute(model.mechanism, number)
+        self.result = _compute_vibrations(model.mechanism, self._about, number)
         if about is None and not self._is_balanced:
             self._about = EQUILIBRIUM
-            self.result = self._compute(model.mechanism, number)
-
-    def _compute(self, mechanism: Any, number: int) -> Modes:
-        """Return modes of which `number` are vibrations; fewer if there are no more."""
-        missing = count = number
-        while True:
-            modes = compute_modes(mechanism, self._about, count, damping=False)
-            missing = number - len(list_vibrations(modes))
-            if missing <= 0 or len(modes) < count or count > number + _MAX_FREE_MOTIONS:
-                return modes
-            count += missing
+            self.result = _compute_vibrations(model.mechanism, self._about, number)
 
     @property
     def _is_balanced(self) -> bool:
@@ -345,14 +348,9 @@ class ModeAnalysis(Analysis):
 
     def gradient(self, weights: Mapping[Frequency, float]) -> Array:
         """See `Analysis`."""
-        rows = [self._row(x) for x in weights]
-        factors = np.array(list(weights.values()))
-        return np.array(
-            [
-                factors @ self._sensitivities.sensitivity("frequency", name).to_numpy()[rows]
-                for name in self._flat.entries
-            ]
-        )
+        rows, factors = [self._row(x) for x in weights], np.array(list(weights.values()))
+        columns = (self._sensitivities.sensitivity("frequency", x) for x in self._flat.entries)
+        return np.array([factors @ column.to_numpy()[rows] for column in columns])
 
     @cached_property
     def _sensitivities(self) -> Any:
@@ -380,28 +378,20 @@ class MassAnalysis(Analysis):
 
     def gradient(self, weights: Mapping[Mass, float]) -> Array:
         """See `Analysis`."""
-        return sum(weights.values()) * self._mass_gradient
-
-    @cached_property
-    def _mass_gradient(self) -> Array:
         e, flat = self._model.equations, self._model.flat
         derivatives = self._model.number_derivatives(0.0)
         if derivatives is None:
-            function: Any = flat  # Name and call of a flat model are those of a model.
-            differences: list[Difference] = [
-                difference_model(function, name, flat.values, e, assemble_design)
-                for name in flat.entries
-            ]
-            return np.array([float(x.derivative(compute_mass)) for x in differences])
-
-        def differentiate(value: float, dp: Array, dq: Array) -> float:
-            return _differentiate(
-                lambda x: compute_mass(replace(e, p=e.p + x * dp, q0=e.q0 + x * dq)),
-                _RELATIVE_DIFFERENCE * (abs(value) or 1.0),
+            rates = _differentiate_each(
+                flat, lambda **changed: compute_mass(assemble_design(flat(**changed)))
             )
+        else:
 
-        rows = zip(flat.values.values(), derivatives.p, derivatives.q0, strict=True)
-        return np.array([differentiate(*row) for row in rows])
+            def change(p: Array, q0: Array) -> Callable[[float], float]:
+                return lambda x: compute_mass(replace(e, p=e.p + x * p, q0=e.q0 + x * q0))
+
+            rows = zip(flat.values.values(), derivatives.p, derivatives.q0, strict=True)
+            rates = np.array([_differentiate(change(p, q0), value) for value, p, q0 in rows])
+        return sum(weights.values()) * rates
 
 
 class ParameterAnalysis(Analysis):
@@ -414,22 +404,17 @@ class ParameterAnalysis(Analysis):
 
     def value(self, quantity: ParameterFunction) -> float:
         """See `Analysis`."""
-        return self._evaluate(quantity, {})
+        return self._evaluate(quantity)
 
     def gradient(self, weights: Mapping[ParameterFunction, float]) -> Array:
         """See `Analysis`."""
-        result = np.zeros(len(self._flat.entries))
-        for k, (name, value) in enumerate(self._flat.values.items()):
-            size = _RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
-            for quantity, weight in weights.items():
+        rates = (
+            weight * _differentiate_each(self._flat, functools.partial(self._evaluate, quantity))
+            for quantity, weight in weights.items()
+        )
+        return np.asarray(sum(rates))
 
-                def function(x: float, quantity: Any = quantity, first: float = value) -> float:
-                    return self._evaluate(quantity, {name: first + x})  # noqa: B023
-
-                result[k] += weight * _differentiate(function, size)
-        return result
-
-    def _evaluate(self, quantity: ParameterFunction, changed: dict[str, float]) -> float:
+    def _evaluate(self, quantity: ParameterFunction, /, **changed: float) -> float:
         value = quantity.call(self._flat.change(changed))
         number = as_real(value)
         if number is None:
@@ -439,19 +424,9 @@ class ParameterAnalysis(Analysis):
         return number
 
 
-def _differentiate(function: Callable[[float], float], size: float) -> float:
-    """Return the derivative of a function at zero; NaN if it is not defined on either side."""
-    for stencil in _STENCILS:
-        with suppress(ValueError, ArithmeticError), np.errstate(all="ignore"):
-            difference = sum(weight * function(k * size) for k, weight in stencil.items())
-            if np.isfinite(difference):
-                return difference / size
-    return float("nan")
-
-
-_ANALYSES: dict[str, type[Any]] = {
+ANALYSES: dict[str, type[Any]] = {
     RUN: RunAnalysis,
-    EQUILIBRIUM_PATH: EquilibriumAnalysis,
+    EQUILIBRIUM_PATH: PathAnalysis,
     MODES: ModeAnalysis,
     MASS: MassAnalysis,
     PARAMETERS: ParameterAnalysis,
@@ -462,7 +437,43 @@ def create_analysis(
     model: DesignModel, quantities: Sequence[AnalysisQuantity], settings: RunSettings
 ) -> Analysis:
     """Perform the analysis of some quantities, which share it."""
-    return _ANALYSES[quantities[0].analysis[0]](model, quantities, settings)
+    return ANALYSES[quantities[0].analysis[0]](model, quantities, settings)
+
+
+def _differentiate_each(flat: FlatModel, function: Callable[..., float]) -> Array:
+    """Return the derivatives (k,) of a function of changed numbers by their names."""
+    return np.array(
+        [
+            # Names such as "height[3]" are keys, too.
+            _differentiate(lambda x, name=name, first=first: function(**{name: first + x}), first)  # type: ignore[misc]
+            for name, first in flat.values.items()
+        ]
+    )
+
+
+def _differentiate(function: Callable[[float], float], value: float) -> float:
+    """Return the derivative of a function of the change of a number that has this value.
+
+    It is NaN if the function is not defined on either side.
+    """
+    size = _RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
+    for stencil in _STENCILS:
+        with suppress(ValueError, ArithmeticError), np.errstate(all="ignore"):
+            difference = sum(weight * function(k * size) for k, weight in stencil.items())
+            if np.isfinite(difference):
+                return difference / size
+    return float("nan")
+
+
+def _compute_vibrations(mechanism: Any, about: str, number: int) -> Modes:
+    """Return modes of which `number` are vibrations; fewer if there are no more."""
+    count = number
+    while True:
+        modes = compute_modes(mechanism, about, count, damping=False)
+        missing = number - len(list_vibrations(modes))
+        if missing <= 0 or len(modes) < count or count > number + _MAX_FREE_MOTIONS:
+            return modes
+        count += missing
 
 
 def list_vibrations(modes: Modes) -> list[int]:

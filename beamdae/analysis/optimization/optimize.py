@@ -5,19 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from beamdae.analysis.gradients.objectives import Objective
 from beamdae.analysis.optimization.analyses import RunSettings
-from beamdae.analysis.optimization.problem import DesignProblem
+from beamdae.analysis.optimization.problem import create_problem
 from beamdae.analysis.optimization.quantities import Limit, Quantity
-from beamdae.analysis.optimization.result import (
-    Optimization,
-    create_optimization,
-    list_warnings,
-)
-from beamdae.analysis.optimization.search import Search
-from beamdae.analysis.optimization.search_result import SearchSettings
+from beamdae.analysis.optimization.result import Optimization, create_optimization
+from beamdae.analysis.optimization.search import SearchSettings
 from beamdae.analysis.optimization.solvers import METHODS, Method
 from beamdae.analysis.optimization.starts import search_from_starts
 from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS
@@ -177,13 +170,9 @@ def optimize(
     seed = require_count("optimize", "seed", seed, least=0, most=MAX_SEED)
     require_progress("optimize", progress, 3)
     run_settings = RunSettings(integrator, t_end, start)
-    problem = DesignProblem(model, objective, by, subject_to, bounds, parameters, run_settings)
+    problem = create_problem(model, objective, by, subject_to, bounds, parameters, run_settings)
     settings = SearchSettings(method, max_evaluations, tolerance, progress)
-    rows = None
-    if starts == 1:
-        search = Search(problem, settings).run()
-    else:
-        search, rows = search_from_starts(problem, settings, starts, seed)
+    search, rows = search_from_starts(problem, settings, starts, seed)
     result = create_optimization(search, rows)
     if search.progress_error is not None:
         attach_partial(search.progress_error, result)
@@ -191,22 +180,13 @@ def optimize(
     if result.status.kind == "interrupted":
         if partial == "raise":
             raise Interrupted(result.status.sentence, result, "optimize")
-        _issue_warnings(result)
-        return result
-    if search.has_effect is not None:
-        is_idle = ~search.has_effect & (search.best.numbers == search.trials[0].numbers)
-        if np.any(is_idle):
-            names = list_first(np.array(problem.names)[is_idle].tolist(), _MAX_NAMES)
+    else:
+        if search.idle:
             warn_user(
-                f"optimize: neither the objective nor a constraint depends on {names} at the best "
-                "design, so that the search keeps the first values."
+                "optimize: neither the objective nor a constraint depends on "
+                f"{list_first(search.idle, _MAX_NAMES)} at the best design."
             )
-    if not result.status.success:
-        warn_of_incomplete_result(f"optimize: {result.status.sentence}.")
-    _issue_warnings(result)
+        if not result.status.success:
+            warn_of_incomplete_result(f"optimize: {result.status.sentence}.")
+    warn_of_result(result.warnings)
     return result
-
-
-def _issue_warnings(result: Optimization) -> None:
-    of_analyses = list_warnings(result.analyses)
-    warn_of_result(x if x in of_analyses else f"optimize: {x}" for x in result.warnings)

@@ -1,12 +1,10 @@
-"""Objective and constraints of a design as scaled functions of the variables of a search."""
+"""Objective and constraints of a design as functions of the numbers in the parameters."""
 
 from __future__ import annotations
 
-import copy
 import warnings
-from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +12,6 @@ import numpy as np
 
 from beamdae.analysis.gradients.gradients import DEFAULT_METHOD, flatten_model
 from beamdae.analysis.gradients.number_derivatives import FlatModel
-from beamdae.analysis.gradients.objectives import SampleGrid, read_column
 from beamdae.analysis.optimization.analyses import (
     Analysis,
     DesignModel,
@@ -22,17 +19,14 @@ from beamdae.analysis.optimization.analyses import (
     create_analysis,
 )
 from beamdae.analysis.optimization.quantities import (
-    EQUILIBRIUM_PATH,
-    MODES,
-    PARAMETERS,
+    RUN,
     AnalysisQuantity,
-    LargestOf,
     Limit,
     Quantity,
     RunQuantity,
     as_quantity,
 )
-from beamdae.analysis.parameter_bounds import convert_bounds, require_bounds_around
+from beamdae.analysis.parameter_bounds import read_bounds
 from beamdae.beams.beam import beams_of
 from beamdae.beams.section_samples import (
     KnownSections,
@@ -44,16 +38,13 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
-    as_real,
-    hold_messages,
     list_first,
-    require_mapping,
+    record_messages,
     require_sequence,
     short_repr,
 )
 from beamdae.integrators.integrator import Integrator
 from beamdae.model_parameters import parse_unit, split_unit
-from beamdae.results.solution import Solution
 from beamdae.simulation import skip_result_checks
 
 Array = np.ndarray
@@ -78,8 +69,6 @@ class Design:
         Values (1 + C,) of the objective and of the quantities of the C constraints.
     weights
         Derivatives of these values with respect to the results of the analyses.
-    leaf_values
-        Values of the results of analyses of which the quantities are functions.
     sections
         Known stress sections with which the models were built, see `keep_known_sections`.
     """
@@ -88,7 +77,6 @@ class Design:
     analyses: dict[tuple[str, ...], Analysis]
     values: Array
     weights: list[dict[AnalysisQuantity, float]]
-    leaf_values: dict[AnalysisQuantity, float]
     sections: Mapping[str, KnownSections]
 
     @property
@@ -99,19 +87,13 @@ class Design:
     @cached_property
     def gradients(self) -> Array:
         """Gradients (1 + C, k) of the values with respect to the numbers of the model."""
-        with (
-            warnings.catch_warnings(),
-            skip_result_checks(),
-            keep_known_sections(self.sections),
-        ):
-            warnings.simplefilter("ignore", BeamdaeWarning)
+        with _muted_warnings(), skip_result_checks(), keep_known_sections(self.sections):
             return np.array([self._gradient(weights) for weights in self.weights])
 
     def _gradient(self, weights: Mapping[AnalysisQuantity, float]) -> Array:
-        groups = group_by_analysis(weights)
         result = sum(
             self.analyses[key].gradient({x: weights[x] for x in leaves})
-            for key, leaves in groups.items()
+            for key, leaves in group_by_analysis(weights).items()
         )
         gradient = np.asarray(result, float)
         if not np.all(np.isfinite(gradient)):
@@ -122,22 +104,18 @@ class Design:
             )
         return gradient
 
-    def maximum_ratio(self, limit: Limit, value: float) -> float:
-        """Return the ratio of the maximum over the run to a limited smooth maximum, at least 1.
+    def maxima(self, quantity: Quantity) -> dict[AnalysisQuantity, float]:
+        """Return the values of the leaves of a quantity, maxima instead of smooth maxima."""
+        return {leaf: self.analyses[leaf.analysis].maximum(leaf) for leaf in quantity.leaves}
 
-        It is 1 for limits of other quantities.
+    def maximum_ratio(self, limit: Limit, value: float) -> float:
+        """Return the ratio of a quantity of maxima to that of smooth maxima, the value; at least 1.
+
+        It is 1 for lower limits of magnitudes, and for quantities without smooth maxima.
         """
-        quantity = limit.quantity
-        is_upper = min(limit.sign * value, limit.sign * limit.bound) > 0.0
-        solution = next((x for x in self.results if isinstance(x, Solution)), None)
-        if solution is None or not is_upper or not isinstance(quantity, (RunQuantity, LargestOf)):
+        if min(limit.sign * value, limit.sign * limit.bound) <= 0.0:
             return 1.0
-        largest = 0.0
-        leaves = [x for x in quantity.leaves if isinstance(x, RunQuantity)]
-        for factor, term in filter(None, (x.smooth_maximum for x in leaves)):
-            run = solution.at_times(SampleGrid.of(solution.trajectory).t)
-            largest = max(largest, float(np.max(np.abs(factor * read_column(run, term.column)[1]))))
-        return max(1.0, largest / abs(value))
+        return max(1.0, limit.quantity.evaluate(self.maxima(limit.quantity))[0] / value)
 
 
 @dataclass(frozen=True)
@@ -150,8 +128,9 @@ class _FixedModel(FlatModel):
         return self.mechanism
 
 
+@dataclass(frozen=True, eq=False)
 class DesignProblem:
-    """Objective and constraints as functions of scaled variables.
+    """Objective and constraints as functions of the numbers in the parameters of a model.
 
     Attributes
     ----------
@@ -159,43 +138,32 @@ class DesignProblem:
         The model at the first values of the parameters.
     objective, limits
         Objective and constraints.
-    quantities
-        The objective and the constrained quantities.
-    first, lower, upper
-        First values of the numbers in the parameters, and their bounds, (k,).
-    sizes
-        Sizes (k,) of the numbers.
+    lower, upper
+        Bounds (k,) of the numbers.
+    settings
+        Arguments of runs.
     sections
         Known stress sections with which designs are built; their own ones if it is empty.
     """
 
-    def __init__(
-        self,
-        model: Any,
-        objective: Any,
-        by: Any,
-        subject_to: Any,
-        bounds: Any,
-        parameters: Any,
-        settings: RunSettings,
-    ) -> None:
-        self.objective: Quantity = as_quantity(f"{_NAME}: objective", objective)
-        limits = [subject_to] if isinstance(subject_to, Limit) else subject_to
-        what = "a list of constraints such as at_most(quantity, limit)"
-        self.limits: tuple[Limit, ...] = tuple(require_sequence(_NAME, "subject_to", limits, what))
-        for limit in self.limits:
-            if not isinstance(limit, Limit):
-                raise BeamdaeError(
-                    f"{_NAME}: subject_to must be {what}, got an entry {short_repr(limit)}."
-                )
-        self.quantities: Sequence[Quantity] = (self.objective, *(x.quantity for x in self.limits))
-        self.flat = flatten_model(_NAME, model, by, parameters)
-        self._settings = settings
-        self.first = np.array(list(self.flat.values.values()))
-        self.lower, self.upper = self._read_bounds(bounds)
-        self.sizes = self._choose_sizes()
-        self._designs: dict[bytes, Design] = {}
-        self.sections: Mapping[str, KnownSections] = {}
+    flat: FlatModel
+    objective: Quantity
+    limits: tuple[Limit, ...]
+    lower: Array
+    upper: Array
+    settings: RunSettings
+    sections: Mapping[str, KnownSections] = field(default_factory=dict)
+    _designs: dict[bytes, Design] = field(default_factory=dict, init=False)
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """The objective and the limited quantities."""
+        return (self.objective, *(x.quantity for x in self.limits))
+
+    @property
+    def leaves(self) -> list[AnalysisQuantity]:
+        """The results of analyses of which the quantities are functions."""
+        return [leaf for quantity in self.quantities for leaf in quantity.leaves]
 
     @property
     def names(self) -> list[str]:
@@ -208,31 +176,33 @@ class DesignProblem:
         described = self.flat.model.parameter_info
         return {name: described[key].unit for name, (key, _) in self.flat.entries.items()}
 
-    def units_of(self, analyses: Sequence[Any]) -> list[str]:
-        """Return the units of the quantities, given the results of analyses; "" if unknown."""
-        equations = next((x.equations for x in analyses if hasattr(x, "equations")), None)
-        known = {} if equations is None else list_column_units(equations)
-        return [quantity.find_unit(known) for quantity in self.quantities]
-
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of runs and paths in the objective and the constraints."""
-        leaves = (leaf for quantity in self.quantities for leaf in quantity.leaves)
-        terms = (
-            term
-            for x in leaves
-            for _, term in (x.objective.terms if isinstance(x, RunQuantity) else [(1.0, x)])
-        )
-        names = (getattr(term, "column", None) for term in terms)
-        return tuple(dict.fromkeys(x for x in names if isinstance(x, str)))
+        names = (getattr(leaf, "column", "") for leaf in self.leaves)
+        return tuple(dict.fromkeys(filter(None, names)))
 
-    @property
+    @cached_property
+    def first(self) -> Array:
+        """First values (k,) of the numbers."""
+        return np.array(list(self.flat.values.values()))
+
+    @cached_property
+    def sizes(self) -> Array:
+        """Sizes (k,) of the numbers: those of the parameters, at most those of the bounds."""
+        keys = np.array([key for key, _ in self.flat.entries.values()])
+        sizes = np.array([np.max(np.abs(self.first[keys == key])) for key in keys])
+        ranges = self.upper - self.lower
+        sizes = np.where(sizes > 0.0, np.minimum(sizes, ranges), ranges)
+        return np.where(np.isfinite(sizes), sizes, 1.0)
+
+    @cached_property
     def noise(self) -> Array:
         """Relative sizes (1 + C,) of jumps of the values between designs: `rtol` of runs, or 0.
 
         Values of runs with adaptive steps jump where the steps of two designs differ.
         """
-        name, value = (self._settings.integrator or DEFAULT_METHOD).accuracy
+        name, value = (self.settings.integrator or DEFAULT_METHOD).accuracy
         has_runs = [any(isinstance(y, RunQuantity) for y in x.leaves) for x in self.quantities]
         return np.where(has_runs, value if name == "rtol" else 0.0, 0.0)
 
@@ -242,17 +212,14 @@ class DesignProblem:
         These are logarithms of numbers with a positive lower bound, in which products of powers
         are linear, and otherwise the numbers relative to their sizes.
         """
-        is_logarithmic = self.lower > 0.0
-        result = numbers / self.sizes
-        result[is_logarithmic] = np.log(numbers[is_logarithmic])
-        return result
+        with np.errstate(all="ignore"):
+            return np.where(self.lower > 0.0, np.log(numbers), numbers / self.sizes)
 
     def numbers(self, variables: Array) -> Array:
         """Return the values (k,) of the numbers, within their bounds, for variables (k,)."""
-        is_logarithmic = self.lower > 0.0
-        result = self.sizes * variables
-        result[is_logarithmic] = np.exp(variables[is_logarithmic])
-        return np.clip(result, self.lower, self.upper)
+        with np.errstate(over="ignore"):
+            numbers = np.where(self.lower > 0.0, np.exp(variables), self.sizes * variables)
+        return np.clip(numbers, self.lower, self.upper)
 
     def rates(self, numbers: Array) -> Array:
         """Return the derivatives (k,) of the numbers with respect to the variables."""
@@ -260,17 +227,7 @@ class DesignProblem:
 
     def starting_at(self, values: Array) -> DesignProblem:
         """Return the problem with other first values (k,) of the numbers."""
-        other = self.with_sections({})
-        other.flat = replace(self.flat, parameters=self.parameters(values))
-        other.first = values
-        other.sizes = other._choose_sizes()
-        return other
-
-    def with_sections(self, sections: Mapping[str, KnownSections]) -> DesignProblem:
-        """Return the problem with other stress sections and without stored designs."""
-        other = copy.copy(self)
-        other._designs, other.sections = {}, sections
-        return other
+        return replace(self, flat=replace(self.flat, parameters=self.parameters(values)))
 
     def with_sections_of(self, design: Design, is_added: bool = False) -> DesignProblem:
         """Return the problem with the stress sections of a design, or with these and its own ones.
@@ -284,25 +241,26 @@ class DesignProblem:
         if is_added:
             for name, known in sections.items():
                 sections[name] = merge_known_sections(known, self.sections.get(name, {}))
-        other = self.with_sections(sections)
+        other = replace(self, sections=sections)
         if not is_added:
             other._designs[np.array(list(design.flat.values.values())).tobytes()] = design
         return other
 
-    def require_units(self, analyses: Sequence[Any]) -> None:
-        """Reject limits in units of other quantities, given the results of analyses."""
-        for limit, unit in zip(self.limits, self.units_of(analyses)[1:], strict=True):
-            given, known = parse_unit(limit.unit), parse_unit(unit)
-            if limit.unit and (given is None or known is None or given[1] != known[1]):
-                problem = f"is in {unit}" if unit else "has no known unit"
-                raise BeamdaeError(
-                    f"{_NAME}: the limit of {limit.quantity.label} is in {limit.unit}, but the "
-                    f"quantity {problem}; give the limit as a number in SI units."
-                )
+    def units_of(self, analyses: Sequence[Any]) -> list[str]:
+        """Return the units of the quantities, given the results of analyses; "" if unknown."""
+        equations = next((x.equations for x in analyses if hasattr(x, "equations")), None)
+        known = {} if equations is None else _list_column_units(equations)
+        return [quantity.find_unit(known) for quantity in self.quantities]
 
     def parameters(self, values: Array) -> dict[str, Any]:
         """Return all parameters of the model for values (k,) of the numbers."""
         return self.flat.change(dict(zip(self.names, values.tolist(), strict=True)))
+
+    def varied_parameters(self, values: Array) -> dict[str, Any]:
+        """Return the varied parameters: floats, or tuples for lists of floats."""
+        given = self.parameters(values)
+        names = dict.fromkeys(key for key, _ in self.flat.entries.values())
+        return {x: given[x] if isinstance(given[x], float) else tuple(given[x]) for x in names}
 
     def design(self, values: Array) -> Design:
         """Return the design with values (k,) of the numbers; the latest ones are stored.
@@ -314,11 +272,23 @@ class DesignProblem:
         """
         key = values.tobytes()
         if key not in self._designs:
-            design = self._analyze(values)
+            with _muted_warnings(), skip_result_checks():
+                design = self._analyze(replace(self.flat, parameters=self.parameters(values)))
             while len(self._designs) >= _KEPT_DESIGNS:
                 del self._designs[next(iter(self._designs))]
             self._designs[key] = design
         return self._designs[key]
+
+    def check(self, values: Array) -> tuple[tuple[Any, ...], list[str]]:
+        """Return the results of a design with all their checks, and the warnings of the analyses.
+
+        The run of the design, which contains its checks, is not repeated.
+        """
+        runs = {key: x for key, x in self.design(values).analyses.items() if key[0] == RUN}
+        flat = replace(self.flat, parameters=self.parameters(values))
+        with _muted_warnings(), record_messages() as messages:
+            checked = self._analyze(flat, runs)
+        return checked.results, messages
 
     def repeat(self, values: Array, mechanism: Any, integrator: Integrator | None) -> Array:
         """Return the values (1 + C,) of a design with another mechanism and integrator.
@@ -328,94 +298,88 @@ class DesignProblem:
         BeamdaeError
             If an analysis fails.
         """
-        other = self.with_sections(self.sections)
-        flat = self.flat
-        other.flat = _FixedModel(flat.model, flat.parameters, flat.entries, mechanism)
-        other._settings = replace(self._settings, integrator=integrator)
-        with skip_result_checks():
-            return other._analyze(values).values
+        settings = replace(self.settings, integrator=integrator)
+        flat = _FixedModel(self.flat.model, self.parameters(values), self.flat.entries, mechanism)
+        with _muted_warnings(), skip_result_checks():
+            return replace(self, settings=settings)._analyze(flat).values
 
     def start_of(self, equations: EquationsOfMotion) -> Any:
         """Return the start of the runs and equilibria of a design."""
         mechanism = equations.mechanism
         assert mechanism is not None
-        return mechanism.start if self._settings.start is None else self._settings.start
+        return mechanism.start if self.settings.start is None else self.settings.start
 
-    def _analyze(self, values: Array) -> Design:
-        model = DesignModel(replace(self.flat, parameters=self.parameters(values)))
-        leaves = [leaf for quantity in self.quantities for leaf in quantity.leaves]
-        analyses: dict[tuple[str, ...], Analysis] = {}
+    def _analyze(
+        self, flat: FlatModel, known: Mapping[tuple[str, ...], Analysis] | None = None
+    ) -> Design:
+        model, analyses = DesignModel(flat), dict(known or {})
         results: dict[AnalysisQuantity, float] = {}
-        with warnings.catch_warnings(), keep_known_sections(self.sections):
-            # The result evaluates the warnings of the best design; those of the first one are
-            # issued if its analysis fails.
-            warnings.simplefilter("ignore", BeamdaeWarning)
-            is_first = np.array_equal(values, self.first)
-            for key, group in group_by_analysis(leaves).items():
-                with nullcontext() if is_first else skip_result_checks():
-                    analyses[key] = create_analysis(model, group, self._settings)
-                # Functions of parameters may contain analyses.
-                with skip_result_checks():
-                    results |= {leaf: analyses[key].value(leaf) for leaf in group}
+        with keep_known_sections(self.sections):
+            for key, group in group_by_analysis(self.leaves).items():
+                if key not in analyses:
+                    analyses[key] = create_analysis(model, group, self.settings)
+                results |= {leaf: analyses[key].value(leaf) for leaf in group}
         numbers, weights = zip(*(x.evaluate(results) for x in self.quantities), strict=True)
         for quantity, number in zip(self.quantities, numbers, strict=True):
             if not np.isfinite(number):
                 raise BeamdaeError(
-                    f"{_NAME}: {quantity.label} of {model.flat.name} is {number:g} at these values "
+                    f"{_NAME}: {quantity.label} of {flat.name} is {number:g} at these values "
                     "of the parameters; start from others (parameters={name: value}), or exclude "
                     "them by bounds=."
                 )
-        values = np.array(numbers)
-        return Design(model.flat, analyses, values, list(weights), results, self.sections)
-
-    def checked_results(self, design: Design) -> tuple[tuple[Any, ...], tuple[str, ...]]:
-        """Return the results of a design with all their warnings, and those of the user's code.
-
-        Equilibria and modes are computed again with the checks that other designs omit, and so are
-        those that functions of parameters and the model function contain.
-        """
-        model, groups = DesignModel(design.flat), group_by_analysis(design.leaf_values)
-        analyses = dict(design.analyses)
-        with hold_messages() as messages, keep_known_sections(design.sections):
-            _ = model.mechanism
-            for leaf in groups.get((PARAMETERS,), ()):
-                design.analyses[leaf.analysis].value(leaf)
-        with warnings.catch_warnings(), keep_known_sections(design.sections):
-            warnings.simplefilter("ignore", BeamdaeWarning)
-            for key in (x for x in groups if x[0] in (EQUILIBRIUM_PATH, MODES)):
-                analyses[key] = create_analysis(model, groups[key], self._settings)
-        return replace(design, analyses=analyses).results, tuple(messages)
-
-    def _read_bounds(self, bounds: Any) -> tuple[Array, Array]:
-        """Return lower and upper bounds of the numbers."""
-        given = {} if bounds is None else bounds
-        given = require_mapping(_NAME, "bounds", given, "a dict of (lower, upper) by name")
-        keys = np.array([key for key, _ in self.flat.entries.values()])
-        lower, upper = np.full((2, len(self.first)), [[-np.inf], [np.inf]])
-        for name, value in given.items():
-            rows = keys == name
-            if not np.any(rows):
-                raise BeamdaeError(
-                    f"{_NAME}: bounds contains {short_repr(name)}, which is not in by; name one of "
-                    f"{', '.join(dict.fromkeys(keys.tolist()))}."
-                )
-            pair = convert_bounds(_NAME, name, value, self.flat.model.parameter_info[name].unit)
-            for limits, bound in zip((lower, upper), pair, strict=True):
-                limits[rows] = _read_bound(name, bound, int(rows.sum()))
-            first = self.flat.parameters[name]
-            require_bounds_around(_NAME, name, first, lower[rows], upper[rows], value)
-        return lower, upper
-
-    def _choose_sizes(self) -> Array:
-        """Return the size of each number: that of its parameter, at most that of its bounds."""
-        keys = np.array([key for key, _ in self.flat.entries.values()])
-        sizes = np.array([np.max(np.abs(self.first[keys == key])) for key in keys])
-        ranges = self.upper - self.lower
-        sizes = np.where(sizes > 0.0, np.minimum(sizes, ranges), ranges)
-        return np.where(np.isfinite(sizes), sizes, 1.0)
+        return Design(flat, analyses, np.array(numbers), list(weights), self.sections)
 
 
-def group_by_analysis(leaves: Any) -> dict[tuple[str, ...], list[AnalysisQuantity]]:
+def create_problem(
+    model: Any,
+    objective: Any,
+    by: Any,
+    subject_to: Any,
+    bounds: Any,
+    parameters: Any,
+    settings: RunSettings,
+) -> DesignProblem:
+    """Return the problem of `optimize` with these arguments.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid.
+    """
+    goal = as_quantity(f"{_NAME}: objective", objective)
+    what = "a list of constraints such as at_most(quantity, limit)"
+    given = [subject_to] if isinstance(subject_to, Limit) else subject_to
+    limits = tuple(require_sequence(_NAME, "subject_to", given, what))
+    for limit in limits:
+        if not isinstance(limit, Limit):
+            raise BeamdaeError(
+                f"{_NAME}: subject_to must be {what}, got an entry {short_repr(limit)}."
+            )
+    flat = flatten_model(_NAME, model, by, parameters)
+    keys = np.array([key for key, _ in flat.entries.values()])
+    first = {name: flat.parameters[name] for name in dict.fromkeys(keys.tolist())}
+    units = {name: x.unit for name, x in flat.model.parameter_info.items()}
+    lower, upper = np.full((2, len(keys)), [[-np.inf], [np.inf]])
+    for name, ends in read_bounds(_NAME, bounds, first, units).items():
+        lower[keys == name], upper[keys == name] = ends
+    return DesignProblem(flat, goal, limits, lower, upper, settings)
+
+
+def require_units(problem: DesignProblem, units: Sequence[str]) -> None:
+    """Reject limits in units of other quantities, given the units of the limited quantities."""
+    for limit, unit in zip(problem.limits, units, strict=True):
+        given, known = parse_unit(limit.unit), parse_unit(unit)
+        if limit.unit and (given is None or known is None or given[1] != known[1]):
+            reason = f"is in {unit}" if unit else "has no known unit"
+            raise BeamdaeError(
+                f"{_NAME}: the limit of {limit.quantity.label} is in {limit.unit}, but the "
+                f"quantity {reason}; give the limit as a number in SI units."
+            )
+
+
+def group_by_analysis(
+    leaves: Iterable[AnalysisQuantity],
+) -> dict[tuple[str, ...], list[AnalysisQuantity]]:
     """Return the quantities of each analysis."""
     groups: dict[tuple[str, ...], list[AnalysisQuantity]] = {}
     for leaf in leaves:
@@ -423,31 +387,13 @@ def group_by_analysis(leaves: Any) -> dict[tuple[str, ...], list[AnalysisQuantit
     return groups
 
 
-def list_column_units(equations: EquationsOfMotion) -> dict[str, str]:
+def _list_column_units(equations: EquationsOfMotion) -> dict[str, str]:
     """Return the units of coordinates and observed columns by name and by header."""
     headers = [x for observable in equations.observables for x in observable.headers]
     units = {variable.name: variable.unit for variable in equations.coordinates}
     return units | {name: split_unit(x)[1] for x in headers for name in (x, split_unit(x)[0])}
 
 
-def _read_bound(name: str, bound: Any, count: int) -> Array:
-    """Return a bound of all numbers of a parameter."""
-    entries = [bound] * count if as_real(bound) is not None else bound
-    what = "a number, or one per entry"
-    numbers = [as_real(x) for x in require_sequence(_NAME, f"a bound of {name}", entries, what)]
-    if len(numbers) != count or any(x is None or np.isnan(x) for x in numbers):
-        raise BeamdaeError(
-            f"{_NAME}: a bound of {name} must be {what} ({count}), got {short_repr(bound)}."
-        )
-    return np.array(numbers, float)
-
-
-def parameter_values(flat: FlatModel, values: Array) -> Mapping[str, Any]:
-    """Return values (k,) of numbers by parameter: floats, or tuples for lists of floats."""
-    result: dict[str, Any] = {}
-    for (key, k), value in zip(flat.entries.values(), values.tolist(), strict=True):
-        if k is None:
-            result[key] = value
-        else:
-            result.setdefault(key, []).append(value)
-    return {key: x if isinstance(x, float) else tuple(x) for key, x in result.items()}
+def _muted_warnings() -> Any:
+    """Return a context without warnings of analyses: the result states those of the best design."""
+    return warnings.catch_warnings(action="ignore", category=BeamdaeWarning)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from beamdae.analysis.gradients.objectives import (
+    ColumnObjective,
     EndValue,
     Objective,
     SmoothMaximum,
@@ -38,6 +39,7 @@ _MAX_EXPONENT = 1000.0
 _MAX_NUMBER = 10_000
 # Kinds of analyses.
 RUN, EQUILIBRIUM_PATH, MODES, MASS, PARAMETERS = "run", "path", "modes", "mass", "parameters"
+Values: TypeAlias = "Mapping[AnalysisQuantity, float]"
 
 
 class Quantity(Summand):
@@ -57,22 +59,16 @@ class Quantity(Summand):
     label: str
     parts: tuple[Quantity, ...] = ()
 
-    def combine(self, values: Array) -> tuple[float, Array]:
-        """Return the value, and its derivatives, for values (n,) of the parts."""
-        raise NotImplementedError
-
-    def find_unit(self, columns: Mapping[str, str]) -> str:
-        """Return the unit of the value, "" if it is unknown; `columns` are units of columns."""
-        return ""
-
     @property
     def leaves(self) -> tuple[AnalysisQuantity, ...]:
         """The results of analyses of which the quantity is a function."""
         return tuple(leaf for part in self.parts for leaf in part.leaves)
 
-    def evaluate(
-        self, values: Mapping[AnalysisQuantity, float]
-    ) -> tuple[float, dict[AnalysisQuantity, float]]:
+    def combine(self, values: Array) -> tuple[float, Array]:
+        """Return the value, and its derivatives, for values (n,) of the parts."""
+        raise NotImplementedError
+
+    def evaluate(self, values: Values) -> tuple[float, dict[AnalysisQuantity, float]]:
         """Return the value and its derivatives with respect to the leaves, given their values."""
         parts = [x.evaluate(values) for x in self.parts]
         value, factors = self.combine(np.array([x for x, _ in parts]))
@@ -82,32 +78,25 @@ class Quantity(Summand):
                 weights[leaf] += factor * derivative
         return value, weights
 
-    @property
-    def weighted_terms(self) -> tuple[tuple[float, Quantity], ...]:
-        """Factors and quantities whose weighted sum is this quantity."""
-        return ((1.0, self),)
+    def find_unit(self, columns: Mapping[str, str]) -> str:
+        """Return the unit of the value, "" if it is unknown; `columns` are units of columns."""
+        units = {x.find_unit(columns) for x in self.parts}
+        return units.pop() if len(units) == 1 else ""
 
-    def _plus(self, other: Summand) -> Quantity:
-        return QuantitySum((*self.weighted_terms, *as_quantity("+", other).weighted_terms))
-
-    def __radd__(self, other: Any) -> Quantity:
-        if isinstance(other, Objective):
-            return as_quantity("+", other) + self
-        return super().__radd__(other)
-
-    def _times(self, factor: float) -> Quantity:
-        return QuantitySum(tuple((factor * weight, x) for weight, x in self.weighted_terms))
+    def _sum(self, terms: Iterable[tuple[float, Any]]) -> Quantity:
+        return QuantitySum(terms)
 
 
 class QuantitySum(Quantity):
-    """Sum of factor * quantity."""
+    """Sum of factor * quantity, also of objectives of runs."""
 
-    def __init__(self, terms: tuple[tuple[float, Quantity], ...]) -> None:
-        self._terms, self.parts = terms, tuple(x for _, x in terms)
-        self.label = format_sum((weight, x.label) for weight, x in terms)
+    def __init__(self, terms: Iterable[tuple[float, Any]]) -> None:
+        self._terms = tuple((weight, as_quantity("+", x)) for weight, x in terms)
+        self.parts = tuple(x for _, x in self._terms)
+        self.label = format_sum((weight, x.label) for weight, x in self._terms)
 
     @property
-    def weighted_terms(self) -> tuple[tuple[float, Quantity], ...]:
+    def terms(self) -> tuple[tuple[float, Quantity], ...]:
         """See `Quantity`."""
         return self._terms
 
@@ -118,8 +107,8 @@ class QuantitySum(Quantity):
 
     def find_unit(self, columns: Mapping[str, str]) -> str:
         """See `Quantity`; a factor other than a sign may convert the unit."""
-        (factor, first), *others = self._terms
-        return first.find_unit(columns) if abs(factor) == 1.0 and not others else ""
+        is_sign = len(self._terms) == 1 and abs(self._terms[0][0]) == 1.0
+        return super().find_unit(columns) if is_sign else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,12 +162,7 @@ class LargestOf(Quantity):
         norm = float(np.sum(ratios**self.exponent)) ** (1.0 / self.exponent)
         return largest * norm, (ratios / norm) ** (self.exponent - 1.0) * np.sign(values)
 
-    def find_unit(self, columns: Mapping[str, str]) -> str:
-        """See `Quantity`."""
-        units = {x.find_unit(columns) for x in self.parts}
-        return units.pop() if len(units) == 1 else ""
-
-    def largest(self, values: Mapping[AnalysisQuantity, float]) -> float:
+    def largest(self, values: Values) -> float:
         """Return the largest magnitude of the quantities, given the values of the leaves."""
         return max(abs(x.evaluate(values)[0]) for x in self.parts)
 
@@ -190,50 +174,40 @@ class AnalysisQuantity(Quantity):
     ----------
     analysis
         Kind and arguments of the analysis; quantities with equal ones share it.
+    unit
+        Unit of the value; "" if it is unknown, or that of a column.
     """
 
     analysis: tuple[str, ...]
+    unit: str = ""
 
     @property
     def leaves(self) -> tuple[AnalysisQuantity, ...]:
         """See `Quantity`."""
         return (self,)
 
-    def evaluate(
-        self, values: Mapping[AnalysisQuantity, float]
-    ) -> tuple[float, dict[AnalysisQuantity, float]]:
+    def evaluate(self, values: Values) -> tuple[float, dict[AnalysisQuantity, float]]:
         """See `Quantity`."""
         return values[self], {self: 1.0}
 
+    def find_unit(self, columns: Mapping[str, str]) -> str:
+        """See `Quantity`."""
+        return self.unit
+
 
 class RunQuantity(AnalysisQuantity):
-    """Objective of a run."""
+    """Objective of a run, a function of one column."""
 
     analysis = (RUN,)
 
-    def __init__(self, objective: Objective) -> None:
-        self.objective = objective
-        self.label = format_sum(
-            (w, f"{type(x).__name__} of {x.column}") for w, x in objective.terms
-        )
-
-    @property
-    def weighted_terms(self) -> tuple[tuple[float, Quantity], ...]:
-        """See `Quantity`."""
-        return tuple((weight, RunQuantity(x)) for weight, x in self.objective.terms)
+    def __init__(self, objective: ColumnObjective) -> None:
+        self.objective, self.column = objective, objective.column
+        self.label = f"{type(objective).__name__} of {objective.column}"
 
     def find_unit(self, columns: Mapping[str, str]) -> str:
         """See `Quantity`."""
-        (factor, value), *others = self.objective.terms
-        is_value = isinstance(value, (EndValue, SmoothMaximum))
-        is_single = is_value and abs(factor) == 1.0 and not others
-        return columns.get(value.column, "") if is_single else ""
-
-    @property
-    def smooth_maximum(self) -> tuple[float, SmoothMaximum] | None:
-        """Factor and `SmoothMaximum` if the quantity is one; None for other objectives."""
-        (factor, value), *others = self.objective.terms
-        return None if others or not isinstance(value, SmoothMaximum) else (factor, value)
+        is_value = isinstance(self.objective, (EndValue, SmoothMaximum))
+        return columns.get(self.column, "") if is_value else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,10 +225,7 @@ class Mass(AnalysisQuantity):
 
     label = "mass"
     analysis = (MASS,)
-
-    def find_unit(self, columns: Mapping[str, str]) -> str:
-        """See `Quantity`."""
-        return "kg"
+    unit = "kg"
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,10 +267,6 @@ class ParameterFunction(AnalysisQuantity):
         name = _require_text("ParameterFunction", "name", self.name)
         unit = "" if as_text(self.unit) == "" else require_unit("ParameterFunction", self.unit)
         set_fields(self, name=name, unit=unit, label=name)
-
-    def find_unit(self, columns: Mapping[str, str]) -> str:
-        """See `Quantity`."""
-        return self.unit
 
     def call(self, parameters: Mapping[str, Any]) -> Any:
         """Return the value of the function for the parameters of the model."""
@@ -481,16 +448,13 @@ class Frequency(AnalysisQuantity):
 
     number: int = 1
     about: str | None = None
+    unit = "Hz"
 
     def __post_init__(self) -> None:
         number = require_count("Frequency", "number", self.number, most=_MAX_NUMBER)
         about = require_choice("Frequency", "about", self.about, [None, "reference", "equilibrium"])
         analysis = (MODES, about or "")
         set_fields(self, number=number, about=about, label=f"frequency {number}", analysis=analysis)
-
-    def find_unit(self, columns: Mapping[str, str]) -> str:
-        """See `Quantity`."""
-        return "Hz"
 
 
 @dataclass(frozen=True, eq=False)
@@ -588,8 +552,10 @@ def as_quantity(part: str, value: Any) -> Quantity:
     """Return a quantity or an objective of a run as a quantity, or raise BeamdaeError."""
     if isinstance(value, Quantity):
         return value
-    if isinstance(value, Objective):
+    if isinstance(value, ColumnObjective):
         return RunQuantity(value)
+    if isinstance(value, Objective):
+        return QuantitySum(value.terms)
     raise BeamdaeError(
         f"{part} must be a Quantity such as Mass() or an Objective such as EndValue('tip.y'), got "
         f"{short_repr(value)}."

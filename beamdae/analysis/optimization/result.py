@@ -7,12 +7,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from types import NoneType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.optimization.problem import Design, DesignProblem, parameter_values
+from beamdae.analysis.gradients.objectives import SmoothMaximum
+from beamdae.analysis.optimization.problem import Design, DesignProblem
 from beamdae.analysis.optimization.quantities import (
     EquilibriumErrors,
     EquilibriumValue,
@@ -20,12 +22,8 @@ from beamdae.analysis.optimization.quantities import (
     Quantity,
     RunQuantity,
 )
-from beamdae.analysis.optimization.search import INTERRUPTED_CHECKS
-from beamdae.analysis.optimization.search_result import (
-    FAR_RATIO,
-    SearchResult,
-    find_active_bounds,
-)
+from beamdae.analysis.optimization.search import SearchResult
+from beamdae.analysis.optimization.verdict import FAR_RATIO, find_active
 from beamdae.errors import format_count, format_percent, list_first
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import format_with_unit
@@ -47,8 +45,6 @@ _MAX_BOUND_EXCESS = 5e-3
 # Relative difference of objectives up to which several searches end at the same one.
 _EQUAL_OBJECTIVES = 1e-3
 _MAX_NOTES = 3  # on bounds in the short form of a result
-# Distance from a bound, relative to the bound, up to which a number is reported to be at it.
-_MAX_BOUND_DISTANCE = 1e-3
 
 
 class Constraint(NamedTuple):
@@ -124,7 +120,8 @@ class Optimization:
         before convergence or if no design satisfies the constraints, "failed" if analyses failed,
         and "interrupted".
     at_bounds
-        Names of the numbers at a bound, such as "thickness[3]"; see `bound_notes`.
+        Names of the numbers at a bound or within 0.1 % of it, such as "thickness[3]"; see
+        `bound_notes`.
     evaluations
         Number of evaluated designs of the best search, including those whose analyses failed.
     residual
@@ -169,20 +166,13 @@ class Optimization:
 
     @property
     def bound_notes(self) -> tuple[str, ...]:
-        """Notes such as "height is at its lower limit 0.005 m".
-
-        There is one for each number in `at_bounds`, and for each one within 0.1 % of a bound.
-        """
-        units, notes = self._problem.units, []
-        for name, value, *bounds in self._numbers:
-            for side, bound in zip(("lower", "upper"), bounds, strict=True):
-                distance = abs(value - bound)
-                # A number at a bound of zero is at its nearest bound.
-                is_near = distance <= _MAX_BOUND_DISTANCE * abs(bound)
-                is_nearest = distance <= min(abs(value - x) for x in bounds)
-                if math.isfinite(bound) and (is_near or (name in self.at_bounds and is_nearest)):
-                    limit = format_with_unit(float(bound), units[name])
-                    notes.append(f"{name} is at its {side} limit {limit}")
+        """Notes such as "height is at its lower limit 0.005 m" for the numbers in `at_bounds`."""
+        problem, notes = self._problem, []
+        for name, side in find_active(problem, self._search.best.numbers).items():
+            bounds = problem.lower if side == "lower" else problem.upper
+            bound = float(bounds[problem.names.index(name)])
+            limit = format_with_unit(bound, problem.units[name])
+            notes.append(f"{name} is at its {side} limit {limit}")
         return tuple(notes)
 
     @cached_property
@@ -205,14 +195,16 @@ class Optimization:
         """
         import pandas as pd
 
-        table = pd.DataFrame(
-            self._numbers, columns=["name", "value", "lower bound", "upper bound"]
-        ).set_index("name")
-        table.index.name = None
-        table.insert(0, "first value", self._search.trials[0].numbers)
-        table["at bound"] = table.index.isin(self.at_bounds)
-        table["unit"] = list(self._problem.units.values())
-        return table
+        problem, search = self._problem, self._search
+        columns = {
+            "first value": search.trials[0].numbers,
+            "value": search.best.numbers,
+            "lower bound": problem.lower,
+            "upper bound": problem.upper,
+            "at bound": np.isin(problem.names, self.at_bounds),
+            "unit": list(problem.units.values()),
+        }
+        return pd.DataFrame(columns, index=problem.names)
 
     def constraint_table(self) -> pd.DataFrame:
         """Return the constraints, one row each.
@@ -234,12 +226,13 @@ class Optimization:
         """
         import pandas as pd
 
-        trials = self._search.trials
-        values = np.array([x.values for x in trials]) * np.append(1.0, self._search.ratios)
-        table = pd.DataFrame(values, columns=["objective", *self._limit_names])
-        table.insert(1, "violation", [x.violation for x in trials])
-        numbers = pd.DataFrame([x.numbers for x in trials], columns=self._problem.names)
-        return pd.concat([table, numbers], axis=1).assign(failure=[x.failure for x in trials])
+        search, problem = self._search, self._problem
+        values = np.array([x.values for x in search.trials])
+        limited = pd.DataFrame(values[:, 1:] * search.scaled.ratios, columns=self._limit_names)
+        numbers = pd.DataFrame([x.numbers for x in search.trials], columns=problem.names)
+        first = pd.DataFrame({"objective": values[:, 0], "violation": self._violations})
+        failures = [x.failure for x in search.trials]
+        return pd.concat([first, limited, numbers], axis=1).assign(failure=failures)
 
     @property
     def starts(self) -> pd.DataFrame | None:
@@ -292,9 +285,8 @@ class Optimization:
     @property
     def units(self) -> dict[str, str]:
         """Units of the parameters and of the columns of `history`; "" if a unit is unknown."""
-        units = self._problem.units_of(self.first_analyses)
         names = ("objective", *self._limit_names)
-        return dict(zip(names, units, strict=True)) | self._problem.units
+        return dict(zip(names, self._search.units, strict=True)) | self._problem.units
 
     @property
     def max_evaluations(self) -> int:
@@ -310,7 +302,7 @@ class Optimization:
 
     def is_feasible(self, number: int) -> bool:
         """Return True if a design, by its number from 1, satisfies the constraints."""
-        return self._search.trials[number - 1].violation == 0.0
+        return self._violations[number - 1] == 0.0
 
     def mechanism(self, is_best: bool = True) -> Mechanism:
         """Return the mechanism of the best or of the first design."""
@@ -359,11 +351,10 @@ class Optimization:
         return self._search.problem
 
     @property
-    def _numbers(self) -> list[tuple[Any, ...]]:
-        """Name, value and bounds of each number."""
-        problem, best = self._problem, self._search.best.numbers
-        columns = (x.tolist() for x in (best, problem.lower, problem.upper))
-        return list(zip(problem.names, *columns, strict=True))
+    def _violations(self) -> list[float]:
+        """Largest violation of each design, NaN if an analysis failed."""
+        measure = self._search.scaled.violation
+        return [math.nan if x.failure else measure(x.values) for x in self._search.trials]
 
     @property
     def _limit_names(self) -> list[str]:
@@ -377,101 +368,93 @@ def create_optimization(
 
     `starts` are the rows of the table of several searches, of which this is the best one.
     """
-    problem, best, status = search.problem, search.best, search.status
+    problem, best = search.problem, search.best
     design = problem.design(best.numbers)
     constraints = _list_constraints(search, design)
-    results, messages, errors = design.results, (), None
-    if not search.was_ended:
-        try:
-            results, of_user_code = problem.checked_results(design)
-            errors = deferred.module("accuracy.designs").measure_design(search)
-            leaves = [x for quantity in problem.quantities for x in quantity.leaves]
-            uses_ends = any(isinstance(x, (EquilibriumValue, EquilibriumErrors)) for x in leaves)
-            own = [*errors.sentences(), *_list_distant_limits(search, constraints)]
-            messages = (*own, *list_warnings(results, uses_ends), *of_user_code)
-        except KeyboardInterrupt:
-            acknowledge()
-            status = Status("interrupted", INTERRUPTED_CHECKS)
-    is_active = np.any(find_active_bounds(problem, best.numbers), axis=0)
     optimization = Optimization(
-        parameter_values(problem.flat, best.numbers),
+        problem.varied_parameters(best.numbers),
         float(best.values[0]),
         constraints,
-        status,
-        tuple(np.array(problem.names)[is_active].tolist()),
+        search.status,
+        tuple(find_active(problem, best.numbers)),
         len(search.trials),
         search.residual,
-        results,
+        design.results,
         search.first_analyses,
         {"name": problem.flat.name, "parameters": dict(design.flat.parameters)},
-        tuple(dict.fromkeys(messages)),
+        (),
         # Stored analyses need much memory.
-        replace(search, problem=problem.with_sections(problem.sections)),
+        replace(search, scaled=replace(search.scaled, problem=replace(problem))),
         starts,
     )
-    if errors is not None:
-        vars(optimization)["errors"] = errors
+    if search.was_ended:
+        return optimization
+    try:
+        results, messages = problem.check(best.numbers)
+        errors = deferred.module("accuracy.designs").measure_design(search)
+    except KeyboardInterrupt:
+        acknowledge()
+        status = Status("interrupted", "interrupted while the best design was checked")
+        return replace(optimization, status=status)
+    own = [*errors.sentences(), *_list_distant_limits(search, constraints)]
+    sentences = dict.fromkeys([*own, *_list_warnings(problem, results, messages)])
+    optimization = replace(optimization, analyses=results, warnings=tuple(sentences))
+    vars(optimization)["errors"] = errors
     return optimization
 
 
-def list_warnings(results: Sequence[Any], uses_ends: bool = True) -> tuple[str, ...]:
-    """Return the warnings of results of analyses, each once.
+def _list_warnings(
+    problem: DesignProblem, results: Sequence[Any], messages: Sequence[str]
+) -> list[str]:
+    """Return the warnings of analyses, with those of runs.
 
     Those about the output rows and errors of runs are omitted, because quantities are integrals
     over the steps whose errors are measured; and those about ends of paths, beyond critical loads,
-    if no quantity `uses_ends`.
+    if no quantity uses ends.
     """
-    messages: dict[str, None] = {}
+    uses_ends = any(isinstance(x, (EquilibriumValue, EquilibriumErrors)) for x in problem.leaves)
     omitted: set[str] = set()
     for result in results:
-        is_run = isinstance(result, Solution)
-        messages |= dict.fromkeys(result.model_warnings if is_run else result.warnings)
-        if is_run:
+        if isinstance(result, Solution):
+            messages = [*messages, *result.model_warnings]
             omitted.update(result.row_warnings)
         elif isinstance(result, Equilibrium) and not uses_ends:
             omitted.add(result.instability)
-    return tuple(x for x in messages if x not in omitted)
+    return [x for x in messages if x not in omitted]
 
 
 def _list_constraints(search: SearchResult, design: Design) -> tuple[Constraint, ...]:
-    problem, count = search.problem, len(search.ratios)
-    units = problem.units_of(search.first_analyses)[1:]
-    multipliers = np.full(count, np.nan) if search.multipliers is None else search.multipliers
+    scaled = search.scaled
+    margins = scaled.margins(search.best.values)
+    is_active = np.abs(margins) <= scaled.tolerances
+    values = (scaled.ratios * search.best.values[1:]).tolist()
     constraints = []
-    for k, limit in enumerate(problem.limits):
-        value = float(search.ratios[k] * search.best.values[1 + k])
-        largest = _find_largest(limit.quantity, design)
-        if search.ratios[k] > 1.0 and isinstance(limit.quantity, LargestOf):
-            # The largest smooth maximum is below the largest maximum, which is the value.
-            largest = value
+    for k, (limit, value) in enumerate(zip(search.problem.limits, values, strict=True)):
         margin, size = limit.margin(value), abs(limit.bound)
-        # The tolerance of a limit of zero is relative to the first value of the quantity.
-        scale = size or abs(float(search.trials[0].values[1 + k])) or 1.0
-        relative = margin / size if size else float("nan")
-        if abs(margin) <= search.tolerances[k] * scale:
-            relative = 0.0
-        numbers = value, limit.bound, margin, float(multipliers[k]), relative
-        constraints.append(Constraint(limit.label, *numbers, units[k], largest))
+        relative = 0.0 if is_active[k] else margin / size if size else math.nan
+        numbers = value, limit.bound, margin, float(search.multipliers[k]), relative
+        largest = _find_largest(limit.quantity, value, design)
+        constraints.append(Constraint(limit.label, *numbers, search.units[1 + k], largest))
     return tuple(constraints)
 
 
-def _find_largest(quantity: Quantity, design: Design) -> float:
-    """Return the largest magnitude of which a quantity is a smooth bound; NaN if it is none."""
+def _find_largest(quantity: Quantity, value: float, design: Design) -> float:
+    """Return the largest magnitude of which the value is a smooth bound; NaN if it is none."""
     if isinstance(quantity, LargestOf):
-        return quantity.largest(design.leaf_values)
-    term: Any = quantity if isinstance(quantity, EquilibriumValue) else None
-    if isinstance(quantity, RunQuantity):
-        factor, term = quantity.smooth_maximum or (0.0, None)
-        term = term if factor == 1.0 else None
-    name, _, kind = getattr(term, "column", "").partition(" [")[0].rpartition(".")
-    if kind != "bound":
-        return float("nan")
-    result = design.analyses[quantity.analysis].result  # type: ignore[attr-defined]
+        maxima = design.maxima(quantity)
+        # The value has the ratio of the maximum to the smooth maximum of the search, within 0.1 %.
+        return value * quantity.largest(maxima) / (quantity.evaluate(maxima)[0] or 1.0)
+    if not isinstance(quantity, (RunQuantity, EquilibriumValue)):
+        return math.nan
+    objective = getattr(quantity, "objective", None)
+    if not isinstance(objective, (SmoothMaximum, NoneType)):
+        return math.nan
+    name, _, kind = quantity.column.partition(" [")[0].rpartition(".")
+    result = design.analyses[quantity.analysis].result
     largest = result.columns.get(Variable(f"{name}.largest", "Pa").header)
-    if largest is None:
-        return float("nan")
-    is_path = isinstance(result, Equilibrium)
-    return float(largest[len(result.q) - 1] if is_path else np.max(largest))
+    if kind != "bound" or largest is None:
+        return math.nan
+    return float(np.max(largest) if objective else largest[len(result.q) - 1])
 
 
 def _list_distant_limits(search: SearchResult, constraints: Sequence[Constraint]) -> Iterator[str]:
@@ -481,10 +464,10 @@ def _list_distant_limits(search: SearchResult, constraints: Sequence[Constraint]
     """
     limits = search.problem.limits
     sides = [(limit.quantity.label, limit.sign) for limit in limits]
-    trials = np.array([x.values[1:] for x in search.trials if not x.failure]) * search.ratios
-    rows = zip(limits, sides, constraints, trials.T, strict=True)
+    trials = np.array([x.values[1:] for x in search.trials if not x.failure])
+    rows = zip(limits, sides, constraints, (trials * search.scaled.ratios).T, strict=True)
     for limit, (label, sign), constraint, values in rows:
-        if constraint.margin <= 0.0 or not limit.bound:
+        if not limit.bound:
             continue
         # Positive up to an upper limit of a magnitude, and from a lower limit on.
         sizes = values / limit.bound

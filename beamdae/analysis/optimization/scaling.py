@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from beamdae.analysis.optimization.optimality import Linearization
 from beamdae.analysis.optimization.problem import Design, DesignProblem
-from beamdae.analysis.optimization.search_result import Trial
 
 Array = np.ndarray
 
@@ -19,79 +18,95 @@ _MIN_RELATIVE_VALUE = 1e-8
 _MIN_LOGARITHMIC_RATIO = 0.5  # of a value to its limit, from which on margins are logarithms
 
 
-class Scaling:
-    """Units of the objective and of the limited quantities, and margins of the limits.
+@dataclass(frozen=True, eq=False)
+class ScaledProblem:
+    """Problem in units in which its objective and its limits are near 1.
 
     Attributes
     ----------
+    problem
+        The problem.
     scales
         Units (1 + C,) of the objective and of the limited quantities.
     ratios
-        Factors (C,) of limited smooth maxima, 1 for other quantities.
-    tolerances
-        Scaled violations (C,) up to which a limit is satisfied.
+        Ratios (C,) of maxima to their limited smooth maxima by which these are multiplied; 1 for
+        other quantities.
     """
 
-    def __init__(self, problem: DesignProblem) -> None:
-        self._limits = problem.limits
-        self.scales = np.array([1.0, *(abs(x.bound) or 1.0 for x in problem.limits)])
-        self.ratios = np.ones(len(problem.limits))
-        self.tolerances = np.maximum(FEASIBILITY_TOLERANCE, problem.noise[1:])
+    problem: DesignProblem
+    scales: Array
+    ratios: Array
 
-    def scale_to(self, first: Design, sizes: Array) -> None:
-        """Scale the objective and limits of zero by the values of a design; others by their bounds.
+    @classmethod
+    def of(cls, problem: DesignProblem) -> ScaledProblem:
+        """Return a problem whose limited quantities are in units of their limits."""
+        scales = np.array([1.0, *(abs(x.bound) or 1.0 for x in problem.limits)])
+        return cls(problem, scales, np.ones(len(problem.limits)))
 
-        Values that are rounding errors are replaced by changes over the sizes (k,) of the numbers.
+    def scaled_by(self, first: Design) -> ScaledProblem:
+        """Scale the objective and quantities with limits of zero by the values of a design.
+
+        Values that are rounding errors are replaced by changes over the sizes of the numbers.
         """
-        is_missing = np.array([True, *(x.bound == 0.0 for x in self._limits)])
-        changes = np.linalg.norm(first.gradients * sizes, axis=1)
+        is_missing = np.array([True, *(x.bound == 0.0 for x in self.problem.limits)])
+        changes = np.linalg.norm(first.gradients * self.problem.sizes, axis=1)
         is_small = np.abs(first.values) <= _MIN_RELATIVE_VALUE * changes
         values = np.where(is_small, changes, np.abs(first.values))
-        self.scales = np.where(is_missing & (values > 0.0), values, self.scales)
+        return replace(self, scales=np.where(is_missing & (values > 0.0), values, self.scales))
+
+    @property
+    def tolerances(self) -> Array:
+        """Scaled violations (C,) up to which a limit is satisfied."""
+        return np.maximum(FEASIBILITY_TOLERANCE, self.problem.noise[1:])
+
+    @property
+    def signs(self) -> Array:
+        """Derivatives (C,) of the excesses by values, both in units: 1 for upper limits, or -1."""
+        return np.array([x.sign for x in self.problem.limits], float)
+
+    def objective(self, values: Array) -> float:
+        """Return the scaled objective for values (1 + C,) of a design."""
+        return float(values[0] / self.scales[0])
 
     def margins(self, values: Array) -> Array:
-        """Return the scaled margins (C,) of the constraints for values (1 + C,) of a design."""
-        rows = zip(self._limits, self.ratios.tolist(), values[1:].tolist(), strict=True)
-        margins = [limit.margin(ratio * value) for limit, ratio, value in rows]
-        return np.array(margins) / self.scales[1:]
+        """Return the scaled margins (C,) of the limits; negative if these are violated."""
+        bounds = np.array([x.bound for x in self.problem.limits])
+        return self.signs * (bounds - self.ratios * values[1:]) / self.scales[1:]
 
-    def transform(self, values: Array, of_violation: bool) -> tuple[Array, Array]:
-        """Return the margins (C,) that the solver sees, and their derivatives by scaled margins.
+    def violation(self, values: Array) -> float:
+        """Return the largest violation, 0 within the tolerances, NaN for a failed design."""
+        excess = -self.margins(values)
+        return float(np.max(np.where(excess <= self.tolerances, 0.0, excess), initial=0.0))
+
+    def log_margins(self, values: Array) -> tuple[Array, Array]:
+        """Return the margins (C,) of which limits of magnitudes are logarithmic, and their slopes.
 
         Of a quantity whose magnitude r, relative to its limit, must not exceed 1, this is -ln(r)
         instead of 1 - r: stresses and deflections are nearly products of powers of thicknesses,
         whose logarithms are linear in those of the thicknesses. Below r = 1/2, the function
-        continues as a straight line, because logarithms of small values diverge. Violations are
-        minimized as they are.
+        continues as a straight line, because logarithms of small values diverge. The slopes are
+        derivatives with respect to the margins.
         """
-        margins, limits = self.margins(values), self._limits
-        is_magnitude = np.array([limit.sign * limit.bound > 0.0 for limit in limits], bool)
-        is_magnitude &= not of_violation
-        ratio = np.maximum(1.0 - margins, _MIN_LOGARITHMIC_RATIO)
-        line = (_MIN_LOGARITHMIC_RATIO - (1.0 - margins)).clip(0.0) / _MIN_LOGARITHMIC_RATIO
-        transformed = np.where(is_magnitude, line - np.log(ratio), margins)
-        return transformed, np.where(is_magnitude, 1.0 / ratio, 1.0)
+        margins, least = self.margins(values), _MIN_LOGARITHMIC_RATIO
+        is_magnitude = self.signs * [x.bound for x in self.problem.limits] > 0.0
+        ratio = np.maximum(1.0 - margins, least)
+        logarithms = (least - 1.0 + margins).clip(0.0) / least - np.log(ratio)
+        return np.where(is_magnitude, logarithms, margins), np.where(is_magnitude, 1 / ratio, 1.0)
 
-    def rate(self, trial: Trial) -> Trial:
-        """Return a design with its violation by the present ratios of maxima."""
-        if trial.failure:
-            return trial
-        excess = -self.margins(trial.values)
-        violation = np.max(excess[excess > self.tolerances], initial=0.0)
-        return replace(trial, violation=float(violation))
-
-    def linearize(self, problem: DesignProblem, trial: Trial, of_violation: bool) -> Linearization:
-        """Return the linearized functions of a design; see `transform`.
+    def linearize(self, numbers: Array, values: Array, is_logarithmic: bool) -> Linearization:
+        """Return the functions of a design, linearized in the variables of the search.
 
         Raises
         ------
         BeamdaeError
             If quantities have no derivatives.
         """
-        rates = problem.design(trial.numbers).gradients * problem.rates(trial.numbers)
-        rows = rates / self.scales[:, None]
-        margins, slopes = self.transform(trial.values, of_violation)
-        signs = self.ratios * [limit.sign for limit in self._limits]
-        bounds = (problem.variables(x) for x in (problem.lower, problem.upper))
-        distances = (x - problem.variables(trial.numbers) for x in bounds)
-        return Linearization(rows[0], margins, -(slopes * signs)[:, None] * rows[1:], *distances)
+        problem = self.problem
+        rows = problem.design(numbers).gradients * problem.rates(numbers) / self.scales[:, None]
+        margins, slopes = self.margins(values), np.ones(len(self.ratios))
+        if is_logarithmic:
+            margins, slopes = self.log_margins(values)
+        here = problem.variables(numbers)
+        bounds = (problem.variables(x) - here for x in (problem.lower, problem.upper))
+        factors = -slopes * self.signs * self.ratios
+        return Linearization(rows[0], margins, factors[:, None] * rows[1:], *bounds)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,35 +13,28 @@ from beamdae.analysis.optimization.optimality import (
     find_blocking,
     measure_decrease,
 )
-from beamdae.analysis.optimization.problem import Design, DesignProblem
-from beamdae.analysis.optimization.scaling import FEASIBILITY_TOLERANCE, Scaling
-from beamdae.analysis.optimization.search_result import (
-    SearchResult,
-    SearchSettings,
-    Trial,
-    describe_early_end,
-    describe_failure,
-    describe_violation,
+from beamdae.analysis.optimization.problem import Design, DesignProblem, require_units
+from beamdae.analysis.optimization.scaling import FEASIBILITY_TOLERANCE, ScaledProblem
+from beamdae.analysis.optimization.solvers import (
+    Method,
+    SmoothProblem,
+    measure_violations,
+    solve,
 )
-from beamdae.analysis.optimization.solvers import SmoothProblem, measure_violations, solve
 from beamdae.errors import (
     BeamdaeError,
     ProgressError,
     call_progress,
     format_count,
-    record_messages,
-    warn_of_result,
+    format_exception,
 )
 from beamdae.interrupts import acknowledge
 from beamdae.results.outcome import Status
 
 Array = np.ndarray
 
-# Decrease of the linearized objective within a step of one size, relative to that without
-# constraints and bounds, up to which a design is an optimum.
-_OPTIMALITY_TOLERANCE = 0.05
-# Smallest decrease without constraints and bounds to which this is relative, of the scaled
-# objective: gradients of minima in the interior vanish.
+# Smallest decrease without constraints and bounds to which the possible decrease is relative, of
+# the scaled objective: gradients of minima in the interior vanish.
 _MIN_DECREASE = 0.1
 # A search ends if this number of designs in a row failed or brought no progress.
 _MAX_IDLE_DESIGNS = 20
@@ -48,35 +42,128 @@ _MAX_IDLE_DESIGNS = 20
 _MIN_PROGRESS = 1e-3
 # Relative difference of the maximum over a run from its assumed ratio to the smooth maximum.
 _RATIO_TOLERANCE = 1e-3
-_MAX_SEARCHES = 6  # with other stress sections or ratios of maxima
-INTERRUPTED_CHECKS = "interrupted while the best design was checked"
+_MAX_ROUNDS = 6  # of searches with other stress sections or ratios of maxima
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Arguments of `optimize` for a search."""
+
+    method: Method
+    max_evaluations: int
+    tolerance: float
+    progress: Callable[[int, float, float], object] | None
+    earlier_designs: int = 0  # of earlier searches, for `progress`
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Evaluated design.
+
+    Attributes
+    ----------
+    numbers
+        Values (k,) of the numbers in the parameters.
+    values
+        Values (1 + C,) of the objective and of the constrained quantities; NaN if an analysis
+        failed.
+    failure
+        Reason for the failure, or "".
+    """
+
+    numbers: Array
+    values: Array
+    failure: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """End of a search.
+
+    Attributes
+    ----------
+    scaled
+        The problem with the stress sections and the ratios of maxima of the best design.
+    best
+        The best evaluated design.
+    trials
+        All evaluated designs, in their order.
+    status
+        Reason of the end; that of the solver until `conclude` has judged the design.
+    first_analyses
+        Results of the analyses of the first design.
+    units
+        Units (1 + C,) of the objective and the limited quantities; "" if unknown.
+    max_evaluations
+        Maximum number of designs.
+    multipliers, residual
+        Multipliers (C,), the decrease of the objective per unit by which a limit is relaxed; the
+        possible decrease, relative to that without constraints. NaN if the search was interrupted.
+    blocking
+        Limits that no small change of the best design satisfies.
+    idle
+        Names of the numbers on which no quantity depends at the best design.
+    progress_error
+        Exception of the user's function `progress` that ended the search, or None.
+    """
+
+    scaled: ScaledProblem
+    best: Trial
+    trials: tuple[Trial, ...]
+    status: Status
+    first_analyses: tuple[Any, ...]
+    units: tuple[str, ...]
+    max_evaluations: int
+    multipliers: Array
+    residual: float = float("nan")
+    blocking: tuple[str, ...] = ()
+    idle: tuple[str, ...] = ()
+    progress_error: Exception | None = None
+
+    @property
+    def problem(self) -> DesignProblem:
+        """The problem with the stress sections of the best design."""
+        return self.scaled.problem
+
+    @property
+    def was_ended(self) -> bool:
+        """True if an interrupt or an exception of `progress` ended the search."""
+        return self.status.kind == "interrupted" or self.progress_error is not None
+
+    @property
+    def violation(self) -> float:
+        """Largest violation of a limit by the best design, 0 within the tolerances."""
+        return self.scaled.violation(self.best.values)
 
 
 class _SearchEndError(Exception):
     """End of a search for a reason other than that of its solver."""
 
-    def __init__(self, status: Status) -> None:
-        super().__init__(status.sentence)
-        self.status = status
+    def __init__(self, kind: Any, sentence: str) -> None:
+        super().__init__(sentence)
+        self.status = Status(kind, sentence)
 
 
 class Search:
-    """Minimization from the first design of a problem."""
+    """Minimization from the first design of a problem.
+
+    All designs of a solver have the same stress sections and ratios of maxima to smooth maxima,
+    with which the values are smooth functions: bounds of stresses jump where the number of sections
+    changes, and maxima have kinks (Le et al., Struct. Multidisc. Optim. 41 (2010) 605,
+    doi:10.1007/s00158-009-0440-y).
+    """
 
     def __init__(self, problem: DesignProblem, settings: SearchSettings) -> None:
-        self._problem, self._settings = problem, settings
-        # All evaluated designs, and those with the present stress sections by their numbers.
+        self._scaled, self._settings = ScaledProblem.of(problem), settings
         self._trials: list[Trial] = []
+        # Designs with the present stress sections, by the variables of the search.
         self._known: dict[bytes, Trial] = {}
-        self._filter: list[Trial] = []  # designs with progress of the present solver
-        self._idle = 0  # designs since the last one
-        self._end: Trial | None = None
-        self._last: tuple[Trial, Linearization] | None = None
-        # Values (k,) of the numbers with which the solver begins, and True if it minimizes the
-        # violation instead of the objective.
-        self._first, self._of_violation = problem.first, False
-        self._scaling = Scaling(problem)
-        self._first_analyses: tuple[Any, ...] = ()
+        # Violations and objectives of designs that were progress of the present solver, and the
+        # number of designs since the last one.
+        self._progress: list[tuple[float, float]] = []
+        self._idle = 0
+        self._end: Trial | None = None  # design at which the present solver converged
+        self._minimizes_violation = False
 
     def run(self) -> SearchResult:
         """Search until convergence, a limit or an interrupt.
@@ -86,125 +173,149 @@ class Search:
         BeamdaeError
             If an analysis of the first design or its gradient fails.
         """
-        problem = self._problem
-        first = self._analyze_first()
-        problem.require_units(first.results)
-        self._first_analyses = first.results
+        problem = self._scaled.problem
+        first = problem.design(problem.first)
+        units = tuple(problem.units_of(first.results))
+        require_units(problem, units[1:])
+        self._scaled = replace(self._scaled, problem=problem.with_sections_of(first))
+        trial = Trial(problem.first, first.values)
+        self._trials, self._known = [trial], {self._key(trial): trial}
+        facts, error = {}, None
         try:
-            try:
-                self._scaling.scale_to(first, problem.sizes)
-            finally:
-                # The result of an interrupted search is at least the first design.
-                self._problem = problem.with_sections_of(first)
-                self._record(Trial(problem.first, first.values, np.nan))
-            # Errors of the gradient concern the model rather than a design.
-            self._linearize(self._trials[0])
-            return self._search()
+            self._scaled = self._scaled.scaled_by(first)
+            self._report(trial)
+            # Errors of the first gradient concern the model rather than a design.
+            self._linearize(trial)
+            status = self._search()
+            facts = self._judge()
         except KeyboardInterrupt:
             acknowledge()
             sentence = f"interrupted after {format_count(len(self._trials), 'evaluation')}"
-            return self._result(Status("interrupted", sentence))
-        except ProgressError as error:
-            result = self._result(Status("failed", str(error)))
-            return replace(result, progress_error=error.problem)
+            status = Status("interrupted", sentence)
+        except ProgressError as problem_of_progress:
+            status, error = Status("failed", str(problem_of_progress)), problem_of_progress.problem
+        except _SearchEndError as end:
+            status = end.status
+        return SearchResult(
+            self._scaled,
+            self._best(),
+            tuple(self._trials),
+            status,
+            first.results,
+            units,
+            self._settings.max_evaluations,
+            **{"multipliers": np.full(len(problem.limits), np.nan), **facts},
+            progress_error=error,
+        )
 
-    def _search(self) -> SearchResult:
-        """Search until the stress sections and maxima of the best design are those assumed.
-
-        All designs of a solver have the same stress sections and ratios of maxima to smooth maxima,
-        with which the values are smooth functions: bounds of stresses jump where the number of
-        sections changes, and maxima have kinks (Le et al., Struct. Multidisc. Optim. 41 (2010) 605,
-        doi:10.1007/s00158-009-0440-y).
-        """
-        status, ends = Status("ok", ""), []
-        for count in range(_MAX_SEARCHES):
-            status = self._minimize(self._best())
-            if status.success and self._best().violation:
-                status = self._minimize(self._best(), of_violation=True)
-                if status.success and not self._best().violation:
-                    status = self._minimize(self._best())
-            try:
-                is_changed = self._update_choices(is_first=count == 0)
-            except (BeamdaeError, ArithmeticError) as failure:
-                status, is_changed = Status("failed", describe_failure(failure)), False
-            except KeyboardInterrupt:
-                acknowledge()
-                return self._result(Status("interrupted", INTERRUPTED_CHECKS))
-            ends.append((self._problem, self._best()))
-            if not is_changed or not status.success:
+    def _search(self) -> Status:
+        """Search until the stress sections and maxima of the best design are those assumed."""
+        for count in range(_MAX_ROUNDS):
+            status = self._solve()
+            if status.success and self._violation(self._best()):
+                status = self._solve(minimizes_violation=True)
+                if status.success and not self._violation(self._best()):
+                    status = self._solve()
+            if not self._adopt_best(adds=count > 0) or not status.success:
                 break
-        last = ends[-1]
-        if self._scaling.rate(last[1]).violation:
-            last = min(ends, key=lambda x: _rank(self._scaling.rate(x[1])))
-        self._problem, best = last
-        self._known = {best.numbers.tobytes(): self._scaling.rate(best)}
-        self._end = None
-        return self._conclude(status)
+        return status
 
-    def _minimize(self, first: Trial, of_violation: bool = False) -> Status:
-        """Minimize the objective or the violation from a design; return the reason of the end."""
-        problem, settings = self._problem, self._settings
-        self._first, self._of_violation = first.numbers, of_violation
-        points = (problem.variables(x) for x in (first.numbers, problem.lower, problem.upper))
+    def _solve(self, minimizes_violation: bool = False) -> Status:
+        """Minimize the objective or the violation from the best design; return why it ended."""
+        problem, settings = self._scaled.problem, self._settings
+        best = self._best()
+        self._minimizes_violation, self._progress, self._idle = minimizes_violation, [], 0
+        self._end = None
+        points = (problem.variables(x) for x in (best.numbers, problem.lower, problem.upper))
         smooth = SmoothProblem(self._values, self._gradients, len(problem.limits), *points)
-        if of_violation:
-            worst = -float(np.min(self._transform(first)[0]))
-            smooth = measure_violations(smooth, worst)
-        self._filter, self._idle, self._end, self._last = [], 0, None, None
+        if minimizes_violation:
+            smooth = measure_violations(smooth, self._violation(best))
         try:
             x = solve(smooth, settings.method, settings.tolerance, settings.max_evaluations)
         except _SearchEndError as end:
             return end.status
-        count = len(problem.first)
-        self._end = self._known.get(self._numbers(x[:count]).tobytes())
+        self._end = self._known.get(x[: len(best.numbers)].tobytes())
         return Status("ok", "the solver ended")
 
-    def _update_choices(self, is_first: bool) -> bool:
+    def _adopt_best(self, adds: bool) -> bool:
         """Let further designs have the stress sections and maxima of the best one.
 
-        Return False if these are the present ones. From the second time on, sections are added to
-        the present ones, so that two designs with different sections cannot follow each other
-        without end.
+        Return False if these are the present ones. If `adds`, sections are added to the present
+        ones, so that two designs with different sections cannot follow each other without end.
         """
-        best, problem = self._best(), self._problem
-        design = problem.design(best.numbers)
-        if problem.sections:
-            own = problem.with_sections({}).design(best.numbers)
-            trial = replace(best, values=own.values)
-            before, after = (self._scaling.margins(x.values) for x in (best, own))
-            excess = (own.values[0] - best.values[0]) / self._scaling.scales[0]
-            excess = np.append(excess, before - after)
-            if np.max(np.abs(excess) if is_first else excess) > FEASIBILITY_TOLERANCE:
-                self._problem, design = problem.with_sections_of(own, not is_first), own
-                self._known = {best.numbers.tobytes(): trial}
-                self._trials = [x if x.numbers is not best.numbers else trial for x in self._trials]
-                best = trial
-        rows = zip(problem.limits, best.values[1:].tolist(), strict=True)
-        ratios = np.array([design.maximum_ratio(limit, value) for limit, value in rows])
-        present = self._scaling.ratios
-        is_off = np.abs(ratios - present) > _RATIO_TOLERANCE * present
-        # Maxima that do not reach their limit need no further search.
-        largest = np.maximum(ratios, present) * np.abs(best.values[1:])
-        bounds = np.abs([limit.bound for limit in problem.limits])
-        is_limiting = is_off & (largest * (1.0 + _RATIO_TOLERANCE) > bounds)
-        self._scaling.ratios = np.where(is_off, ratios, present)
-        self._known = {key: self._scaling.rate(trial) for key, trial in self._known.items()}
-        is_changed = self._problem is not problem or bool(np.any(is_limiting))
+        best = self._best()
+        try:
+            design = self._find_sections(best, adds)
+            is_changed = design is not None
+            if design is not None:
+                trial = replace(best, values=design.values)
+                self._trials = [trial if x is best else x for x in self._trials]
+                self._known = {self._key(trial): trial}
+            else:
+                design = self._scaled.problem.design(best.numbers)
+            is_changed |= self._update_ratios(design)
+        except (BeamdaeError, ArithmeticError) as failure:
+            raise _SearchEndError("failed", describe_failure(failure)) from failure
         self._end = None if is_changed else self._end
         return is_changed
 
-    def _numbers(self, x: Array) -> Array:
-        """Return the values (k,) of the numbers; those of the first variables are exact."""
-        is_first = np.array_equal(x, self._problem.variables(self._first))
-        return self._first if is_first else self._problem.numbers(x)
+    def _find_sections(self, best: Trial, adds: bool) -> Design | None:
+        """Return the best design with its own stress sections, which the problem then has, too.
+
+        Return None if these change its values by no more than the tolerance.
+        """
+        scaled = self._scaled
+        if not scaled.problem.sections:
+            return None
+        own = replace(scaled.problem, sections={}).design(best.numbers)
+        one, other = (
+            np.append(scaled.objective(x), -scaled.margins(x)) for x in (own.values, best.values)
+        )
+        # Additional sections only increase the values.
+        if np.max(one - other if adds else np.abs(one - other)) <= FEASIBILITY_TOLERANCE:
+            return None
+        self._scaled = replace(scaled, problem=scaled.problem.with_sections_of(own, adds))
+        return own
+
+    def _update_ratios(self, design: Design) -> bool:
+        """Update the ratios of maxima by a design; return True if these limit designs."""
+        scaled, values = self._scaled, design.values[1:]
+        limits = scaled.problem.limits
+        rows = zip(limits, values.tolist(), strict=True)
+        ratios = np.array([design.maximum_ratio(limit, value) for limit, value in rows])
+        is_off = np.abs(ratios - scaled.ratios) > _RATIO_TOLERANCE * scaled.ratios
+        # Maxima that do not reach their limit need no further search.
+        largest = np.maximum(ratios, scaled.ratios) * np.abs(values)
+        bounds = np.abs([limit.bound for limit in limits])
+        self._scaled = replace(scaled, ratios=np.where(is_off, ratios, scaled.ratios))
+        return bool(np.any(is_off & (largest * (1.0 + _RATIO_TOLERANCE) > bounds)))
+
+    def _judge(self) -> dict[str, Any]:
+        """Return the conditions of first order at the best design; see `SearchResult`."""
+        scaled, best = self._scaled, self._best()
+        point = self._linearize(best, is_logarithmic=False)
+        decrease, multipliers = measure_decrease(point)
+        limits, names = scaled.problem.limits, scaled.problem.names
+        is_blocking = np.zeros(len(limits), bool)
+        if self._violation(best):
+            is_blocking = find_blocking(point)
+        has_effect = np.any(np.vstack([point.gradient, point.jacobian]), axis=0)
+        return {
+            "multipliers": multipliers * scaled.scales[0] / scaled.scales[1:],
+            "residual": decrease / max(point.free_decrease, _MIN_DECREASE),
+            "blocking": tuple(x.label for x, y in zip(limits, is_blocking, strict=True) if y),
+            "idle": tuple(x for x, y in zip(names, has_effect, strict=True) if not y),
+        }
 
     def _values(self, x: Array) -> tuple[float, Array]:
         """Return the scaled objective, infinite if an analysis fails, and the margins (C,)."""
-        numbers = self._numbers(x)
-        trial = self._known.get(numbers.tobytes()) or self._evaluate(numbers)
+        trial = self._known.get(x.tobytes()) or self._evaluate(x)
         if trial.failure:
-            return np.inf, np.zeros(len(self._scaling.ratios))
-        return float(trial.values[0] / self._scaling.scales[0]), self._transform(trial)[0]
+            return np.inf, np.zeros(len(self._scaled.ratios))
+        scaled = self._scaled
+        plain = self._minimizes_violation
+        margins = scaled.margins(trial.values) if plain else scaled.log_margins(trial.values)[0]
+        return scaled.objective(trial.values), margins
 
     def _gradients(self, x: Array) -> tuple[Array, Array]:
         """Return the gradient of the scaled objective and the derivatives of the margins.
@@ -212,136 +323,89 @@ class Search:
         The search ends at designs that satisfy the conditions of first order, and where no step
         reduces the violation.
         """
-        trial = self._known[self._numbers(x).tobytes()]
+        trial = self._known[x.tobytes()]
         if trial.failure:
-            raise _SearchEndError(Status("ok", "analyses fail"))
-        is_new = self._last is None or self._last[0] is not trial
-        try:
-            point = self._linearize(trial)
-        except (BeamdaeError, ArithmeticError) as failure:
-            raise _SearchEndError(Status("failed", describe_failure(failure))) from failure
-        if is_new and np.all(point.margins >= -FEASIBILITY_TOLERANCE):
-            if self._of_violation or measure_decrease(point)[0] <= self._settings.tolerance:
+            raise _SearchEndError("ok", "analyses fail")
+        point = self._linearize(trial, not self._minimizes_violation)
+        if np.all(point.margins >= -FEASIBILITY_TOLERANCE):
+            if self._minimizes_violation or measure_decrease(point)[0] <= self._settings.tolerance:
                 self._end = trial
-                raise _SearchEndError(Status("ok", "converged"))
-        elif is_new and trial.violation and np.any(find_blocking(point)):
-            raise _SearchEndError(Status("ok", "the violation has a local minimum"))
+                raise _SearchEndError("ok", "converged")
+        elif self._violation(trial) and np.any(find_blocking(point)):
+            raise _SearchEndError("ok", "the violation has a local minimum")
         return point.gradient, point.jacobian
 
-    def _transform(self, trial: Trial) -> tuple[Array, Array]:
-        return self._scaling.transform(trial.values, self._of_violation)
-
-    def _linearize(self, trial: Trial) -> Linearization:
-        if self._last is None or self._last[0] is not trial:
-            point = self._scaling.linearize(self._problem, trial, self._of_violation)
-            self._last = trial, point
-        return self._last[1]
-
-    def _evaluate(self, numbers: Array) -> Trial:
-        if len(self._trials) >= self._settings.max_evaluations:
-            count = format_count(len(self._trials), "evaluation")
-            sentence = f"stopped after {count}; increase max_evaluations="
-            raise _SearchEndError(Status("limited", sentence))
-        if self._idle >= _MAX_IDLE_DESIGNS:
-            raise _SearchEndError(Status("ok", f"{self._idle} designs brought no progress"))
-        values = np.full(1 + len(self._scaling.ratios), np.nan)
+    def _linearize(self, trial: Trial, is_logarithmic: bool = True) -> Linearization:
         try:
-            return self._record(Trial(numbers, self._problem.design(numbers).values, np.nan))
+            return self._scaled.linearize(trial.numbers, trial.values, is_logarithmic)
+        except (BeamdaeError, ArithmeticError) as failure:
+            if len(self._trials) == 1:
+                raise
+            raise _SearchEndError("failed", describe_failure(failure)) from failure
+
+    def _evaluate(self, x: Array) -> Trial:
+        count, scaled = len(self._trials), self._scaled
+        if count >= self._settings.max_evaluations:
+            sentence = f"stopped after {format_count(count, 'evaluation')}"
+            raise _SearchEndError("limited", f"{sentence}; increase max_evaluations=")
+        if self._idle >= _MAX_IDLE_DESIGNS:
+            raise _SearchEndError("ok", f"{self._idle} designs brought no progress")
+        numbers = scaled.problem.numbers(x)
+        try:
+            trial = Trial(numbers, scaled.problem.design(numbers).values)
         except (ValueError, ArithmeticError) as failure:
             # BeamdaeError, or an error of the model function at extreme values.
-            return self._record(Trial(numbers, values, np.nan, describe_failure(failure)))
-
-    def _record(self, trial: Trial) -> Trial:
-        trial = self._scaling.rate(trial)
+            nothing = np.full(1 + len(scaled.ratios), np.nan)
+            trial = Trial(numbers, nothing, describe_failure(failure))
         self._trials.append(trial)
-        self._known[trial.numbers.tobytes()] = trial
+        self._known[x.tobytes()] = trial
         self._idle += 1
         if not trial.failure:
-            if self._is_progress(trial):
-                self._filter.append(trial)
-                self._idle = 0
-            if self._settings.progress is not None:
-                status = len(self._trials), float(trial.values[0]), trial.violation
-                call_progress(self._settings.progress, *status)
+            self._rate(trial)
+            self._report(trial)
         return trial
 
-    def _is_progress(self, trial: Trial) -> bool:
-        """Return True if no design of the search is better in the objective and the violation.
+    def _rate(self, trial: Trial) -> None:
+        """Note a design if none of the solver is better in the objective and the violation.
 
         This is the filter of Fletcher & Leyffer, Math. Program. 91 (2002) 239,
         doi:10.1007/s101070100244.
         """
-        least = max(self._settings.tolerance, float(self._problem.noise[0]))
-        objective, is_progress = trial.values[0] / self._scaling.scales[0], True
-        for other in self._filter:
-            decrease = other.values[0] / self._scaling.scales[0] - objective
-            is_nearer = trial.violation < (1.0 - _MIN_PROGRESS) * other.violation
-            is_better = decrease > max(least, _MIN_PROGRESS * other.violation)
-            is_progress &= bool(is_nearer or (is_better and not self._of_violation))
-        return is_progress
+        least = max(self._settings.tolerance, float(self._scaled.problem.noise[0]))
+        violation, objective = self._violation(trial), self._scaled.objective(trial.values)
+        if all(
+            violation < (1.0 - _MIN_PROGRESS) * other_violation
+            or (
+                not self._minimizes_violation
+                and objective < other_objective - max(least, _MIN_PROGRESS * other_violation)
+            )
+            for other_violation, other_objective in self._progress
+        ):
+            self._progress.append((violation, objective))
+            self._idle = 0
+
+    def _report(self, trial: Trial) -> None:
+        if self._settings.progress is not None:
+            count = self._settings.earlier_designs + len(self._trials)
+            facts = float(trial.values[0]), self._violation(trial)
+            call_progress(self._settings.progress, count, *facts)
+
+    def _key(self, trial: Trial) -> bytes:
+        return self._scaled.problem.variables(trial.numbers).tobytes()
+
+    def _violation(self, trial: Trial) -> float:
+        return self._scaled.violation(trial.values)
 
     def _best(self) -> Trial:
-        """Return the end of a search that converged, otherwise the best design."""
-        if self._end is not None and not self._end.violation:
+        """Return the end of a solver that converged, otherwise the best design."""
+        if self._end is not None and not self._end.failure and not self._violation(self._end):
             return self._end
-        return min((x for x in self._known.values() if not x.failure), key=_rank)
-
-    def _result(self, status: Status, **optimality: Any) -> SearchResult:
-        scaling = self._scaling
-        trials = tuple(scaling.rate(x) for x in self._trials)
-        return SearchResult(
-            self._problem,
-            self._best(),
-            trials,
-            status,
-            scaling.ratios,
-            scaling.tolerances,
-            scaling.scales,
-            self._first_analyses,
-            self._settings.max_evaluations,
-            **optimality,
-        )
-
-    def _conclude(self, status: Status) -> SearchResult:
-        """Return the result, whose status follows from the conditions of first order."""
-        best, scales = self._best(), self._scaling.scales
-        self._of_violation, self._last = bool(best.violation), None
-        try:
-            point = self._linearize(best)
-        except (BeamdaeError, ArithmeticError) as failure:
-            return self._result(Status("failed", describe_failure(failure)))
-        except KeyboardInterrupt:
-            acknowledge()
-            return self._result(Status("interrupted", INTERRUPTED_CHECKS))
-        decrease, multipliers = measure_decrease(point)
-        residual = decrease / max(point.free_decrease, _MIN_DECREASE)
-        result = self._result(
-            status,
-            multipliers=multipliers * self._transform(best)[1] * scales[0] / scales[1:],
-            residual=residual,
-            has_effect=np.any(np.vstack([point.gradient, point.jacobian]), axis=0),
-        )
-        if best.violation:
-            rows = zip(self._problem.limits, find_blocking(point), strict=True)
-            status = describe_violation(result, [limit.label for limit, x in rows if x])
-        elif status.success and residual <= _OPTIMALITY_TOLERANCE:
-            status = Status("ok", "converged")
-        else:
-            status = describe_early_end(result)
-        return replace(result, status=status)
-
-    def _analyze_first(self) -> Design:
-        """Return the first design; if its analysis fails, issue the warnings of the analysis."""
-        with record_messages() as messages:
-            try:
-                return self._problem.design(self._first)
-            except BeamdaeError as error:
-                # The sentence on the end of an analysis is part of the error.
-                warn_of_result(
-                    x for x in messages if x.partition(": ")[2].rstrip(".") not in str(error)
-                )
-                raise
+        designs = (x for x in self._known.values() if not x.failure)
+        return min(designs, key=lambda x: (self._violation(x), float(x.values[0])))
 
 
-def _rank(trial: Trial) -> tuple[float, float]:
-    return trial.violation, float(trial.values[0])
+def describe_failure(failure: Exception) -> str:
+    """Return the message of an error of an analysis or of the model function."""
+    if isinstance(failure, BeamdaeError):
+        return str(failure).removeprefix("optimize: ").removesuffix(".")
+    return format_exception(failure)

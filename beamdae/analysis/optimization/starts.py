@@ -1,4 +1,4 @@
-"""Searches from several starting designs."""
+"""Searches from one or several starting designs."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from dataclasses import replace
 from typing import Any
 
 from beamdae.analysis.optimization.problem import DesignProblem
-from beamdae.analysis.optimization.search import Search
-from beamdae.analysis.optimization.search_result import (
+from beamdae.analysis.optimization.search import (
+    Search,
     SearchResult,
     SearchSettings,
     describe_failure,
 )
+from beamdae.analysis.optimization.verdict import conclude
 from beamdae.analysis.parameter_bounds import require_start_bounds, spread_starts
 from beamdae.errors import BeamdaeError
 from beamdae.interrupts import acknowledge
@@ -24,8 +25,8 @@ _INTERRUPTED = Status("interrupted", "interrupted before the end of all searches
 
 def search_from_starts(
     problem: DesignProblem, settings: SearchSettings, starts: int, seed: int
-) -> tuple[SearchResult, list[dict[str, Any]]]:
-    """Return the best of several searches, and the rows of the table of all.
+) -> tuple[SearchResult, list[dict[str, Any]] | None]:
+    """Return the best of several searches, and the rows of the table of all; None for one search.
 
     See `optimize` for the arguments.
 
@@ -34,70 +35,67 @@ def search_from_starts(
     BeamdaeError
         If a number has no finite bounds, or the first designs of all searches fail.
     """
+    if starts == 1:
+        return conclude(Search(problem, settings).run()), None
     require_start_bounds("optimize", problem.names, problem.lower, problem.upper)
     points = [problem.first, *spread_starts(problem.lower, problem.upper, starts - 1, seed)]
     searches: list[SearchResult] = []
     rows: list[dict[str, Any]] = []
     failures: list[Exception] = []
-    end: SearchResult | None = None
-
-    def report(number: int, objective: float, violation: float) -> object:
-        before = sum(len(x.trials) for x in searches)
-        return settings.progress and settings.progress(before + number, objective, violation)
-
-    reported = replace(settings, progress=settings.progress and report)
+    is_interrupted = False
     for point in points:
-        rows.append({f"first {x}": y for x, y in zip(problem.names, point, strict=True)})
+        earlier = replace(settings, earlier_designs=sum(len(x.trials) for x in searches))
+        row = {f"first {x}": y for x, y in zip(problem.names, point, strict=True)}
         try:
-            search = Search(problem.starting_at(point), reported).run()
+            search = conclude(Search(problem.starting_at(point), earlier).run())
         except KeyboardInterrupt:
             if not searches:
                 raise
             acknowledge()
-            rows[-1] |= {"status": "interrupted", "reason": "interrupted", "evaluations": 0}
-            end = replace(searches[-1], status=_INTERRUPTED)
+            is_interrupted = True
             break
         except (ValueError, ArithmeticError) as failure:
             # BeamdaeError, or an error of the model function at extreme values.
             failures.append(failure)
-            row = {"status": "failed", "reason": describe_failure(failure), "evaluations": 1}
-            rows[-1] |= row
+            end = {"status": "failed", "reason": describe_failure(failure), "evaluations": 1}
+            rows.append(row | end)
             continue
-        rows[-1] |= _describe_end(problem.names, search)
+        rows.append(row | _describe_end(search))
         searches.append(search)
         if search.was_ended:
-            end = replace(search, status=search.status if search.progress_error else _INTERRUPTED)
+            is_interrupted = search.progress_error is None
             break
     if not searches:
         raise BeamdaeError(
             f"optimize: the first designs of all {starts} searches failed; the first one: "
             f"{describe_failure(failures[0])}."
         ) from failures[0]
-    best = searches[0]
+    best, last = searches[0], searches[-1]
     for search in searches[1:]:
         best = search if _is_better(search, best) else best
-    if end is not None:
-        best = replace(best, status=end.status, progress_error=end.progress_error)
+    if is_interrupted:
+        best = replace(best, status=_INTERRUPTED)
+    elif last.progress_error is not None:
+        best = replace(best, status=last.status, progress_error=last.progress_error)
     return best, rows
 
 
-def _describe_end(names: list[str], search: SearchResult) -> dict[str, Any]:
+def _describe_end(search: SearchResult) -> dict[str, Any]:
     best = search.best
     return {
         "status": search.status.kind,
         "reason": search.status.sentence,
         "objective": float(best.values[0]),
-        "violation": best.violation,
+        "violation": search.violation,
         "evaluations": len(search.trials),
-        **dict(zip(names, best.numbers.tolist(), strict=True)),
+        **dict(zip(search.problem.names, best.numbers.tolist(), strict=True)),
     }
 
 
 def _is_better(search: SearchResult, other: SearchResult) -> bool:
     """Return True if a search found a better design, or the same one and only it converged."""
-    violations = search.best.violation, other.best.violation
-    if any(violations):
-        return violations[0] < violations[1]
+    if search.violation or other.violation:
+        return search.violation < other.violation
     first, second = (float(x.best.values[0]) for x in (search, other))
     if abs(first - second) <= _EQUAL_OBJECTIVES * max(abs(first), abs(second)):
         return search.status.success and not other.status.success
