@@ -656,20 +656,6 @@ class Trajectory:
             here = np.array([x == parts for x in inactive])
             yield configurations[int(np.argmax(here))], here[index]
 
-    def observed_numbers(
-        self, equations: EquationsOfMotion, times: Array
-    ) -> Callable[[slice], Array]:
-        """Return a function that selects numbers p of observables, (n,) or (k, n) for k times.
-
-        They differ between times at which other parts are active.
-        """
-        parts = list(self.by_configuration(times))
-        numbers = [equations.with_loads_of(configuration).p for configuration, _ in parts]
-        if all(x is numbers[0] for x in numbers):
-            return lambda data: numbers[0][data]
-        index = np.argmax([here for _, here in parts], axis=0)
-        return lambda data: np.array([p[data] for p in numbers])[index]
-
     def at(self, times: Array, limited: bool = False) -> tuple[Array, State]:
         """Return rows (t, branch), (k, 2), and the states at ascending times (k,) [s].
 

@@ -7,7 +7,7 @@ import pytest
 from command_line import invoke
 
 import beamdae as bd
-from beamdae.analysis.sensitivities import grouped_runs as implementation
+from beamdae.analysis.sensitivities import sensitivities as implementation
 from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.report.run_page import build_run_page
 from beamdae.results.columns import Header
@@ -115,7 +115,7 @@ def test_an_interrupt_of_the_derivatives_preserves_the_run(partial, monkeypatch)
     def interrupt(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(implementation, "RunDerivatives", interrupt)
+    monkeypatch.setattr(implementation, "differentiate_states", interrupt)
     if partial == "return":
         run = bd.simulate(oscillator, ALPHA, sensitivities="speed", partial="return")
         assert run.status.kind == "interrupted"

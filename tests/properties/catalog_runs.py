@@ -136,7 +136,7 @@ def check_derivatives(entry: str) -> None:
         actual = found.sensitivity(name, "x")
         assert_allclose(actual, exact, rtol=0.0, atol=1e-4 * size, err_msg=name)
     end = bd.gradient(entry_model, bd.EndValue("tip.y"), "x", method, **settings)
-    assert_allclose(end.array[0], found.sensitivity("tip.y", "x").iloc[-1], rtol=1e-4, atol=1e-7)
+    assert_allclose(end.array[0], found.sensitivity("tip.y", "x").iloc[-1], rtol=1e-8, atol=1e-11)
 
 
 def check_beam_formulations(entry: str) -> None:

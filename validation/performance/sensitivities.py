@@ -51,7 +51,7 @@ def measure(
     samples = time_in_turns(
         {
             "run": lambda: time_action(lambda: method.integrate(equations, times)),
-            "derivatives": lambda: time_part(sensitivities.RunDerivatives, "trajectories"),
+            "derivatives": lambda: time_part(sensitivities, "differentiate_states"),
             "model": lambda: time_part(sensitivities, "difference_model"),
         },
         rounds,

@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
 
-from beamdae.analysis.gradients.column_seeds import (
-    ColumnSeeds,
-    OperatorSeeds,
-    differentiate_end,
-    differentiate_objective,
-    differentiate_restart,
-    evaluate_terms,
+from beamdae.analysis.gradients.column_seeds import locate_column
+from beamdae.analysis.gradients.objectives import (
+    ColumnObjective,
+    Objective,
+    SampleGrid,
+    read_column,
 )
-from beamdae.analysis.gradients.objectives import Objective
-from beamdae.analysis.sensitivities.further_forces import further_key
 from beamdae.analysis.sensitivities.model_differences import Difference
-from beamdae.analysis.sensitivities.run_derivatives import (
-    RunDerivative,
-    differentiate_event_time,
-    find_stop,
+from beamdae.analysis.sensitivities.observable_derivatives import (
+    differentiate_run_columns,
+    time_derivative,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, find_stop
+from beamdae.analysis.sensitivities.run_derivatives import RunDerivative
+from beamdae.equations.equations_of_motion import State
 from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.results.solution import Solution
-from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
@@ -47,44 +43,87 @@ def differentiate_along(
         Models at neighboring values, and derivatives of the run, by parameter.
     """
     solution = bound_reactions(solution)
-    intervals, stop = solution.trajectory.intervals, find_stop(solution)
-    by_restart = np.zeros(len(intervals))
-    moved = np.flatnonzero(np.any([x.shifts for x in derivatives.values()], axis=0)).tolist()
-    terms = evaluate_terms(objective, solution) if moved else []
-    for k in moved:
-        by_restart[k] = differentiate_restart(terms, solution, float(intervals[k].t[0]))
-    groups: dict[Any, list[str]] = {}
-    for name, difference in differences.items():
-        groups.setdefault(further_key(difference.base), []).append(name)
-    value, result = 0.0, dict[str, float]()
-    for names in groups.values():
-        group = {name: differences[name] for name in names}
-        base = group[names[0]].base
-        seeds = differentiate_objective(objective, solution, base)
-        value, by_end, ends = seeds.value, 0.0, dict.fromkeys(names, 0.0)
-        if stop is not None:
-            last = {name: derivatives[name].trajectory.intervals[-1].rows for name in names}
-            at_end = {name: State(*(x[-1:] for x in rows)) for name, rows in last.items()}
-            end = solution.trajectory.end
-            ends = differentiate_event_time(base, stop, intervals[-1], end, at_end, group)
-            by_end = differentiate_end(objective, solution, base)
-        for name, difference in group.items():
-            total = _weigh(seeds, difference, derivatives[name].trajectory)
-            total += float(derivatives[name].shifts @ by_restart)
-            result[name] = total + ends[name] * by_end
-    return value, result
+    equations, trajectory = solution.equations, solution.trajectory
+    grid = SampleGrid.of(trajectory)
+    runs, changes_at = dict[bytes, Solution](), dict[tuple[bytes, int], dict[str, Array]]()
+    along = {name: x.trajectory for name, x in derivatives.items()}
+    shifts = np.array([x.shifts for x in derivatives.values()])
+    moved = np.flatnonzero(shifts.any(axis=0)).tolist()
+    ends = _differentiate_end_time(solution, differences, derivatives)
+    value, result = 0.0, np.zeros(len(derivatives))
+    for factor, term in objective.terms:
+        times = term.sample_times(grid)
+        run = runs.setdefault(times.tobytes(), solution.at_times(times))
+        header, column = read_column(run, term.column)
+        number, index = locate_column(equations, header)
+        term_value, by_samples = term.evaluate(column, grid.weights)
+        value += factor * term_value
+        if number is None:
+            changes = [np.hstack(_motion(x.at(times)[1]))[:, index] for x in along.values()]
+        else:
+            key = times.tobytes(), number
+            if key not in changes_at:
+                changes_at[key] = differentiate_run_columns(
+                    equations, trajectory, times, along, differences, [number]
+                )
+            changes = [x[:, index] for x in changes_at[key].values()]
+        result += factor * (np.array(changes) @ by_samples)
+        for k in moved:
+            t = float(trajectory.intervals[k].t[0])
+            result += factor * shifts[:, k] * _restart_rate(term, term_value, solution, t)
+        if ends.any():
+            result += factor * ends * _end_rate(term, term_value, solution)
+    return value, dict(zip(derivatives, result.tolist(), strict=True))
 
 
-def _weigh(seeds: ColumnSeeds, difference: Difference, along: Trajectory) -> float:
-    """Return the derivative at fixed times along the derivatives of states and of the model."""
-    total = difference.derivative(lambda e: e.p) @ seeds.numbers
-    for by_operator in seeds.operators:
-        total += by_operator.weigh(difference.derivative(_operator_of(by_operator)))
-    for by_nodes, interval in zip(seeds.states, along.intervals, strict=True):
-        q, v, _, lam = interval.rows
-        total += np.sum(by_nodes * np.hstack([q, v, lam]))
-    return float(total)
+def _motion(state: State) -> tuple[Array, Array, Array]:
+    return state.q, state.v, state.lam
 
 
-def _operator_of(seeds: OperatorSeeds) -> Callable[[EquationsOfMotion], Any]:
-    return lambda e: seeds.select(e).operator
+def _differentiate_end_time(
+    solution: Solution,
+    differences: Mapping[str, Difference],
+    derivatives: Mapping[str, RunDerivative],
+) -> Array:
+    """Return the derivatives of the end of the run by parameter, (k,); zero without a stop."""
+    stop, trajectory = find_stop(solution), solution.trajectory
+    if stop is None:
+        return np.zeros(len(derivatives))
+    along = {
+        name: State(*(y[-1:] for y in x.trajectory.intervals[-1].rows))
+        for name, x in derivatives.items()
+    }
+    last, end = trajectory.intervals[-1], trajectory.end
+    ends = differentiate_event_time(solution.equations, stop, last, end, along, differences)
+    return np.array(list(ends.values()))
+
+
+def _restart_rate(term: ColumnObjective, value: float, solution: Solution, t: float) -> float:
+    """Return the derivative of a term with respect to the time `t` [s] of a restart.
+
+    The states are those at fixed times, so that only integrals of columns that jump have a
+    derivative.
+    """
+    run, trajectory = solution.at_times(np.array([t, np.nextafter(t, np.inf)])), solution.trajectory
+    duration, (_, sides) = trajectory.end - trajectory.start, read_column(run, term.column)
+    before, after = (term.end_derivative(value, float(y), 0.0, duration) for y in sides)
+    return before - after
+
+
+def _end_rate(term: ColumnObjective, value: float, solution: Solution) -> float:
+    """Return the derivative of a term with respect to the end time of the run."""
+    interval, trajectory = solution.trajectory.intervals[-1], solution.trajectory
+    end = np.array([trajectory.end])
+    header, (y,) = read_column(solution.at_times(end), term.column)
+    number, index = locate_column(solution.equations, header)
+    lam_rate = interval.derivative_at(end).lam[0]
+    at = State(*(x[0] for x in interval.at(end)))
+    if number is None:
+        rate = np.concatenate([at.v, at.a, lam_rate])[index]
+    else:
+        equations = solution.equations.with_loads_of(interval.configuration)
+        time = np.array([trajectory.end, interval.branch])
+        observable = equations.observables[number]
+        rate = time_derivative(observable, equations, time, at, lam_rate)[index]
+    duration = trajectory.end - trajectory.start
+    return term.end_derivative(value, float(y), float(rate), duration)

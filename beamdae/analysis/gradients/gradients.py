@@ -24,18 +24,20 @@ from beamdae.analysis.sensitivities.differentiable_methods import (
     require_end,
     warn_of_errors,
 )
-from beamdae.analysis.sensitivities.grouped_runs import differentiate_states
 from beamdae.analysis.sensitivities.model_differences import (
     Difference,
     derivative_call,
     difference_model,
 )
+from beamdae.analysis.sensitivities.requested_starts import (
+    assemble_neighbors,
+    start_adds_velocities,
+)
+from beamdae.analysis.sensitivities.restart_times import find_stop
 from beamdae.analysis.sensitivities.run_derivatives import (
     RunDerivative,
-    assemble_neighbors,
-    find_stop,
+    differentiate_states,
     node_state,
-    start_adds_velocities,
 )
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
@@ -405,8 +407,7 @@ def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float,
             return run.differentiate_along(objective, names)
     # The equilibrium of neighboring models is not needed if its adjoint is known.
     derivatives = run.number_derivatives(run.start if by_equilibrium is None else AS_DRAWN)
-    operators = adjoint.seeds.by_operators(equations)
-    by_operators = np.concatenate([np.zeros(0), *(x.data for x in operators)])
+    by_operators = np.concatenate([np.zeros(0), *adjoint.seeds.operators])
     if by_equilibrium is not None:
         numbers = numbers + by_equilibrium
     result = derivatives.p @ numbers + derivatives.operators @ by_operators

@@ -7,7 +7,7 @@ numbers, such as the thicknesses of a beam at different points, are therefore ch
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
@@ -16,20 +16,24 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from beamdae.analysis.sensitivities.model_differences import (
-    FOUR_NEIGHBORS,
+    CENTRAL,
     RELATIVE_DIFFERENCE,
     TWO_NEIGHBORS,
+    Difference,
     Stencil,
-    difference_values,
-    largest_of_kind,
-    rounding_of_numbers,
-    warn_of_idle_parameters,
+    Trial,
+    build_neighbor,
+    difference_model,
+    numbers_and_start,
+    sizes_and_rounding,
+    try_step,
+    warn_without_effect,
 )
-from beamdae.analysis.sensitivities.run_derivatives import start_adds_velocities
+from beamdae.analysis.sensitivities.requested_starts import start_adds_velocities
 from beamdae.beams.beam import beams_of
 from beamdae.beams.section_samples import keep_numbers_of_sections
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
-from beamdae.errors import BeamdaeError, format_exception
+from beamdae.errors import BeamdaeError
 from beamdae.model_functions import Model
 
 Array = np.ndarray
@@ -37,19 +41,16 @@ Array = np.ndarray
 # Up to this number of groups of parameters that are changed together, differences are of fourth
 # order.
 _MAX_FOURTH_ORDER_GROUPS = 20
-# Difference of second order, relative to the values of parameters, with relative errors near 1e-10.
-_SECOND_ORDER_DIFFERENCE = 1e-5
-# Magnitude of parameters whose value is zero, for their differences.
+# Change of parameters whose value is zero, relative to that of others.
 _SIZE_AT_ZERO = 0.1
-# Parameters are searched for those that affect the same numbers if they are at least this many.
-_MIN_SEARCHED = 4
-# The search ends if no parts of a division into this number of parts can be changed together.
-_MAX_DENSE_PARTS = 8
+# Parameters are searched for those that affect the same numbers if they are at least this many; the
+# search ends if no two of the other number can be changed together.
+_MIN_SEARCHED, _MAX_DENSE = 4, 8
 # Largest error of the sum of the derivatives along a common change of all parameters, relative to
-# the sum of their magnitudes, and this change, relative to their values.
+# the sum of their magnitudes, and difference of this change.
 _MAX_COMMON_ERROR = 1e-6
-_COMMON_DIFFERENCE = 1e-4
-# Rounding errors of initial values and operators, relative to the larger of 1 and their values.
+_COMMON_DIFFERENCE = 1e-2
+# Rounding errors of operators, relative to the larger of 1 and their values.
 _ROUNDING = 1e-12
 
 
@@ -138,10 +139,6 @@ class _Effects(NamedTuple):
 _latest_effects: WeakKeyDictionary[Callable[..., Any], _Effects] = WeakKeyDictionary()
 
 
-class _IrregularError(Exception):
-    """A neighboring model that needs the careful treatment of `difference_model`."""
-
-
 def differentiate_numbers(
     model: FlatModel,
     base: EquationsOfMotion,
@@ -150,9 +147,8 @@ def differentiate_numbers(
 ) -> NumberDerivatives:
     """Return the derivatives of the equations of motion with respect to all numbers of a model.
 
-    Numbers are irregular if the model rejects a neighboring value, if the neighbor differs from
-    `base` in its structure or breakpoints, if drivers move at the start, at a kink, or if the step
-    of the differences does not suit the scale of the number.
+    Numbers are irregular if a neighboring model differs from `base` in its structure or
+    breakpoints, or drivers move at the start.
 
     Parameters
     ----------
@@ -165,41 +161,51 @@ def differentiate_numbers(
     time
         (t, branch) of the start.
     """
-    differencing = _Differencing(model, base, assemble, time)
-    derivatives: Array | None = None
-    irregular: list[int] = []
-    with suppress(_IrregularError):
-        derivatives = _differentiate_together(differencing, model)
+    numbers = _Numbers(model, base, assemble, time)
+    derivatives, irregular = _differentiate_together(numbers), list[int]()
     if derivatives is None:
-        singles = [[k] for k in range(len(differencing.values))]
-        derivatives, irregular = differencing.differentiate(singles, None)
+        derivatives = np.zeros(numbers.shape)
+        for k, name in enumerate(model.entries):
+            # Name and call of a flat model are those of a model.
+            function, is_accurate = cast(Model, model), len(derivatives) <= _MAX_FOURTH_ORDER_GROUPS
+            difference = difference_model(
+                function, name, model.values, base, assemble, needs_high_order=is_accurate
+            )
+            if numbers.is_regular(difference):
+                derivatives[k] = difference.derivative(_numbers_of)
+            else:
+                irregular.append(k)
+    else:
+        for name, row in zip(model.entries, derivatives, strict=True):
+            if not np.any(row):
+                warn_without_effect(model.name, name)
     ends = np.cumsum([len(base.p), base.n, base.n])
-    differencing.warn_without_effect(derivatives, irregular)
     p, q0, v0, operators = np.split(derivatives, ends, axis=1)
     return NumberDerivatives(p, q0, v0, operators, tuple(irregular))
 
 
-def _differentiate_together(differencing: _Differencing, model: FlatModel) -> Array | None:
+def _differentiate_together(numbers: _Numbers) -> Array | None:
     """Return the derivatives with numbers changed in groups, or None if there are no groups."""
-    names, function = tuple(model.entries), model.model.build
+    names, function = tuple(numbers.model.entries), numbers.model.model.build
     if len(names) < _MIN_SEARCHED:
         return None
     known = _latest_effects.get(function)
     if known is not None and known.names == names:
         if known.masks is None:
             return None
-        if known.masks.shape == differencing.shape:
-            derivatives = differencing.differentiate_groups(known.masks)
-            if derivatives is not None:
-                return derivatives
-    masks = _find_affected(differencing)
-    derivatives = None if masks is None else differencing.differentiate_groups(masks)
+        if known.masks.shape == numbers.shape:
+            with suppress(BeamdaeError):
+                return numbers.differentiate_groups(known.masks)
+    derivatives = masks = None
+    with suppress(BeamdaeError):
+        masks = numbers.find_affected()
+        derivatives = numbers.differentiate_groups(masks)
     # Unless the search succeeds, it is not repeated.
     _latest_effects[function] = _Effects(names, None if derivatives is None else masks)
     return derivatives
 
 
-class _Differencing:
+class _Numbers:
     """Models with changed numbers; each is reduced to the vector (p, q0, v0, operators)."""
 
     def __init__(
@@ -209,120 +215,101 @@ class _Differencing:
         assemble: Callable[[Any], EquationsOfMotion],
         time: Array,
     ) -> None:
-        self._model, self._base, self._assemble, self._time = model, base, assemble, time
+        self.model, self._base, self._assemble, self._time = model, base, assemble, time
+        self._values = np.array(list(model.values.values()))
+        self._sizes = np.where(self._values != 0.0, np.abs(self._values), _SIZE_AT_ZERO)
         self._sections = {x.name: x.section for x in beams_of(base.mechanism)}
-        self.values = np.array(list(model.values.values()))
-        self.sizes = np.where(self.values != 0.0, np.abs(self.values), _SIZE_AT_ZERO)
         self.here = _numbers_of(base)
-        count = len(base.p)
-        others = _ROUNDING * np.maximum(1.0, np.abs(self.here[count:]))
-        self._rounding = np.concatenate([rounding_of_numbers(base), others])
-        of_kind = largest_of_kind(base, np.abs(base.p))
-        self._magnitudes = np.concatenate([of_kind, np.maximum(1.0, np.abs(self.here[count:]))])
+        rounding, operators = sizes_and_rounding(base)[1], self.here[len(base.p) + 2 * base.n :]
+        operators = _ROUNDING * np.maximum(1.0, np.abs(operators))
+        # Errors of differences over the relative change of the verification.
+        self._rounding = np.append(rounding, operators) / (
+            TWO_NEIGHBORS.steps[1] * _COMMON_DIFFERENCE
+        )
 
     @property
     def shape(self) -> tuple[int, int]:
         """Numbers of parameters and of entries."""
-        return len(self.values), len(self.here)
+        return len(self._values), len(self.here)
 
-    def evaluate(self, changes: Array) -> Array:
-        """Return (p, q0, v0, operators) after changes of the numbers."""
-        names, values = self._model.entries, self.values + changes
-        changed = {
-            name: value
-            for name, value, change in zip(names, values.tolist(), changes, strict=True)
-            if change != 0.0
-        }
-        try:
-            with keep_numbers_of_sections(self._sections):
-                equations = self._assemble(self._model(**changed))
-        except (BeamdaeError, ArithmeticError, ValueError) as problem:
-            raise _IrregularError(format_exception(problem)) from problem
+    def _try_change(self, shares: Array, stencil: Stencil, delta: float) -> Trial:
+        """Return the models at relative changes of the numbers by shares * (x - 1) about x = 1."""
+        (changed,) = np.nonzero(shares)
+        names = list(self.model.entries)
+
+        def build(x: float) -> Any:
+            values = self._values + shares * self._sizes * (x - 1.0)
+            return self.model(**{names[k]: float(values[k]) for k in changed})
+
+        model, values = Model(build, self.model.model.t_end, {"x": 1.0}), {"x": 1.0}
+        trial = try_step(model, "x", values, self._base, self._assemble, delta, (stencil,))
+        if not self.is_regular(trial.difference):
+            raise BeamdaeError(f"{self.model.name}: the numbers cannot be changed together.")
+        return trial
+
+    def is_regular(self, difference: Difference) -> bool:
+        """Return True if the neighboring models only differ in their numbers and start."""
         base = self._base
-        if not (
-            equations.structure == base.structure
-            and equations.q_names == base.q_names
-            and equations.lam_names == base.lam_names
-            and equations.breakpoints == base.breakpoints
-            and all(map(_have_same_pattern, equations.observables, base.observables))
-        ):
-            raise _IrregularError
-        if start_adds_velocities(equations, self._time):
-            raise _IrregularError
-        return _numbers_of(equations)
+        return difference.keeps_structure(base) and all(
+            e.breakpoints == base.breakpoints
+            and all(map(_have_same_pattern, e.observables, base.observables))
+            and not start_adds_velocities(e, self._time)
+            for e in difference.equations
+        )
 
-    def differentiate(
-        self, groups: Sequence[Sequence[int]], masks: Array | None
-    ) -> tuple[Array, list[int]]:
-        """Return the derivatives (k, size) with respect to numbers that are changed in groups.
+    def find_affected(self) -> Array:
+        """Return True where a number affects an entry, (k, size).
 
-        Also return the indices of irregular numbers, whose rows are zero.
-
-        Parameters
-        ----------
-        groups
-            Indices of the numbers that are changed together.
-        masks
-            True where a number affects an entry, (k, size); None if each group is a single number.
+        Raises
+        ------
+        BeamdaeError
+            If the model rejects a change, or no numbers can be changed together.
         """
-        if len(groups) <= _MAX_FOURTH_ORDER_GROUPS:
-            stencil, relative = FOUR_NEIGHBORS, RELATIVE_DIFFERENCE
-        else:
-            stencil, relative = TWO_NEIGHBORS, _SECOND_ORDER_DIFFERENCE
-        sizes = relative * self.sizes
-        result = np.zeros((len(self.values), len(self.here)))
-        irregular: list[int] = []
+        masks = np.zeros(self.shape, bool)
+        for k, name in enumerate(self.model.entries):
+            value = float(self._values[k] + RELATIVE_DIFFERENCE * self._sizes[k])
+            with keep_numbers_of_sections(self._sections):
+                neighbor = build_neighbor(self.model, {name: value})
+                changed = _numbers_of(self._assemble(neighbor))
+            if len(changed) != len(self.here):
+                raise BeamdaeError(f"{self.model.name}: {name} changes the structure.")
+            masks[k] = changed != self.here
+            if k + 1 == _MAX_DENSE:
+                _group_disjoint(masks[:_MAX_DENSE])
+        return masks
+
+    def differentiate_groups(self, masks: Array) -> Array:
+        """Return the derivatives (k, size) with numbers changed in groups; see `find_affected`.
+
+        Raises
+        ------
+        BeamdaeError
+            If they are not accurate.
+        """
+        groups, count = _group_disjoint(masks), len(masks)
+        stencil = CENTRAL if len(groups) <= _MAX_FOURTH_ORDER_GROUPS else TWO_NEIGHBORS
+        result = np.zeros(self.shape)
         for group in groups:
-            delta = np.zeros(len(self.values))
-            delta[group] = sizes[group]
-            try:
-                change = self._difference(delta, stencil)
-            except _IrregularError:
-                irregular += group
-                continue
-            for k in group:
-                here = change if masks is None else np.where(masks[k], change, 0.0)
-                result[k] = here / sizes[k]
-        return result, irregular
-
-    def differentiate_groups(self, masks: Array) -> Array | None:
-        """Return the derivatives with numbers changed in groups; None if they are not accurate."""
-        singles = [[k] for k in range(len(masks))]
-        groups = _group_disjoint(singles, masks)
-        if groups == singles:
-            return None
-        derivatives, irregular = self.differentiate(groups, masks)
-        return None if irregular or not self._is_verified(derivatives) else derivatives
-
-    def _difference(self, delta: Array, stencil: Stencil) -> Array:
-        """Return the derivative along `delta`."""
-        changes = np.array([self.evaluate(step * delta) - self.here for step in stencil.steps])
-        excess = stencil.estimate_excess(changes, self._magnitudes, self._rounding)
-        if excess > stencil.max_excess or np.any(stencil.find_kinks(changes, self._rounding)):
-            raise _IrregularError  # The step does not suit the scale of the parameter.
-        return np.asarray(difference_values(stencil.derivative_weights, changes))
-
-    def warn_without_effect(self, derivatives: Array, irregular: Sequence[int]) -> None:
-        """Warn of numbers whose derivatives are zero."""
-        zero = set(np.flatnonzero(~np.any(derivatives, axis=1)).tolist()) - set(irregular)
-        names = [name for k, name in enumerate(self._model.entries) if k in zero]
-        # Name and call of a flat model are those of a model.
-        model, values = cast(Model, self._model), self._model.values
-        warn_of_idle_parameters(model, values, self._assemble, names)
-
-    def _is_verified(self, derivatives: Array) -> bool:
-        """Return True if the derivatives add up along a common change of all numbers."""
-        shares = np.random.default_rng(0).choice([-1.0, -0.5, 0.5, 1.0], len(self.values))
-        delta = _COMMON_DIFFERENCE * shares * self.sizes
-        ahead, behind = self.evaluate(delta), self.evaluate(-delta)
-        parts = derivatives * delta[:, None]
-        error = np.abs(0.5 * (ahead - behind) - parts.sum(axis=0))
-        return bool(np.all(error <= _MAX_COMMON_ERROR * np.abs(parts).sum(axis=0) + self._rounding))
+            shares = np.zeros(count)
+            shares[group] = 1.0
+            trial = self._try_change(shares, stencil, RELATIVE_DIFFERENCE)
+            if not trial.is_smooth:
+                raise BeamdaeError(f"{self.model.name}: the change does not suit the numbers.")
+            change = trial.difference.derivative(_numbers_of)
+            result[group] = np.where(masks[group], change, 0.0) / self._sizes[group, None]
+        # The derivatives add up along a common change of all numbers.
+        shares = np.random.default_rng(0).choice([-1.0, -0.5, 0.5, 1.0], count)
+        common = self._try_change(shares, TWO_NEIGHBORS, _COMMON_DIFFERENCE).difference
+        parts = result * (shares * self._sizes)[:, None]
+        error = np.abs(common.derivative(_numbers_of) - parts.sum(axis=0))
+        if np.any(error > _MAX_COMMON_ERROR * np.abs(parts).sum(axis=0) + self._rounding):
+            raise BeamdaeError(f"{self.model.name}: the numbers do not act independently.")
+        return result
 
 
 def _numbers_of(equations: EquationsOfMotion) -> Array:
     operators = (x.operator.data for x in equations.observables)
-    return np.concatenate([equations.p, equations.q0, equations.v0, *operators])
+    return np.concatenate([numbers_and_start(equations), *operators])
 
 
 def _have_same_pattern(one: Observable, other: Observable) -> bool:
@@ -336,51 +323,25 @@ def _have_same_pattern(one: Observable, other: Observable) -> bool:
     )
 
 
-def _find_affected(differencing: _Differencing) -> Array | None:
-    """Return the entries that each number affects, (k, size), by bisection.
+def _group_disjoint(masks: Array) -> list[list[int]]:
+    """Return groups of rows of masks that do not overlap, by a greedy search.
 
-    Sets of numbers are halved repeatedly. Halves of sets that affect different entries are changed
-    together. Return None if this saves no builds.
+    Raises
+    ------
+    BeamdaeError
+        If all of them overlap.
     """
-    count, size = len(differencing.values), len(differencing.here)
-    sets, masks = [list(range(count))], [np.ones(size, bool)]
-    # Equal relative changes would not change ratios, such as those of the stiffnesses of a beam.
-    relative = differencing.sizes * np.random.default_rng(0).uniform(0.5, 1.0, count)
-    while any(len(x) > 1 for x in sets):
-        parts: list[list[int]] = []
-        parents: list[int] = []
-        for parent, members in enumerate(sets):
-            half = (len(members) + 1) // 2
-            for part in filter(None, (members[:half], members[half:])):
-                parts.append(part)
-                parents.append(parent)
-        groups = _group_disjoint(parts, np.array([masks[k] for k in parents]))
-        if len(parts) >= _MAX_DENSE_PARTS and len(groups) == len(parts):
-            return None
-        part_masks = np.zeros((len(parts), size), bool)
-        for group in groups:
-            steps = np.zeros(count)
-            for k in group:
-                steps[parts[k]] = RELATIVE_DIFFERENCE * relative[parts[k]]
-            is_changed = differencing.evaluate(steps) != differencing.here
-            for k in group:
-                part_masks[k] = is_changed & masks[parents[k]]
-        sets, masks = parts, list(part_masks)
-    order = np.argsort([x[0] for x in sets])
-    return np.array(masks)[order]
-
-
-def _group_disjoint(members: Sequence[Any], masks: Array) -> list[list[int]]:
-    """Return groups of indices of members whose masks do not overlap, by a greedy search."""
     groups: list[list[int]] = []
     unions: list[Array] = []
-    for k in range(len(members)):
+    for k, mask in enumerate(masks):
         for group, union in zip(groups, unions, strict=True):
-            if not np.any(union & masks[k]):
+            if not np.any(union & mask):
                 group.append(k)
-                union |= masks[k]
+                union |= mask
                 break
         else:
             groups.append([k])
-            unions.append(masks[k].copy())
+            unions.append(mask.copy())
+    if len(groups) == len(masks):
+        raise BeamdaeError("All numbers of the model affect the same equations.")
     return groups

@@ -62,7 +62,7 @@ def transpose_run(
     solution = bound_reactions(solution)
     equations, intervals = solution.equations, solution.trajectory.intervals
     start, n = StartDerivatives(ConsistencySolver(equations)), equations.n
-    seeds = differentiate_objective(objective, solution, equations)
+    seeds = differentiate_objective(objective, solution)
     numbers, matrices = np.zeros(len(equations.p)), dict[int, FactorizedMatrix]()
     for k in reversed(range(len(intervals))):
         interval, by_nodes = intervals[k], seeds.states[k]

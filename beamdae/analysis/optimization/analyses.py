@@ -295,11 +295,11 @@ class PathAnalysis(Analysis):
         rest, row = np.zeros((1, e.n)), slice(-1, None)
         at = State(path.q[row], rest, rest, path.lam[row])
         times = np.full((1, 2), path.t)
-        seeds = ColumnSeeds(0.0, [], np.zeros(len(e.p)), [])
+        seeds = ColumnSeeds.empty(e, [])
         by_state = np.zeros((1, 2 * e.n + e.m))
         for quantity, weight in weights.items():
-            term, select = EndValue(quantity.column), e.p.__getitem__  # type: ignore[attr-defined]
-            add_term(seeds, by_state, e, weight, term, times, at, np.ones(1), select)
+            term = EndValue(quantity.column)  # type: ignore[attr-defined]
+            add_term(seeds, by_state, e, weight, term, times, at, np.ones(1))
         with single_threaded:
             start = StartDerivatives(ConsistencySolver(e))
             numbers = start.equilibrium_gradient(

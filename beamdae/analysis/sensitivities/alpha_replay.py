@@ -21,8 +21,10 @@ from beamdae.analysis.sensitivities.alpha_steps import (
     prepare_steps,
     step_length,
 )
-from beamdae.analysis.sensitivities.further_forces import (
+from beamdae.analysis.sensitivities.directions import (
+    Directions,
     DirectionSums,
+    differentiate_map,
     evaluate_direction,
     prepare_directions,
 )
@@ -101,7 +103,7 @@ def replay_steps(run: ReplayWorkspace) -> int:
     # The predicted derivatives.
     q_predicted, v_predicted = inputs[motion : motion + n], inputs[motion + n : motion + 2 * n]
     factor = 1.0 / (1.0 - run.alpha_m)
-    count = run.directions.is_further.size
+    count = run.shifts.size
     while run.step < run.last:
         code = factorize_ahead(run, run.step + 1, 1, run.last - run.step)
         if code != DONE:
@@ -138,11 +140,10 @@ def replay_steps(run: ReplayWorkspace) -> int:
 
 def differentiate_alpha_steps(
     method: GeneralizedAlpha,
-    derivatives: StartDerivatives,
-    steps_of: EquationsOfMotion,
+    groups: Sequence[Directions],
+    equations: EquationsOfMotion,
     interval: Interval,
     starts: Sequence[Array],
-    numbers: Array,
     shifts: Array,
 ) -> Array:
     """Return the derivatives of (q, v, q'', lam) at the start and steps of a smooth interval.
@@ -156,18 +157,15 @@ def differentiate_alpha_steps(
     ----------
     method
         Settings of the run, in the index-3 form.
-    derivatives
-        Maps to starting values and to the jerk, which corrects velocities where the length of the
-        step changes.
-    steps_of
-        Equations of the steps, perhaps without forces that vanish in the run.
-    interval
-        States of the run.
+    groups
+        Directions.
+    equations, interval
+        Equations and states of the run.
     starts
         Derivatives of the consistent state (q, v, a, lam) along the moved start, one direction a
-        row.
-    numbers, shifts
-        Derivatives of p, one direction a row, and of the time of the start, (k,) [s].
+        row, group by group.
+    shifts
+        Derivatives of the time of the start, (k,) [s].
 
     Returns
     -------
@@ -179,19 +177,17 @@ def differentiate_alpha_steps(
     BeamdaeError
         If the iteration matrix is singular at a step.
     """
-    equations, times, states = derivatives.equations, interval.t, interval.state
-    form = formulate_step(steps_of, False)
-    n, m, steps, count = equations.n, equations.m, len(times) - 1, len(numbers)
-    groups = list(pairwise(group_equal_steps(times)))
+    times, states, form = interval.t, interval.state, formulate_step(equations, False)
+    n, m, steps, count = equations.n, equations.m, len(times) - 1, len(shifts)
+    parts = list(pairwise(group_equal_steps(times)))
     member = family_parameters(method.family, method.rho_inf)
     time, at = np.array([times[0], interval.branch]), State(*(x[0] for x in states))
-    h = step_length(times, *groups[0])
-    alpha_start = AlphaStart(member, derivatives.solver, True, method.start == "cured")
-    record = derivatives.initial_motion(alpha_start, time, at, h)
-    first_q, first_v, first_ddq, first_a = record.along(starts, numbers, shifts)
-    make_directions, is_native = prepare_directions(
-        derivatives, steps_of, plan_step_residual, 4 * n + 2 * m, numbers
+    h = step_length(times, *parts[0])
+    start = AlphaStart(member, groups[0].maps.solver, True, method.start == "cured")
+    first_q, first_v, first_ddq, first_a = differentiate_map(
+        groups, starts, shifts, StartDerivatives.initial_motion, start, time, at, h
     )
+    make_directions, is_native = prepare_directions(groups, plan_step_residual, 4 * n + 2 * m)
     matrix = FactorizedMatrix.from_pattern(form.pattern)
     make_fields = prepare_steps(form, form.sums[2], matrix, member, interval)
     results = np.zeros(((steps + 1) * count, 3 * n + m))
@@ -217,13 +213,13 @@ def differentiate_alpha_steps(
 
     loop = StepLoop(replay_steps, make_workspace, matrices, form.is_native and is_native)
     run = loop.work
-    for first, last in groups:
+    for first, last in parts:
         h = step_length(times, first, last)
         if first > 0:
             at, time = State(*(x[first] for x in states)), np.array([times[first], interval.branch])
             ratio, square = h / run.h, (h * h - run.h * run.h) * member.defect
-            record = derivatives.jerk_map(time, at, h)
-            (jerks,) = record.along((run.q, run.v, run.ddq), numbers, run.shifts)
+            motion, jerk_map = (run.q, run.v, run.ddq), StartDerivatives.jerk_map
+            (jerks,) = differentiate_map(groups, motion, shifts, jerk_map, time, at, h)
             run.v += square * jerks
             run.a[:] = (1.0 - ratio) * run.ddq + ratio * run.a
         run.coefficients[:] = member.coefficients(h)

@@ -44,7 +44,7 @@ from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.sensitivities.eigenpairs import Eigenpair, apply_pencil, linearize_at
 from beamdae.analysis.sensitivities.model_differences import (
-    FOUR_NEIGHBORS,
+    CENTRAL,
     Difference,
     difference_values,
     forms_of,
@@ -138,8 +138,8 @@ class Direction(NamedTuple):
     def of_unknowns(cls, point: Point, system: MixedStatics, along: Tangent) -> Direction:
         """Return a direction of x and mu at a point of a system."""
         step = _MOTION / (point.problem.measure(along.x) or 1.0)
-        steps = [step * x for x in FOUR_NEIGHBORS.steps]
-        weights = [x / step for x in FOUR_NEIGHBORS.derivative_weights]
+        steps = [step * x for x in CENTRAL.steps]
+        weights = [x / step for x in CENTRAL.derivative_weights]
         return cls([system] * len(steps), steps, weights, along)
 
     def differentiate(

@@ -11,13 +11,14 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from beamdae.beams.beam import beams_of
 from beamdae.beams.section_samples import keep_numbers_of_sections
-from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm, Observable
+from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, has_same_patterns
 from beamdae.errors import BeamdaeError, format_exception, warn_user
 from beamdae.interrupts import outermost_call
@@ -31,20 +32,19 @@ Array = np.ndarray
 RELATIVE_DIFFERENCE = 1e-3
 # First difference of a parameter whose value is zero, in its unit.
 _DIFFERENCE_FROM_ZERO = 1e-4
-# These differences may be unsuitable: values such as a stiffness of 0 N/m that is added to 1e9 N/m,
-# or an eccentricity of 0 m of bearings of 1e-5 m, do not reveal the scale of a parameter. A larger
-# difference is used if changes of numbers are rounding errors, a smaller one if differences of
-# lower order deviate by more than this fraction, or interpolated numbers by more than the other
-# one. The errors of the derivatives are then near the square of the first fraction.
-_ENLARGEMENT = 1e3
-_REDUCTION = 0.1
-_MAX_DEVIATION = 1e-4
-_MAX_DEVIATION_OF_VALUES = 1e-6
+# Values such as a stiffness of 0 N/m that is added to 1e9 N/m, or an eccentricity of 0 m of a
+# bearing, do not reveal the scale of a parameter. The difference is enlarged if it only changes
+# rounding errors, and reduced if one-sided differences deviate by more than the tolerance: errors
+# of the derivatives are near the square of this deviation.
+_ENLARGEMENT, _REDUCTION = 1e3, 0.1
+_TOLERANCE = 1e-4
 _MAX_TRIALS = 8
+# Larger deviations are reported.
+_REPORTED_DEVIATION = 3e-3
 # Rounding errors do not grow with the step; changes must grow at least by this factor.
 _MIN_GROWTH = 10.0
-# Errors of derivatives near 1e-5, which are reported, exceed these fractions by this factor.
-_REPORTED_EXCESS = 30.0
+# Deviation of a number at a kink from the interpolation of its neighbors, relative to its changes.
+_MIN_KINK = 1e-3
 # Changes below this multiple of rounding errors do not reveal whether a number has a kink.
 _MIN_RESOLVED_CHANGE = 10.0
 # Smaller changes of numbers are rounding errors of their formulas, relative to the numbers and to
@@ -78,24 +78,18 @@ class Stencil(NamedTuple):
     ----------
     steps
         Values of the parameter, relative to that of the model, in multiples of the difference.
-    derivative_weights, value_weights, second_order_weights
-        Weights of the derivative, of the interpolated value and of the derivative of second order.
-    max_interpolation_error
-        Largest error of smooth numbers that are interpolated, relative to their changes; with four
-        neighbors, it is at least 1/6 at a kink.
-    max_excess
-        Largest `excess` with which the difference is used without a search for a better step.
+    derivative_weights, value_weights, error_weights
+        Weights of the derivative, of the interpolated value, and of the difference between a
+        derivative on one side and this derivative, times the smallest step.
     """
 
-    steps: tuple[int, ...]
+    steps: tuple[float, ...]
     derivative_weights: tuple[float, ...]
     value_weights: tuple[float, ...]
-    second_order_weights: tuple[float, ...]
-    max_interpolation_error: float = 1e-3
-    max_excess: float = 1.0
+    error_weights: tuple[float, ...]
 
-    def estimate_excess(self, changes: Array, size: Array, rounding: Array) -> float:
-        """Return the ratio of estimated to permitted errors of differences.
+    def assess(self, changes: Array, sizes: Array, rounding: Array) -> float:
+        """Return the largest error of one-sided derivatives, relative to the largest change.
 
         It is infinite if all changes are rounding errors, and zero if nothing changes.
 
@@ -103,54 +97,45 @@ class Stencil(NamedTuple):
         ----------
         changes
             Changes of all numbers in the neighboring models, (models, k).
-        size, rounding
+        sizes, rounding
             Magnitudes of the numbers of the same kind, and bounds of rounding errors, (k,) each.
         """
         change = np.abs(changes).max(axis=0)
-        is_significant = change > rounding
+        is_significant = change > _MIN_RESOLVED_CHANGE * rounding
         if not np.any(is_significant):
             return math.inf if np.any(change) else 0.0
-        size = np.maximum(np.maximum(size, change), np.finfo(float).tiny)
-        largest = np.max(change / size, where=is_significant, initial=0.0)
-
-        def error(weights: Sequence[float] | Array) -> float:
-            """Return the largest error of the sum of weight * change beyond rounding errors."""
-            errors = np.maximum(np.abs(np.asarray(weights) @ changes) - rounding, 0.0)
-            return float(np.max(errors / size, where=is_significant, initial=0.0) / largest)
-
-        orders = np.subtract(self.derivative_weights, self.second_order_weights)
-        return max(
-            error(orders) / _MAX_DEVIATION, error(self.value_weights) / _MAX_DEVIATION_OF_VALUES
-        )
+        sizes = np.maximum(np.maximum(sizes, change), np.finfo(float).tiny)
+        errors = np.maximum(np.abs(np.asarray(self.error_weights) @ changes) - rounding, 0.0)
+        largest = [np.max(x / sizes, where=is_significant, initial=0.0) for x in (errors, change)]
+        return float(largest[0] / largest[1])
 
     def find_kinks(self, changes: Array, rounding: Array) -> Array:
         """Return True for numbers that are far from their interpolated values, (k,)."""
         errors = np.abs(np.asarray(self.value_weights) @ changes)
-        return errors > self.max_interpolation_error * np.abs(changes).max(axis=0) + rounding
+        return errors > _MIN_KINK * np.abs(changes).max(axis=0) + rounding
 
 
-FOUR_NEIGHBORS = Stencil(
-    (-2, -1, 1, 2),
+CENTRAL = Stencil(
+    (-2.0, -1.0, 1.0, 2.0),
     (1.0 / 12.0, -2.0 / 3.0, 2.0 / 3.0, -1.0 / 12.0),
     (-1.0 / 6.0, 2.0 / 3.0, 2.0 / 3.0, -1.0 / 6.0),
-    (0.0, -0.5, 0.5, 0.0),
+    (-1.0 / 12.0, 2.0 / 3.0, 4.0 / 3.0, -5.0 / 12.0),
 )
-# Numbers whose deviation from the mean of their neighbors is (h / L)^2 / 6 of their changes, for
-# the step h and the scale L of the parameter, have derivatives with errors below 1e-5, which fits
-# permit.
-TWO_NEIGHBORS = Stencil((-1, 1), (-0.5, 0.5), (0.5, 0.5), (-0.5, 0.5), 1e-2, 4e3)
-_ONE_SIDED = Stencil(
-    (1, 2, 3, 4),
+# Of second order, with a difference that is a hundred times smaller.
+TWO_NEIGHBORS = Stencil((-0.01, 0.01), (-50.0, 50.0), (0.5, 0.5), (0.5, 0.5))
+_FORWARD = Stencil(
+    (1.0, 2.0, 3.0, 4.0),
     (-13.0 / 3.0, 9.5, -7.0, 11.0 / 6.0),
     (4.0, -6.0, 4.0, -1.0),
-    (-2.5, 4.0, -1.5, 0.0),
+    (19.0 / 3.0, -10.0, 7.0, -11.0 / 6.0),
 )
-_BACKWARD = _ONE_SIDED._replace(
-    steps=(-1, -2, -3, -4),
-    derivative_weights=tuple(-x for x in _ONE_SIDED.derivative_weights),
-    second_order_weights=tuple(-x for x in _ONE_SIDED.second_order_weights),
+_BACKWARD = Stencil(
+    (-1.0, -2.0, -3.0, -4.0),
+    (13.0 / 3.0, -9.5, 7.0, -11.0 / 6.0),
+    _FORWARD.value_weights,
+    _FORWARD.error_weights,
 )
-_STENCILS = (FOUR_NEIGHBORS, _ONE_SIDED, _BACKWARD)
+_STENCILS = (CENTRAL, _FORWARD, _BACKWARD)
 
 
 @dataclass(frozen=True)
@@ -181,6 +166,10 @@ class Difference:
         """Return the derivative of a function of the equations with respect to the parameter."""
         return difference_values(self.weights, [function(e) for e in self.equations])
 
+    def keeps_structure(self, run: EquationsOfMotion) -> bool:
+        """Return True if the neighboring models have the structure of the equations of a run."""
+        return self.base is run and all(e.structure == run.structure for e in self.equations)
+
 
 def difference_model(
     model: Model,
@@ -195,8 +184,7 @@ def difference_model(
 
     Central differences of fourth order are used. If the model rejects values on one side, as for
     damping = 0, the differences are one-sided, of third order. They are repeated with another step
-    if differences of second order or interpolated numbers show that the step does not suit the
-    scale of the parameter.
+    if one-sided derivatives show that the step does not suit the scale of the parameter.
 
     Forces that vanish at the value of the parameter may be missing in `base`, such as damping
     forces at damping = 0. The numbers at this value are then interpolated or extrapolated in the
@@ -214,7 +202,7 @@ def difference_model(
     assemble
         Function that returns the equations of a mechanism.
     needs_high_order
-        False to use only two neighbors, with errors of the derivatives up to 1e-5, if their numbers
+        False to use only two neighbors, with errors of the derivatives near 1e-9, if their numbers
         are smooth enough and the equations have the structure of `base`.
 
     Raises
@@ -227,25 +215,21 @@ def difference_model(
     Warns
     -----
     BeamdaeWarning
-        If no step leads to relative errors below 1e-5, or the parameter has no effect.
+        If no step leads to relative errors near 1e-5, or the parameter has no effect.
     """
     value = float(parameters[name])
     delta = RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
+    build = partial(try_step, model, name, parameters, base, assemble)
     if not needs_high_order and base.configurations is None:
         # Parts that events activate have structures of their own, which need more neighbors.
         with suppress(BeamdaeError):
-            two = _try_step(model, name, parameters, base, assemble, delta, (TWO_NEIGHBORS,))
-            has_structure = two.difference.base is base and all(
-                e.structure == base.structure for e in two.difference.equations
-            )
-            is_smooth = two.change > 0.0 and two.excess <= TWO_NEIGHBORS.max_excess
-            if has_structure and is_smooth and not np.any(two.kinks):
+            two = build(delta, (TWO_NEIGHBORS,))
+            if two.change > 0.0 and two.is_smooth and two.difference.keeps_structure(base):
                 return two.difference
-    best: _Trial | None = None
-    problem: BeamdaeError | None = None
+    best: Trial | None = None
     for _ in range(_MAX_TRIALS):
         try:
-            trial = _try_step(model, name, parameters, base, assemble, delta)
+            trial = build(delta, _STENCILS)
         except _RejectedError as rejection:
             problem = rejection
             if best is not None:
@@ -256,13 +240,11 @@ def difference_model(
             if best is None:
                 raise
             break
-        if trial.is_rounded and best is not None and trial.change < _MIN_GROWTH * best.change:
-            break  # A smaller step does not help, or the parameter has no effect.
-        if best is not None and not trial.resolves_kinks(best):
-            break  # Rounding errors hide the kink.
-        if best is None or trial.is_rounded or trial.excess < best.excess:
+        if best is not None and trial.is_rounded and trial.change < _MIN_GROWTH * best.change:
+            break  # Another step does not help, or the parameter has no effect.
+        if best is None or trial.is_rounded or trial.error < best.error:
             best = trial
-        if trial.excess <= FOUR_NEIGHBORS.max_excess:
+        if trial.error <= _TOLERANCE:
             break
         delta *= _ENLARGEMENT if trial.is_rounded else _REDUCTION
     if best is None:
@@ -270,17 +252,16 @@ def difference_model(
             f"{derivative_call()}: {model.name} rejects values of {name} next to {value:g} "
             f"({problem}); choose another value."
         )
-    if np.any(best.kinks):
+    if best.has_kink:
         raise BeamdaeError(
             f"{derivative_call()}: the numbers of {model.name} have a kink at {name} = "
             f"{value:g}, or change there without a derivative; choose another value."
         )
-    if not best.is_rounded and best.excess > _REPORTED_EXCESS:
+    if not best.is_rounded and best.error > _REPORTED_DEVIATION:
         warn_user(
             f"{derivative_call()}: differences of the numbers of {model.name} with respect to "
-            f"{name} "
-            f"depend on their step at {name} = {value:g}, and the derivatives may be inaccurate; "
-            f"compare them with differences of runs, or rescale {name}."
+            f"{name} depend on their step at {name} = {value:g}, and the derivatives may be "
+            f"inaccurate; compare them with differences of runs, or rescale {name}."
         )
     if not any(has_effect(base, e) for e in best.difference.equations):
         warn_without_effect(model.name, name)
@@ -295,7 +276,7 @@ def has_effect(base: EquationsOfMotion, other: EquationsOfMotion) -> bool:
     if (
         base.structure != other.structure
         or base.breakpoints != other.breakpoints
-        or not np.array_equal(_numbers_and_start(base), _numbers_and_start(other))
+        or not np.array_equal(numbers_and_start(base), numbers_and_start(other))
     ):
         return True
     pairs = zip(base.observables, other.observables, strict=True)
@@ -345,10 +326,8 @@ def warn_without_effect(model: str, name: str) -> None:
     """Warn that the derivatives with respect to a parameter of a model are zero."""
     warn_user(
         f"{derivative_call()}: small changes of {name} change no number of {model}, so the "
-        "derivatives "
-        f"of the model with respect to {name} are zero; either the model does not use {name}, or "
-        f"{name} only moves a jump, such as a step of a section along a beam, whose derivative "
-        "small differences do not contain (then replace the jump by a smooth transition)."
+        f"derivatives are zero; either the model does not use {name}, or {name} only moves a jump, "
+        "such as a step of a section along a beam (then replace it by a smooth transition)."
     )
 
 
@@ -356,131 +335,93 @@ class _RejectedError(BeamdaeError):
     """The model rejects neighboring values on both sides."""
 
 
-class _Trial(NamedTuple):
-    """Difference with one step, and its accuracy.
+class Trial(NamedTuple):
+    """Difference with one step.
 
     Attributes
     ----------
     difference
         Neighboring models.
-    excess
-        Ratio of estimated errors to permitted errors; infinity if changes are rounding errors.
+    error
+        See `Stencil.assess`.
     change
         Largest change of a number, relative to the larger of 1 and the numbers of the same kind.
-    kinks
-        True for the numbers (n_p,) that have a kink, or change without a derivative.
-    changes, resolution
-        Largest changes of the numbers, and smallest changes that are far above rounding errors,
-        (n_p,) each.
+    has_kink
+        True if a number has a kink, or changes without a derivative.
     """
 
     difference: Difference
-    excess: float
+    error: float
     change: float
-    kinks: Array
-    changes: Array
-    resolution: Array
+    has_kink: bool
 
-    def resolves_kinks(self, other: _Trial) -> bool:
-        """Return True if this trial reveals whether kinks of another one are at the value.
-
-        Changes due to a kink at the value are proportional to the step. If they are far above
-        rounding errors, numbers that do not change that much jump next to the value, not there.
-        """
-        kinks = other.kinks
-        if kinks.shape != self.resolution.shape:
-            return False
-        ratio = abs(self.difference.steps[0] / other.difference.steps[0])
-        return bool(np.all(ratio * other.changes[kinks] > self.resolution[kinks]))
+    @property
+    def is_smooth(self) -> bool:
+        """Return True if the step suits the scale of the parameter."""
+        return self.error <= _TOLERANCE and not self.has_kink
 
     @property
     def is_rounded(self) -> bool:
         """Return True if changes of numbers are rounding errors; a larger step is needed."""
-        return math.isinf(self.excess)
+        return math.isinf(self.error)
 
 
-def _try_step(
+def try_step(
     model: Model,
     name: str,
     parameters: Mapping[str, Any],
     base: EquationsOfMotion,
     assemble: Callable[[Any], EquationsOfMotion],
     delta: float,
-    stencils: Sequence[Stencil] = _STENCILS,
-) -> _Trial:
+    stencils: Sequence[Stencil],
+) -> Trial:
     """Return the difference with a step `delta` of the parameter, and its accuracy."""
+    value = float(parameters[name])
+    sections = {x.name: x.section for x in beams_of(base.mechanism)}
     for stencil in stencils:
+        steps = tuple(x * delta for x in stencil.steps)
         try:
-            neighbors = _build_neighbors(model, name, parameters, base, assemble, stencil, delta)
+            with keep_numbers_of_sections(sections):
+                neighbors = tuple(
+                    assemble(build_neighbor(model, {**parameters, name: value + x})) for x in steps
+                )
         except BeamdaeError as problem:
             rejection = problem
             continue
         for equations in neighbors:
             _require_same_structure(model.name, name, base, neighbors[0], equations)
-        first, steps = neighbors[0], tuple(k * delta for k in stencil.steps)
+        first = neighbors[0]
         is_unchanged = base.structure == first.structure and forms_of(base) == forms_of(first)
         if not is_unchanged and all(e.structure == first.structure for e in neighbors):
             base = with_structure(base, neighbors, steps)
-        rounding = rounding_of_numbers(base)
-        changes = np.array([e.p - base.p for e in neighbors])
-        # Smooth numbers are close to their interpolation; a new structure is interpolated.
-        kinks = stencil.find_kinks(changes, rounding)
-        excess, change = _estimate_excess(base, neighbors, stencil, delta)
-        weights = tuple(w / delta for w in stencil.derivative_weights)
+        here, n_p = numbers_and_start(base), len(base.p)
+        sizes, rounding = sizes_and_rounding(base)
+        changes = np.array([numbers_and_start(e) for e in neighbors]) - here
+        error, change = stencil.assess(changes, sizes, rounding), np.abs(changes).max(axis=0)
+        # A parameter with a tiny value may be added to coordinates, such as 1e-8 m to 1 m.
+        is_lost = (change[n_p:] > 0.0) & (change[n_p:] <= rounding[n_p:])
+        if np.any(is_lost) and delta < _ROUNDING * np.max(sizes[n_p:]):
+            error = math.inf
+        kinks = stencil.find_kinks(changes[:, :n_p], rounding[:n_p])
+        weights = tuple(x / delta for x in stencil.derivative_weights)
         difference = Difference(name, base, neighbors, weights, steps)
-        largest = np.abs(changes).max(axis=0)
-        return _Trial(difference, excess, change, kinks, largest, _MIN_RESOLVED_CHANGE * rounding)
+        relative_change = float(np.max(change / np.maximum(sizes, 1.0)))
+        return Trial(difference, error, relative_change, bool(np.any(kinks)))
     raise _RejectedError(str(rejection))
 
 
-def _build_neighbors(
-    model: Model,
-    name: str,
-    parameters: Mapping[str, Any],
-    base: EquationsOfMotion,
-    assemble: Callable[[Any], EquationsOfMotion],
-    stencil: Stencil,
-    delta: float,
-) -> tuple[EquationsOfMotion, ...]:
-    """Return the equations at the points of a stencil, with steps `delta` of the parameter."""
-    value = float(parameters[name])
-    sections = {x.name: x.section for x in beams_of(base.mechanism)}
-    with keep_numbers_of_sections(sections):
-        return tuple(
-            assemble(_build_neighbor(model, {**parameters, name: value + step * delta}))
-            for step in stencil.steps
-        )
-
-
-def _estimate_excess(
-    base: EquationsOfMotion,
-    neighbors: Sequence[EquationsOfMotion],
-    stencil: Stencil,
-    delta: float,
-) -> tuple[float, float]:
-    """Return `excess` and `change` of `_Trial`.
-
-    Errors of the numbers and of the start are relative to the largest relative change.
-    """
-    here, n_p = _numbers_and_start(base), len(base.p)
-    changes = np.array([_numbers_and_start(e) - here for e in neighbors])
-    change = np.abs(changes).max(axis=0)
-    motion = np.repeat([np.abs(x).max(initial=0.0) for x in (base.q0, base.v0)], base.n)
-    size = np.concatenate([largest_of_kind(base, np.abs(base.p)), motion])
-    of_kind = _ROUNDING_OF_KIND * np.maximum(size, 1.0)
-    rounding = _ROUNDING * np.abs(here) + of_kind
-    is_significant = change > rounding
-    # A parameter with a tiny value may be added to coordinates, such as 1e-8 m to 1 m.
-    is_lost = (change > of_kind)[n_p:] & ~is_significant[n_p:]
-    is_tiny = delta < _ROUNDING * motion.max(initial=0.0)
-    largest = float(np.max(change / np.maximum(size, 1.0)))
-    if is_tiny and np.any(is_lost):
-        return math.inf, largest
-    return stencil.estimate_excess(changes, size, rounding), largest
-
-
-def _numbers_and_start(equations: EquationsOfMotion) -> Array:
+def numbers_and_start(equations: EquationsOfMotion) -> Array:
+    """Return the numbers and the start of equations, (n_p + 2 n,)."""
     return np.concatenate([equations.p, equations.q0, equations.v0])
+
+
+def sizes_and_rounding(equations: EquationsOfMotion) -> tuple[Array, Array]:
+    """Return the largest magnitudes of the kinds of `numbers_and_start`, and rounding errors."""
+    motion = [np.abs(x).max(initial=0.0) for x in (equations.q0, equations.v0)]
+    sizes = [_largest_of_kind(equations), np.repeat(motion, equations.n)]
+    size = np.concatenate(sizes)
+    magnitudes = np.abs(numbers_and_start(equations))
+    return size, _ROUNDING * magnitudes + _ROUNDING_OF_KIND * np.maximum(size, 1.0)
 
 
 def with_structure(
@@ -508,7 +449,7 @@ def interpolate(steps: Sequence[float], values: Sequence[Array]) -> Array:
     return np.asarray(first + _combine(weights, [x - first for x in values]))
 
 
-def _build_neighbor(model: Model, parameters: Mapping[str, Any]) -> Any:
+def build_neighbor(model: Callable[..., Any], parameters: Mapping[str, Any]) -> Any:
     """Return the mechanism; errors of formulas reject parameters as those of parts do."""
     try:
         return model(**parameters)
@@ -535,57 +476,49 @@ def _require_same_structure(
     other: EquationsOfMotion,
 ) -> None:
     """Reject a parameter that changes more than the numbers and the start of a model."""
-    advice = "use differences of runs for this parameter"
-    if base.q_names != other.q_names or base.lam_names != other.lam_names:
+    has_same_operators = one.structure == other.structure
+    same = {
+        "the coordinates or constraints of the model": (
+            (base.q_names, base.lam_names) == (other.q_names, other.lam_names)
+        ),
+        "the number of times at which laws have breakpoints": (
+            len(base.breakpoints) == len(other.breakpoints)
+        ),
+        "the structure of the equations": has_same_operators
+        or all(has_same_patterns(x.structure, other.structure) for x in (one, base)),
+        f"the form of an observed column from one value next to {name} to another": (
+            forms_of(one) == forms_of(other)
+        ),
+    }
+    changed = next((subject for subject, is_same in same.items() if not is_same), None)
+    if changed is not None:
         raise BeamdaeError(
-            f"{derivative_call()}: {name} of {model} changes the coordinates or constraints of the "
-            f"model; {advice}."
+            f"{derivative_call()}: {name} of {model} changes {changed}; use differences of runs "
+            "for this parameter."
         )
-    if len(base.breakpoints) != len(other.breakpoints):
-        raise BeamdaeError(
-            f"{derivative_call()}: {name} of {model} moves one of several breakpoints of laws at "
-            "the "
-            f"same time, or changes their number; separate their times, or {advice}."
-        )
-    if one.structure != other.structure and not (
-        has_same_patterns(one.structure, other.structure)
-        and has_same_patterns(base.structure, other.structure)
-    ):
-        raise BeamdaeError(
-            f"{derivative_call()}: {name} of {model} changes the structure of the equations; "
-            f"{advice}."
-        )
-    if forms_of(one) != forms_of(other):
-        raise BeamdaeError(
-            f"{derivative_call()}: {name} of {model} changes the form of an observed column from "
-            f"one value next to {name} to another; {advice}."
-        )
+
+
+def equations_key(equations: EquationsOfMotion) -> Any:
+    """Return a key that is equal if the same equations serve two parameters.
+
+    Forces that are missing in the run may have the same kernels and operators, but other numbers,
+    such as the points on which they act. Their structures are equal; their derivatives are not.
+    """
+    return equations.structure, (equations.p + 0.0).tobytes()  # not -0.0
 
 
 def forms_of(equations: EquationsOfMotion) -> list[tuple[int, int]]:
-    """Return `form_of` the observables of all columns and events."""
-    terms = (*equations.observables, *(x.observable for x in equations.events))
-    return [form_of(x) for x in terms]
-
-
-def form_of(observable: Observable) -> tuple[int, int]:
-    """Return the numbers of coordinates and of constants in the formula of an observable.
+    """Return the numbers of coordinates and constants in the formulas of all columns and events.
 
     CasADi simplifies 1 q to q, 2 q to q + q and 0 q to 0, without a constant, but not 1.001 q.
     """
-    return observable.operator.shape[0], observable.data.stop - observable.data.start
+    terms = (*equations.observables, *(x.observable for x in equations.events))
+    return [(x.operator.shape[0], x.data.stop - x.data.start) for x in terms]
 
 
-def rounding_of_numbers(equations: EquationsOfMotion) -> Array:
-    """Return an upper bound of the rounding errors of each number in p, (n_p,)."""
+def _largest_of_kind(equations: EquationsOfMotion) -> Array:
+    """Return for each number in p the largest magnitude over the copies of its kernel."""
     sizes = np.abs(equations.p)
-    of_kind = np.maximum(largest_of_kind(equations, sizes), 1.0)
-    return _ROUNDING * sizes + _ROUNDING_OF_KIND * of_kind
-
-
-def largest_of_kind(equations: EquationsOfMotion, sizes: Array) -> Array:
-    """Return for each of the sizes of p the largest one over the copies of its kernel."""
-    sizes = sizes.copy()
     terms: list[ForceTerm | ConstraintTerm] = [*equations.forces, *equations.joints]
     for term in terms:
         numbers = sizes[term.data].reshape((-1, term.count), order="F")

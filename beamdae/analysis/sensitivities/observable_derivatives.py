@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.sensitivities.model_differences import Difference, form_of
+from beamdae.analysis.sensitivities.model_differences import Difference, equations_key
 from beamdae.equations.equations_of_motion import (
-    Configuration,
     EquationsOfMotion,
     Observable,
     State,
@@ -24,58 +24,59 @@ Array = np.ndarray
 
 def differentiate_columns(
     select: Callable[[EquationsOfMotion], Observable],
-    equations: EquationsOfMotion,
     times: Array,
     at: State,
     along: Mapping[str, State],
     differences: Mapping[str, Difference],
-    configuration: Configuration | None = None,
+    inactive: frozenset[str] = frozenset(),
 ) -> dict[str, Array]:
     """Return the derivatives of the columns of an observable, (rows, columns), by parameter.
 
     The formula of the observable may have another form at the value of a parameter than next to it,
-    such as q for 1 q; then the form next to it is differentiated.
+    such as q for 1 q, or without the forces that vanish there; the form next to it is
+    differentiated.
 
     Parameters
     ----------
     select
         Function that returns the observable of equations.
-    equations
-        Equations of the run.
     times, at
         Rows of (t, branch), and states of the run.
     along
         Derivatives of the states, by parameter.
     differences
         Models at neighboring values, by parameter.
-    configuration
-        Active parts of the run at the times.
+    inactive
+        Names of the inactive parts.
     """
-    groups: dict[tuple[int, int], list[str]] = {}
+    groups: dict[Any, list[str]] = {}
     for name in along:
-        groups.setdefault(form_of(select(differences[name].base)), []).append(name)
+        groups.setdefault(equations_key(differences[name].base), []).append(name)
     result: dict[str, Array] = {}
-    for form, names in groups.items():
-        here = equations if form_of(select(equations)) == form else differences[names[0]].base
-        here = here.with_loads_of(configuration)
-        group = {name: along[name] for name in names}
-        result |= _differentiate_columns(select, here, times, at, group, differences)
+    for names in groups.values():
+        e = differences[names[0]].base.without_loads_of(inactive)
+        o = select(e)
+        p, lam = e.p[o.data], at.lam[:, o.rows]
+        q, v = (np.asarray(o.operator @ x.T).T for x in (at.q, at.v))
+        arguments: tuple[Array, ...] = (times, q, v, p, lam)
+        if o.has_accelerations:
+            arguments = (*arguments, np.asarray(o.operator @ at.a.T).T)
+        by_q, by_v, by_p, by_lam, *by_a = (
+            o.function.derivative(k)(*arguments).reshape(len(times), x.shape[-1], len(o.columns))
+            for k, x in enumerate(arguments[1:], 1)
+        )
+        for name in names:
+            x, difference = along[name], differences[name]
+            change = difference.derivative(lambda e: select(e).operator)
+            dq, dv, da = (
+                np.asarray(o.operator @ dx.T + change @ y.T).T
+                for dx, y in ((x.q, at.q), (x.v, at.v), (x.a, at.a))
+            )
+            dp = difference.derivative(lambda e: e.p[select(e).data])
+            parts = [(by_q, dq), (by_v, dv), (by_lam, x.lam[:, o.rows]), *((by, da) for by in by_a)]
+            motion = sum(np.einsum("rij,ri->rj", by, dx) for by, dx in parts)
+            result[name] = motion + np.einsum("rij,i->rj", by_p, dp)
     return result
-
-
-def differentiate_observable(
-    equations: EquationsOfMotion,
-    number: int,
-    times: Array,
-    at: State,
-    along: Mapping[str, State],
-    differences: Mapping[str, Difference],
-    configuration: Configuration | None = None,
-) -> dict[str, Array]:
-    """Return the derivatives of an observed quantity, (rows, columns), by parameter."""
-    return differentiate_columns(
-        lambda e: e.observables[number], equations, times, at, along, differences, configuration
-    )
 
 
 def differentiate_run_columns(
@@ -84,8 +85,9 @@ def differentiate_run_columns(
     times: Array,
     trajectories: Mapping[str, Trajectory],
     differences: Mapping[str, Difference],
+    numbers: Sequence[int] | None = None,
 ) -> dict[str, Array]:
-    """Return the derivatives of all observed columns of a run, (rows, columns), by parameter.
+    """Return the derivatives of observed columns of a run, (rows, columns), by parameter.
 
     Elastic forces between steps are interpolated, see `results.elastic_columns`.
 
@@ -99,22 +101,31 @@ def differentiate_run_columns(
         Derivatives of the states by parameter.
     differences
         Models at neighboring values, by parameter.
+    numbers
+        Indices of the observables; None for all.
     """
-    ends = np.cumsum([0, *(len(x.columns) for x in equations.observables)])
+    numbers = range(len(equations.observables)) if numbers is None else numbers
+    observables = [equations.observables[k] for k in numbers]
+    ends = np.cumsum([0, *(len(x.columns) for x in observables)])
     result = {name: np.zeros((len(times), ends[-1])) for name in trajectories}
-    are_elastic = [is_elastic(equations, x) for x in equations.observables]
+    are_elastic = [is_elastic(equations, x) for x in observables]
     splits = {True: _split_by_interval, False: _split_by_configuration}
     parts = {x: list(splits[x](trajectory, times, trajectories)) for x in set(are_elastic)}
-    for number, is_interpolated in enumerate(are_elastic):
-        columns = slice(ends[number], ends[number + 1])
+    for k, (number, is_interpolated) in enumerate(zip(numbers, are_elastic, strict=True)):
+        columns = slice(ends[k], ends[k + 1])
         for x in parts[is_interpolated]:
-            changes = differentiate_observable(
-                equations, number, x.rows, x.at, x.along, differences, x.configuration
+            changes = differentiate_columns(
+                partial(observable_of, number), x.rows, x.at, x.along, differences, x.inactive
             )
             for name, change in changes.items():
                 rows = change if x.weights is None else x.weights @ change
                 result[name][x.here, columns] = rows
     return result
+
+
+def observable_of(number: int, equations: EquationsOfMotion) -> Observable:
+    """Return an observable by its index."""
+    return equations.observables[number]
 
 
 class _Part(NamedTuple):
@@ -130,8 +141,8 @@ class _Part(NamedTuple):
         Rows of (t, branch), and the states.
     along
         Derivatives of the states by parameter.
-    configuration
-        Active parts.
+    inactive
+        Names of the inactive parts.
     """
 
     here: Array
@@ -139,7 +150,7 @@ class _Part(NamedTuple):
     rows: Array
     at: State
     along: dict[str, State]
-    configuration: Configuration | None
+    inactive: frozenset[str]
 
 
 def _split_by_configuration(
@@ -150,7 +161,8 @@ def _split_by_configuration(
     along = {name: x.at(times)[1] for name, x in trajectories.items()}
     for configuration, here in trajectory.by_configuration(times):
         part = {name: _select_rows(x, here) for name, x in along.items()}
-        yield _Part(here, None, rows[here], _select_rows(at, here), part, configuration)
+        inactive = frozenset() if configuration is None else configuration.inactive
+        yield _Part(here, None, rows[here], _select_rows(at, here), part, inactive)
 
 
 def _split_by_interval(
@@ -163,45 +175,11 @@ def _split_by_interval(
         nodes, weights = interval.force_weights_at(times[here])
         at = _select_rows(interval.rows, nodes)
         along = {x: _select_rows(y.intervals[k].rows, nodes) for x, y in trajectories.items()}
-        yield _Part(here, weights, interval.times[nodes], at, along, interval.configuration)
+        yield _Part(here, weights, interval.times[nodes], at, along, interval.inactive)
 
 
 def _select_rows(state: State, rows: Array) -> State:
     return State(*(x[rows] for x in state))
-
-
-def _differentiate_columns(
-    select: Callable[[EquationsOfMotion], Observable],
-    equations: EquationsOfMotion,
-    times: Array,
-    at: State,
-    along: Mapping[str, State],
-    differences: Mapping[str, Difference],
-) -> dict[str, Array]:
-    o = select(equations)
-    p, lam = equations.p[o.data], at.lam[:, o.rows]
-    q, v = (np.asarray(o.operator @ x.T).T for x in (at.q, at.v))
-    arguments: tuple[Array, ...] = (times, q, v, p, lam)
-    if o.has_accelerations:
-        arguments = (*arguments, np.asarray(o.operator @ at.a.T).T)
-    by_q, by_v, by_p, by_lam, *by_a = (
-        o.function.derivative(k)(*arguments).reshape(len(times), x.shape[-1], len(o.columns))
-        for k, x in enumerate(arguments[1:], 1)
-    )
-    result = {}
-    for name, x in along.items():
-        difference = differences[name]
-        change = difference.derivative(lambda e: select(e).operator)
-        dq, dv = (
-            np.asarray(o.operator @ dx.T + change @ y.T).T for dx, y in ((x.q, at.q), (x.v, at.v))
-        )
-        dp = difference.derivative(lambda e: e.p[select(e).data])
-        parts = [(by_q, dq), (by_v, dv), (by_lam, x.lam[:, o.rows])]
-        parts += [(by, np.asarray(o.operator @ x.a.T + change @ at.a.T).T) for by in by_a]
-        result[name] = sum(np.einsum("rij,ri->rj", by, dx) for by, dx in parts) + np.einsum(
-            "rij,i->rj", by_p, dp
-        )
-    return result
 
 
 def time_derivative(

@@ -18,7 +18,7 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_run_columns,
     time_derivative,
 )
-from beamdae.analysis.sensitivities.run_derivatives import RunDerivatives
+from beamdae.analysis.sensitivities.run_derivatives import differentiate_states
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     complete_parameters,
@@ -277,8 +277,8 @@ def _differentiate(
     phase, change = jacobian[count:, :count], np.zeros(len(run.scales))
     for _ in range(_CORRECTIONS):
         dq, dv = np.split(change, 2)
-        derivatives = RunDerivatives(run.solution, method, {name: difference}, {name: (dq, dv)})
-        along = derivatives.by_parameter()[name].trajectory
+        states = differentiate_states(run.solution, method, {name: difference}, {name: (dq, dv)})
+        along = states[name].trajectory
         first, end = along.intervals[0].state, along.intervals[-1].state
         change = np.concatenate([first.q[0], first.v[0]])
         defect = np.concatenate([end.q[-1], end.v[-1]]) + stretch * end_rate - change

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.further_forces import (
+from beamdae.analysis.sensitivities.directions import (
+    Directions,
     DirectionSums,
     evaluate_direction,
     prepare_directions,
@@ -27,7 +28,6 @@ from beamdae.analysis.sensitivities.radau_steps import (
     measure_block,
     restore_stages,
 )
-from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import (
     formulate_first_order,
@@ -106,7 +106,7 @@ def replay_steps(replay: RadauReplay) -> int:
     solved by the simplified Newton iteration of the method, whose matrix is that of the second
     stage, with exact directional derivatives of the residual.
     """
-    run, count = replay.run, replay.directions.is_further.size
+    run, count = replay.run, replay.y.shape[0]
     while replay.step < replay.times.size - 1:
         run.t = replay.times[replay.step]
         h = replay.times[replay.step + 1] - run.t
@@ -171,7 +171,7 @@ def _evaluate_derivative(replay: RadauReplay, t: float, i: int, k: int) -> None:
 
 
 def _store_derivatives(replay: RadauReplay, k: int) -> None:
-    run, n, count = replay.run, replay.run.form.n, replay.directions.is_further.size
+    run, n, count = replay.run, replay.run.form.n, replay.y.shape[0]
     for i in range(3):
         result = replay.results[(3 * replay.step + i) * count + k]
         combine(result[: 2 * n], (1.0,), (run.stages[i][: 2 * n],))
@@ -187,26 +187,22 @@ def plan_stage_residual(structure: Structure) -> SumPlan:
 
 
 def differentiate_radau_steps(
-    derivatives: StartDerivatives,
-    steps_of: EquationsOfMotion,
+    groups: Sequence[Directions],
+    equations: EquationsOfMotion,
     interval: Interval,
     starts: Sequence[Array],
-    numbers: Array,
 ) -> Array:
     """Return the derivatives of (q, v, a, lam) at the start and the stages of a smooth interval.
 
     Parameters
     ----------
-    derivatives
-        Derivatives of consistent states of the equations of the interval.
-    steps_of
-        Equations of the steps, perhaps without forces that vanish in the run.
-    interval
-        States of the run.
+    groups
+        Directions.
+    equations, interval
+        Equations and states of the run.
     starts
-        Derivatives of the consistent state (q, v, a, lam) at the start, one direction a row.
-    numbers
-        Derivatives of p, one direction a row, (k, n_p).
+        Derivatives of the consistent state (q, v, a, lam) at the start, one direction a row, group
+        by group.
 
     Returns
     -------
@@ -218,13 +214,10 @@ def differentiate_radau_steps(
     BeamdaeError
         If the equations of the derivatives cannot be solved.
     """
-    equations = derivatives.equations
-    form = formulate_first_order(steps_of, STABILIZED_FORM, apart=True)
-    n, size, count, n_steps = equations.n, form.size, len(numbers), len(interval.t) - 1
+    form = formulate_first_order(equations, STABILIZED_FORM, apart=True)
+    n, size, count, n_steps = equations.n, form.size, len(starts[0]), len(interval.t) - 1
     matrices_of_stages = StageMatrices.of(form)
-    make_directions, is_native = prepare_directions(
-        derivatives, steps_of, plan_stage_residual, 2 * size, numbers
-    )
+    make_directions, is_native = prepare_directions(groups, plan_stage_residual, 2 * size)
     packed = [form.pack(State(*x)) for x in zip(*starts, strict=True)]
     results = np.zeros(((3 * n_steps + 1) * count, 3 * n + equations.m))
     results[:count] = np.hstack(starts)

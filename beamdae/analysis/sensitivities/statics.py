@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +24,10 @@ from beamdae.analysis.sensitivities.model_differences import (
     difference_model,
     difference_values,
 )
-from beamdae.analysis.sensitivities.observable_derivatives import differentiate_observable
+from beamdae.analysis.sensitivities.observable_derivatives import (
+    differentiate_columns,
+    observable_of,
+)
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     complete_parameters,
@@ -191,9 +194,11 @@ class EquilibriumSensitivities(SensitivityResult):
         rest = np.zeros_like(path.q)
         at = State(path.q, rest, rest, path.lam)
         along = {name: State(self.q[name], rest, rest, self.lam[name]) for name in self.q}
-        times, equations = np.full((len(path.q), 2), path.t), path.observed_equations
-        for number, observable in enumerate(equations.observables):
-            rates = differentiate_observable(equations, number, times, at, along, self._differences)
+        times, inactive = np.full((len(path.q), 2), path.t), frozenset(path._inactive)
+        for number, observable in enumerate(path.equations.observables):
+            rates = differentiate_columns(
+                partial(observable_of, number), times, at, along, self._differences, inactive
+            )
             for name, rows in rates.items():
                 derivatives = zip(observable.headers, rows.T, strict=True)
                 result[name] |= {x: y for x, y in derivatives if x in path.columns}
