@@ -3,7 +3,6 @@
 import pytest
 
 import beamdae as bd
-from beamdae.results.columns import select_columns
 
 
 def falling(*names):
@@ -24,8 +23,8 @@ def test_a_single_column_is_selected_with_or_without_its_unit(run):
         assert run[name].name == "tip.y [m]"
 
 
-@pytest.mark.parametrize("name", ["tip", "t", "tip.y [N]", 3, None])
-def test_names_of_no_column_or_of_several_are_rejected(name, run):
+@pytest.mark.parametrize("name", ["ti", "tip.y [N]", 3, None])
+def test_names_of_no_column_are_rejected(name, run):
     with pytest.raises(bd.BeamdaeError, match=r"column"):
         run[name]
 
@@ -56,18 +55,26 @@ def test_regression_a_list_of_names_selects_a_table_over_time():
 )
 def test_regression_messages_list_the_most_similar_columns_first(name, first):
     """Torques of drivers were hidden behind "and 2 more"."""
-    headers = [f"{point} {k}.{x} [m]" for point in ("tip", "knee") for k in range(5) for x in "xy"]
-    headers.append("motor.M [N m]")
+    mech = falling(*(f"{point} {k}" for point in ("tip", "knee") for k in range(5)))
+    wheel = mech.add(bd.RigidBody("wheel", 1.0, 0.1))
+    center = mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)
+    mech.add(bd.Revolute("pin", *center))
+    motor = mech.add(bd.Driver("motor", *center, bd.sine(1.0, 2.0)))
+    mech.observe("motor", motor.reaction)
     with pytest.raises(bd.BeamdaeError) as caught:
-        select_columns(headers, name, observed=headers)
+        bd.simulate(mech, t_end=1e-3)[name]
     listed = str(caught.value).partition("available columns: ")[2]
     assert listed.startswith(f"{first}, ")
     assert "motor.M" in listed
-    assert listed.endswith("and 9 more.")
+    assert listed.endswith(" more.")
 
 
 def test_regression_messages_name_forces_of_drivers_beside_observed_columns():
     """Only observed columns were listed, though others may be selected."""
-    headers = ["tip.x [m]", "lam.motor.angle [N m]"]
-    with pytest.raises(bd.BeamdaeError, match=r"available columns: lam\.motor\.angle, tip\.x"):
-        select_columns(headers, "motor.torque", observed=headers[:1])
+    mech = falling("tip")
+    wheel = mech.add(bd.RigidBody("wheel", 1.0, 0.1))
+    center = mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)
+    mech.add(bd.Revolute("pin", *center))
+    mech.add(bd.Driver("motor", *center, bd.sine(1.0, 2.0)))
+    with pytest.raises(bd.BeamdaeError, match=r"available columns: lam\.motor\.angle, "):
+        bd.simulate(mech, t_end=1e-3)["motor.torque"]
