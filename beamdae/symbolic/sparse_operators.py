@@ -118,21 +118,6 @@ def pair_entries(
     return left_entry, right_entry, k
 
 
-def multiply_entries(
-    left: sp.csr_array, row: np.ndarray, right: sp.csr_array, column: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return all products left[row[k], i] right[column[k], j] of non-zeros, for all k.
-
-    Returns
-    -------
-    i, j, k, product
-        Indices and values of the products, shape (n_products,).
-    """
-    left_entry, right_entry, k = pair_entries(left, row, right, column)
-    product = left.data[left_entry] * right.data[right_entry]
-    return left.indices[left_entry], right.indices[right_entry], k, product
-
-
 def transpose_pattern(pattern: sp.csc_array) -> tuple[sp.csc_array, np.ndarray]:
     """Return the CSC pattern of the transpose, and the new positions of the non-zeros."""
     numbers = (np.arange(pattern.nnz), pattern.indices, pattern.indptr)

@@ -337,13 +337,6 @@ class StartDerivatives:
         record.outputs = (v + jump,)
         return record
 
-    def gradient_map(self, time: Array, q: Array) -> Record:
-        """Return the map from q to the non-zeros of G on `sums.gradient_pattern`."""
-        record, (solver, _) = self._record(0.0)
-        record.inputs = variables = record.variables(q)
-        record.outputs = (solver.gradients(time, *variables),)
-        return record
-
     def initial_motion(self, start: AlphaStart, time: Array, at: State, h: float) -> Record:
         """Return the map of `AlphaStart.initial_motion` for steps `h` [s].
 
