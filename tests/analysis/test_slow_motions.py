@@ -153,13 +153,13 @@ def test_modes_of_strong_material_damping():
 def test_problems_that_do_not_converge_use_dense_matrices_or_end_in_one_sentence(
     damping, monkeypatch
 ):
-    expected = bd.modes(damped_strip(32), n=3, damping=damping).eigenvalues
+    expected = bd.modes(damped_strip(64), n=3, damping=damping).eigenvalues
     monkeypatch.setattr(spectrum, "_MAX_SEARCHES", 0)
-    dense = bd.modes(damped_strip(32), n=3, damping=damping).eigenvalues
+    dense = bd.modes(damped_strip(64), n=3, damping=damping).eigenvalues
     assert_allclose(dense, expected, rtol=1e-6)
     monkeypatch.setattr(slow_motions, "_MAX_FALLBACK_COORDINATES", 0)
     with pytest.raises(bd.BeamdaeError, match=r"3 lowest modes were not found, .* request fewer"):
-        bd.modes(damped_strip(32), n=3, damping=damping)
+        bd.modes(damped_strip(64), n=3, damping=damping)
 
 
 @pytest.mark.slow(reason="many elements")
