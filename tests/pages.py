@@ -34,7 +34,8 @@ def decode(value):
         return value
     codes = np.frombuffer(base64.b64decode(value["u16"]), "<u2")
     numbers = value["low"] + value["step"] * codes
-    return np.where(codes == MISSING_CODE, math.nan, 10.0**numbers if value.get("log") else numbers)
+    numbers[codes == MISSING_CODE] = math.nan
+    return 10.0**numbers if value.get("log") else numbers
 
 
 def build_curves(error, t=T):

@@ -4,10 +4,10 @@ import re
 
 import numpy as np
 import pytest
+from pages import read_page
 from scipy.special import ive
 
 import beamdae as bd
-from beamdae.report.analysis_pages import build_periodic_page, build_response_page
 
 WIDTH = 0.005  # duration of the pulse relative to the period; rows are as far apart
 PULSE = "pulse.Fx [N]"
@@ -66,9 +66,9 @@ def test_regression_warnings_of_periodic_motions_have_no_options_of_rows(motion)
     assert warning.endswith("but curves and the table of the rows do not.")
 
 
-def test_regression_the_page_of_a_motion_agrees_with_its_amplitudes(motion):
+def test_regression_the_page_of_a_motion_agrees_with_its_amplitudes(motion, tmp_path):
     """The page had the amplitudes of the rows beside the extremes of the steps."""
-    page = build_periodic_page(motion, "pulse")
+    page = read_page(motion.page(tmp_path / "pulse.html"))
     row = motion.amplitudes().loc[PULSE]
     assert page["cases"][0]["extremes"][PULSE] == [row["least"], row["largest"]]
     assert page["notes"] == list(motion.warnings)
@@ -77,7 +77,7 @@ def test_regression_the_page_of_a_motion_agrees_with_its_amplitudes(motion):
     assert re.search(r"\b100\b", " ".join(cells))
 
 
-def test_regression_responses_include_pulses_between_rows(response):
+def test_regression_responses_include_pulses_between_rows(response, tmp_path):
     """Tables of responses had the values of rows, and each motion had a warning."""
     table = response.table()
     sizes = table["size"].to_numpy()
@@ -85,7 +85,7 @@ def test_regression_responses_include_pulses_between_rows(response):
     assert response.curve("pulse.Fx")[1] == pytest.approx(0.5 * sizes, rel=1e-4)
     (reason,) = response.warnings
     assert "maximum of 2 points" in reason
-    cases = build_response_page(response, "pulse")["cases"]
+    cases = read_page(response.page(tmp_path / "pulse.html"))["cases"]
     assert [x["extremes"][PULSE][1] for x in cases] == pytest.approx(sizes, rel=1e-5)
 
 

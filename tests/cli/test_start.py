@@ -38,11 +38,10 @@ MODEL = Path(__file__).parents[2] / "models" / "hub_beam.py"
 def test_commands_import_only_what_they_need(command, never, tmp_path):
     """Pictures and pages imported pandas and all analyses; tables of models imported CasADi."""
     code = f"""
-import sys
-from beamdae.__main__ import main
+import runpy, sys
 sys.argv = ["beamdae", *{command!r}]
 try:
-    main()
+    runpy.run_module("beamdae", run_name="__main__")
 except SystemExit as end:
     assert not end.code, end.code
 print("imported:", *sys.modules)

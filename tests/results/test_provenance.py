@@ -11,9 +11,14 @@ from conformance import JOINTS, LOADS, NONHOLONOMIC
 from support import ARC, SOFT_MATERIAL
 
 import beamdae as bd
-from beamdae.results.provenance import describe_provenance
 
 EVERYTHING = JOINTS | NONHOLONOMIC | LOADS
+
+
+def provenance_of(mech):
+    """Return the equations in the metadata of a run, as in its JSON file."""
+    metadata = bd.simulate(mech, bd.Radau(1e-3), t_end=1e-6).metadata()
+    return json.loads(json.dumps(metadata))["equations"]
 
 
 def mechanism(stiffness=3.0):
@@ -28,15 +33,14 @@ def mechanism(stiffness=3.0):
 def test_every_part_is_described_in_json(make):
     mech, disk, beam = mechanism()
     part = mech.add(make(mech, disk, beam))
-    parts = describe_provenance(bd.equations_of_motion(mech))["parts"]
-    assert json.loads(json.dumps(parts)) == parts
+    parts = provenance_of(mech)["parts"]
     assert list(parts) == list(mech.parts)
     assert parts[part.name]["kind"] == type(part).__name__
     assert len(parts[part.name]) > 1
 
 
 def test_each_object_is_described_once():
-    provenance = describe_provenance(bd.equations_of_motion(mechanism()[0]))
+    provenance = provenance_of(mechanism()[0])
     assert provenance["gravity"] == [0.0, -9.81]
     beam = provenance["parts"]["beam"]
     assert beam["curve"] == {
@@ -55,10 +59,7 @@ def test_each_object_is_described_once():
 
 
 def test_other_parameters_have_another_hash():
-    one, same, other = (
-        describe_provenance(bd.equations_of_motion(mechanism(k)[0]))["identity"]
-        for k in (3.0, 3.0, 3.1)
-    )
+    one, same, other = (provenance_of(mechanism(k)[0])["identity"] for k in (3.0, 3.0, 3.1))
     assert one == same != other
 
 
@@ -77,6 +78,6 @@ def test_laws_and_long_lists_are_abbreviated():
     points = [(np.cos(x), np.sin(x)) for x in np.linspace(0.0, 6.0, 40)]
     plate = mech.add(bd.RigidBody.polygon("plate", points, density=7800.0, thickness=0.01))
     mech.add(bd.Force("push", plate.at(0.0, 0.0), (lambda t: t, 2.0)))
-    parts = describe_provenance(bd.equations_of_motion(mech))["parts"]
+    parts = provenance_of(mech)["parts"]
     assert parts["plate"]["shape"] == "40 entries"
     assert parts["push"]["law"] == ["function", 2.0]

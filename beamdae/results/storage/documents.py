@@ -149,7 +149,7 @@ def checksum(content: Any, arrays: Mapping[str, Array] | None = None) -> str:
     digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
     for name, array in sorted((arrays or {}).items()):
         digest.update(f"\n{name} {array.dtype.str} {array.shape}\n".encode())
-        digest.update(np.ascontiguousarray(array).data)
+        digest.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
     return digest.hexdigest()
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 
 from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning
 from robustness import judge
-from robustness.files.kinds import KINDS, InconsistentError
+from robustness.files.kinds import KINDS
 from robustness.isolation import ScratchFolder
 from robustness.trial_class import TrialClass
 
@@ -64,8 +64,6 @@ def try_file(name: str) -> FileRow:
             outcome = judge.TrialOutcome("ran")
         except BeamdaeError as error:
             outcome = judge.TrialOutcome("refused", str(error))
-        except InconsistentError as error:
-            outcome = judge.TrialOutcome("raised", f"{error}")
         except Exception as error:
             outcome = judge.outcome_of_exception(error)
     complaint = judge.find_complaint(outcome)

@@ -1,7 +1,6 @@
-"""Kinds of result files: a valid example, its mutation, and uses whose answers are checked.
+"""Kinds of result files: a valid example, its mutation, and its use.
 
-Each use returns an empty text if the answers are consistent with the content of the file, and a
-complaint otherwise. It raises BeamdaeError only while the file is read.
+A use ends, or raises BeamdaeError. Forged files may contain any numbers.
 """
 
 from __future__ import annotations
@@ -11,9 +10,7 @@ import hashlib
 import json
 import random
 import shutil
-import warnings
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -24,15 +21,12 @@ import numpy as np
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError
-from beamdae.report.page.page_file import write_page
-from beamdae.report.run_page import build_run_page
 from beamdae.results.storage.checkpoint import Checkpoint
 from beamdae.results.storage.continued_runs import RunParts
+from beamdae.results.storage.documents import checksum
 from beamdae.simulation import as_equations
 from beamdae.studies.execution.executors import SerialPool
 from beamdae.studies.execution.study_run import run_study
-from beamdae.studies.study_page import create_study_page
 from robustness.files import mutations
 
 _T_END = 0.4  # s
@@ -68,21 +62,12 @@ def _equations() -> EquationsOfMotion:
     return as_equations("robustness", caught)
 
 
-class InconsistentError(Exception):
-    """Raised if answers differ from the content of a file, or an error is raised too late."""
-
-
-def _expect(condition: Any, complaint: str) -> None:
-    if not condition:
-        raise InconsistentError(complaint)
-
-
-def _use(function: Callable[[], Any], name: str) -> Any:
-    """Return the result of a use of loaded data, which must not raise."""
-    try:
-        return function()
-    except Exception as error:
-        raise InconsistentError(f"{type(error).__name__} at {name}: {error}") from error
+def _forge(content: Any, arrays: dict[str, np.ndarray] | None = None) -> str:
+    """Return the text of a document with the right checksum."""
+    if isinstance(content, dict):
+        content = {name: x for name, x in content.items() if name != "checksum"}
+        content["checksum"] = checksum(content, arrays)
+    return json.dumps(content)
 
 
 # Checkpoints ---------------------------------------------------------------------------------
@@ -96,34 +81,14 @@ def _checkpoint_content() -> dict[str, Any]:
 
 def write_checkpoint(folder: Path, change: str, rng: random.Random) -> Path:
     content = copy.deepcopy(_checkpoint_content())
-    content.pop("checksum")
-    if change in mutations.JSON_MUTATIONS:
-        mutations.JSON_MUTATIONS[change](content, rng)
-    content["checksum"] = hashlib.sha256(json.dumps(content).encode()).hexdigest()
-    text = json.dumps(content)
+    mutations.JSON_MUTATIONS[change](content, rng)
     path = folder / "end.json"
-    path.write_text(mutations.duplicate_key(text, rng) if change == "duplicates" else text)
+    path.write_text(_forge(content))
     return path
 
 
 def use_checkpoint(path: Path) -> None:
-    later = bd.simulate(caught, _METHOD, _LATER, output_step=0.05, start=path, accept_changes=True)
-    content = json.loads(path.read_text())
-    _expect(later.t[0] == content["t"], "the run does not begin at the time of the checkpoint")
-    if later.status.success:
-        finite = all(np.isfinite(x).all() for x in later.columns.values())
-        _expect(finite, "a successful run with columns that are not finite")
-    if not content["found"] and not content["inactive"]:
-        return
-    # Coordinates of the ball, which only the frozen joint holds.
-    names = later.equations.q_names
-    for k, name in enumerate(names):
-        if name.startswith("ball") and "hold" in content["inactive"]:
-            value = content["states"][name][0]
-            _expect(
-                abs(later.q[0, k] - value) <= 1e-6 * max(1.0, abs(value)),
-                f"{name} differs from the checkpoint",
-            )
+    bd.simulate(caught, _METHOD, _LATER, output_step=0.05, start=path, accept_changes=True)
 
 
 # Saved runs ----------------------------------------------------------------------------------
@@ -134,20 +99,11 @@ def _run_content() -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     path = _solution().save(Path(mkdtemp()) / "a.run")
     with np.load(path) as archive:
         arrays = {name: archive[name] for name in archive.files}
-    return json.loads(arrays.pop("told").tobytes()), arrays
-
-
-def _checksum_of_run(content: dict[str, Any], arrays: dict[str, np.ndarray]) -> str:
-    digest = hashlib.sha256(json.dumps(content).encode())
-    for name, array in sorted(arrays.items()):
-        digest.update(f"\n{name} {array.dtype.str} {array.shape}\n".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+    return json.loads(arrays.pop("document").tobytes()), arrays
 
 
 def write_run(folder: Path, change: str, rng: random.Random) -> Path:
     content, arrays = copy.deepcopy(_run_content())
-    has_checksum = content.pop("checksum", None) is not None
     name = rng.choice(sorted(arrays))
     if change in mutations.JSON_MUTATIONS:
         mutations.JSON_MUTATIONS[change](content, rng)
@@ -164,72 +120,15 @@ def write_run(folder: Path, change: str, rng: random.Random) -> Path:
             arrays[f"{name}2"] = arrays[name]
         else:
             arrays[name], arrays[other] = arrays[other], arrays[name]
-    if has_checksum:
-        content["checksum"] = _checksum_of_run(content, arrays)
-    text = json.dumps(content)
-    if change == "duplicates":
-        text = mutations.duplicate_key(text, rng)
     path = folder / "a.run"
     with open(path, "wb") as file:
-        np.savez_compressed(file, **arrays, told=np.frombuffer(text.encode(), np.uint8))
+        np.savez(file, **arrays, document=np.frombuffer(_forge(content, arrays).encode(), np.uint8))
     return path
 
 
 def use_run(path: Path) -> None:
-    saved = bd.load(path)
-    _use(lambda: _check_saved_run(saved, path), "the saved run")
-    loaded = bd.load(path, _equations())
-    _use(lambda: _check_solution(loaded, saved, path), "the solution")
-
-
-def _check_saved_run(saved: Any, path: Path) -> None:
-    columns, coordinates = saved.all_columns(), saved.coordinates()
-    lengths = {len(x) for x in columns.values()} | {len(coordinates)}
-    _expect(lengths == {len(saved.times)}, "columns of different lengths")
-    _expect((np.diff(saved.times) > 0.0).all(), "times do not ascend")
-    summary, metadata = saved.summary(), saved.metadata()
-    _expect(summary["status"] == saved.status.kind == metadata["status"], "two statuses")
-    _expect(summary["success"] == saved.status.success, "two statuses")
-    _expect(summary["last_time"] >= saved.times[-1] * (1.0 - 1e-9), "rows after the last time")
-    _expect(all(isinstance(x, str) for x in (*saved.warnings, saved.label)), "no texts")
-    json.dumps(metadata)
-    saved.table()
-    _expect(len(saved["ball.y"]) == len(saved.times), "a column of another length")
-    _expect(str(saved) and repr(saved), "no text")
-    saved.to_csv(path.with_name("table.csv"))
-    saved.at_times(saved.times[:1])
-
-
-def _check_solution(loaded: Any, saved: Any, path: Path) -> None:
-    observed, coordinates = loaded.observed, loaded.coordinates()
-    _expect(len(observed) == len(saved.times), "other rows with the model")
-    other = saved.coordinates()
-    _expect(list(other) == list(coordinates), "other coordinates with the model")
-    half = 1 + 2 * loaded.equations.n
-    for name in list(other)[:half]:
-        scale = np.max(np.abs(coordinates[name])) or 1.0
-        difference = np.max(np.abs(coordinates[name] - other[name]))
-        _expect(difference <= _MAX_RELATIVE_DIFFERENCE * scale, f"two values of {name}")
-    _expect(loaded.status == saved.status, "two statuses")
-    _expect(loaded.summary()["last_time"] == saved.summary()["last_time"], "two last times")
-    for name in (
-        "quality",
-        "warnings",
-        "events",
-        "energies",
-        "drift",
-        "start",
-        "label",
-    ):
-        getattr(loaded, name)
-    _expect(isinstance(repr(loaded), str), "no text")
-    loaded.at(0.5 * (loaded.trajectory.start + loaded.trajectory.end))
-    loaded.to_csv(path.with_name("table.csv"))
-    bd.load(loaded.save(path.with_name("again.run")))
-    write_page(path.with_name("page.html"), build_run_page(loaded, "run"))
-    if loaded.trajectory.end < _LATER:
-        with suppress(BeamdaeError):  # The state may be unsuitable as a start.
-            bd.simulate(_equations(), _METHOD, _LATER, start=loaded, accept_changes=True)
+    bd.load(path)
+    bd.load(path, _equations())
 
 
 # Records of studies --------------------------------------------------------------------------
@@ -270,51 +169,20 @@ def write_record(folder: Path, change: str, rng: random.Random) -> Path:
         if rng.random() < 0.5
         else path
     )
-    record = json.loads(path.read_text())
-    content, rows = record["outcome"], path.with_suffix(".csv")
-    if change in mutations.JSON_MUTATIONS:
-        mutations.JSON_MUTATIONS[change](content, rng)
-    elif change == "tables":
+    content, rows = json.loads(path.read_text()), path.with_suffix(".csv")
+    if change == "tables":
         text = mutations.change_csv(rows.read_text(), rng)
         rows.unlink()
         rows.write_text(text)
         content["rows"]["sha256"] = hashlib.sha256(text.encode()).hexdigest()
-    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"))
-    record = record | {
-        "sha256": hashlib.sha256(canonical.encode()).hexdigest(),
-        "outcome": content,
-    }
-    text = json.dumps(record)
-    path.write_text(mutations.duplicate_key(text, rng) if change == "duplicates" else text)
+    else:
+        mutations.JSON_MUTATIONS[change](content, rng)
+    path.write_text(_forge(content))
     return path
 
 
 def use_record(path: Path) -> None:
-    folder = path.parents[1]
-    _, before = _study_folder()
-    study = _study()
-    with warnings.catch_warnings(record=True):
-        warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        results = run_study(study, folder, SerialPool())
-    write_page(folder / "page.html", create_study_page(results))
-    tables = {key: outcome.table for key, outcome in results.outcomes.items()}
-    if results.notes or set(tables) != set(before.outcomes):
-        # The case was run again.
-        errors = [c for c in before.table if c.startswith("error of") or c == "error [-]"]
-        _expect(results.table[errors].equals(before.table[errors]), "other errors")
-        raise BeamdaeError(results.notes[0] if results.notes else f"{path}: not used.")
-    content = json.loads(path.read_text())["outcome"]
-    outcome = results.outcomes[path.stem]
-    _expect(outcome.status.kind == content["status"]["kind"], "another status")
-    _expect(outcome.status.sentence == content["status"]["sentence"], "another reason")
-    times = outcome.table.index
-    _expect((np.diff(times) > 0.0).all() and np.isfinite(times).all(), "times do not ascend")
-    reached = outcome.values.get("reached [s]")
-    if reached is not None and outcome.status.success:
-        _expect(abs(times[-1] - reached) <= 1e-6 * reached, "the table does not reach the end")
-    rows = results.table
-    _expect(set(rows["status"]) <= {"ok", "failed", "limited", "interrupted"}, "another status")
-    _expect(str(rows) and (folder / "cases.csv").read_text(), "no table")
+    run_study(_study(), path.parents[1], SerialPool())
 
 
 # Tables of continued runs --------------------------------------------------------------------
@@ -336,25 +204,17 @@ def write_parts(folder: Path, change: str, rng: random.Random) -> Path:
     metadata = json.loads(path.read_text())
     if change in mutations.JSON_MUTATIONS:
         mutations.JSON_MUTATIONS[change](metadata, rng)
-    elif change == "tables":
+    else:
         table = folder / "run.csv"
         table.write_text(mutations.change_csv(table.read_text(), rng))
-    text = json.dumps(metadata)
-    path.write_text(mutations.duplicate_key(text, rng) if change == "duplicates" else text)
+    path.write_text(json.dumps(metadata))
     return path
 
 
 def use_parts(path: Path) -> None:
     _, checkpoint, later = _parts_folder()
     parts = RunParts.ending_at(path.with_suffix(".csv"), checkpoint)
-    columns, files = parts.write(later)
-    times = columns["t [s]"]
-    _expect(len({len(x) for x in columns.values()}) == 1, "columns of different lengths")
-    _expect((np.diff(times) > 0.0).all(), "times do not ascend")
-    _expect(times[-1] == later.t[-1], "another end")
-    _expect(all(file.parent == path.parent for file in files), "files in another folder")
-    metadata = json.loads(path.read_text())
-    _expect(metadata["status"] in ("ok", "failed", "limited", "interrupted"), "another status")
+    parts.write(later)
 
 
 @dataclass(frozen=True)
@@ -367,7 +227,7 @@ class Kind:
         Writes a mutated file to a folder and returns its path, given the name of the mutation and
         a random number generator.
     use
-        Reads and uses the file; raises BeamdaeError if the file is refused, and InconsistentError.
+        Reads and uses the file; raises BeamdaeError if the file is refused.
     changes
         Names of the mutations.
     share
@@ -380,7 +240,7 @@ class Kind:
     share: float
 
 
-_JSON = (*mutations.JSON_MUTATIONS, "duplicates")
+_JSON = tuple(mutations.JSON_MUTATIONS)
 KINDS = {
     "checkpoint": Kind(write_checkpoint, use_checkpoint, _JSON, 0.25),
     "saved run": Kind(write_run, use_run, (*_JSON, "arrays", "shapes", "members"), 0.4),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 import random
-import re
 from collections.abc import Callable
 from typing import Any
 
@@ -100,13 +99,6 @@ def rename(content: Any, rng: random.Random) -> None:
     container, key = pick(content, rng)
     if isinstance(container, dict):
         container[f"{key}x"] = container.pop(key)
-
-
-def duplicate_key(text: str, rng: random.Random) -> str:
-    """Return JSON text in which one key occurs twice, the second time with the right value."""
-    places = list(re.finditer(r'"[a-z_ 0-9]+": ', text))
-    place = rng.choice(places)
-    return f"{text[: place.start()]}{place.group()}null, {text[place.start() :]}"
 
 
 JSON_MUTATIONS: dict[str, Callable[[Any, random.Random], None]] = {
