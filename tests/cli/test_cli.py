@@ -429,7 +429,8 @@ def test_public_names_can_be_imported():
 def test_public_names_exist_whatever_was_imported_first():
     code = (
         "import beamdae.model_functions, beamdae\n"
-        "assert not [n for n in beamdae.__all__ if not callable(getattr(beamdae, n))]\n"
+        "names = [n for n in beamdae.__all__ if n != 'results']\n"
+        "assert not [n for n in names if not callable(getattr(beamdae, n))]\n"
         "assert set(beamdae.__all__) <= set(dir(beamdae))\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -469,7 +469,7 @@ def test_regression_labels_of_campbell_pictures_do_not_overlap(rotor):
     frequencies = rotor.eigenvalues.imag.copy()
     frequencies[:, 2] = frequencies[:, 1] + 1e-3
     rates = rotor.eigenvalues.real
-    figure = bd.draw_campbell(replace(rotor, eigenvalues=rates + 1j * frequencies)).figure
+    figure = replace(rotor, eigenvalues=rates + 1j * frequencies).plot().figure
     figure.draw_without_rendering()
     (axis,) = figure.axes
     boxes = [text.get_window_extent() for text in axis.texts]

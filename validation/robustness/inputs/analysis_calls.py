@@ -117,9 +117,6 @@ MODE_CALLS: dict[str, WorkingCall] = {
             _pushed_bar_angle(box), "push.Fy", every=every, delay=delay
         ),
     ),
-    "draw_modes": WorkingCall(
-        lambda box: {"modes": bd.modes(box.mech, about="equilibrium")}, return_result
-    ),
     "animate_mode": WorkingCall(
         lambda box: {
             "modes": bd.modes(box.mech, about="equilibrium"),
@@ -129,12 +126,10 @@ MODE_CALLS: dict[str, WorkingCall] = {
         },
         return_result,
     ),
-    "draw_campbell": WorkingCall(
-        lambda box: {
-            "diagram": bd.campbell(_spinning_disk(box), [0.0, 1.0]),
-            "multiples": (1, 2),
-        },
+    "Campbell.plot": WorkingCall(
+        lambda box: {"multiples": (1, 2)},
         return_result,
+        lambda box, multiples: bd.campbell(_spinning_disk(box), [0.0, 1.0]).plot(multiples),
     ),
 }
 

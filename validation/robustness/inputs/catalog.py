@@ -9,12 +9,14 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 import beamdae as bd
+from beamdae import catalog
 from robustness.inputs.analysis_calls import (
     EXPORT_CALLS,
     MODE_CALLS,
@@ -79,7 +81,6 @@ NOT_CALLABLE = {
     "BeamdaeWarning": "warning category",
     "Interrupted": "raised by interrupts",
     "Bode": "result of bode",
-    "Campbell": "result of campbell",
     "Crossover": "entry of StabilityMargins",
     "StabilityMargins": "result of margins",
     "Check": "result of check",
@@ -109,6 +110,7 @@ NOT_CALLABLE = {
 # Result classes whose methods are tested, but not their constructors.
 RESULT_CLASSES = frozenset(
     {
+        "Campbell",
         "Equilibrium",
         "EquilibriumSensitivities",
         "Fit",
@@ -140,13 +142,13 @@ def public_name_of(key: str) -> str:
 def list_uncovered_names() -> list[str]:
     """Return public names without a working call, and arguments that no such call passes."""
     missing = []
-    for name in bd.__all__:
+    for name, public in catalog.NAMES.items():
         calls = [call for key, call in WORKING_CALLS.items() if public_name_of(key) == name]
         if not calls and name not in NOT_CALLABLE:
             missing.append(name)
         elif calls and name not in RESULT_CLASSES | USER_BASE_CLASSES:
             passed = {argument for call in calls for argument in call.arguments(Sandbox())}
-            parameters = inspect.signature(getattr(bd, name)).parameters.values()
+            parameters = inspect.signature(attrgetter(public.path)(bd)).parameters.values()
             named = {p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)}
             missing += [f"{name}({argument}=)" for argument in sorted(named - passed)]
     return missing
@@ -197,7 +199,8 @@ def _make_attempt(
                 text = str.__str__(bad)
                 words |= {text, repr(text).strip("'")}
             words |= {str(bad)} if isinstance(bad, Path) else set()
-        function = partial(call.call, sandbox) if call.call else getattr(bd, key.split(" ")[0])
+        public = attrgetter(catalog.NAMES[public_name_of(key)].path)
+        function = partial(call.call, sandbox) if call.call else public(bd)
         return call.use(sandbox, function(**arguments))
 
     return attempt
