@@ -108,6 +108,7 @@ def test_page_contains_packages_with_their_dependencies(tmp_path):
     packages = {
         "casadi": ["numpy"],
         "cloudpickle": [],
+        "msgspec": [],
         "orjson": [],
         "numpy": [],
         "scipy": ["openblas"],
