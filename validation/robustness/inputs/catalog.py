@@ -199,8 +199,10 @@ def _make_attempt(
                 text = str.__str__(bad)
                 words |= {text, repr(text).strip("'")}
             words |= {str(bad)} if isinstance(bad, Path) else set()
-        public = attrgetter(catalog.NAMES[public_name_of(key)].path)
-        function = partial(call.call, sandbox) if call.call else public(bd)
+        if call.call:
+            function = partial(call.call, sandbox)
+        else:
+            function = attrgetter(catalog.NAMES[public_name_of(key)].path)(bd)
         return call.use(sandbox, function(**arguments))
 
     return attempt
