@@ -447,7 +447,7 @@ class Solution(RunData, TimeSeries):
         Raises
         ------
         BeamdaeError
-            If the file cannot be written, or the run exceeds the size limits of a file.
+            If the file cannot be written.
         """
         written: Path = deferred.module("results.storage.saved_run").save_run(self, path)
         return written

@@ -203,6 +203,13 @@ def test_regression_checkpoints_with_wrong_content_are_refused(tmp_path, name):
         bd.simulate(mech, bd.Radau(1e-3), 0.2, start=path)
 
 
+def test_checkpoints_that_were_read_cannot_be_changed(tmp_path, run):
+    checkpoint = Checkpoint.read(run.checkpoint(tmp_path / "end.json"))
+    with pytest.raises(bd.BeamdaeError, match="it is read-only"):
+        checkpoint.q["ball.x"] = 1.0
+    assert checkpoint == Checkpoint.of(run)
+
+
 # Trajectories of records ---------------------------------------------------------------------
 
 

@@ -12,9 +12,9 @@ import json
 import re
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO, Generic, TypeVar
+from typing import Any, BinaryIO, Generic, TypeVar, cast
 
 import msgspec
 import numpy as np
@@ -137,7 +137,8 @@ def convert(plain: Any, content: type[_T]) -> _T:
     if _CONTROL_CHARACTER.search(json.dumps(plain)):
         raise ContentError("the content must not contain control characters")
     try:
-        return msgspec.convert(plain, content)
+        # Decoding does not call the function __init__, which makes data read-only.
+        return replace(cast("Any", msgspec.convert(plain, content)))
     except msgspec.ValidationError as problem:
         what, _, where = str(problem).replace("`", "").partition(" - at ")
         field = where.removeprefix("$").removeprefix(".") or "the content"

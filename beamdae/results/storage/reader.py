@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import errno
+import math
 import os
 import stat
 import struct
@@ -102,7 +103,7 @@ def is_archive(path: Path) -> bool:
 
 
 @contextmanager
-def open_result(path: Path, kind: FileKind, most: int = _MAX_BYTES) -> Iterator[BufferedReader]:
+def open_result(path: Path, kind: FileKind, most: float = math.inf) -> Iterator[BufferedReader]:
     """Open a regular file of at most `most` bytes for reading.
 
     Raises
