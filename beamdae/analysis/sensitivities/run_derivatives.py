@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.alpha_replay import differentiate_alpha_steps
 from beamdae.analysis.sensitivities.directions import (
     GROUPS_PER_SWEEP,
     Directions,
@@ -27,9 +26,9 @@ from beamdae.analysis.sensitivities.directions import (
     differentiate_map,
     group_directions,
 )
+from beamdae.analysis.sensitivities.linear_steps import Matrices, differentiate_steps
 from beamdae.analysis.sensitivities.model_differences import Difference, derivative_call
 from beamdae.analysis.sensitivities.phases import Phase
-from beamdae.analysis.sensitivities.radau_replay import differentiate_radau_steps
 from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints
 from beamdae.analysis.sensitivities.requested_starts import differentiate_start
 from beamdae.analysis.sensitivities.restart_times import (
@@ -146,6 +145,7 @@ class _Chain:
     ) -> None:
         self._solution, self._method, self._starts = solution, method, starts
         self._differences, self._equations = differences, solution.equations
+        self._matrices = Matrices()
 
     def differentiate(self) -> dict[str, RunDerivative]:
         """Return the derivatives by parameter."""
@@ -207,8 +207,10 @@ class _Chain:
             moved = fixed = differentiate_map(groups, changes, None, start, *request)
         equations = interval.active_equations(self._equations)
         if isinstance(self._method, Radau):
-            return differentiate_radau_steps(groups, equations, interval, fixed)
-        nodes = differentiate_alpha_steps(self._method, groups, equations, interval, moved, shifts)
+            moved, shifts = fixed, np.zeros_like(shifts)
+        nodes = differentiate_steps(
+            self._method, groups, equations, interval, moved, shifts, self._matrices
+        )
         nodes[0] = np.hstack(fixed)
         if shifts.any():
             nodes[1:] -= _rates_at_steps(interval)[1:, None] * shifts[:, None]
