@@ -307,7 +307,7 @@ def _set_state(run: Any, row: int, factor: float) -> None:
     combine(x[: 2 * n], (1.0,), (state[: 2 * n],))
     a, lam = run.acceleration_at, run.reaction_at
     combine(x[a : a + n], (1.0,), (state[2 * n : 3 * n],))
-    combine(x[lam : lam + run.m], (factor,), (state[3 * n :],))
+    combine(x[lam : lam + state.size - 3 * n], (factor,), (state[3 * n :],))
 
 
 def _stage_time(run: Any, i: int) -> float:
@@ -467,8 +467,8 @@ def _transpose_step(run: BackwardSteps) -> None:
         combine(z[b], (1.0,), (run.before[b],))
 
 
-# Matrices M of a run, and positions of the entries of their blocks, by the pattern of the blocks and
-# whether they are transposed; pivots of the last interval are tried first.
+# Matrices M of a run, and positions of the entries of their blocks, by the pattern of the blocks
+# and whether they are transposed; pivots of the last interval are tried first.
 Matrices = dict[tuple[int, bool], tuple[FactorizedMatrix, Array, sp.csc_array]]
 
 
@@ -476,9 +476,14 @@ class _Steps:
     """Steps of an interval, and the corrections of generalized-alpha between them."""
 
     def __init__(
-        self, method: GeneralizedAlpha | Radau, equations: EquationsOfMotion, interval: Interval
+        self,
+        method: GeneralizedAlpha | Radau,
+        equations: EquationsOfMotion,
+        interval: Interval,
+        matrices: Matrices,
     ) -> None:
         self.form, self.interval = formulate_steps(method, equations), interval
+        self._matrices = matrices
         self.count, self.is_alpha = len(interval.t) - 1, isinstance(method, GeneralizedAlpha)
         self.parts, self.steps = [(0, self.count)], np.diff(interval.t)
         if isinstance(method, GeneralizedAlpha):
@@ -515,7 +520,6 @@ class _Steps:
         loop: Callable[[Any], int],
         make: Callable[[bool, dict[str, Any]], Any],
         transposed: bool,
-        matrices: Matrices,
         is_native: bool,
         n_inputs: int,
     ) -> StepLoop[Any]:
@@ -523,14 +527,14 @@ class _Steps:
         form, s = self.form, len(self.form.nodes)
         e, (n, m) = form.equations, (form.equations.n, form.equations.m)
         key, nnz = (id(form.pattern), transposed), form.pattern.nnz
-        if key in matrices:
-            source, targets, _ = matrices[key]
+        if key in self._matrices:
+            source, targets, _ = self._matrices[key]
             source.pivot_source = None  # Runs may have thousands of intervals.
             matrix = FactorizedMatrix.from_pattern(source.pattern, pivot_source=source)
         else:
             pattern, targets = _join_blocks(form.pattern, s, transposed)
             matrix = FactorizedMatrix.from_pattern(pattern)
-        matrices[key] = matrix, targets, form.pattern  # whose id is not reused
+        self._matrices[key] = matrix, targets, form.pattern  # whose id is not reused
         common = {
             "n": n,
             "m": m,
@@ -623,7 +627,7 @@ def differentiate_steps(
     BeamdaeError
         If the matrix is singular at a step.
     """
-    steps = _Steps(method, equations, interval)
+    steps = _Steps(method, equations, interval, matrices)
     form, n, count = steps.form, equations.n, len(shifts)
     motion = np.zeros((count, 4, n))
     if steps.is_alpha:
@@ -649,7 +653,7 @@ def differentiate_steps(
             results=results[count:],
         )
 
-    loop = steps.make_loop(forward, make, False, matrices, is_native, 2 * form.n_inputs)
+    loop = steps.make_loop(forward, make, False, is_native, 2 * form.n_inputs)
     z = loop.work.motion.reshape(count, 4, n)
     for first, last in steps.parts:
         if first > 0:
@@ -711,7 +715,7 @@ def transpose_steps(
         If the matrix is singular at a step.
     """
     e = start.equations
-    steps = _Steps(method, e, interval)
+    steps = _Steps(method, e, interval, matrices)
     form = steps.form
     plan = plan_transpose(e.structure, form.residual, form.n_inputs, 0.0)
 
@@ -728,7 +732,7 @@ def transpose_steps(
         )
 
     n_inputs = form.n_inputs + form.size
-    loop = steps.make_loop(backward, make, True, matrices, plan.is_native, n_inputs)
+    loop = steps.make_loop(backward, make, True, plan.is_native, n_inputs)
     run, numbers = loop.work, np.zeros(len(e.p))
     for first, last in reversed(steps.parts):
         if last < steps.count:
@@ -751,17 +755,16 @@ def transpose_steps(
 
 def _join_blocks(pattern: sp.csc_array, s: int, transposed: bool) -> tuple[sp.csc_array, Array]:
     """Return the pattern of s x s blocks, or its transpose, and the positions of their entries."""
-    counts, starts = np.diff(pattern.indptr), pattern.indptr[:-1]
-    column = np.repeat(np.arange(pattern.shape[1]), counts)
-    within = np.arange(pattern.nnz) - starts[column]
-    targets = np.array(
-        [
-            j * s * pattern.nnz + s * starts[column] + i * counts[column] + within
-            for i in range(s)
-            for j in range(s)
-        ]
-    )
-    whole = sp.csc_array(sp.kron(np.ones((s, s)), pattern)) if s > 1 else pattern
+    counts, starts, size = np.diff(pattern.indptr), pattern.indptr[:-1], pattern.shape[0]
+    column = np.repeat(np.arange(size), counts)
+    first = s * starts[column] + np.arange(pattern.nnz) - starts[column]
+    i, j = np.divmod(np.arange(s * s)[:, None], s)
+    targets = j * s * pattern.nnz + first + i * counts[column]
+    indices = np.empty(targets.size, int)
+    indices[targets] = i * size + pattern.indices
+    ends = (np.arange(s)[:, None] * pattern.nnz + pattern.indptr[1:]) * s
+    indptr = np.append(0, ends.ravel())
+    whole = sp.csc_array((np.ones(len(indices)), indices, indptr), shape=(s * size, s * size))
     if transposed:
         whole, positions = transpose_pattern(whole)
         targets = positions[targets]
