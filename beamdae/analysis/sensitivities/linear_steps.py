@@ -26,13 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.sensitivities.directions import (
-    Directions,
-    DirectionSums,
-    differentiate_map,
-    evaluate_direction,
-    prepare_directions,
-)
+from beamdae.analysis.sensitivities.directions import Directions
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.recorded_maps import Gradient, plan_transpose
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives, time_rate
@@ -51,10 +45,12 @@ from beamdae.native.loop_functions import combine, factorize, fill, gather, pick
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sparse_operators import transpose_pattern
+from beamdae.symbolic.sums.directional_sums import direction_inputs, motion_plan
 from beamdae.symbolic.sums.kernel_sums import (
     Sum,
     SumPlan,
     evaluate_sum,
+    evaluate_with_data,
     set_matrix_factors,
     set_time,
 )
@@ -261,8 +257,9 @@ class ForwardSteps(LinearSteps):
 
     Attributes
     ----------
-    directions, residual
-        Directional derivatives of the residual of a stage, and their result.
+    directional, data, residual
+        Directional derivative of the residual of a stage with the inputs (x, dx), its further
+        inputs by direction, and its result.
     shifts, time_rates
         Derivatives of the time of all steps (k,) [s], and partial derivatives of the residual with
         respect to time at the stages.
@@ -270,7 +267,8 @@ class ForwardSteps(LinearSteps):
         Derivatives of (q, v, a, lam) at the stages, one direction a row.
     """
 
-    directions: DirectionSums
+    directional: Sum
+    data: Array
     residual: Array
     shifts: Array
     time_rates: Array
@@ -362,7 +360,8 @@ def _differentiate_step(run: ForwardSteps, k: int) -> None:
         combine(run.positions[i], (1.0,), (inputs[n_inputs : n_inputs + n],))
         combine(run.velocities[i], (1.0,), (inputs[n_inputs + n : n_inputs + 2 * n],))
         t = _stage_time(run, i)
-        evaluate_direction(run.directions, k, t, run.branch, inputs, run.residual)
+        set_time(run.directional, t, run.branch)
+        evaluate_with_data(run.directional, run.data[k], inputs, run.residual)
         if run.shifts[k] != 0.0:
             rate = run.time_rates[s * step + i]
             combine(run.residual, (1.0, run.shifts[k]), (run.residual, rate))
@@ -587,7 +586,7 @@ class _Steps:
 
 def differentiate_steps(
     method: GeneralizedAlpha | Radau,
-    groups: Sequence[Directions],
+    directions: Directions,
     equations: EquationsOfMotion,
     interval: Interval,
     starts: Sequence[Array],
@@ -605,13 +604,13 @@ def differentiate_steps(
     ----------
     method
         Settings of the run.
-    groups
-        Directions.
+    directions
+        Directions of parameters.
     equations, interval
         Equations and states of the run.
     starts
         Derivatives of the consistent state (q, v, a, lam) along the moved start, one direction a
-        row, group by group.
+        row.
     shifts
         Derivatives of the time of the start, (k,) [s].
     matrices
@@ -628,16 +627,15 @@ def differentiate_steps(
         If the matrix is singular at a step.
     """
     steps = _Steps(method, equations, interval, matrices)
-    form, n, count = steps.form, equations.n, len(shifts)
+    form, maps, n, count = steps.form, directions.maps, equations.n, len(shifts)
     motion = np.zeros((count, 4, n))
     if steps.is_alpha:
-        start, (time, at) = steps.start(groups[0].maps.solver), steps.node(0)
-        initial, h = StartDerivatives.initial_motion, float(steps.steps[0])
-        parts = differentiate_map(groups, starts, shifts, initial, start, time, at, h)
-        motion[:] = np.stack(parts, 1)
+        start, (time, at) = steps.start(maps.solver), steps.node(0)
+        initial = maps.initial_motion(start, time, at, float(steps.steps[0]))
+        motion[:] = np.stack(directions.along(initial, starts, shifts), 1)
     else:
         motion[:, :2] = np.stack(starts[:2], 1)
-    make_directions, is_native = prepare_directions(groups, form.residual, form.n_inputs)
+    plan = maps.directional_plan(form.residual, form.n_inputs)
     stages = steps.count * len(form.nodes)
     results = np.zeros(((stages + 1) * count, 3 * n + equations.m))
     results[:count] = np.hstack(starts)
@@ -646,23 +644,22 @@ def differentiate_steps(
         return ForwardSteps(
             **fields,
             motion=motion.reshape(-1, n).copy(),
-            directions=make_directions(native),
+            directional=motion_plan(plan, form.n_inputs).sum(native, maps.equations.p),
+            data=direction_inputs(plan, form.n_inputs, maps.equations.p, directions.numbers),
             residual=np.zeros(form.size),
             shifts=shifts,
             time_rates=_time_rates(steps) if shifts.any() else np.zeros((0, form.size)),
             results=results[count:],
         )
 
-    loop = steps.make_loop(forward, make, False, is_native, 2 * form.n_inputs)
+    loop = steps.make_loop(forward, make, False, plan.is_native, 2 * form.n_inputs)
     z = loop.work.motion.reshape(count, 4, n)
     for first, last in steps.parts:
         if first > 0:
             (time, at), h, before = steps.node(first), steps.steps[first], steps.steps[first - 1]
             ratio, square = h / before, (h * h - before * before) * steps.member.defect
-            jerk_map = StartDerivatives.jerk_map
-            (jerks,) = differentiate_map(
-                groups, [z[:, b] for b in range(3)], shifts, jerk_map, time, at, float(h)
-            )
+            jerk_map = maps.jerk_map(time, at, float(h))
+            (jerks,) = directions.along(jerk_map, [z[:, b] for b in range(3)], shifts)
             z[:, 1] += square * jerks
             z[:, 3] = (1.0 - ratio) * z[:, 2] + ratio * z[:, 3]
         steps.run(loop, first, last)
