@@ -408,7 +408,6 @@ class FitProblem:
                 t_end,
                 parameters=self._parameters(experiment, values),
                 start=self.start,
-                needs_high_order=False,
             )
             needed = self._needed_times(experiment, times)
             if run.solution.trajectory.end < t_end:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -177,8 +176,6 @@ def difference_model(
     parameters: Mapping[str, Any],
     base: EquationsOfMotion,
     assemble: Callable[[Any], EquationsOfMotion],
-    *,
-    needs_high_order: bool = True,
 ) -> Difference:
     """Return the models around the value of one parameter.
 
@@ -201,9 +198,6 @@ def difference_model(
         Equations of the model with `parameters`.
     assemble
         Function that returns the equations of a mechanism.
-    needs_high_order
-        False to use only two neighbors, with errors of the derivatives near 1e-9, if their numbers
-        are smooth enough and the equations have the structure of `base`.
 
     Raises
     ------
@@ -220,12 +214,6 @@ def difference_model(
     value = float(parameters[name])
     delta = RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
     build = partial(try_step, model, name, parameters, base, assemble)
-    if not needs_high_order and base.configurations is None:
-        # Parts that events activate have structures of their own, which need more neighbors.
-        with suppress(BeamdaeError):
-            two = build(delta, (TWO_NEIGHBORS,))
-            if two.change > 0.0 and two.is_smooth and two.difference.keeps_structure(base):
-                return two.difference
     best: Trial | None = None
     for _ in range(_MAX_TRIALS):
         try:
