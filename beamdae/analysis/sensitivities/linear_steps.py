@@ -159,7 +159,8 @@ def _plan_stage_residual(structure: Structure) -> SumPlan:
 
 def tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
     """Return the coefficients of generalized-alpha for steps `h` [s]."""
-    c_v, c_a, c_f = (np.broadcast_to(x, h.shape) for x in member.coefficients(h))
+    coefficients = [member.coefficients(x) for x in h.tolist()]
+    c_v, c_a, c_f = np.array(coefficients).T
     one, zero, f = np.ones_like(h), np.zeros_like(h), 1.0 / (1.0 - member.alpha_m)
     # a after the step, as far as z predicts it.
     after = [zero, zero, f * member.alpha_f * one, -f * member.alpha_m * one]
@@ -169,7 +170,9 @@ def tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
     factors = [c_f, c_f * c_v, c_f * c_a, one, 1.0 / c_v, 1.0 / c_f, c_f]
     return StepTables(
         np.stack([np.stack(q, -1), np.stack(v, -1)], 1)[:, None],
-        *(x[:, None, None] for x in (c_v, c_a / c_v, 1.0 / c_f)),
+        c_v[:, None, None],
+        (c_a / c_v)[:, None, None],
+        (1.0 / c_f)[:, None, None],
         one[:, None, None, None],
         np.stack(factors, -1),
         np.stack([*after, -1.0 / c_f], -1),
@@ -352,10 +355,10 @@ def _differentiate_step(run: ForwardSteps, k: int) -> None:
     for i in range(s):
         _set_state(run, s * step + 1 + i, 1.0)
         for part in range(2):
-            factors = (c[step, i, part, 0], c[step, i, part, 1])
+            shares = (c[step, i, part, 0], c[step, i, part, 1])
             further = (1.0, c[step, i, part, 2], c[step, i, part, 3])
             change = inputs[n_inputs + part * n : n_inputs + (part + 1) * n]
-            combine(change, factors, (z[4 * k], z[4 * k + 1]))
+            combine(change, shares, (z[4 * k], z[4 * k + 1]))
             combine(change, further, (change, z[4 * k + 2], z[4 * k + 3]))
         combine(run.positions[i], (1.0,), (inputs[n_inputs : n_inputs + n],))
         combine(run.velocities[i], (1.0,), (inputs[n_inputs + n : n_inputs + 2 * n],))
@@ -741,7 +744,7 @@ def transpose_steps(
             run.motion[2] += (1.0 - ratio) * run.motion[3]
             run.motion[3] *= ratio
         steps.run(loop, last, first)
-    by_start = (run.motion[0], run.motion[1], np.zeros(e.n), np.zeros(e.m))
+    by_start: tuple[Array, ...] = (*run.motion[:2], np.zeros(e.n), np.zeros(e.m))
     if steps.is_alpha:
         time, at = steps.node(0)
         alpha_start, h = steps.start(start.solver), float(steps.steps[0])
