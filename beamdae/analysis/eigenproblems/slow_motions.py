@@ -185,11 +185,9 @@ def _solve_symmetric(
 def _bound_rounding(lin: LinearizedEquations, shapes: Array, square: float) -> Array:
     """Return the squared frequencies (k,) up to which those of shapes (n, k) are zero."""
     inertia = np.einsum("ij,ij->j", shapes.conj(), lin.tangent.mass @ shapes).real
-    # Forces that are not balanced turn with the motion, and displacements are of second order.
-    scales = lin.equations.position_scales
-    work = float(scales @ np.abs(lin.tangent.residual[: len(shapes)]))
-    turned = np.max(np.abs(shapes) / scales[:, None], axis=0, initial=0.0)
-    rounding = quadratic_form_rounding(lin.stiffness, shapes) + work * turned**2
+    # Forces that are not balanced turn with the motion.
+    forces = np.abs(lin.tangent.residual[: len(shapes)]) / lin.equations.position_scales
+    rounding = quadratic_form_rounding(lin.stiffness, shapes) + forces @ np.abs(shapes) ** 2
     rounding = rounding / np.where(inertia > 0.0, inertia, 1.0) + _ZERO_RATIO * square
     return np.maximum(rounding, lin.zero_square)
 
