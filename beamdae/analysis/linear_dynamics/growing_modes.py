@@ -6,13 +6,15 @@ the motion of the mechanism itself, such as the decreasing inertia of a retracte
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg as la
+import scipy.optimize as opt
 import scipy.sparse as sp
 
 from beamdae.analysis.linear_dynamics.linear_model import LinearModel, reduce_to_states
@@ -28,15 +30,12 @@ Array = np.ndarray
 # Growth rates that remain without the loads that cause a growth, relative to it
 _MAX_OPEN_RATIO = 0.5
 _ROUNDING = 1e-9  # of numbers of samples
-# Samples at which a law is evaluated, and those at which its derivatives are tried: those whose
-# commands are farthest from their extremes, which may be limits.
-_MAX_SAMPLES, _MAX_TRIED_SAMPLES = 60, 12
-# Steps of finite differences, relative to the ranges of the arguments in the run, and largest
-# relative deviation of those of two adjacent steps, which agree unless the law has a limit or a
-# switch there. Means of differences follow laws that round their readings, as those of encoders.
-_STEPS, _MEANS, _MAX_DEVIATION = np.geomspace(3e-2, 1e-6, 10), np.linspace(1.0, 1.5, 9), 3e-2
-# Between two samples, the point at which a command is in the middle of its range.
-_BISECTIONS, _MIDDLE = 40, (0.25, 0.75)
+_MAX_SAMPLES = 60  # between which a law is evaluated
+# Steps of finite differences, relative to the ranges of the arguments in the run: the largest one
+# whose differences to either side, with the step and its half, agree to within the deviation. Laws
+# round their readings as encoders do, or have limits.
+_STEPS, _MAX_DEVIATION = np.geomspace(3e-2, 1e-6, 10), 3e-2
+_SIDES = np.array([-1.0, -0.5, 0.5, 1.0])
 
 
 class Modes(NamedTuple):
@@ -178,83 +177,61 @@ def _differentiate_law(
     """Return the derivatives of a sampled law by its reads and by its values before a sample.
 
     A law is a function of the user, which may have limits, switches, delays and rounding. The
-    derivatives are those at a sample, or between two samples with commands at opposite limits, at
-    which the commands depend on the reads and the law has no limit or jump nearby; None if there is
-    no such point, as for relays. `stream` is the number of the controller.
+    derivatives are those between the samples of the largest change of a command, in the middle of
+    this change: away from limits. None if the law jumps there, as relays do. `stream` is the number
+    of the controller.
     """
     controller = term.controller
     every, n_driven = controller.every, len(controller.drives)
     first, last = np.ceil(trajectory.start / every) + 1, np.floor(trajectory.end / every)
     if not controller.reads or last - first < 1:
         return None
+    # Unstable loops are far from their limits at first.
     samples = first - 1 + np.geomspace(1, last - first + 1, _MAX_SAMPLES)
-    indices = np.unique(np.minimum(samples, last).astype(int))
-    reads = evaluate_reads(term, equations.p, *trajectory.at(every * indices))
-    before = trajectory.positions_at(every * (indices - 0.5))[:, term.rows]
+    indices = np.unique(np.minimum(samples, last).astype(int)).tolist()
+    times = every * np.array(indices)
+    reads = evaluate_reads(term, equations.p, *trajectory.at(times))
+    before = trajectory.positions_at(times - 0.5 * every)[:, term.rows]
     arguments, n_reads = np.hstack([reads, before]), reads.shape[1]
+    ranges = np.ptp(arguments, axis=0)
+    scales = np.where(ranges > 0.0, ranges, 1.0 + np.abs(arguments[0]))
     # The new commands among the values, which delays hold back.
     newest = slice(n_driven * controller.delay, n_driven * (1 + controller.delay))
 
-    def evaluate(index: int, x: Array) -> Array:
+    def law(index: int, x: Array) -> Array:
         return controller.next_values(every * index, index, x[:n_reads], x[n_reads:], stream)
 
-    ranges = np.ptp(arguments, axis=0)
-    scales = np.where(ranges > 0.0, ranges, 1.0 + np.abs(arguments[0]))
-    for index, x in _list_points(lambda *at: evaluate(*at)[newest], indices.tolist(), arguments):
-        derivatives = _difference(partial(evaluate, index), x, scales)
-        if derivatives is not None and np.any(derivatives[newest, :n_reads]):
-            by_reads, by_values = np.split(derivatives / scales, [n_reads], axis=1)
-            return by_reads, by_values
-    return None
+    jumps = np.array(
+        [
+            law(k, y)[newest] - law(k, x)[newest]
+            for k, (x, y) in zip(indices[:-1], pairwise(arguments), strict=True)
+        ]
+    )
+    row, drive = map(int, np.unravel_index(np.argmax(np.abs(jumps)), jumps.shape))
+    index, (begin, end) = indices[row], arguments[row : row + 2]
+    middle = law(index, begin)[newest][drive] + 0.5 * jumps[row, drive]
 
+    def excess(share: float) -> float:
+        return float(law(index, begin + share * (end - begin))[newest][drive] - middle)
 
-def _list_points(
-    command: Callable[[int, Array], Array], indices: Sequence[int], arguments: Array
-) -> Iterator[tuple[int, Array]]:
-    """Yield samples, those with the most central commands first, and a point between limits.
-
-    It is between the samples where a command jumps most: if all commands are at limits, a law
-    depends on the reads there.
-    """
-    commands = np.array([command(*x) for x in zip(indices, arguments, strict=True)])
-    low, high = np.min(commands, axis=0), np.max(commands, axis=0)
-    half_range = np.maximum(0.5 * (high - low), np.finfo(float).tiny)
-    extremity = np.max(np.abs(commands - 0.5 * (low + high)) / half_range, axis=1)
-    for k in np.argsort(extremity, kind="stable")[:_MAX_TRIED_SAMPLES]:
-        yield indices[k], arguments[k]
-    jumps = np.abs(np.diff(commands, axis=0))
-    k, drive = map(int, np.unravel_index(np.argmax(jumps), jumps.shape))
-    begin, end = arguments[k : k + 2]
-    first, last = commands[k : k + 2, drive]
-    for _ in range(_BISECTIONS if first != last else 0):
-        middle = 0.5 * (begin + end)
-        share = (command(indices[k], middle)[drive] - first) / (last - first)
-        if _MIDDLE[0] < share < _MIDDLE[1]:
-            yield indices[k], middle
-            return
-        begin, end = (middle, end) if share <= _MIDDLE[0] else (begin, middle)
+    if not jumps[row, drive]:
+        return None
+    x = begin + opt.brentq(excess, 0.0, 1.0) * (end - begin)
+    derivatives = _difference(partial(law, index), x, scales)
+    if derivatives is None or not np.any(derivatives[newest, :n_reads]):
+        return None
+    by_reads, by_values = np.split(derivatives / scales, [n_reads], axis=1)
+    return by_reads, by_values
 
 
 def _difference(law: Callable[[Array], Array], x: Array, scales: Array) -> Array | None:
-    """Return the derivatives (values, arguments) of a law, times scales, or None at a jump.
-
-    Means of backward and forward differences with two adjacent steps agree.
-    """
-    at, coarse, derivatives = law(x), None, np.array(np.nan)
+    """Return the derivatives (values, arguments) of a law, times scales, or None at a jump."""
     for step in _STEPS:
-        sides = step * _MEANS * np.array([[-1.0], [1.0]])
-        slopes = [
-            [np.mean([(law(x + h * dx) - at) / h for h in side], axis=0) for side in sides]
-            for dx in np.diag(scales)
-        ]
-        fine = np.array(slopes)
-        if coarse is not None:
-            # Values have different units.
-            sizes = np.max(np.abs(fine), axis=(0, 1))
-            agrees = np.ptp(np.hstack([coarse, fine]), axis=1) <= _MAX_DEVIATION * sizes
-            is_new = agrees & np.isnan(derivatives)
-            derivatives = np.where(is_new, np.mean(fine, axis=1), derivatives)
-        if np.isfinite(derivatives).all():
-            return derivatives.T
-        coarse = fine
+        slopes = np.array(
+            [[(law(x + h * dx) - law(x)) / h for dx in np.diag(scales)] for h in step * _SIDES]
+        )
+        # Values have different units.
+        sizes = np.max(np.abs(slopes), axis=(0, 1))
+        if np.all(np.ptp(slopes, axis=0) <= _MAX_DEVIATION * sizes):
+            return np.mean(slopes, axis=0).T
     return None

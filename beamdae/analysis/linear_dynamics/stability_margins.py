@@ -63,6 +63,7 @@ _MAX_CHANGE = 0.3
 _MAX_FREQUENCIES = 20_000
 # Magnitudes of listed phase crossovers: smaller ones do not matter, larger ones are those of poles.
 _MIN_MAGNITUDE, _MAX_MAGNITUDE = 1e-3, 1e9
+_MIN_SIZE = math.log(0.5 * _MIN_MAGNITUDE)  # logarithm of the magnitude of samples
 # Phases [turns] closer to -180 degrees are those of loops without damping, not crossovers.
 _PHASE_ROUNDING = 1e-9
 _MULTIPLIER_ROUNDING = 1e-7  # of multipliers of stiff structures, and of double ones at 1
@@ -177,7 +178,8 @@ class StabilityMargins(HasTable):
 class _Loop:
     """Loop transfer function L of x' = A x + b u, -u = c x + d u (or x_k+1), with a delay [s].
 
-    `every` is None in continuous time; otherwise, there is no `delay`.
+    `every` is None in continuous time; otherwise, there is no `delay`. `known` contains the values
+    that were computed, by frequency.
     """
 
     a: Array
@@ -186,13 +188,20 @@ class _Loop:
     d: float
     every: float | None = None
     delay: float = 0.0
+    known: dict[float, complex] = field(default_factory=dict)
 
     def at(self, f: float) -> complex:
         """Return L without its delay at a frequency [Hz]; not finite at a pole."""
-        w = _FULL_TURN * f
-        point = 1j * w if self.every is None else np.exp(1j * w * self.every)
-        system = self.a, self.b[:, None], self.c[None], np.array([[self.d]])
-        return complex(transfer_matrix(system, point)[0, 0])
+        if f not in self.known:
+            w = _FULL_TURN * f
+            point = 1j * w if self.every is None else np.exp(1j * w * self.every)
+            system = self.a, self.b[:, None], self.c[None], np.array([[self.d]])
+            self.known[f] = complex(transfer_matrix(system, point)[0, 0])
+        return self.known[f]
+
+    def lag(self, f: float) -> float:
+        """Return the phase above -180 degrees without the delay [rad], from 0 to a full turn."""
+        return float(np.angle(-self.at(f))) % _FULL_TURN
 
     @cached_property
     def poles(self) -> Array:
@@ -429,7 +438,7 @@ def _inject_at_command(lin: Linearization, mechanism: Mechanism, name: str) -> L
     full, data = lin.full_equations, command.observable.data
     shifted = slice(len(full.p) + data.start, len(full.p) + data.stop)
     extended = replace(full, p=np.concatenate([full.p, command.numbers]))
-    disturbance = ModelInput(Variable(name, "-"), force, {})
+    disturbance = ModelInput(name, Variable(name, "-"), force, {})
     observable = replace(command.observable, data=shifted)
     return reduce_to_states(replace(lin, full_equations=extended), [disturbance], [observable])
 
@@ -485,45 +494,36 @@ def _as_system(controller: Any, count: int, every: Any) -> tuple[Matrices, float
 
 def _find_crossovers(loop: _Loop) -> list[Crossover]:
     """Return all crossovers in ascending order of their frequencies."""
-    crossovers, critical = [], _list_ends(loop)
-    for (first, begin), (last, end) in pairwise(_sample(loop)):
-        sizes = math.log(abs(begin)), math.log(abs(end))
-        if sizes[0] * sizes[1] < 0.0 or sizes[0] == 0.0:
-            f = _find_root(lambda f: math.log(abs(loop.at(f))), first, last)
-            # From 0 to 360 degrees.
-            lag = (float(np.angle(-loop.at(f))) - _FULL_TURN * f * loop.delay) % _FULL_TURN
-            margin = math.degrees(lag if lag <= np.pi else lag - _FULL_TURN)
-            crossovers.append(Crossover("gain", f, math.nan, margin, lag / (_FULL_TURN * f)))
-        is_large = max(abs(begin), abs(end)) > 0.5 * _MIN_MAGNITUDE
-        if is_large and len(critical) < _MAX_CROSSOVERS:
-            roots = _find_phase_crossovers(loop, first, last, begin, end)
-            critical += [(f, abs(loop.at(f))) for f in roots]
-    crossovers += [
-        Crossover("phase", f, 1.0 / size, math.nan, math.nan)
-        for f, size in critical
-        if _MIN_MAGNITUDE < size < _MAX_MAGNITUDE
-    ]
-    return sorted(crossovers, key=lambda x: x.frequency)
 
+    def size(f: float) -> float:
+        return math.log(abs(loop.at(f)))
 
-def _find_phase_crossovers(
-    loop: _Loop, first: float, last: float, begin: complex, end: complex
-) -> list[float]:
-    """Return the frequencies with a phase of -180 degrees between two samples.
-
-    In between, the phase without the delay changes by less than half a turn.
-    """
-
-    def phase(f: float, value: complex) -> float:
-        """Return the phase above -180 degrees [turns], continuous from the first sample."""
-        change = np.angle(-begin) + np.angle(value / begin)
+    def turns(first: float, f: float) -> float:
+        """Return the phase above -180 degrees [turns], continuous from a sample on."""
+        begin = loop.at(first)
+        change = np.angle(-begin) + np.angle(loop.at(f) / begin)
         return float(change) / _FULL_TURN - f * loop.delay
 
-    low, high = sorted((phase(first, begin), phase(last, end)))
-    turns = np.arange(np.ceil(low), np.ceil(high))[:_MAX_CROSSOVERS]
-    turns = turns[np.maximum(turns - low, high - turns) > _PHASE_ROUNDING]
-    differences = [partial(lambda k, f: phase(f, loop.at(f)) - k, k) for k in turns.tolist()]
-    return [_find_root(x, first, last) for x in differences]
+    crossovers, critical = [], _list_ends(loop)
+    for first, last in pairwise(_sample(loop)):
+        if size(first) * size(last) < 0.0 or size(first) == 0.0:
+            f = _find_root(size, first, last)
+            lag = (loop.lag(f) - _FULL_TURN * f * loop.delay) % _FULL_TURN
+            margin = math.degrees(lag if lag <= np.pi else lag - _FULL_TURN)
+            crossovers.append(Crossover("gain", f, math.nan, margin, lag / (_FULL_TURN * f)))
+        if max(size(first), size(last)) > _MIN_SIZE and len(critical) < _MAX_CROSSOVERS:
+            low, high = sorted((turns(first, first), turns(first, last)))
+            levels = np.arange(np.ceil(low), np.ceil(high))[:_MAX_CROSSOVERS]
+            levels = levels[np.maximum(levels - low, high - levels) > _PHASE_ROUNDING]
+            for level in levels.tolist():
+                f = _find_root(partial(lambda k, a, f: turns(a, f) - k, level, first), first, last)
+                critical.append((f, abs(loop.at(f))))
+    crossovers += [
+        Crossover("phase", f, 1.0 / magnitude, math.nan, math.nan)
+        for f, magnitude in critical
+        if _MIN_MAGNITUDE < magnitude < _MAX_MAGNITUDE
+    ]
+    return sorted(crossovers, key=lambda x: x.frequency)
 
 
 def _find_root(function: Callable[[float], float], low: float, high: float) -> float:
@@ -540,8 +540,8 @@ def _list_ends(loop: _Loop) -> list[tuple[float, float]]:
     return [(f, abs(x)) for f, x in ends if np.isfinite(x) and x.real < 0.0]
 
 
-def _sample(loop: _Loop) -> list[tuple[float, complex]]:
-    """Return frequencies [Hz] between which magnitude and phase change little, and the values."""
+def _sample(loop: _Loop) -> list[float]:
+    """Return frequencies [Hz] between which magnitude and phase change little."""
     poles = np.concatenate([loop.poles, loop.closed_poles])
     poles = poles[np.isfinite(poles) & (np.abs(poles) > MIN_POLE)]
     scales = [*(np.abs(poles) / _FULL_TURN).tolist(), *([1.0 / loop.delay] if loop.delay else [])]
@@ -555,23 +555,20 @@ def _sample(loop: _Loop) -> list[tuple[float, complex]]:
     count = int(_POINTS_PER_DECADE * math.log10(high / low)) + 2
     near = frequencies_beside(poles, np.array([-1.0, 0.0, 1.0]))
     near = near[(near > low) & (near < high)]
-    grid = np.unique(np.concatenate([np.geomspace(low, high, count), near]))
-    known = {f: loop.at(f) for f in grid.tolist()}
-    pending = list(pairwise(known))
-    while pending and len(known) < _MAX_FREQUENCIES:
-        divided = []
-        for first, last in pending:
-            begin, end = known[first], known[last]
-            is_small = max(abs(begin), abs(end)) < 0.5 * _MIN_MAGNITUDE
-            if is_small or last < (1.0 + _MIN_SPACING) * first:
-                continue
-            change = np.log(end / begin) if begin and end else complex("nan")
-            if not max(abs(change.real), abs(change.imag)) < _MAX_CHANGE:
-                middle = math.sqrt(first * last)
-                known[middle] = loop.at(middle)
-                divided += [(first, middle), (middle, last)]
-        pending = divided
-    return [(f, x) for f, x in sorted(known.items()) if np.isfinite(x) and x]
+    grid = np.unique(np.append(np.geomspace(low, high, count), near)).tolist()
+    pending, frequencies = list(pairwise(grid)), set(grid)
+    while pending and len(frequencies) < _MAX_FREQUENCIES:
+        first, last = pending.pop()
+        begin, end = loop.at(first), loop.at(last)
+        is_small = max(abs(begin), abs(end)) < math.exp(_MIN_SIZE)
+        if is_small or last < (1.0 + _MIN_SPACING) * first:
+            continue
+        change = np.log(end / begin) if begin and end else complex("nan")
+        if not max(abs(change.real), abs(change.imag)) < _MAX_CHANGE:
+            middle = math.sqrt(first * last)
+            frequencies.add(middle)
+            pending += [(first, middle), (middle, last)]
+    return [f for f in sorted(frequencies) if np.isfinite(loop.at(f)) and loop.at(f)]
 
 
 def _count_unstable_poles(loop: _Loop, crossovers: Sequence[float]) -> int:
@@ -581,7 +578,6 @@ def _count_unstable_poles(loop: _Loop, crossovers: Sequence[float]) -> int:
     count = int(np.sum((np.abs(poles) > MIN_POLE) & (poles.real > 0.0)))
     for f in crossovers if loop.delay else ():
         is_falling = abs(loop.at((1.0 + 1e-6) * f)) < abs(loop.at((1.0 - 1e-6) * f))
-        lag = float(np.angle(-loop.at(f))) % _FULL_TURN
-        n_crossings = max(math.floor(f * loop.delay - lag / _FULL_TURN) + 1, 0)
+        n_crossings = max(math.floor(f * loop.delay - loop.lag(f) / _FULL_TURN) + 1, 0)
         count += (2 if is_falling else -2) * n_crossings
     return max(count, 0)
