@@ -10,7 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.linear_dynamics.linear_model import LinearModel, compute_linear_model
+from beamdae.analysis.linear_dynamics.linear_model import (
+    LinearModel,
+    compute_linear_model,
+    require_linear_model,
+)
 from beamdae.analysis.linear_dynamics.linearization import searched_start
 from beamdae.errors import (
     BeamdaeError,
@@ -274,11 +278,7 @@ def bode(
     >>> print(f"{peak['magnitude']:.4f} {peak['unit']} at {peak['frequency [Hz]']:.3f} Hz")
     0.1000 m/N at 1.591 Hz
     """
-    if not isinstance(model, LinearModel):
-        raise BeamdaeError(
-            f"bode: model must be a result of linearize, got {short_repr(model)}; pass "
-            "linearize(model)."
-        )
+    require_linear_model("bode", model)
     if frequencies is not None and between is not None:
         raise BeamdaeError("bode: frequencies and between are mutually exclusive; omit one.")
     values, ends = None, None

@@ -268,9 +268,9 @@ class Campbell(HasTable, HasPage):
     def _find_resonance(
         self, before: _Stop, after: _Stop, mode: int, multiple: int
     ) -> Iterator[float]:
-        """Yield at most one speed between two stops at which a frequency is a multiple of it.
+        """Yield the speeds between two stops at which a frequency is a multiple of the speed.
 
-        The mode is followed by its shape. The speed is a root of the difference between the squares
+        The mode is followed by its shape. Speeds are roots of the difference between the squares
         of frequency and excitation over the square of the speed, between which centrifugal
         stiffening gives a linear relation (R. Southwell).
         """
@@ -285,17 +285,18 @@ class Campbell(HasTable, HasPage):
             rate = float(modes.eigenvalues[int(np.argmax(mac))].imag)
             return rate**2 - multiple**2 * abs(square)
 
-        speeds = np.array([before.speed, after.speed])
-        squares = np.sign(speeds) * speeds**2
-        values = [difference(x) for x in squares.tolist()]
-        excitations = (multiple * speeds) ** 2
-        if values[0] * values[1] >= 0.0 or np.all(np.abs(values) <= 2.0 * _EQUAL * excitations):
-            return
-        tolerances = {"xtol": 1e-16 * max(excitations), "rtol": 2.0 * _SPEED_TOLERANCE}
-        square = scipy.optimize.brentq(difference, *squares, **tolerances)
-        # At rest, motions without stiffness have the frequency of an excitation: zero.
-        if abs(difference(square)) < 2.0 * _MAX_DEVIATION * multiple**2 * abs(square):
-            yield speed_of(square)
+        # At rest, whirls in both directions have the same frequency, and any shape.
+        speeds = np.unique(np.clip([before.speed, 0.0, after.speed], before.speed, after.speed))
+        for pair in pairwise((np.sign(speeds) * speeds**2).tolist()):
+            values = np.array([difference(x) for x in pair])
+            excitations = multiple**2 * np.abs(pair)
+            if np.prod(values) >= 0.0 or np.all(np.abs(values) <= 2.0 * _EQUAL * excitations):
+                continue
+            tolerances = {"xtol": 1e-16 * max(excitations), "rtol": 2.0 * _SPEED_TOLERANCE}
+            square = scipy.optimize.brentq(difference, *pair, **tolerances)
+            # At rest, motions without stiffness have the frequency of an excitation: zero.
+            if abs(difference(square)) < 2.0 * _MAX_DEVIATION * multiple**2 * abs(square):
+                yield speed_of(square)
 
 
 @interruptible
@@ -380,23 +381,16 @@ def campbell(
         about, total = rotation(speed, center), count + _EXTRA_MODES
         return compute_modes(model, about, total, damping, assessed=count * (speed in ends))
 
-    known = {speed: solve(speed) for speed in values}
-    order = np.arange(min(count, *map(len, known.values())))
-    stops = [_Stop(values[0], known[values[0]], order, np.zeros(len(order), bool))]
-    # Frequencies over the square of the speed are smooth on either side of rest only.
-    if values[0] < 0.0 < values[-1] and 0.0 not in known:
-        known = dict(sorted([*known.items(), (0.0, solve(0.0))]))
-    for speed, after in list(known.items())[1:]:
+    all_modes = [solve(speed) for speed in values]
+    order = np.arange(min(count, *map(len, all_modes)))
+    stops = [_Stop(values[0], all_modes[0], order, np.zeros(len(order), bool))]
+    rows = [all_modes[0].eigenvalues[order]]
+    for speed, after in zip(values[1:], all_modes[1:], strict=True):
         stops += _follow(solve, stops[-1], speed, after)
-    rows = {x.speed: x.modes.eigenvalues[x.order] for x in stops}
+        rows.append(after.eigenvalues[stops[-1].order])
+    place = rotation(0.0, center).center
     diagram = Campbell(
-        np.array(values),
-        np.array([rows[x] for x in values]),
-        tuple(known[x] for x in values),
-        rotation(0.0, center).center,
-        damping,
-        numbers,
-        tuple(stops),
+        np.array(values), np.array(rows), tuple(all_modes), place, damping, numbers, tuple(stops)
     )
     if not warnings_are_ignored():
         built = diagram.modes[0]._linearization.equations.build_warnings

@@ -24,7 +24,7 @@ from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.assembly.statement_checks import collect_statements
 from beamdae.equations.equations_of_motion import EquationsOfMotion, InputTerm, Observable
 from beamdae.equations.formulations.tangents import compute_tangent, differentiate_residual
-from beamdae.equations.starts.rank import RANK_TOLERANCE
+from beamdae.equations.starts.rank import normalize_rows, select_independent_rows
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
     BeamdaeError,
@@ -296,14 +296,17 @@ class LinearModel(HasPage):
         BeamdaeError
             If it is infinite at one of them.
         """
-        response = np.zeros((len(values), *self.D.shape), complex)
-        for row, f in zip(response, values, strict=True):
-            row[:] = transfer_matrix((self.A, self.B, self.C, self.D), 2j * np.pi * f)
-            if not np.isfinite(row).all():
-                raise BeamdaeError(
-                    f"frequency_response: the response at {f:g} Hz is infinite because an undamped "
-                    "mode or a free motion has this frequency; choose other frequencies."
-                )
+        responses = [
+            transfer_matrix((self.A, self.B, self.C, self.D), 2j * np.pi * f) for f in values
+        ]
+        response = np.reshape(responses, (len(values), *self.D.shape)).astype(complex)
+        is_finite = np.isfinite(response).all(axis=(1, 2))
+        if not is_finite.all():
+            raise BeamdaeError(
+                f"frequency_response: the response at {values[int(np.argmin(is_finite))]:g} Hz is "
+                "infinite because an undamped mode or a free motion has this frequency; choose "
+                "other frequencies."
+            )
         return response
 
 
@@ -439,6 +442,15 @@ def linearize(
     return linear
 
 
+def require_linear_model(name: str, model: Any) -> None:
+    """Reject models that `linearize` did not return; `name` is that of the calling function."""
+    if not isinstance(model, LinearModel):
+        raise BeamdaeError(
+            f"{name}: model must be a result of linearize, got {short_repr(model)}; pass "
+            "linearize(model)."
+        )
+
+
 class _Request(NamedTuple):
     """Arguments of `linearize`."""
 
@@ -560,14 +572,6 @@ def _resolve_inputs(
             )
         inputs += found
     return inputs
-
-
-def find_inputs(inputs: Sequence[Variable], name: Any) -> list[int]:
-    """Return the indices of the inputs with this name or header, or else of those of this part."""
-    if not isinstance(name, str):
-        return []
-    same = [k for k, x in enumerate(inputs) if name in (x.name, x.header)]
-    return same or [k for k, x in enumerate(inputs) if x.name.startswith(f"{name}.")]
 
 
 def _differentiate_input(term: InputTerm, lin: Linearization) -> ModelInput:
@@ -787,18 +791,11 @@ def _independent_coordinates(rows: Array, scales: Array) -> tuple[Array, Array]:
     Every dq with rows @ dq = 0 equals Z @ dq[indices]. The indices are chosen by QR factorization
     with column pivoting of the scaled rows.
     """
-    n = rows.shape[1]
-    matrix = rows * scales
-    lengths = np.linalg.norm(matrix, axis=1)
-    matrix = matrix / np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    triangle, order = la.qr(matrix, mode="r", pivoting=True)
-    diagonal = np.abs(np.diag(triangle))
-    rank = int(np.sum(diagonal > RANK_TOLERANCE * np.max(diagonal, initial=0.0)))
-    dependent, independent = order[:rank], np.sort(order[rank:])
-    by_index = np.argsort(order[rank:])
-    z = np.zeros((n, n - rank))
-    z[independent, np.arange(n - rank)] = 1.0
-    if rank:
-        shares = la.solve_triangular(triangle[:rank, :rank], triangle[:rank, rank:])
-        z[dependent] = -(scales[dependent, None] * shares / scales[order[rank:]])[:, by_index]
+    if not len(rows):
+        return np.arange(len(scales)), np.eye(len(scales))
+    columns = select_independent_rows(normalize_rows(rows * scales)[0].T)
+    dependent, independent = columns.independent, columns.dependent
+    z = np.zeros((len(scales), len(independent)))
+    z[independent, np.arange(len(independent))] = 1.0
+    z[dependent] = -scales[dependent, None] * columns.coefficients.T / scales[independent]
     return independent, z

@@ -22,8 +22,8 @@ from beamdae.analysis.linear_dynamics.linear_model import (
     ModelInput,
     compute_poles,
     differentiate_part_laws,
-    find_inputs,
     reduce_to_states,
+    require_linear_model,
     transfer_matrix,
 )
 from beamdae.analysis.linear_dynamics.linearization import Linearization
@@ -307,11 +307,7 @@ def margins(
     >>> print(f"{loop.gain_margin:.4f}, {loop.phase_margin:.2f} deg, {loop.delay_margin:.4f} s")
     3.1416, 61.35 deg, 0.5354 s
     """
-    if not isinstance(model, LinearModel):
-        raise BeamdaeError(
-            f"margins: model must be a result of linearize, got {short_repr(model)}; pass "
-            "linearize(model)."
-        )
+    require_linear_model("margins", model)
     loop = _build_loop(model, at, controller, every, delay)
     crossovers = _find_crossovers(loop)
     gains = [x for x in crossovers if x.kind == "phase"]
@@ -368,7 +364,11 @@ def _build_loop(model: LinearModel, at: Any, controller: Any, every: Any, delay:
         # x' = A x + b (w - u), u = c x: without the feedback through w = u + disturbance.
         b, c = closed.B[:, 0], closed.C[0]
         return _Loop(closed.A - np.outer(b, c), b, -c, 0.0, None, dead_time)
-    columns = find_inputs(model.inputs, name)
+    columns = [
+        k
+        for k, x in enumerate(model.inputs)
+        if name in (x.name, x.header) or x.name.startswith(f"{name}.")
+    ]
     if len(columns) != 1:
         raise BeamdaeError(
             f"margins: there is no input or pid {short_repr(name)}"
@@ -456,40 +456,35 @@ def _as_system(controller: Any, count: int, every: Any) -> tuple[Matrices, float
     from scipy.signal import dlti, lti
 
     interval = None if every is None else require_positive("margins", "every", every)
-    if not isinstance(controller, (lti, dlti)):
+    if isinstance(controller, (lti, dlti)):
+        system = controller.to_ss()
+        matrices, own = (system.A, system.B, system.C, system.D), getattr(system, "dt", None)
+        if own is not None and (isinstance(own, bool) or not own > 0.0):
+            raise BeamdaeError(
+                f"margins: the discrete controller must have an interval dt in s, got {own!r}."
+            )
+        if interval is not None and own != interval:
+            raise BeamdaeError(
+                f"margins: every = {interval:g} s differs from the interval dt of the controller, "
+                f"{own if own is None else format(own, 'g')}; pass a discrete controller with this "
+                "dt and omit every."
+            )
+        interval = None if own is None else float(own)
+    else:
         gains = [controller]
         if not np.isscalar(controller):
             gains = require_sequence(
                 "margins", "controller", controller, "a gain, gains or a system of scipy.signal"
             )
         row = np.array([[require_finite("margins", "controller", x) for x in gains]])
-        if row.shape[1] != count:
-            raise BeamdaeError(
-                f"margins: controller must have one gain per output of the linear model ({count}), "
-                f"got {short_repr(controller)}; select outputs with linearize(outputs=...)."
-            )
-        return (np.zeros((0, 0)), np.zeros((0, count)), np.zeros((1, 0)), row), interval
-    system = controller.to_ss()
-    d = np.atleast_2d(np.asarray(system.D, float))
-    size = int(np.sqrt(np.size(system.A)))
-    a, b = np.reshape(system.A, (size, size)), np.reshape(system.B, (size, d.shape[1]))
-    own = getattr(system, "dt", None)
-    if own is not None and (isinstance(own, bool) or not own > 0.0):
+        matrices = np.zeros((0, 0)), np.zeros((0, len(gains))), np.zeros((1, 0)), row
+    if matrices[3].shape != (1, count):
         raise BeamdaeError(
-            f"margins: the discrete controller must have an interval dt in s, got {own!r}."
+            "margins: controller must have one command, and one gain or input per output of the "
+            f"linear model ({count}), got {short_repr(controller)}; select outputs with "
+            "linearize(outputs=...)."
         )
-    if d.shape != (1, count):
-        raise BeamdaeError(
-            f"margins: controller must have {format_count(count, 'input')} (the outputs of the "
-            f"linear model) and 1 output, got {d.shape[1]} and {d.shape[0]}."
-        )
-    if interval is not None and own != interval:
-        raise BeamdaeError(
-            f"margins: every = {interval:g} s differs from the interval dt of the controller, "
-            f"{own if own is None else format(own, 'g')}; pass a discrete controller with this "
-            "dt and omit every."
-        )
-    return (a, b, np.reshape(system.C, (1, size)), d), None if own is None else float(own)
+    return matrices, interval
 
 
 def _find_crossovers(loop: _Loop) -> list[Crossover]:
