@@ -383,7 +383,7 @@ class StaticProblem(Problem):
             residual, tangent = (plan.sum(native, p) for plan in plans)
             # The factors of damping and mass are not used.
             set_matrix_factors(tangent, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-            return LoadPart(residual, tangent, np.zeros(size), np.zeros(nnz))
+            return LoadPart(residual, tangent, np.zeros(size), np.zeros(nnz + 1))
 
         def make(native: bool) -> StaticWorkspace:
             common, unloaded, loaded = (
@@ -397,12 +397,12 @@ class StaticProblem(Problem):
                 linear=matrix.make_solver(native, "auto"),
                 saddle=SaddlePoint.of(
                     self.pattern,
-                    plan.tangent_targets,
+                    np.append(plan.tangent_targets, nnz),
                     self._parts,
                     self.rigid_size,
                     self._remainder,
                 ),
-                nonzeros=np.zeros(nnz),
+                nonzeros=np.zeros(nnz + 1),
                 scaled=matrix.nonzeros,
                 products=np.ones(nnz),
                 sizes=np.ones(size + 1),
@@ -576,7 +576,7 @@ class StaticProblem(Problem):
             If the bordered matrix is singular or not finite.
         """
         run, bordered = self._run(x, p, EVALUATE_TANGENT), self._plan.bordered
-        entries = run.nonzeros.copy()
+        entries = run.nonzeros[:-1].copy()
         entries[self._plan.row_targets[:-1]] = row
         entries[run.column_start :] = column
         matrix = sp.csc_array((entries * run.products, bordered.indices, bordered.indptr))
