@@ -63,9 +63,9 @@ _MAX_CACHED_BYTES = 16 * 2**20
 
 
 class SaddlePattern(NamedTuple):
-    """Terms of the saddle-point matrix, nonzeros[targets] += weights * values[left] * values[right].
+    """Terms of the saddle-point matrix, nonzeros[targets] += weights * x[left] * x[right].
 
-    Values are the non-zeros of the tangent, followed by a 1 for terms of one factor. The first
+    The numbers x are the non-zeros of the tangent, followed by a 1 for terms of one factor. The first
     terms are the halves of both entries of each pair in the stiffness and the compliance, the next
     ones are G, the last ones G^T G. Of the symmetric matrix, the triangle below the diagonal in
     the order of elimination is assembled.
@@ -163,10 +163,10 @@ class SaddlePoint:
         `rigid` of the n + m unknowns have no compliance; that of the others is 1. Constraints with
         a `remainder`, (m,), are beside a stiffness of the same motion.
         """
-        numbers = (parts, pattern.indptr, pattern.indices)
-        saddle = _plan_saddle_point(
-            *(x.astype(np.intp).tobytes() for x in numbers), (remainder == 0.0).tobytes()
+        first, starts, indices = (
+            x.astype(np.intp).tobytes() for x in (parts, pattern.indptr, pattern.indices)
         )
+        saddle = _plan_saddle_point(first, starts, indices, (remainder == 0.0).tobytes())
         count, positions = len(saddle.left), positions.astype(np.uint32)
         pairs = np.count_nonzero(saddle.shares < 1.0) // 2
         return cls(
@@ -264,9 +264,7 @@ def shift_diagonal(run: SaddlePoint, shift: float) -> None:
 
 
 @bounded_cache(_MAX_CACHED_BYTES, array_bytes)
-def _plan_saddle_point(
-    parts: bytes, starts: bytes, indices: bytes, shared: bytes
-) -> SaddlePattern:
+def _plan_saddle_point(parts: bytes, starts: bytes, indices: bytes, shared: bytes) -> SaddlePattern:
     """Return the saddle-point matrix of tangents (n + m, n + m) with this CSC pattern.
 
     `parts` are the first coordinates of parts, (n,), `shared` the flags of the constraints in
@@ -315,7 +313,7 @@ def _plan_saddle_point(
         targets=targets.astype(np.uint32),
         left=left,
         right=np.append(np.full(single, one), products[1]),
-        shares=np.where(left == one, 0.0, np.repeat([0.5, 1.0], [len(halves), len(i) - len(halves)])),
+        shares=np.where(left == one, 0.0, np.where(np.arange(len(left)) < len(halves), 0.5, 1.0)),
         reduced=np.flatnonzero((rows == columns) & is_shared[rows]),
         diagonal=np.searchsorted(entries, diagonal[:n]).astype(np.uint32),
         groups=groups,

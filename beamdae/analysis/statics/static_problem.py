@@ -5,7 +5,7 @@ from __future__ import annotations
 import weakref
 from collections import Counter, deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from itertools import compress
 from typing import Any, NamedTuple
@@ -60,7 +60,6 @@ from beamdae.equations.formulations.static_equations import (
     find_idle_forces,
     plan_static_sums,
 )
-from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.structure import (
     ConstraintTerm,
     ForceTerm,
@@ -87,11 +86,21 @@ _SINGULAR = "the tangent stiffness is singular at the next point"
 _CENTER_TOLERANCE = 1e-6
 
 
-class PartPlan(NamedTuple):
-    """Plans of one of the parts C, U and L; `tangent` adds to the bordered matrix."""
+@dataclass
+class Usage:
+    """Loops of a plan in this process; that threads may lose some of this does not matter.
 
-    residual: SumPlan
-    tangent: SumPlan
+    Attributes
+    ----------
+    evaluations
+        Number of interpreted evaluations.
+    idle_loops
+        Compiled loop of a system that no longer exists, which the next system uses: building its
+        workspace takes as long as several load steps.
+    """
+
+    evaluations: int = 0
+    idle_loops: deque[StepLoop[StaticWorkspace]] = field(default_factory=lambda: deque(maxlen=1))
 
 
 class SystemPlan(NamedTuple):
@@ -100,24 +109,24 @@ class SystemPlan(NamedTuple):
     Attributes
     ----------
     sums
-        Plans of the parts C, U and L.
+        Plans of the residual and the tangent of the parts C, U and L; the tangents add to the
+        bordered matrix.
     pattern, bordered
         Patterns of the tangent, (n + m, n + m), and of the bordered matrix.
     tangent_targets, added_targets, row_targets
         Indices of the non-zeros of `pattern`, of added constants and of the last row in the
         non-zeros of `bordered`.
-    idle_loops
-        Compiled loop of a system that no longer exists, which the next system uses: building its
-        workspace takes as long as several load steps.
+    usage
+        See `Usage`.
     """
 
-    sums: tuple[PartPlan, ...]
+    sums: tuple[tuple[SumPlan, SumPlan], ...]
     pattern: sp.csc_array
     bordered: sp.csc_array
     tangent_targets: Array
     added_targets: Array
     row_targets: Array
-    idle_loops: deque[StepLoop[StaticWorkspace]]
+    usage: Usage
 
 
 @cache_on_owner
@@ -128,86 +137,65 @@ def _plan_system(
     added: tuple[int, ...],
 ) -> SystemPlan:
     parts = [plan_static_sums(structure) for structure in (common, unloaded, loaded)]
-    patterns = [x.pattern for x in parts]
-    ones, shape = np.ones(len(added)), patterns[0].shape
-    patterns.append(sp.csc_array((ones, (added, added)), shape=shape))
-    union = sp.csc_array(reduce(lambda one, other: one + other, patterns))
-    union.sort_indices()
-    size = union.shape[0]
-    tangent_targets = np.arange(union.nnz) + column_indices(union)
-    keys = column_indices(union).astype(np.intp) * size + union.indices
-    diagonal = np.searchsorted(keys, [k * (size + 1) for k in added])
-    indptr = np.append(union.indptr + np.arange(size + 1), union.nnz + 2 * size + 1)
-    row_targets = (indptr[1:] - 1).astype(np.uint32)
-    indices = np.zeros(indptr[-1], np.int32)
-    indices[tangent_targets], indices[row_targets] = union.indices, size
-    indices[indptr[size] :] = np.arange(size + 1)
-    entries = (np.ones(len(indices)), indices, indptr)
+    size = parts[0].pattern.shape[0]
+    diagonal = sp.csc_array((np.ones(len(added)), (added, added)), (size, size))
+    pattern = sp.csc_array(reduce(lambda one, other: one + other, (x.pattern for x in parts)))
+    pattern = sp.csc_array(pattern + diagonal)
+    pattern.sort_indices()
+    border = np.ones((size, 1))
+    bordered = sp.csc_array(sp.block_array([[pattern, border], [border.T, np.ones((1, 1))]]))
+    bordered.sort_indices()
+    rows, columns = bordered.indices, column_indices(bordered).astype(np.intp)
+    keys = columns * (size + 1) + rows
 
-    def plan(sums: StaticSums) -> PartPlan:
-        own = column_indices(sums.pattern).astype(np.intp) * size + sums.pattern.indices
-        targets = tangent_targets[np.searchsorted(keys, own)].astype(np.uint32)
+    def plan(sums: StaticSums) -> tuple[SumPlan, SumPlan]:
+        own = column_indices(sums.pattern).astype(np.intp) * (size + 1) + sums.pattern.indices
+        targets = np.searchsorted(keys, own).astype(np.uint32)
         tangent = replace(
             sums.tangent,
             add_targets=targets[sums.tangent.add_targets],
             weighted_targets=targets[sums.tangent.weighted_targets],
         )
-        return PartPlan(sums.residual, tangent)
+        return sums.residual, tangent
 
     return SystemPlan(
         sums=tuple(map(plan, parts)),
-        pattern=union,
-        bordered=sp.csc_array(entries, shape=(size + 1, size + 1)),
-        tangent_targets=tangent_targets,
-        added_targets=tangent_targets[diagonal].astype(np.uint32),
-        row_targets=row_targets,
-        idle_loops=deque(maxlen=1),
+        pattern=pattern,
+        bordered=bordered,
+        tangent_targets=np.flatnonzero((rows < size) & (columns < size)),
+        added_targets=np.searchsorted(keys, np.array(added) * (size + 2)).astype(np.uint32),
+        row_targets=np.flatnonzero(rows == size).astype(np.uint32),
+        usage=Usage(),
     )
-
-
-@dataclass
-class Usage:
-    """Number of interpreted evaluations with a structure in this process."""
-
-    evaluations: int = 0
-
-
-@cache_on_owner
-def _usage_of(structure: Structure) -> Usage:
-    # Paths share this count; that threads may lose a few evaluations does not matter.
-    return Usage()
 
 
 @cache_on_owner
 def _term_keys(structure: Structure) -> tuple[tuple[tuple[Any, ...], slice], ...]:
     """Return keys of kernels and operators, and the data, of all terms: forces, then joints."""
-
-    def key(term: ForceTerm | ConstraintTerm) -> tuple[Any, ...]:
-        # Forces and joints have different kernels, so that their keys differ.
-        return tuple(comparison_key(x) for name, x in vars(term).items() if name != "data")
-
+    # Forces and joints have different kernels, so that their keys differ.
     terms: tuple[ForceTerm | ConstraintTerm, ...] = (*structure.forces, *structure.joints)
-    return tuple((key(term), term.data) for term in terms)
+    return tuple(
+        (tuple(comparison_key(x) for name, x in vars(term).items() if name != "data"), term.data)
+        for term in terms
+    )
 
 
 def _split_structures(
     unloaded: EquationsOfMotion, loaded: EquationsOfMotion
 ) -> tuple[Structure, Structure, Structure]:
-    """Return the common terms of both equations, and those of only one of them.
+    """Return the common terms of two equations, and those of only one of them.
 
     Common terms have equal kernels, operators and numbers.
     """
     keys = [
-        [(key, e.p[data].tobytes()) for key, data in _term_keys(e.structure)]
-        for e in (unloaded, loaded)
+        [(key, e.p[x].tobytes()) for key, x in _term_keys(e.structure)] for e in (unloaded, loaded)
     ]
-    counts = [Counter(x) for x in keys]
-    is_common: list[tuple[bool, ...]] = []
-    for own, other in zip(keys, reversed(counts), strict=True):
-        flags = []
+    is_common = []
+    for own, other in zip(keys, reversed(keys), strict=True):
+        rest, flags = Counter(other), []
         for key in own:
-            flags.append(other[key] > 0)
-            other[key] -= 1
+            rest[key] -= 1
+            flags.append(rest[key] >= 0)
         is_common.append(tuple(flags))
     only_unloaded, only_loaded = (tuple(not x for x in flags) for flags in is_common)
     return (
@@ -296,31 +284,24 @@ class StaticProblem(Problem):
 
     def __init__(self, system: LoadedEquations) -> None:
         self.system = system
-        unloaded, loaded, held = system.unloaded, system.loaded, system.held_coordinates
+        pair, held = (system.unloaded, system.loaded), system.held_coordinates
         self._idle = None
         if not system.is_linear:
             # The stiffness of a spring may begin or end at zero.
-            self._idle = find_idle_forces(unloaded) | find_idle_forces(loaded)
-        forms = self._convert((unloaded, loaded))
-        first, last = (x.equations for x in forms)
-        self._rigid, self._remainder = forms[1].joint_count, forms[1].remainder
-        self._time, self._n = loaded.time, last.n
-        self._initial_q, self._part_scales = last.q0, last.part_scales
-        starts = np.array([part.rows.start for part in last.parts], np.intp)
-        self._parts = starts[np.searchsorted(starts, np.arange(last.n), "right") - 1]
+            self._idle = find_idle_forces(pair[0]) | find_idle_forces(pair[1])
+        self._forms = self._convert(pair)
+        first, last = (x.equations for x in self._forms)
+        self._rigid, self._remainder = self._forms[1].joint_count, self._forms[1].remainder
+        self._reference, self._n, self._held = last, last.n, len(held)
         if system.is_linear:
-            common, only_unloaded, only_loaded = _split_structures(first, last)
+            structures = _split_structures(first, last)
         else:
-            only_unloaded = only_loaded = last.structure
-            common = _select_terms(last.structure, (False,) * len(_term_keys(last.structure)))
-        self._numbers = (first.p, first.p, last.p)
-        self._usage = _usage_of(common if system.is_linear else last.structure)
-        self._held = len(held)
+            none = _select_terms(last.structure, (False,) * len(_term_keys(last.structure)))
+            structures = none, last.structure, last.structure
         added = (*held, *range(last.n + self._rigid, last.n + last.m))
-        plan = _plan_system(common, only_unloaded, only_loaded, added)
-        self._plan, self.pattern = plan, plan.pattern
-        size = plan.pattern.shape[0]
-        self._weights = np.append(1.0 / last.group_scales, np.zeros(size - last.n))
+        self._plan = _plan_system(*structures, added)
+        self.pattern = self._plan.pattern
+        self._weights = np.append(1.0 / last.group_scales, np.zeros(last.m))
         self._set_loop(self._take_idle_loop() or self._make_loop(compiles=False))
 
     def _convert(self, equations: Sequence[StaticEquations]) -> list[CompliantEquations]:
@@ -329,7 +310,7 @@ class StaticProblem(Problem):
     def _take_idle_loop(self) -> StepLoop[StaticWorkspace] | None:
         """Return a loop with a workspace of the same layout, if there is one."""
         try:
-            loop = self._plan.idle_loops.pop()
+            loop = self._plan.usage.idle_loops.pop()
         except IndexError:
             return None
         if not is_native_enabled():
@@ -338,48 +319,34 @@ class StaticProblem(Problem):
         return loop
 
     def _set_loop(self, loop: StepLoop[StaticWorkspace]) -> None:
-        """Use a loop, with the numbers of this system."""
-        self._loop, run = loop, loop.work
-        for part, plans, p in zip(
-            (run.common, run.unloaded, run.loaded), self._plan.sums, self._numbers, strict=True
-        ):
-            for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
-                plan.set_data(total, p)
-                set_time(total, *self._time)
+        """Use a loop, with the numbers of this system.
+
+        Natural sizes are set by the tangent in the reference configuration, without loads.
+        """
+        self._loop, run, begin = loop, loop.work, self.system.ends[0]
         run.weights[:] = self._weights
-        run.center, run.scale = 0.0, 1.0
         run.remainder[:] = self._remainder
         run.added[: self._held], run.added[self._held :] = 0.0, -1.0
-        if not self.system.is_linear:
-            run.scale = 0.0
-            self._center(self.system.ends[0])
-        self._scale()
-        if loop.is_native:
-            weakref.finalize(self, self._plan.idle_loops.append, loop).atexit = False
-
-    def _scale(self) -> None:
-        """Set the natural sizes by the tangent in the reference configuration, without loads."""
-        run = self._loop.work
-        forget_point(run)
-        at_start = self.start(self._initial_q)
-        run = self._run(at_start, self.system.ends[0], EVALUATE_TANGENT)
-        scale_by_reference(run.saddle, run.nonzeros, self._part_scales)
-        run.added[: self._held] = run.saddle.scales[self._held_coordinates] ** -2.0
+        self._center(begin)
+        self._run(self.start(self._reference.q0), begin, EVALUATE_TANGENT)
+        scale_by_reference(run.saddle, run.nonzeros, self._reference.part_scales)
+        bordered = self._plan.bordered
+        held = bordered.indices[self._plan.added_targets[: self._held]]
+        run.added[: self._held] = run.saddle.scales[held] ** -2.0
         forget_point(run)
         run.sizes[:-1] = run.saddle.scales
-        bordered = self._plan.bordered
         run.products[:] = run.sizes[bordered.indices] * run.sizes[column_indices(bordered)]
-
-    @property
-    def _held_coordinates(self) -> Array:
-        return self._plan.bordered.indices[self._plan.added_targets[: self._held]]
+        if loop.is_native:
+            weakref.finalize(self, self._plan.usage.idle_loops.append, loop).atexit = False
 
     def _make_loop(self, compiles: bool) -> StepLoop[StaticWorkspace]:
-        plan, size = self._plan, self.pattern.shape[0]
+        plan, size, nnz = self._plan, self.pattern.shape[0], self._plan.bordered.nnz
         matrix = FactorizedMatrix.from_pattern(plan.bordered)
-        nnz = plan.bordered.nnz
+        starts = np.array([part.rows.start for part in self._reference.parts], np.intp)
+        parts = starts[np.searchsorted(starts, np.arange(self._n), "right") - 1]
 
-        def make_part(plans: PartPlan, p: Array, native: bool) -> LoadPart:
+        def make_part(plans: tuple[SumPlan, SumPlan], k: int, native: bool) -> LoadPart:
+            p = self._forms[k].equations.p
             residual, tangent = (plan.sum(native, p) for plan in plans)
             # The factors of damping and mass are not used.
             set_matrix_factors(tangent, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
@@ -387,8 +354,7 @@ class StaticProblem(Problem):
 
         def make(native: bool) -> StaticWorkspace:
             common, unloaded, loaded = (
-                make_part(plans, p, native)
-                for plans, p in zip(plan.sums, self._numbers, strict=True)
+                make_part(plans, k, native) for plans, k in zip(plan.sums, (0, 0, 1), strict=True)
             )
             return StaticWorkspace(
                 common=common,
@@ -398,7 +364,7 @@ class StaticProblem(Problem):
                 saddle=SaddlePoint.of(
                     self.pattern,
                     np.append(plan.tangent_targets, nnz),
-                    self._parts,
+                    parts,
                     self.rigid_size,
                     self._remainder,
                 ),
@@ -507,17 +473,13 @@ class StaticProblem(Problem):
         """Return mass (n, n) and damping (n + m, n) in natural sizes, with that of constraints."""
         n, scales, at_rest = self._n, self.scales, np.zeros(self._n)
         state = State(point.x[:n], at_rest, at_rest, point.x[n:])
-        interval = self.system.interval_at(point.p)
-        forms = self._convert(interval[:2])
-        first, last = (
-            compute_tangent(x.equations, y.time, state)
-            for x, y in zip(forms, interval[:2], strict=True)
+        tangent = self.system.motion_tangent(
+            point.p, state, lambda e: introduce_resultants(e, self._idle).equations
         )
-        damping = interval.interpolate(point.p, first.damping, last.damping)
-        constraints = sp.diags_array(forms[0].retardation) @ first.position_jacobian
-        damping = sp.vstack([damping, constraints]) * scales[:n] * scales[:, None]
-        mass = first.mass * scales[:n] * scales[:n, None]
-        return sp.csc_array(mass), sp.csc_array(damping)
+        (form,) = self._convert(self.system.interval_at(point.p)[:1])
+        constraints = sp.diags_array(form.retardation) @ tangent.position_jacobian
+        damping = sp.vstack([tangent.damping, constraints]) * scales[:n] * scales[:, None]
+        return sp.csc_array(tangent.mass * scales[:n] * scales[:n, None]), sp.csc_array(damping)
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return F and F_mu at x = (q, lam), (n + m,) each."""
@@ -625,13 +587,14 @@ class StaticProblem(Problem):
             interval = self.system.interval_at(value)
         except BeamdaeError as error:
             raise CurveError(f"the model cannot be built ({str(error).rstrip('.')})") from None
-        parts, pair = (run.unloaded, run.loaded), interval[:2]
-        for part, plans, static, form in zip(
-            parts, self._plan.sums[1:], pair, self._convert(pair), strict=True
-        ):
+        pair, forms = interval[:2], self._forms
+        if not self.system.is_linear:
+            forms = self._convert(pair)
+        parts = (run.common, run.unloaded, run.loaded)
+        for part, plans, k in zip(parts, self._plan.sums, (0, 0, 1), strict=True):
             for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
-                plan.set_data(total, form.equations.p)
-                set_time(total, *static.time)
+                plan.set_data(total, forms[k].equations.p)
+                set_time(total, *pair[k].time)
         run.center, run.scale = interval.center, interval.scale
         forget_point(run)
 
@@ -639,9 +602,10 @@ class StaticProblem(Problem):
         """Add `count` evaluations; compile the kernels and the loop after many."""
         if self.is_native or not is_native_enabled():
             return
-        self._usage.evaluations += count
-        if self._usage.evaluations > _INTERPRETED_EVALUATIONS:
-            self._usage.evaluations = 0
+        usage = self._plan.usage
+        usage.evaluations += count
+        if usage.evaluations > _INTERPRETED_EVALUATIONS:
+            usage.evaluations = 0
             self._set_loop(self._make_loop(compiles=True))
 
 
