@@ -355,10 +355,8 @@ def _check_prebuckling(
     way, because its difference from the first factor changes sign with the rise of an arch.
     """
     if has_potential:
-        problem, ends = begin.problem, []
-        for mu in ((1.0 - _MAX_ERROR) * first, (1.0 + _MAX_ERROR) * first):
-            x = begin.x + mu * response.x
-            ends.append(Point(problem, x, mu, problem.linearize(x, mu)))
+        factors = (1.0 - _MAX_ERROR) * first, (1.0 + _MAX_ERROR) * first
+        ends = [problem_of(begin).point(begin.x + mu * response.x, mu) for mu in factors]
         count, before, after = (stability_of(x).divergent for x in (begin, *ends))
         if before == count < after and max(map(_imbalance, ends)) < _MAX_IMBALANCE:
             return []
@@ -366,11 +364,10 @@ def _check_prebuckling(
     targets = ((1.0 + _MAX_ERROR) * first, _SEARCH_RATIO * first)
     path = follow_to_critical_point(begin, targets)
     if path.critical:
-        critical = path.critical[0]
-        point = path.points[critical.row]
-        if abs(point.p - first) <= _MAX_ERROR * point.p:
+        kind, factor = path.critical[0].kind, path.critical[0].point.p
+        if abs(factor - first) <= _MAX_ERROR * factor:
             return []
-        reason = f"the first critical point of the path is a {critical.kind} at {point.p:.5g}"
+        reason = f"the first critical point of the path is a {kind} at {factor:.5g}"
     elif path.status.success or path.end.p > (1.0 + _MAX_ERROR) * first:
         reason = f"the path has no critical point up to the load factor {path.end.p:.5g}"
     else:

@@ -65,10 +65,10 @@ _MAX_CACHED_BYTES = 16 * 2**20
 class SaddlePattern(NamedTuple):
     """Terms of the saddle-point matrix, nonzeros[targets] += weights * x[left] * x[right].
 
-    The numbers x are the non-zeros of the tangent, followed by a 1 for terms of one factor. The first
-    terms are the halves of both entries of each pair in the stiffness and the compliance, the next
-    ones are G, the last ones G^T G. Of the symmetric matrix, the triangle below the diagonal in
-    the order of elimination is assembled.
+    The numbers x are the non-zeros of the tangent, and a 1 for terms of one factor. The first terms
+    are the halves of both entries of each pair in the stiffness and the compliance, the next ones
+    are G, the last ones G^T G. Of the symmetric matrix, the triangle below the diagonal in the
+    order of elimination is assembled.
 
     Attributes
     ----------

@@ -291,7 +291,7 @@ def _trace(
             loading.full_multipliers(positions, multipliers, times),
             np.array([stability_of(point).unstable for point in path.points]),
             path.critical,
-            {**settings.description, "iterations": path.iterations},
+            {**settings.description, "iterations": sum(point.iterations for point in path.points)},
             information,
             (
                 *start_warnings,

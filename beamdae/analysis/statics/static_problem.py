@@ -429,6 +429,10 @@ class StaticProblem(Problem):
         """Return the equations, linearized about (x, p)."""
         return StaticLinearization(self, x, p)
 
+    def point(self, x: Array, p: float, iterations: int = 0) -> Point:
+        """Return a solution that is known."""
+        return Point(self, x, p, self.linearize(x, p), iterations)
+
     def monitor(self, point: Point) -> Count:
         """Return the stability under constant loads.
 
@@ -516,7 +520,7 @@ class StaticProblem(Problem):
         self._compile_if_used(count)
         if code != DONE:
             raise CurveError(FAILURES[code])
-        return Point(self, x, p, self.linearize(x, p), count)
+        return self.point(x, p, count)
 
     def find_tangent(self, point: Point, row: Row) -> Tangent:
         """Return the tangent at a solution along which the control with this row increases by 1."""
