@@ -244,9 +244,9 @@ def find_unloaded_equilibrium(
     """
     first, last = problem.system.ends
     with suppress(CurveError):
-        begin = problem.point(problem.start(q), first)
-        point = problem.correct(prescribe_parameter, first, begin.x, first)
-        if begin.distance(point) <= _MAX_INITIAL_MOTION:
+        x = problem.start(q)
+        point = problem.correct(prescribe_parameter, first, x, first)
+        if problem.measure(point.x - x) <= _MAX_INITIAL_MOTION:
             return point
     return _relax(problem, q, first if problem.system.has_scaled_loads else last, approach)
 
@@ -384,7 +384,7 @@ def _revisits(path: StagePath, steps: Steps, known: int) -> bool:
     others, last = points[:known], points[-1]
     size = _SAME_POINT_RATIO * steps.largest
     return any(
-        one.distance(last) < size
+        path.problem.measure(one.x - last.x) < size
         # Branch points of a straight column differ in their load factors only.
         and abs(one.p - last.p) * steps.parameter_weight < size
         for one in others
@@ -395,7 +395,7 @@ def _switch(path: StagePath, steps: Steps, side: float) -> None:
     """Let the path leave its last branch point along the crossing path."""
     branch, before, mode = path.end, path.points[-2], path.branch_points[-1].mode
     # The tangent is not unique at the branch point.
-    chord = Tangent(path.problem.difference(branch.x, before.x), branch.p - before.p)
+    chord = Tangent(branch.x - before.x, branch.p - before.p)
     first, path.tangent = switch(branch, mode, chord, side, steps)
     path.points.append(first)
 
@@ -444,7 +444,8 @@ def _leave_free_position(path: StagePath, control: Control, targets: list[float]
     small = _MIN_FIRST_LOAD * first
     with suppress(CurveError):
         point = problem.correct(prescribe_parameter, begin.p + small, begin.x, begin.p + small)
-        if begin.distance(point) <= _MAX_INITIAL_MOTION and not stability_of(point).free:
+        motion = problem.measure(point.x - begin.x)
+        if motion <= _MAX_INITIAL_MOTION and not stability_of(point).free:
             tangent = point.tangent(prescribe_parameter(point.x, point.p))
             path.tangent = tangent.scale(float(np.sign(small)) or 1.0)
             return True
