@@ -5,6 +5,7 @@ from __future__ import annotations
 import weakref
 from collections import Counter, deque
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from itertools import compress
@@ -280,6 +281,8 @@ class StaticProblem(Problem):
         See above.
     pattern
         CSC pattern of the tangent F_x, (n + m, n + m).
+    n, rigid_size
+        Numbers of coordinates, and of unknowns before the forces of beams and springs.
     """
 
     def __init__(self, system: LoadedEquations) -> None:
@@ -291,14 +294,14 @@ class StaticProblem(Problem):
             self._idle = find_idle_forces(pair[0]) | find_idle_forces(pair[1])
         self._forms = self._convert(pair)
         first, last = (x.equations for x in self._forms)
-        self._rigid, self._remainder = self._forms[1].joint_count, self._forms[1].remainder
-        self._reference, self._n, self._held = last, last.n, len(held)
+        self.n, self.rigid_size = last.n, last.n + self._forms[1].joint_count
+        self._reference, self._held = last, len(held)
         if system.is_linear:
             structures = _split_structures(first, last)
         else:
             none = _select_terms(last.structure, (False,) * len(_term_keys(last.structure)))
             structures = none, last.structure, last.structure
-        added = (*held, *range(last.n + self._rigid, last.n + last.m))
+        added = (*held, *range(self.rigid_size, last.n + last.m))
         self._plan = _plan_system(*structures, added)
         self.pattern = self._plan.pattern
         self._weights = np.append(1.0 / last.group_scales, np.zeros(last.m))
@@ -325,7 +328,7 @@ class StaticProblem(Problem):
         """
         self._loop, run, begin = loop, loop.work, self.system.ends[0]
         run.weights[:] = self._weights
-        run.remainder[:] = self._remainder
+        run.remainder[:] = self._forms[1].remainder
         run.added[: self._held], run.added[self._held :] = 0.0, -1.0
         self._center(begin)
         self._run(self.start(self._reference.q0), begin, EVALUATE_TANGENT)
@@ -343,7 +346,7 @@ class StaticProblem(Problem):
         plan, size, nnz = self._plan, self.pattern.shape[0], self._plan.bordered.nnz
         matrix = FactorizedMatrix.from_pattern(plan.bordered)
         starts = np.array([part.rows.start for part in self._reference.parts], np.intp)
-        parts = starts[np.searchsorted(starts, np.arange(self._n), "right") - 1]
+        parts = starts[np.searchsorted(starts, np.arange(self.n), "right") - 1]
 
         def make_part(plans: tuple[SumPlan, SumPlan], k: int, native: bool) -> LoadPart:
             p = self._forms[k].equations.p
@@ -366,26 +369,26 @@ class StaticProblem(Problem):
                     np.append(plan.tangent_targets, nnz),
                     parts,
                     self.rigid_size,
-                    self._remainder,
+                    self._forms[1].remainder,
                 ),
                 nonzeros=np.zeros(nnz + 1),
                 scaled=matrix.nonzeros,
                 products=np.ones(nnz),
                 sizes=np.ones(size + 1),
-                inputs=np.zeros(self._n + size),
+                inputs=np.zeros(self.n + size),
                 forces=np.zeros(size),
                 by_factor=np.zeros(size),
                 row=np.zeros(size + 1),
                 row_targets=plan.row_targets,
                 counting=np.arange(size + 1, dtype=np.uint32),
                 right=np.zeros(size + 1),
-                remainder=np.zeros(size - self._n),
+                remainder=np.zeros(size - self.n),
                 added_targets=plan.added_targets,
                 added=np.zeros(len(plan.added_targets)),
                 weights=np.zeros(size),
                 corrections=Corrections(),
                 column_start=int(plan.bordered.indptr[size]),
-                joint_count=self._rigid,
+                joint_count=self.rigid_size - self.n,
             )
 
         native = all(x.load_native(compiles) for plans in plan.sums for x in plans)
@@ -411,19 +414,9 @@ class StaticProblem(Problem):
         """Inverse sizes of the coordinates that make all parts equally stiff as drawn."""
         return np.where(self._weights > 0.0, 1.0 / self.scales, 0.0)
 
-    @property
-    def n(self) -> int:
-        """Number of coordinates."""
-        return self._n
-
-    @property
-    def rigid_size(self) -> int:
-        """Number of unknowns before the forces of beams and springs."""
-        return self._n + self._rigid
-
     def start(self, q: Array) -> Array:
         """Return the unknowns (q, 0)."""
-        return np.append(q, np.zeros(len(self.weights) - self._n))
+        return np.append(q, np.zeros(len(self.weights) - self.n))
 
     def linearize(self, x: Array, p: float, last: Any = None) -> StaticLinearization:
         """Return the equations, linearized about (x, p)."""
@@ -444,17 +437,17 @@ class StaticProblem(Problem):
         x, p = point.x, point.p
         signs = self.count_signs(x, p)
         if signs.size <= NEGLIGIBLE_STIFFNESS:
-            return Count(0, 0, free=self._n - self._rigid)
-        m = len(x) - self._n
+            return Count(0, 0, free=2 * self.n - self.rigid_size)
+        m = len(x) - self.n
         free = signs.above - signs.below
         by_signs = Count(signs.below - m, 0, 0, free, *self._pair_of_determinant(signs))
-        if signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size or self._rigid >= self._n:
+        if signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size or self.rigid_size >= 2 * self.n:
             return by_signs
         try:
             factors = splu(sp.csc_matrix(self.matrix(x, p)))
         except RuntimeError:
             return by_signs
-        flexibility = Flexibility(self._n, lambda right: factors.solve(right)[: self._n])
+        flexibility = Flexibility(self.n, lambda right: factors.solve(right)[: self.n])
         reduced = reduce_to_soft_motions(flexibility, m)
         if has_potential(reduced):
             # Close to a critical point, the symmetric part has another sign in the softest motion.
@@ -469,13 +462,13 @@ class StaticProblem(Problem):
         """Return the pair of +-l with l^2 = -det K in admissible motions, and log |l|."""
         if signs.below != signs.above or signs.below < 0:
             return np.zeros((2, 0)), 0.0
-        is_negative = (signs.below - len(signs.scales) + self._n) % 2 == 1
+        is_negative = (signs.below - len(signs.scales) + self.n) % 2 == 1
         log_unit = 0.5 * float(np.sum(np.log(np.abs(signs.factors.pivots))))
         return np.array([[0.0], [1.0 if is_negative else -1.0]]), log_unit
 
     def _motion_matrices(self, point: Point) -> tuple[sp.csc_array, sp.csc_array]:
         """Return mass (n, n) and damping (n + m, n) in natural sizes, with that of constraints."""
-        n, scales, at_rest = self._n, self.scales, np.zeros(self._n)
+        n, scales, at_rest = self.n, self.scales, np.zeros(self.n)
         state = State(point.x[:n], at_rest, at_rest, point.x[n:])
         tangent = self.system.motion_tangent(
             point.p, state, lambda e: introduce_resultants(e, self._idle).equations
@@ -490,14 +483,11 @@ class StaticProblem(Problem):
         run = self._run(x, mu, EVALUATE_FORCES)
         return run.forces.copy(), run.by_factor.copy()
 
-    def tangent(self, x: Array, mu: float) -> Array:
-        """Return the non-zeros of F_x on `pattern`."""
-        return self._run(x, mu, EVALUATE_TANGENT).nonzeros[self._plan.tangent_targets]
-
     def matrix(self, x: Array, mu: float) -> sp.csc_array:
         """Return F_x in natural sizes of the unknowns, see `scales`."""
         pattern, scales = self.pattern, self.scales
-        entries = (self.tangent(x, mu), pattern.indices, pattern.indptr)
+        nonzeros = self._run(x, mu, EVALUATE_TANGENT).nonzeros[self._plan.tangent_targets]
+        entries = (nonzeros, pattern.indices, pattern.indptr)
         return sp.csc_array(sp.csc_array(entries, pattern.shape) * scales * scales[:, None])
 
     def count_signs(self, x: Array, mu: float) -> SaddlePoint:
@@ -506,7 +496,7 @@ class StaticProblem(Problem):
 
     def correct(self, control: Control, target: float, x: Array, p: float) -> Point:
         """Return the solution at which the control has the value `target`, by Newton's method."""
-        run, n, code = self._loop.work, self._n, CORRECTED
+        run, n, code = self._loop.work, self.n, CORRECTED
         run.corrections.restart()
         while code == CORRECTED:
             row = control(x, p)
@@ -559,23 +549,19 @@ class StaticProblem(Problem):
         return self._loop.work
 
     def _perform(self, task: int) -> int:
+        """Run the loop; return its code."""
         run = self._loop.work
         run.task = task
-        code = self._call()
+        # Plain Python warns of numbers that are not finite.
+        with nullcontext() if self.is_native else np.errstate(over="ignore", invalid="ignore"):
+            code = self._loop()
         if code == SINGULAR:
             run.linear.singular = 0
             raise CurveError(_SINGULAR)
         return code
 
-    def _call(self) -> int:
-        """Run the loop; return its code."""
-        if self.is_native:
-            return self._loop()
-        with np.errstate(over="ignore", invalid="ignore"):
-            return self._loop()
-
     def _set_point(self, x: Array, mu: float) -> None:
-        run, n = self._loop.work, self._n
+        run, n = self._loop.work, self.n
         q, lam = run.inputs[:n], run.inputs[2 * n :]
         if not (mu == run.mu and np.array_equal(x[:n], q) and np.array_equal(x[n:], lam)):
             q[:], lam[:], run.mu = x[:n], x[n:], mu
