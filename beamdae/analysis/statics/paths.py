@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -206,6 +206,19 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             break
     all_factors = np.array(factors).reshape(len(points), width)
     return EquilibriumPath(points, all_factors, tuple(critical), status, tuple(notes), approach)
+
+
+def tabulate_points(loading: Loading, points: Sequence[Point]) -> dict[str, Any]:
+    """Return the fields of `Equilibrium` with a row for each point."""
+    e, parameter = loading.systems[0].equations, loading.parameter
+    states = np.array([point.x for point in points])
+    q, lam, _ = np.split(states, [e.n, e.n + e.m], axis=1)
+    times = np.array([problem_of(point).system.time_at(point.p) for point in points])
+    numbers = None
+    if parameter is not None and parameter.time is not None:
+        numbers = np.array([parameter.equations_at(point.p).p for point in points])
+    lam = loading.full_multipliers(q, lam, times)
+    return {"q": q, "lam": lam, "times": times, "numbers": numbers}
 
 
 def _require_loads(loading: Loading, settings: PathSettings) -> None:
