@@ -283,7 +283,7 @@ def find_unloaded_equilibrium(
     x = problem.start(q)
     try:
         point = problem.correct(prescribe_parameter, first, x, first)
-        motion = np.abs(problem.difference(point.x, x)) * problem.weights
+        motion = np.abs(point.x - x) * problem.weights
         if np.max(motion, initial=0.0) <= _MAX_INITIAL_MOTION:
             return point
     except CurveError:
@@ -452,7 +452,7 @@ def _switch(path: StagePath, steps: Steps, side: float) -> None:
     mode[: path.problem.n] = path.branch_points[-1].mode
     before = path.points[-2]
     # The tangent is not unique at the branch point.
-    chord = Tangent(path.problem.difference(branch.x, before.x), branch.p - before.p)
+    chord = Tangent(branch.x - before.x, branch.p - before.p)
     first, path.tangent = switch(branch, mode, chord, side, steps)
     path.points.append(first)
 
@@ -501,7 +501,7 @@ def _leave_free_position(path: StagePath, control: Control, targets: list[float]
     small = _MIN_FIRST_LOAD * first
     try:
         point = problem.correct(prescribe_parameter, begin.p + small, begin.x, begin.p + small)
-        motion = np.abs(problem.difference(point.x, begin.x)) * problem.weights
+        motion = np.abs(point.x - begin.x) * problem.weights
         if np.max(motion, initial=0.0) <= _MAX_INITIAL_MOTION and not stability_of(point).free:
             tangent = point.tangent(prescribe_parameter(point.x, point.p))
             path.tangent = tangent.scale(float(np.sign(small)) or 1.0)
