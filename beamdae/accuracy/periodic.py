@@ -24,7 +24,12 @@ from beamdae.integrators import Integrator
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_parameters import split_unit
 from beamdae.results.frequency_response import FrequencyResponse
-from beamdae.results.periodic_motion import PeriodicMotion, floquet_multipliers, largest_modulus
+from beamdae.results.periodic_motion import (
+    MULTIPLIER_HEADER,
+    PeriodicMotion,
+    floquet_multipliers,
+    largest_modulus,
+)
 
 Array = np.ndarray
 
@@ -131,7 +136,7 @@ def _find_motion(
             other = solve_shooting(period_map, q, v, tolerance, free_period=True).run
         else:
             other = settle_and_solve(period_map, 0, tolerance).run
-        multipliers = floquet_multipliers(other.resolved_monodromy())
+        multipliers = floquet_multipliers(other.monodromy())
     if other.relative_deviation > tolerance.accepted:
         raise BeamdaeError("Newton's method does not converge")
     period = other.period_map.period
@@ -143,7 +148,7 @@ def _compare(motion: PeriodicMotion, other: PeriodicMotion, refined: Refined) ->
 
     The phase of motions with a free period is arbitrary, so that only peaks are compared.
     """
-    names = [*["period [s]"] * motion.is_free, "largest multiplier [-]"]
+    names = [*["period [s]"] * motion.is_free, MULTIPLIER_HEADER]
     values, others = (
         np.array([*[x.period] * motion.is_free, largest_modulus(x.multipliers)])
         for x in (motion, other)

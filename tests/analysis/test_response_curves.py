@@ -181,7 +181,7 @@ def test_regression_a_failed_response_has_a_table_with_its_columns(monkeypatch):
     """The table had no columns, and its CSV file no header."""
     module = "beamdae.analysis.periodic.periodic_continuation"
     incomplete = SimpleNamespace(
-        relative_deviation=1.0, resolved_monodromy=lambda: np.diag([0.9, 0.9])
+        relative_deviation=1.0, monodromy=lambda: np.diag([0.9, 0.9])
     )
     monkeypatch.setattr(f"{module}.settle_and_solve", lambda *_: SimpleNamespace(run=incomplete))
     with pytest.warns(bd.BeamdaeWarning, match=r"use bd\.linearize\(\.\.\.\)\.frequency_resp"):
@@ -294,7 +294,7 @@ def test_regression_unsolvable_linearized_equations_are_no_first_motion(monkeypa
     def fail(*_, **__):
         raise LinearizationError("periodic: the equations linearized at t = 0 s cannot be solved.")
 
-    monkeypatch.setattr(PeriodRun, "resolved_monodromy", fail)
+    monkeypatch.setattr(PeriodRun, "monodromy", fail)
     with pytest.warns(bd.BeamdaeWarning, match=r"^frequency_response: frequency = 40: the equ"):
         response = bd.frequency_response(pushed_mass, "frequency", (40.0, 41.0), settle=1)
     assert response.status.kind == "failed"

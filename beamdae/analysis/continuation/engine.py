@@ -459,7 +459,9 @@ def follow(
     has_arrived = control(begin.x, begin.p).value == target
     progress = _Progress(begin, tangent, steps.first * steps.largest)
     while not has_arrived:
-        segment, found, progress, has_arrived = _take_step(progress, control, target, steps, explain)
+        segment, found, progress, has_arrived = _take_step(
+            progress, control, target, steps, explain
+        )
         yield segment, found
 
 

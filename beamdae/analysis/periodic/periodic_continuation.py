@@ -27,7 +27,7 @@ from beamdae.analysis.continuation.engine import (
     prescribe_parameter,
 )
 from beamdae.analysis.periodic.load_periods import Loads
-from beamdae.analysis.periodic.period_map import PeriodMap, as_radau, build_periodic_equations
+from beamdae.analysis.periodic.period_map import PeriodMap, adopt_radau, build_periodic_equations
 from beamdae.analysis.periodic.shooting import (
     DAMPING_REMEDY,
     MAX_SETTLING_PERIODS,
@@ -191,7 +191,7 @@ def frequency_response(
     model.complete({parameter: ends[0]})
     method = Radau(_MAX_RTOL) if integrator is None else integrator
     require_integrator(_NAME, method)
-    method = as_radau(method, _MAX_RTOL) or method
+    method = adopt_radau(method, _MAX_RTOL)
     period_at = (lambda frequency: 1.0 / frequency) if period is None else period
     begin = require_finite(_NAME, "t_start", t_start)
     first_step = require_positive(_NAME, "step", step)
