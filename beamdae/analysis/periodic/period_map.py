@@ -47,10 +47,7 @@ class IncompleteRunError(BeamdaeError, CurveError):
     """Raised if a run ends early; `solution` is the incomplete run."""
 
     def __init__(self, run: str, solution: Solution) -> None:
-        reason = solution.status.sentence
-        if "loosen rtol" in reason:
-            reason += "; rtol is that of integrator=, such as bd.Radau(1e-6)"
-        super().__init__(f"periodic: {run} was not finished: {reason}.")
+        super().__init__(f"periodic: {run} was not finished: {solution.status.sentence}.")
         self.solution = solution
 
 

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 import scipy.linalg as la
+from scipy.optimize import minimize_scalar
 
 from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.engine import (
@@ -66,9 +67,8 @@ _NEUTRAL_RATIO = 1e-9
 _DAMPING_RATIO = 0.1  # of corrections with a free period, relative to the deviation
 # A run has returned to its final state where it differs by at most this fraction of the range of
 # each coordinate and velocity; coordinates with a far smaller range than others are at rest. Number
-# of times at which states are compared, and around the nearest of these times.
-_RETURN_DISTANCE, _REST_RATIO = 0.2, 1e-6
-_RETURN_SAMPLES, _REFINED_RETURN_SAMPLES = 4001, 201
+# of times at which states are compared.
+_RETURN_DISTANCE, _REST_RATIO, _RETURN_SAMPLES = 0.2, 1e-6, 4001
 # Errors of runs are amplified at resonances without damping.
 DAMPING_REMEDY = (
     "add damping, such as damping= of the sections, or, for small motions, use "
@@ -497,19 +497,24 @@ def estimate_period(solution: Solution) -> float | None:
         q -= np.where(is_angle, FULL_TURN * np.round(q / FULL_TURN), 0.0)
         return np.concatenate([q, state.v - last.v[-1]], axis=1)
 
-    times = np.linspace(trajectory.start, trajectory.end, _RETURN_SAMPLES)
+    # From the end backward.
+    times = np.linspace(trajectory.end, trajectory.start, _RETURN_SAMPLES)
     changes = differences(times)
-    ranges = np.ptp(changes[_RETURN_SAMPLES // 2 :], axis=0)
+    ranges = np.ptp(changes[: _RETURN_SAMPLES // 2], axis=0)
     largest = np.repeat([np.max(x) for x in np.split(ranges, 2)], len(is_angle))
     ranges[ranges <= _REST_RATIO * largest] = np.inf
-    # From the end backward.
-    distance = np.max(np.abs(changes / ranges), axis=1)[::-1]
+    distance = np.max(np.abs(changes / ranges), axis=1)
+    is_near = distance < _RETURN_DISTANCE
     departed = int(np.argmax(distance > 2.0 * _RETURN_DISTANCE))
-    near = departed + np.flatnonzero(distance[departed:] < _RETURN_DISTANCE)
-    if not departed or not len(near):
+    first = departed + int(np.argmax(is_near[departed:]))
+    if not departed or not is_near[first]:
         return None
-    near = near[: int(np.argmax(np.append(np.diff(near) > 1, True))) + 1]
-    nearest = len(times) - 1 - int(near[np.argmin(distance[near])])
-    around = np.linspace(times[max(nearest - 1, 0)], times[nearest + 1], _REFINED_RETURN_SAMPLES)
-    distance = np.linalg.norm(differences(around) / ranges, axis=1)
-    return float(trajectory.end - around[np.argmin(distance)])
+    stop = first + int(np.argmin(np.append(is_near[first:], False)))
+    nearest = first + int(np.argmin(distance[first:stop]))
+    bounds = times[min(nearest + 1, len(times) - 1)], times[nearest - 1]
+    found = minimize_scalar(
+        lambda t: float(np.linalg.norm(differences(np.array([t])) / ranges)),
+        bounds=bounds,
+        method="bounded",
+    )
+    return float(trajectory.end - found.x)
