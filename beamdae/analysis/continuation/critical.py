@@ -196,32 +196,6 @@ def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
     return CriticalPoint(low.position + share * width, BRANCH, point, critical_mode(low.point))
 
 
-class _Test(NamedTuple):
-    """Bordered test function g: [[J, b], [b^T, 0]] (v, g) = (0, 1), zero where J is singular.
-
-    For motions that alternate, J is that of the sum of monodromy matrix and identity.
-    """
-
-    border: Array
-    alternates: bool
-
-    @classmethod
-    def at(cls, point: Point, alternates: bool) -> _Test:
-        """Return the function with the critical mode of a point as its border."""
-        mode = critical_mode(_select_matrix(point, alternates))
-        return cls(point.problem.mode_weights**2 * mode, alternates)
-
-    def __call__(self, point: Point) -> tuple[float, Array]:
-        """Return g and the mode v."""
-        factors = _select_matrix(point, self.alternates).bordered(self.border, self.border, 0.0)
-        solution = factors.solve(np.append(np.zeros(len(point.x)), 1.0))
-        return float(solution[-1]), solution[:-1]
-
-
-def _select_matrix(point: Point, alternates: bool) -> Point:
-    return replace(point, linearization=point.linearization.alternating) if alternates else point
-
-
 def _find_root(
     segment: Segment, low: _Sample, high: _Sample, alternates: bool
 ) -> tuple[float, Point, Array] | None:
@@ -231,8 +205,17 @@ def _find_root(
     moves points closer to a crossing along the critical mode. The result is None without a sign
     change, at a pole, or if the samples do not suffice.
     """
+
+    def test(point: Point) -> tuple[float, Array]:
+        return _test_singularity(select(point), border)
+
+    def select(point: Point) -> Point:
+        # Motions alternate where the sum of monodromy matrix and identity is singular.
+        linear = point.linearization
+        return replace(point, linearization=linear.alternating) if alternates else point
+
     for end in (low.point, high.point):
-        test = _Test.at(end, alternates)
+        border = end.problem.mode_weights**2 * critical_mode(select(end))
         (first, _), (last, mode) = test(low.point), test(high.point)
         if first * last < 0.0:
             break
@@ -286,7 +269,7 @@ def _find_root(
         part = segment.part(points[left], points[right], left, right)
         return root, part.at((root - left) / (right - left)), critical
     point = interpolate(points, root)
-    if not alternates and _opposes(point, test.border) > _MAX_IMPERFECTION:
+    if not alternates and _opposes(point, border) > _MAX_IMPERFECTION:
         raise CurveError("the stability changes abruptly")
     return root, point, critical
 
@@ -321,11 +304,15 @@ def critical_mode(point: Point) -> Array:
 
     Its largest entry is 1 in sizes that make all parts equally stiff.
     """
-    size, weights = len(point.x), point.problem.mode_weights
-    mode = np.cos(np.arange(size) ** 2.0) / np.where(weights > 0.0, weights, 1.0)
+    weights = point.problem.mode_weights
+    mode = np.cos(np.arange(len(weights)) ** 2.0) / np.where(weights > 0.0, weights, 1.0)
     for _ in range(3):
-        border = weights**2 * mode
-        factors = point.bordered(border, border, 0.0)
-        mode = factors.solve(np.append(np.zeros(size), 1.0))[:-1]
+        _, mode = _test_singularity(point, weights**2 * mode)
         mode = mode / np.max(np.abs(weights * mode))
     return mode
+
+
+def _test_singularity(point: Point, border: Array) -> tuple[float, Array]:
+    """Return g and v of [[J, b], [b^T, 0]] (v, g) = (0, 1): g is zero where J is singular."""
+    solution = point.bordered(border, border, 0.0).solve(np.append(np.zeros(len(border)), 1.0))
+    return float(solution[-1]), solution[:-1]

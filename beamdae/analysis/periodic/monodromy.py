@@ -24,7 +24,6 @@ from beamdae.analysis.periodic.variational_loop import (
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import (
-    FirstOrderBuffers,
     FirstOrderForm,
     evaluate_jacobian_parts,
     formulate_first_order,
@@ -87,17 +86,45 @@ class VariationalEquations:
         real = FactorizedMatrix.from_pattern(pattern, in_lanes=True)
         complex_ = FactorizedMatrix.from_pattern(pattern, complex, real, in_lanes=True)
 
+        n, size, reduced_size = form.equations.n, form.size, pattern.shape[0]
+        parts = _arrange_parts(pattern, jacobian, n)
+        rows, blocks = _STAGES * _STEPS_PER_CALL, -(-2 * n // LANES)
+        vectors = ("y", "yp", "real_change", "complex_real", "complex_imaginary")
+
         def make_workspace(native: bool) -> VariationalWorkspace:
             buffers = form.buffers(native)
             buffers.jacobian = jacobian.sum(native, form.equations.p)
-            return _make_workspace(
-                form,
-                buffers,
-                pattern,
-                _arrange_parts(pattern, jacobian, form.equations.n),
-                reduction,
-                (real.make_solver(native, "auto"), real.nonzeros),
-                (complex_.make_solver(native, "auto"), complex_.nonzeros),
+            return VariationalWorkspace(
+                form=buffers,
+                real_solver=real.make_solver(native, "auto"),
+                complex_solver=complex_.make_solver(native, "auto"),
+                reduction=KinematicReduction(*map(index_lanes, reduction)),
+                step_size=StepSizeState(math.inf),
+                times=np.zeros(rows),
+                states=np.zeros((rows, size)),
+                state_rates=np.zeros((rows, size)),
+                h=np.zeros(_STEPS_PER_CALL),
+                disturbances=_lane_zeros(size, blocks),
+                ends=_lane_zeros(size, blocks),
+                disturbances_w=_lane_zeros(size, _STAGES * blocks),
+                ends_w=_lane_zeros(size, _STAGES * blocks),
+                scales=np.zeros(2 * n),
+                weights=_lane_zeros(2 * n)[0],
+                jacobians=np.zeros((_STAGES, 3 * pattern.nnz + 1)),
+                real_nonzeros=real.nonzeros,
+                complex_nonzeros=complex_.nonzeros,
+                row_starts=parts.indptr.astype(np.uint32),
+                entry_columns=parts.indices.astype(np.uint32),
+                entry_sources=parts.data.astype(np.uint32),
+                right=_lane_zeros(reduced_size)[0],
+                complex_right=_lane_zeros(reduced_size, dtype=complex)[0],
+                extrapolation=np.zeros((_STAGES, _STAGES)),
+                velocities=_lane_zeros(n)[0],
+                complex_change=_lane_zeros(size, dtype=complex)[0],
+                residuals=_lane_zeros(reduced_size, _STAGES),
+                unknowns=_lane_zeros(parts.shape[1])[0],
+                **{name: _lane_zeros(size)[0] for name in vectors},
+                **{name: _lane_zeros(size, _STAGES) for name in ("w", "last_w", "stages", "rates")},
             )
 
         def matrices(run: VariationalWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
@@ -132,27 +159,23 @@ class VariationalEquations:
         rows = self._constraint_rows(time, state, scales)
         admissible = la.solve_triangular(factors, rows.T, lower=True)
         lengths = np.linalg.norm(admissible, axis=0)
-        nonzero = admissible[:, lengths > 0.0] / lengths[lengths > 0.0]
-        directions = la.null_space(nonzero.T) if nonzero.size else np.eye(2 * n)
+        is_nonzero = lengths > _ZERO_ROW_RATIO * np.max(lengths, initial=_TINY)
+        unit = admissible[:, is_nonzero] / lengths[is_nonzero]
+        directions = la.null_space(unit.T) if unit.size else np.eye(2 * n)
         return (
             scales[:, None] * la.solve_triangular(factors.T, directions, lower=False),
             (factors @ directions).T / scales,
         )
 
     def _constraint_rows(self, time: Array, state: State, scales: Array) -> Array:
-        """Return the scaled derivatives of the constraints with respect to (q, v).
-
-        Rows of zeros are omitted.
-        """
+        """Return the scaled derivatives of the constraints with respect to (q, v)."""
         form, n, m = self.form, self.equations.n, self.equations.m
         y, yp = form.pack(state)
         nonzeros = np.zeros(2 * form.pattern.nnz)
         evaluate_jacobian_parts(form.buffers(), time[0], time[1], y, yp, nonzeros)
         by_y = np.zeros((form.size, form.size))
         by_y[form.pattern.indices, column_indices(form.pattern)] = nonzeros[: form.pattern.nnz]
-        rows = by_y[2 * n : 2 * (n + m), : 2 * n] * scales
-        size = np.linalg.norm(rows, axis=1)
-        return rows[size > _ZERO_ROW_RATIO * np.max(size, initial=_TINY)]
+        return by_y[2 * n : 2 * (n + m), : 2 * n] * scales
 
     def propagate(
         self,
@@ -226,56 +249,6 @@ class VariationalEquations:
         work.branch, work.steps, work.next = interval.branch, len(h), 0
         self._loop()
         return work.next
-
-
-def _make_workspace(
-    form: FirstOrderForm,
-    buffers: FirstOrderBuffers,
-    pattern: sp.csc_array,
-    parts: sp.csr_array,
-    reduction: KinematicReduction,
-    real: tuple[Any, Array],
-    complex_: tuple[Any, Array],
-) -> VariationalWorkspace:
-    """Return the work arrays.
-
-    `parts` are those of `_arrange_parts`; `real` and `complex_` are pairs (solver, non-zeros).
-    """
-    n, size, reduced_size = form.equations.n, form.size, pattern.shape[0]
-    rows, blocks = _STAGES * _STEPS_PER_CALL, -(-2 * n // LANES)
-    vectors = ("y", "yp", "real_change", "complex_real", "complex_imaginary")
-    return VariationalWorkspace(
-        form=buffers,
-        real_solver=real[0],
-        complex_solver=complex_[0],
-        reduction=KinematicReduction(*map(index_lanes, reduction)),
-        step_size=StepSizeState(math.inf),
-        times=np.zeros(rows),
-        states=np.zeros((rows, size)),
-        state_rates=np.zeros((rows, size)),
-        h=np.zeros(_STEPS_PER_CALL),
-        disturbances=_lane_zeros(size, blocks),
-        ends=_lane_zeros(size, blocks),
-        disturbances_w=_lane_zeros(size, _STAGES * blocks),
-        ends_w=_lane_zeros(size, _STAGES * blocks),
-        scales=np.zeros(2 * n),
-        weights=_lane_zeros(2 * n)[0],
-        jacobians=np.zeros((_STAGES, 3 * pattern.nnz + 1)),
-        real_nonzeros=real[1],
-        complex_nonzeros=complex_[1],
-        row_starts=parts.indptr.astype(np.uint32),
-        entry_columns=parts.indices.astype(np.uint32),
-        entry_sources=parts.data.astype(np.uint32),
-        right=_lane_zeros(reduced_size)[0],
-        complex_right=_lane_zeros(reduced_size, dtype=complex)[0],
-        extrapolation=np.zeros((_STAGES, _STAGES)),
-        velocities=_lane_zeros(n)[0],
-        complex_change=_lane_zeros(size, dtype=complex)[0],
-        residuals=_lane_zeros(reduced_size, _STAGES),
-        unknowns=_lane_zeros(parts.shape[1])[0],
-        **{name: _lane_zeros(size)[0] for name in vectors},
-        **{name: _lane_zeros(size, _STAGES) for name in ("w", "last_w", "stages", "rates")},
-    )
 
 
 def _arrange_parts(pattern: sp.csc_array, plan: SumPlan, n: int) -> sp.csr_array:

@@ -281,8 +281,8 @@ def _describe_outcome(run: PeriodRun, iterations: int, limits: Tolerance, is_fre
     name = run.solution.equations.q_names[int(np.argmax(np.abs(run.difference / run.scales))) % n]
     sentence = (
         f"after {iterations} iterations the end of the period differs from the start by "
-        f"{deviation:.3g} times the amplitude, most in {name!r}; change start=, increase settle= or "
-        "use a more accurate integrator"
+        f"{deviation:.3g} times the amplitude, most in {name!r}; change start=, increase settle= "
+        "or use a more accurate integrator"
     )
     at = run.period_map
     if not is_free and Loads(at.equations, at.begin, at.period).are_constant:
