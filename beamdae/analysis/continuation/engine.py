@@ -407,24 +407,8 @@ class Steps:
     smallest: float = 1e-8
 
 
-class _Progress(NamedTuple):
-    """State between two steps.
-
-    Attributes
-    ----------
-    begin, tangent
-        Begin of the next step, and direction there; None if the control approaches the target.
-    size
-        Proposed size of the next step.
-    last
-        Direction at the begin of the last step, its change (n + 1,), and that of its control, 0 for
-        arc length; None before the first step.
-    """
-
-    begin: Point
-    tangent: Tangent | None
-    size: float
-    last: tuple[Tangent, Array, float] | None = None
+# Direction at the begin of a step, its change, and that of its control, 0 for arc length.
+_Step = tuple[Array, Array, float]
 
 
 def follow(
@@ -456,67 +440,52 @@ def follow(
     CurveError
         If no step converges.
     """
-    has_arrived = control(begin.x, begin.p).value == target
-    progress = _Progress(begin, tangent, steps.first * steps.largest)
-    while not has_arrived:
-        segment, found, progress, has_arrived = _take_step(
-            progress, control, target, steps, explain
-        )
+    size, last = steps.first * steps.largest, None
+    is_last = control(begin.x, begin.p).value == target
+    while not is_last:
+        problem, row, usual = begin.problem, control(begin.x, begin.p), steps.largest
+        proposed, passes = size, False
+        if tangent is None:
+            tangent = begin.tangent(row).scale(np.sign(target - row.value))
+        if steps.by_arc_length:
+            tangent = tangent.scale(1.0 / _length(problem, tangent.packed, steps.parameter_weight))
+            motion, change = problem.measure(tangent.x), abs(tangent.p)
+            usual = min(
+                steps.largest / motion if motion > 0.0 else np.inf,
+                steps.parameter_step / change if change > 0.0 else np.inf,
+            )
+            size, usual = min(size, usual), min(usual, steps.largest)
+        while True:
+            is_corner, is_last = size <= _CORNER_STEP * usual, False
+            try:
+                trial, is_last = _plan_step(begin, control, row, target, steps, tangent, size)
+                if passes:
+                    values = trial.values[0], trial.values[0] + trial.reach / _TARGET
+                    trial = replace(trial, values=values)
+                segment, growth = _correct_step(trial, last, steps, is_corner)
+                after = control(segment.end.x, segment.end.p).value
+                if not is_last and (target - row.value) * (target - after) <= 0.0:
+                    raise CurveError("the step passes the target")
+                found = explain(segment)
+                if passes:
+                    segment, found = segment.end_at(_TARGET, found)
+                break
+            except CurveError:
+                # A target where the tangent is singular is found between regular points.
+                passes = is_last and not passes
+                if not passes:
+                    size, last = size * _CUT, None
+                    if size < steps.smallest * usual:
+                        raise
+        taken = 0.0 if isinstance(trial.control, ArcLength) else abs(trial.reach)
+        along = trial.begin_tangent.packed * np.sign(trial.reach)
+        last = along, segment.end.minus(begin).packed, taken
+        size = growth * (taken or size)
+        # A step that is shortened to meet a target does not shorten the next step.
+        size = max(size, proposed) if is_last else size
+        size = size if steps.by_arc_length else min(size, steps.largest)
+        begin, tangent = segment.end, segment.direction
         yield segment, found
-
-
-def _take_step(
-    progress: _Progress,
-    control: Control,
-    target: float,
-    steps: Steps,
-    explain: Callable[[Segment], list[Any]],
-) -> tuple[Segment, list[Any], _Progress, bool]:
-    """Return the next segment, its critical points, the progress, and True at the target."""
-    begin, tangent, size, last = progress
-    problem, row, usual = begin.problem, control(begin.x, begin.p), steps.largest
-    if tangent is None:
-        tangent = begin.tangent(row).scale(np.sign(target - row.value))
-    if steps.by_arc_length:
-        tangent = tangent.scale(1.0 / _length(problem, tangent, steps.parameter_weight))
-        motion, change = problem.measure(tangent.x), abs(tangent.p)
-        usual = min(
-            steps.largest / motion if motion > 0.0 else np.inf,
-            steps.parameter_step / change if change > 0.0 else np.inf,
-        )
-        size, usual = min(size, usual), min(usual, steps.largest)
-    passes = False
-    while True:
-        is_corner, is_last = size <= _CORNER_STEP * usual, False
-        try:
-            trial, is_last = _plan_step(begin, control, row, target, steps, tangent, size)
-            if passes:
-                values = trial.values[0], trial.values[0] + trial.reach / _TARGET
-                trial = replace(trial, values=values)
-            segment, growth = _correct_step(trial, last, steps.parameter_weight, is_corner)
-            after = control(segment.end.x, segment.end.p).value
-            if not is_last and (target - row.value) * (target - after) <= 0.0:
-                raise CurveError("the step passes the target")
-            found = explain(segment)
-            if passes:
-                segment, found = segment.end_at(_TARGET, found)
-            break
-        except CurveError:
-            # A target where the tangent is singular is found between regular points.
-            passes = is_last and not passes
-            if not passes:
-                size, last = size * _CUT, None
-                if size < steps.smallest * usual:
-                    raise
-    is_arc = isinstance(trial.control, ArcLength)
-    grown = growth * (size if is_arc else abs(trial.reach))
-    # A step that is shortened to meet a target does not shorten the next step.
-    grown = max(grown, progress.size) if is_last else grown
-    grown = grown if steps.by_arc_length else min(grown, steps.largest)
-    along = trial.begin_tangent.scale(float(np.sign(trial.reach)))
-    chord = segment.end.minus(begin).packed
-    done = along, chord, 0.0 if is_arc else abs(trial.reach)
-    return segment, found, _Progress(segment.end, segment.direction, grown, done), is_last
 
 
 def _plan_step(
@@ -549,7 +518,7 @@ def _plan_step(
 
 
 def _correct_step(
-    trial: Segment, last: tuple[Tangent, Array, float] | None, weight: float, is_corner: bool
+    trial: Segment, last: _Step | None, steps: Steps, is_corner: bool
 ) -> tuple[Segment, float]:
     """Return the segment of a planned step, and by which factor the next step may grow.
 
@@ -562,11 +531,12 @@ def _correct_step(
         If Newton's method fails, or the tangent at one of the ends does not lead to the other one.
     """
     begin, problem, control = trial.begin, trial.begin.problem, trial.control
-    change = trial.begin_tangent.scale(trial.reach)
-    is_arc = isinstance(control, ArcLength)
+    change, weight = trial.begin_tangent.scale(trial.reach), steps.parameter_weight
+    is_arc, cosine = isinstance(control, ArcLength), 1.0
     if is_arc and is_corner and problem.measure(change.x) > 0.0:
         trial = replace(trial, control=replace(control, parameter_weight=0.0))
-    predicted = _extrapolate(problem, last, change, 0.0 if is_arc else abs(trial.reach), weight)
+    reach = 0.0 if is_arc else abs(trial.reach)
+    predicted = _extrapolate(problem, last, change.packed, reach, weight)
     x, p = begin.x + predicted[:-1], begin.p + float(predicted[-1])
     end = problem.correct(trial.control, trial.values[1], x, p)
     segment = replace(trial, end=end)
@@ -579,43 +549,37 @@ def _correct_step(
         is_near = error <= moved + ROUNDING or missed <= problem.measure(returned.x) + ROUNDING
     else:
         is_near = max(error, missed) <= _MAX_ERROR * moved + ROUNDING
-    cosine = _cosine(problem, change, segment.direction, weight) if is_arc else 1.0
+    if steps.by_arc_length:
+        cosine = _cosine(problem, change.packed, segment.direction.packed, weight)
     if not is_near or (cosine < _MIN_COSINE and not is_corner):
         raise CurveError("the curve turns too sharply for the step")
     growth = np.sqrt((_AIMED_CORRECTION * moved + ROUNDING) / (error + NEGLIGIBLE))
-    growth = min(growth, _AIMED_ANGLE / np.arccos(cosine)) if cosine < 1.0 else growth
+    if is_arc and cosine < 1.0:
+        growth = min(growth, _AIMED_ANGLE / np.arccos(cosine))
     return segment, float(np.clip(growth, _MIN_GROWTH, _MAX_GROWTH))
 
 
 def _extrapolate(
-    problem: Problem,
-    last: tuple[Tangent, Array, float] | None,
-    change: Tangent,
-    reach: float,
-    weight: float,
+    problem: Problem, last: _Step | None, straight: Array, reach: float, weight: float
 ) -> Array:
     """Return the change (n + 1,) of a step along a cubic polynomial through the last one.
 
     The polynomial over the control, or over the arc length if `reach` is 0, has the tangents and
-    the chord of the last step. `change` is that along the tangent.
+    the chord of the last step. `straight` is the change along the tangent.
     """
-    straight, sizes = change.packed, np.append(problem.weights, weight)
+    sizes = np.append(problem.weights, weight)
     if last is None:
         return straight
-    start, chord, before = last[0].packed, last[1], last[2]
+    (start, chord, before), slope = last, 1.0
     if reach == 0.0:
         # Lengths must be smooth functions.
         reach, slope, before = (float(np.linalg.norm(sizes * x)) for x in (straight, start, chord))
-        start = start / slope if slope > 0.0 else start
-    if 0.0 in (reach, before):
+    if 0.0 in (reach, slope, before):
         return straight
-    ratio, rows = before / reach, [-chord, reach * start, np.zeros_like(chord), straight]
+    ratio, rows = before / reach, [-chord, reach / slope * start, np.zeros_like(chord), straight]
     curved = KroghInterpolator([-ratio, -ratio, 0.0, 0.0], rows)(1.0)
-    bent = curved - straight
-    is_smooth = _length(problem, Tangent(bent[:-1], bent[-1]), weight) <= _MAX_CURVED * _length(
-        problem, change, weight
-    )
-    return np.asarray(curved if is_smooth else straight)
+    bent, whole = (_length(problem, x, weight) for x in (curved - straight, straight))
+    return np.asarray(curved if bent <= _MAX_CURVED * whole else straight)
 
 
 def switch(
@@ -653,15 +617,15 @@ def switch(
     parts = plane - np.outer(plane @ (metric * known) / (known @ (metric * known)), known)
     shares = (parts**2 @ metric) / (plane**2 @ metric)
     part = side * parts[np.argmax(shares)]
+    part = part / _length(problem, part, weight)
     tangent = Tangent(part[:-1], float(part[-1]))
-    tangent = tangent.scale(1.0 / _length(problem, tangent, weight))
     control, size = ArcLength(branch, tangent, weight), 0.5 * steps.largest
     while True:
         try:
             step = tangent.scale(size)
             first = problem.correct(control, size, branch.x + step.x, branch.p + step.p)
             after = first.tangent(control(first.x, first.p))
-            if _cosine(problem, first.minus(branch), after, weight) < _MIN_COSINE:
+            if _cosine(problem, first.minus(branch).packed, after.packed, weight) < _MIN_COSINE:
                 raise CurveError("the curve turns too sharply for the step")
             return first, after
         except CurveError as error:
@@ -672,12 +636,14 @@ def switch(
                 ) from None
 
 
-def _length(problem: Problem, change: Tangent, weight: float) -> float:
-    return max(problem.measure(change.x), weight * abs(change.p))
+def _length(problem: Problem, change: Array, weight: float) -> float:
+    """Return the length of a change of (x, p)."""
+    return max(problem.measure(change[:-1]), weight * abs(float(change[-1])))
 
 
-def _cosine(problem: Problem, one: Tangent, other: Tangent, weight: float) -> float:
+def _cosine(problem: Problem, one: Array, other: Array, weight: float) -> float:
+    """Return the cosine of the angle between two changes of (x, p)."""
     sizes = np.append(problem.weights, weight)
-    first, second = sizes * one.packed, sizes * other.packed
-    lengths = np.linalg.norm(first) * np.linalg.norm(second)
-    return min(float(first @ second / lengths), 1.0) if lengths else 1.0
+    one, other = sizes * one, sizes * other
+    lengths = np.linalg.norm(one) * np.linalg.norm(other)
+    return min(float(one @ other / lengths), 1.0) if lengths else 1.0
