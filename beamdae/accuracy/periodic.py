@@ -24,12 +24,7 @@ from beamdae.integrators import Integrator
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_parameters import split_unit
 from beamdae.results.frequency_response import FrequencyResponse
-from beamdae.results.periodic_motion import (
-    MULTIPLIER_HEADER,
-    PeriodicMotion,
-    floquet_multipliers,
-    largest_modulus,
-)
+from beamdae.results.periodic_motion import PeriodicMotion, floquet_multipliers, largest_modulus
 
 Array = np.ndarray
 
@@ -148,7 +143,7 @@ def _compare(motion: PeriodicMotion, other: PeriodicMotion, refined: Refined) ->
 
     The phase of motions with a free period is arbitrary, so that only peaks are compared.
     """
-    names = [*["period [s]"] * motion.is_free, MULTIPLIER_HEADER]
+    names = [*["period [s]"] * motion.is_free, "largest multiplier [-]"]
     values, others = (
         np.array([*[x.period] * motion.is_free, largest_modulus(x.multipliers)])
         for x in (motion, other)

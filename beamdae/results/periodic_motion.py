@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-MULTIPLIER_HEADER = "largest multiplier [-]"
 _STABILITY_MARGIN = 1e-4  # moduli of the multipliers of stable motions may exceed 1 by this
+# Larger errors leave the stability open if they exceed the distance of the largest modulus from 1.
+_MAX_MULTIPLIER_ERROR = 1e-2
 # In place of the remedy of warnings about output rows, an option that periodic motions do not have.
 _ROW_REMEDY = (
     "amplitudes include the steps between the rows, but curves and the table of the rows do not."
@@ -39,8 +40,8 @@ class PeriodicMotion(HasTable, HasPage):
     ----------
     solution
         One period of the motion or, if the search did not converge, of its best iterate. If a run
-        of the search ended early, this incomplete run; then, `multipliers` is empty, and `off` is
-        infinite.
+        of the search ended early, this incomplete run; then, `multipliers` is empty, and
+        `multiplier_error` and `off` are infinite.
     period
         Period [s].
     multipliers
@@ -48,6 +49,9 @@ class PeriodicMotion(HasTable, HasPage):
         matrix for the motions that the joints allow. The modulus of a multiplier is the growth
         factor of a perturbation per period. Perturbations in modes that the steps do not resolve
         decay numerically, even if the modes are undamped.
+    multiplier_error
+        Estimated error of the largest modulus, from its changes when the steps of the variational
+        equations are halved.
     off
         Largest difference between the states at the start and the end of the period, relative to
         the amplitudes of the motion [-].
@@ -62,6 +66,7 @@ class PeriodicMotion(HasTable, HasPage):
     solution: Solution
     period: float
     multipliers: Array = field(default_factory=lambda: np.zeros(0, complex))
+    multiplier_error: float = np.inf
     off: float = np.inf
     iterations: int = 0
     status: Status = field(default=Status("ok", "repeats after one period"))
@@ -84,23 +89,32 @@ class PeriodicMotion(HasTable, HasPage):
 
     @property
     def stable(self) -> bool:
-        """True if the search converged and the moduli of all multipliers are at most 1.0001."""
-        limit = 1.0 + _STABILITY_MARGIN
-        return self.status.success and largest_modulus(self.multipliers) <= limit
+        """True if the search converged and no perturbation grows.
+
+        Moduli of the multipliers may exceed 1 by 1e-4 plus `multiplier_error`, unless the error is
+        so large that the stability is not known.
+        """
+        limit = 1.0 + _STABILITY_MARGIN + self.multiplier_error
+        is_known = self.status.success and not self._is_uncertain
+        return is_known and largest_modulus(self.multipliers) <= limit
 
     @property
-    def multiplier_error(self) -> float:
-        """Error of the largest modulus according to `errors`; infinite if it is not known."""
-        errors = self.errors
-        named = dict(zip(errors.headers, errors.total, strict=True))
-        error = float(named.get(MULTIPLIER_HEADER, np.nan))
-        return error * max(1.0, largest_modulus(self.multipliers)) if error >= 0.0 else np.inf
+    def _is_uncertain(self) -> bool:
+        """True if a large error of the multipliers does not permit a statement on stability."""
+        error = self.multiplier_error
+        distance = abs(largest_modulus(self.multipliers) - 1.0)
+        return error > _MAX_MULTIPLIER_ERROR and distance <= error
 
     @property
     def stability(self) -> str:
         """Description of the stability: "stable", "unstable: ..." or "not known: ..."."""
         if not self.status.success:
             return f"not known: {self.status.sentence}"
+        if self._is_uncertain:
+            return (
+                f"not known: the largest multiplier, {largest_modulus(self.multipliers):.3g}, is "
+                f"uncertain by {self.multiplier_error:.2g}; use a smaller rtol"
+            )
         if self.stable:
             return "stable"
         multiplier = self.multipliers[0]

@@ -434,13 +434,16 @@ def test_regression_vibrations_about_a_rotation_recommend_its_linearization(spee
         bd.periodic(rotor(), 1.0 / 3.0)
 
 
-def test_stability_is_that_of_the_largest_multiplier():
-    def motion(multiplier):
-        return PeriodicMotion(None, 1.0, np.array([multiplier + 0.0j]))
+def test_uncertain_multipliers_leave_the_stability_open():
+    def motion(multiplier, error):
+        return PeriodicMotion(None, 1.0, np.array([multiplier + 0.0j]), error)
 
-    assert motion(0.9).stable
-    assert motion(1.00005).stable
-    assert "unstable" in motion(1.45).stability
+    assert not motion(1.45, 0.6).stable
+    assert motion(1.45, 0.6).stability.startswith("not known: the largest multiplier, 1.45, is unc")
+    assert not motion(0.9, 0.2).stable
+    assert motion(0.5, 0.2).stable
+    assert "unstable" in motion(1.45, 0.2).stability
+    assert motion(1.00005, 1e-5).stable
 
 
 @pytest.mark.slow(reason="25 runs")

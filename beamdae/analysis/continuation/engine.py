@@ -125,7 +125,7 @@ class Problem(ABC):
             factors = linear.bordered(linear.by_parameter, row.x, row.p)
             step = factors.solve(-np.append(linear.residual, row.value - target))
             size = self.measure(step[:-1])
-            code = judge(corrections, size, self.is_solved(linear, size, corrections.last))
+            code = judge(corrections, size, self.is_solved(linear, step, size, corrections.last))
             if code == DONE:
                 return self.complete(Point(self, x, p, linear, corrections.count), step)
             if code != CORRECTED:
@@ -147,8 +147,8 @@ class Problem(ABC):
         solution = factors.solve(np.append(np.zeros(len(point.x)), 1.0))
         return Tangent(solution[:-1], float(solution[-1]))
 
-    def is_solved(self, linear: Any, size: float, last: float) -> bool:
-        """Return True if a point is a solution after its correction.
+    def is_solved(self, linear: Any, step: Array, size: float, last: float) -> bool:
+        """Return True if a point is a solution after its correction `step` of (x, p).
 
         `size` and `last` are the sizes of this and of the previous correction in natural sizes.
         """

@@ -183,6 +183,7 @@ class VariationalEquations:
         disturbances: Array,
         scales: Array,
         tolerance: float = EXACT_RANK,
+        refinement: int = 0,
     ) -> Array:
         """Propagate initial `disturbances` (2 n, k) of (q, v) to the end of a run.
 
@@ -198,24 +199,28 @@ class VariationalEquations:
             Natural sizes (2 n,) of (q, v).
         tolerance
             Error of the stages, relative to the disturbance.
+        refinement
+            Number of times the steps of the run are halved; -1 to join two steps.
 
         Raises
         ------
         LinearizationError
             If the iteration of the stages does not converge in steps that were halved this often.
         """
-        work, (n_state, count) = self._loop.work, disturbances.shape
-        work.count, work.tolerance = -(-count // LANES), tolerance
+        work, (n_state, columns) = self._loop.work, disturbances.shape
+        work.count, work.tolerance = -(-columns // LANES), tolerance
         work.scales[:] = 1.0 / scales
         # Blocks, state, lanes.
         blocks = work.disturbances[: work.count].reshape(work.count, -1, LANES)
         by_column = np.zeros((work.count * LANES, n_state))
-        by_column[:count] = disturbances.T
+        by_column[:columns] = disturbances.T
         blocks[:] = 0.0
         blocks[:, :n_state] = by_column.reshape(work.count, LANES, n_state).transpose(0, 2, 1)
         for interval in trajectory.intervals:
             work.step_size.last_step = 0.0
-            nodes, done = interval.t, 0
+            numbers, done = np.arange(len(interval.t)), 0
+            count = max(round(numbers[-1] * 2.0**refinement), 1)
+            nodes = np.interp(np.linspace(0.0, numbers[-1], count + 1), numbers, interval.t)
             shortest = 2.0**-_MAX_HALVINGS * np.min(np.diff(nodes))
             while done < len(nodes) - 1:
                 stop = min(done + _STEPS_PER_CALL, len(nodes) - 1)
@@ -229,7 +234,7 @@ class VariationalEquations:
                         )
                     nodes = np.insert(nodes, done + 1, middle)
         by_column = blocks[:, :n_state].transpose(0, 2, 1).reshape(-1, n_state)
-        return by_column[:count].T.copy()
+        return by_column[:columns].T.copy()
 
     def _take_steps(self, interval: Interval, nodes: Array) -> int:
         """Propagate the disturbances through steps with these ends; return the number of steps.

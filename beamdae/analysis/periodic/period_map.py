@@ -266,7 +266,9 @@ class PeriodRun:
         """Matrix (k, 2 n) that expresses disturbances of (q, v) in terms of `basis`."""
         return self._disturbance_basis[1]
 
-    def propagate(self, disturbances: Array, tolerance: float = EXACT_RANK) -> Array:
+    def propagate(
+        self, disturbances: Array, tolerance: float = EXACT_RANK, refinement: int = 0
+    ) -> Array:
         """Propagate disturbances (k, j) over the period; both are in terms of `basis`.
 
         Raises
@@ -275,15 +277,25 @@ class PeriodRun:
             As `VariationalEquations.propagate`.
         """
         return self.projection @ self.period_map.variational.propagate(
-            self.solution.trajectory, self.basis @ disturbances, self.scales, tolerance
+            self.solution.trajectory,
+            self.basis @ disturbances,
+            self.scales,
+            tolerance,
+            refinement,
         )
 
-    def monodromy(self, *directions: Array, tolerance: float = _NEWTON_RANK_TOLERANCE) -> Array:
+    def monodromy(
+        self,
+        *directions: Array,
+        tolerance: float = _NEWTON_RANK_TOLERANCE,
+        refinement: int = 0,
+    ) -> Array:
         """Return the monodromy matrix (k, k), in terms of `basis`.
 
         It maps disturbances at the start of the period to those at its end, and is exact on its
-        range, the deviation and `directions`, (k,) each; see `assemble_monodromy`. For runs of
-        `Radau`, this is the derivative of the discrete solution.
+        range, the deviation and `directions`, (k,) each; see `assemble_monodromy`. With the
+        steps of a run of `Radau`, this is the derivative of the discrete solution; `refinement` is
+        the number of times the steps are halved.
 
         Raises
         ------
@@ -292,7 +304,9 @@ class PeriodRun:
         """
         stage_tolerance = max(EXACT_RANK, _STAGE_TOLERANCE_RATIO * tolerance)
         columns = np.column_stack([self.projection @ self.difference, *directions])
-        return assemble_monodromy(lambda x: self.propagate(x, stage_tolerance), columns, tolerance)
+        return assemble_monodromy(
+            lambda x: self.propagate(x, stage_tolerance, refinement), columns, tolerance
+        )
 
     @property
     def rates(self) -> tuple[Array, Array]:

@@ -378,7 +378,7 @@ class PeriodProblem(Problem):
         shift, change = other.state - run.state, other.difference - run.difference
         return ShootingMatrix.of(run, shift / step, change / step)
 
-    def is_solved(self, linear: PeriodLinearization, size: float, last: float) -> bool:
+    def is_solved(self, linear: PeriodLinearization, step: Array, size: float, last: float) -> bool:
         """Return True if the deviation is within the tolerance, and so is the next correction.
 
         If disturbances decay slowly, a motion is off by a multiple of its deviation.
@@ -389,7 +389,7 @@ class PeriodProblem(Problem):
         stagnates = deviation > _STAGNATION_RATIO * least and size > _STAGNATION_RATIO * last
         if deviation <= target:
             # The largest change of a coordinate is at most this multiple of their mean square.
-            largest = size * np.sqrt(len(linear.x))
+            largest = max(size * np.sqrt(len(linear.x)), abs(step[-1]) * self.is_free)
             return stagnates or bool(largest <= _CORRECTION_RATIO * target)
         return deviation <= accepted and stagnates and linear.kept is None
 
