@@ -91,7 +91,7 @@ def test_invalid_arguments_are_rejected():
     oscillation = oscillator(bd.sine(1.0, 0.5))
     with pytest.raises(
         bd.BeamdaeError,
-        match=r"^load: loads or drivers .* do not repeat after the period of 3 s",
+        match=r"^mass\S*: loads or drivers .* do not repeat after the period of 3 s",
     ):
         bd.periodic(oscillation, 3.0)
     # Within these periods, a cosine changes by less than rounding errors.

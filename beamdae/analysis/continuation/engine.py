@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -61,6 +61,13 @@ class CurveError(Exception):
     """Raised if a point or a step cannot be found; the message says why, without a period."""
 
 
+class Factors(Protocol):
+    """Factors of a bordered matrix."""
+
+    def solve(self, right: Array) -> Array:
+        """Return the solution for a right-hand side (n + 1,)."""
+
+
 @dataclass(frozen=True, eq=False)
 class SparseLinearization:
     """Linearization of equations with a Jacobian (CSC), see `Problem.linearize`."""
@@ -69,7 +76,7 @@ class SparseLinearization:
     by_parameter: Array
     jacobian: sp.csc_array
 
-    def bordered(self, column: Array, row: Array, corner: float) -> Any:
+    def bordered(self, column: Array, row: Array, corner: float) -> Factors:
         """Return the factors of the bordered Jacobian."""
         return factorize_bordered(self.jacobian, column, row, corner)
 
@@ -229,7 +236,7 @@ class Point:
         """Return the change from another point to this one."""
         return Tangent(self.x - other.x, self.p - other.p)
 
-    def bordered(self, column: Array, row: Array, corner: float) -> Any:
+    def bordered(self, column: Array, row: Array, corner: float) -> Factors:
         """Return the factors of the Jacobian, bordered by a column and a row."""
         return self.linearization.bordered(column, row, corner)
 
@@ -241,7 +248,7 @@ class Point:
         return tangent
 
 
-def factorize_bordered(jacobian: sp.csc_array, column: Array, row: Array, corner: float) -> Any:
+def factorize_bordered(jacobian: sp.csc_array, column: Array, row: Array, corner: float) -> Factors:
     """Return the factors of [[J, column], [row, corner]].
 
     Raises

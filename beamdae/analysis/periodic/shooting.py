@@ -47,8 +47,9 @@ _FIXED_STEP_TOLERANCE = 1e-6
 # Adaptive steps change with the start, and with them the errors of a run. An iteration that
 # stagnates at them succeeds up to this multiple of the default tolerance.
 _STAGNATION_ALLOWANCE = 10.0
-# Corrections of a solution are below this fraction of the tolerance, unless deviations stagnate: if
-# they no longer halve, they are errors of the runs.
+# Corrections of a solution are below this fraction of the tolerance, and those of a period, relative
+# to it, below its square, unless deviations stagnate: if they no longer halve, they are errors of
+# the runs.
 _CORRECTION_RATIO = 0.1
 _STAGNATION_RATIO = 0.5
 
@@ -389,7 +390,9 @@ class PeriodProblem(Problem):
         stagnates = deviation > _STAGNATION_RATIO * least and size > _STAGNATION_RATIO * last
         if deviation <= target:
             # The largest change of a coordinate is at most this multiple of their mean square.
-            largest = max(size * np.sqrt(len(linear.x)), abs(step[-1]) * self.is_free)
+            largest = size * np.sqrt(len(linear.x))
+            if self.is_free:
+                largest = max(largest, abs(step[-1]) / _CORRECTION_RATIO)
             return stagnates or bool(largest <= _CORRECTION_RATIO * target)
         return deviation <= accepted and stagnates and linear.kept is None
 
@@ -398,6 +401,7 @@ class PeriodProblem(Problem):
         linear = linearization_at(point)
         linear = replace(linear, kept=None, problem=self, x=linear.run.state)
         problem = replace(self, base=linear)
+        self.iterates.clear()
         return replace(point, problem=problem, x=linear.x, linearization=linear)
 
 
