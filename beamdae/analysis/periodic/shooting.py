@@ -47,9 +47,8 @@ _FIXED_STEP_TOLERANCE = 1e-6
 # Adaptive steps change with the start, and with them the errors of a run. An iteration that
 # stagnates at them succeeds up to this multiple of the default tolerance.
 _STAGNATION_ALLOWANCE = 10.0
-# Corrections of a solution are below this fraction of the tolerance, and those of a period, relative
-# to it, below its square, unless deviations stagnate: if they no longer halve, they are errors of
-# the runs.
+# Corrections of a solution are below this fraction of the tolerance, and those of a period below
+# its square, unless deviations stagnate: if they no longer halve, they are errors of the runs.
 _CORRECTION_RATIO = 0.1
 _STAGNATION_RATIO = 0.5
 
@@ -492,6 +491,9 @@ def estimate_period(solution: Solution) -> float | None:
 
     Differences are measured relative to the ranges of (q, v) in the second half of the run.
     """
+    # Imported here because importing scipy.signal takes as long as a short run.
+    from scipy.signal import find_peaks
+
     trajectory, is_angle = solution.trajectory, solution.equations.is_angle
     last = trajectory.intervals[-1].state
 
@@ -508,17 +510,12 @@ def estimate_period(solution: Solution) -> float | None:
     largest = np.repeat([np.max(x) for x in np.split(ranges, 2)], len(is_angle))
     ranges[ranges <= _REST_RATIO * largest] = np.inf
     distance = np.max(np.abs(changes / ranges), axis=1)
-    is_near = distance < _RETURN_DISTANCE
-    departed = int(np.argmax(distance > 2.0 * _RETURN_DISTANCE))
-    first = departed + int(np.argmax(is_near[departed:]))
-    if not departed or not is_near[first]:
+    returns, _ = find_peaks(-distance, height=-_RETURN_DISTANCE, prominence=_RETURN_DISTANCE)
+    if not len(returns):
         return None
-    stop = first + int(np.argmin(np.append(is_near[first:], False)))
-    nearest = first + int(np.argmin(distance[first:stop]))
-    bounds = times[min(nearest + 1, len(times) - 1)], times[nearest - 1]
     found = minimize_scalar(
         lambda t: float(np.linalg.norm(differences(np.array([t])) / ranges)),
-        bounds=bounds,
+        bounds=(times[returns[0] + 1], times[returns[0] - 1]),
         method="bounded",
     )
     return float(trajectory.end - found.x)
