@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import KroghInterpolator
 
 from beamdae.analysis.continuation.counts import (
     Count,
@@ -27,6 +26,7 @@ from beamdae.analysis.continuation.engine import (
     Segment,
     Tangent,
     interpolate,
+    weigh_nodes,
 )
 
 Array = np.ndarray
@@ -281,7 +281,7 @@ def _interpolate_root(values: dict[float, float], left: float, right: float) -> 
     if the cubic leaves them.
     """
     nearest = sorted(values, key=lambda x: abs(values[x]))[:4]
-    root = float(KroghInterpolator([values[x] for x in nearest], nearest)(0.0))
+    root = float(weigh_nodes([values[x] for x in nearest], 0.0) @ nearest)
     if left <= root <= right:
         return root
     return left + (right - left) * values[left] / (values[left] - values[right])

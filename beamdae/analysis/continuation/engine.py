@@ -15,7 +15,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.interpolate import KroghInterpolator
 from scipy.sparse.linalg import splu
 
 from beamdae.analysis.continuation.newton import (
@@ -384,8 +383,13 @@ def interpolate(points: dict[float, Point], position: float) -> Point:
     nearest = sorted(points, key=lambda x: abs(x - position))[:4]
     base = points[nearest[0]]
     changes = [points[x].minus(base).packed for x in nearest]
-    change = KroghInterpolator(nearest, changes)(position)
+    change = weigh_nodes(nearest, position) @ changes
     return base.plus(Tangent(change[:-1], float(change[-1])))
+
+
+def weigh_nodes(nodes: list[float], at: float) -> Array:
+    """Return the weights of values at `nodes` in the polynomial through them, at a position."""
+    return np.array([np.prod([(at - x) / (one - x) for x in nodes if x != one]) for one in nodes])
 
 
 @dataclass(frozen=True)
@@ -583,10 +587,12 @@ def _extrapolate(
         reach, slope, before = (float(np.linalg.norm(sizes * x)) for x in (straight, start, chord))
     if 0.0 in (reach, slope, before):
         return straight
-    ratio, rows = before / reach, [-chord, reach / slope * start, np.zeros_like(chord), straight]
-    curved = KroghInterpolator([-ratio, -ratio, 0.0, 0.0], rows)(1.0)
-    bent, whole = (_length(problem, x, weight) for x in (curved - straight, straight))
-    return np.asarray(curved if bent <= _MAX_CURVED * whole else straight)
+    mean, unit, ratio = chord / before, straight / reach, reach / before
+    # Newton's form of the polynomial, with both ends as double nodes.
+    second = unit - mean
+    bent = reach * ratio * (second + (1.0 + ratio) * (second - mean + start / slope))
+    is_smooth = _length(problem, bent, weight) <= _MAX_CURVED * _length(problem, straight, weight)
+    return straight + bent if is_smooth else straight
 
 
 def switch(

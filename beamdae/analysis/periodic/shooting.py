@@ -15,7 +15,6 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 import scipy.linalg as la
-from scipy.optimize import minimize_scalar
 
 from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.engine import (
@@ -492,6 +491,7 @@ def estimate_period(solution: Solution) -> float | None:
     Differences are measured relative to the ranges of (q, v) in the second half of the run.
     """
     # Imported here because importing scipy.signal takes as long as a short run.
+    from scipy.optimize import minimize_scalar
     from scipy.signal import find_peaks
 
     trajectory, is_angle = solution.trajectory, solution.equations.is_angle
