@@ -244,7 +244,7 @@ def match_columns(
 
 def _read_values(part: str, name: str, source: Source, table: pd.DataFrame) -> pd.DataFrame:
     """Return the rows whose value is not missing, after checks of their times and `sigma`."""
-    values = _as_numbers(part, table[VALUE].to_numpy(), source.name_in_data, name)
+    values = _as_numbers(part, table[VALUE], source.name_in_data, name)
     table = table.assign(value=values).dropna(subset=VALUE)
     times, sigma = table[TIME], table[SIGMA]
     rule = f"{part}: the times of {name} must be finite and ascend, from 0 s or later"
@@ -406,7 +406,7 @@ def warn_of_columns(
             "data_columns=, or remove them.",
             InputWarning,
         )
-    units = {x.name_in_data: split_unit(x.header)[1] for x in data.sources if x.name == x.label}
+    units = {x.name_in_data: split_unit(x.header)[1] for x in data.sources if "[" not in x.name}
     missing = {name: unit for name, unit in units.items() if unit not in ("", "-")}
     if measured.is_file and missing:
         name, unit = next(iter(missing.items()))
@@ -528,9 +528,9 @@ def _read_wide_table(
     in_run = {x: names.in_run(x) for x in table}
     time = _find_time(part, in_run)
     if time is None or len(table) == 1:
-        hint = (
-            f"; map times of another name, as with data_columns={{{next(iter(table), '')!r}: 't'}}"
-        )
+        of_time = (x for x in table if conversion_factor(split_unit(x)[1], "s") is not None)
+        other = next(of_time, next(iter(table), ""))
+        hint = f"; map times of another name, as with data_columns={{{other!r}: 't'}}"
         raise BeamdaeError(
             f"{part}: {name} must contain the column {TIME!r} and measured columns (or the columns "
             f"observable, {TIME}, value), got columns {', '.join(map(repr, table)) or 'none'}"
@@ -566,9 +566,9 @@ def _read_long_table(
     times = _read_times(part, table[time], time, in_run[time], name)
     cells = {x: _as_cells(part, table[x], x, name, len(times)) for x in own if x in table}
     frame = pd.DataFrame({EXPERIMENT: "", SIGMA: 1.0, TIME: times, **cells})
-    frame[SIGMA] = _as_numbers(part, frame[SIGMA].to_numpy(), SIGMA, name)
+    frame[SIGMA] = _as_numbers(part, frame[SIGMA], SIGMA, name)
     for key in {EXPERIMENT, _OBSERVABLE} & set(table):
-        frame[key] = _as_names(part, key, name, frame[key])
+        frame[key] = _as_names(part, key, name, cells[key])
     frame[_OBSERVABLE] = frame[_OBSERVABLE].map(standardize_header)
     groups = frame.sort_values(TIME, kind="stable").groupby([EXPERIMENT, _OBSERVABLE], sort=False)
     order = frame.drop_duplicates([EXPERIMENT, _OBSERVABLE])
@@ -612,7 +612,7 @@ def _read_times(part: str, values: Any, time: str, in_run: str, name: str) -> pd
             f"{part}: the times {time!r} of {name} must be in a unit such as s or ms, got {unit}"
             f"{suggest_unit(unit, 's') if parse_unit(unit) is None else ''}."
         )
-    numbers = pd.Series(_as_numbers(part, cells, time, name))
+    numbers = _as_numbers(part, pd.Series(cells), time, name)
     if not unit:
         warn_user(
             f"{part}: the times {time!r} of {name} have no unit and are taken as seconds; name the "
@@ -636,17 +636,17 @@ def _as_cells(part: str, values: Any, column: str, name: str, count: int | None 
     return cells
 
 
-def _as_numbers(part: str, cells: Array, column: str, name: str) -> Array:
+def _as_numbers(part: str, cells: pd.Series, column: str, name: str) -> pd.Series:
     """Return a column (n,) as floats; missing values become NaN."""
-    series = pd.Series(cells)
-    numbers = pd.to_numeric(series, errors="coerce").to_numpy(float, na_value=np.nan)
-    is_wrong = np.where(np.isnan(numbers), series.notna(), ~(np.abs(numbers) <= _MAX_MAGNITUDE))
+    numbers = pd.to_numeric(cells, errors="coerce").astype(float)
+    is_wrong = (numbers.isna() & cells.notna()) | (numbers.abs() > _MAX_MAGNITUDE)
     # Durations and dates would become counts of their own unit, such as nanoseconds.
     is_wrong |= cells.dtype.kind in "bmM"
-    for k in np.flatnonzero(is_wrong):
+    for row in cells.index[is_wrong]:
+        got = short_repr(cells.astype(object)[row])
         raise BeamdaeError(
             f"{part}: the column {column!r} of {name} must contain finite numbers or NaN, got "
-            f"{short_repr(series[k])} in row {k + 1}; leave missing values empty."
+            f"{got} in row {row + 1}; leave missing values empty."
         )
     return numbers
 

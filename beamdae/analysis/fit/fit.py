@@ -210,7 +210,7 @@ def fit(
     scaling = Scaling(problem, bounds, log)
     if starts > 1:
         condition = ", above 0 for those in log" if np.any(scaling.is_log) else ""
-        require_start_bounds("fit", problem.variables, *scaling.limits, condition)
+        require_start_bounds("fit", problem.variables, *scaling.ranges, condition)
     first, known, table, is_interrupted = scaling.first, None, None, False
     try:
         known = problem.evaluate(scaling.values(first))

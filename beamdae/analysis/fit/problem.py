@@ -57,7 +57,8 @@ class Evaluation:
     runs
         Run with derivatives by experiment, at the times of the data.
     residuals
-        Weighted residuals (N,): (model - data) / sigma, with the best scales and offsets.
+        Weighted residuals (N,): (model - data) / sigma, with the best scales and offsets; 0 where
+        reactions of the model grow without bounds.
     coefficients
         Best scales, then offsets, (L,).
     projected_jacobian
@@ -310,7 +311,7 @@ class FitProblem:
         for source, rows in self.data.rows:
             run = evaluation.runs[source.experiment].solution
             result[rows] *= differentiate_column(run, source.header, times[rows])
-        return result
+        return np.nan_to_num(result)
 
     def _scale_rows(self, coefficients: Array) -> Array:
         """Return the scale of each of the data, (N,)."""
@@ -375,18 +376,28 @@ class FitProblem:
     def _project(
         self, values: Array, runs: Mapping[str, Sensitivities], model: Array, derivatives: Array
     ) -> Evaluation:
-        """Solve for scales and offsets, and differentiate the remaining residuals."""
+        """Solve for scales and offsets, and differentiate the remaining residuals.
+
+        Reactions that grow without bounds are left out: their residuals are zero.
+        """
+        is_missing = np.isnan(model)
+        if is_missing.all():
+            raise BeamdaeError(
+                "fit: reactions of the model grow without bounds at all times of the data; choose "
+                "other first values in parameters, or other columns."
+            )
+        weights, model = np.where(is_missing, 0.0, self.weights), np.nan_to_num(model)
         scaled = self._scaled_rows
         offsets = [x.rows for x in self._linear[len(scaled) :]]
         rows = np.vstack([scaled * model, np.reshape(offsets, (len(offsets), self.count))])
-        matrix = (rows * self.weights).T
-        remainder = (self._values - np.where(scaled.any(axis=0), 0.0, model)) * self.weights
+        matrix = (rows * weights).T
+        remainder = (self._values - np.where(scaled.any(axis=0), 0.0, model)) * weights
         # Columns of equal size, so that the rank does not depend on units.
         sizes = column_lengths(matrix)
         inverse = np.linalg.pinv(matrix / sizes) / sizes[:, None]
         coefficients = inverse @ remainder
         residuals = matrix @ coefficients - remainder
-        weighted = derivatives * self.weights[:, None]
+        weighted = np.where(is_missing[:, None], 0.0, derivatives * weights[:, None])
         effects = weighted * self._scale_rows(coefficients)[:, None]
         projected = effects - matrix @ (inverse @ effects)
         projected -= inverse[: len(scaled)].T @ ((scaled * residuals) @ weighted)

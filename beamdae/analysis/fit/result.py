@@ -67,7 +67,7 @@ class Fit:
         experiment of data without names of experiments is "".
     residuals
         (model - data) / sigma of all data that are not missing, in the order of
-        `residual_table`.
+        `residual_table`; 0 where reactions of the model grow without bounds.
     sigma
         Standard deviation of the errors of each fitted column, by header: as given, its root mean
         square if it varies, or estimated from the residuals if it was not given.

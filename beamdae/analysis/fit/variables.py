@@ -90,10 +90,14 @@ class Scaling:
 
         See `spread_starts`.
         """
-        with np.errstate(divide="ignore"):
-            lower, upper = (np.where(self.is_log, np.log(np.abs(x)), x) for x in self.bounds)
-        points = spread_starts(lower, upper, count, seed)
+        points = spread_starts(*self.ranges, count, seed)
         return np.where(self.is_log, np.exp(np.where(self.is_log, points, 0.0)), points)
+
+    @property
+    def ranges(self) -> list[Array]:
+        """Ends (K,) between which starts are distributed: bounds, or their logarithms in `log`."""
+        with np.errstate(divide="ignore"):
+            return [np.where(self.is_log, np.log(np.abs(x)), x) for x in self.bounds]
 
     def variables(self, values: Array) -> Array:
         """Return the variables of values (K,)."""
