@@ -9,27 +9,22 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from beamdae.errors import (
-    BeamdaeError,
     BeamdaeWarning,
     InputWarning,
-    format_exception,
     kind_of_message,
 )
-from beamdae.garbage_collection import paused_collection
-from beamdae.input_files import is_input
-from beamdae.interrupts import Interrupted
 from beamdae.report.option_names import name_options
 from beamdae.report.text import make_printable
 
@@ -37,7 +32,6 @@ from beamdae.report.text import make_printable
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from beamdae.results.outcome import Status
 
 # Widths in columns. Without a terminal, lines are not wrapped; tables need the minimum width.
 _UNLIMITED_WIDTH = 10_000
@@ -130,6 +124,16 @@ def create_console() -> Console:
     )
     console.width = max(console.width, _MIN_WIDTH)
     return console
+
+
+def show(console: Console, content: Any, style: str | None = None) -> None:
+    """Print content; in files and pipes, lines have no trailing spaces."""
+    if console.is_terminal or console.quiet:
+        console.print(content, style=style)
+        return
+    with console.capture() as captured:
+        console.print(content, style=style)
+    typer.echo(re.sub(" +$", "", captured.get(), flags=re.MULTILINE), nl=False)
 
 
 def create_progress_console() -> Console | None:

@@ -22,6 +22,7 @@ from beamdae.cli.output import (
     print_error,
     print_warnings,
     record_results,
+    show,
 )
 from beamdae.cli.output_paths import require_writable
 from beamdae.errors import BeamdaeError, format_exception
@@ -55,6 +56,8 @@ class Report:
         Texts by topic that only the option --verbose shows.
     warnings
         Warnings about the result.
+    cost
+        Text that follows the reason of the status.
     """
 
     name: str
@@ -64,6 +67,7 @@ class Report:
     tables: Sequence[Any] = ()
     details: Mapping[str, str] = field(default_factory=dict)
     warnings: Sequence[str] = ()
+    cost: str = ""
 
     def print(self, accuracy: Status | None = None) -> None:
         """Print the report, with what was reached of a required accuracy, or record its data."""
@@ -78,14 +82,15 @@ class Report:
             # Reasons of failures are the last line of a command.
             status = self.status
             verdict = "" if status is None else status.sentence if status.success else status.kind
-            line = f"{self.name}: {verdict}" if verdict else self.name
+            line = ", ".join(filter(None, [verdict, self.cost]))
+            line = f"{self.name}: {line}" if line else self.name
             console.print(make_printable(name_options(line)), style="bold")
         facts = self.facts if not current_output().verbose else {**self.facts, **self.details}
         if facts:
             texts = {topic: name_options(text) for topic, text in facts.items()}
-            console.print(text_tables.fact_list("", texts))
+            show(console, text_tables.fact_list("", texts))
         for table in self.tables:
-            console.print(table, style="dim" if isinstance(table, str) else None)
+            show(console, table, "dim" if isinstance(table, str) else None)
         if accuracy is not None and accuracy.success:
             console.print(f"accuracy: {name_options(accuracy.sentence)}", style="dim")
         print_warnings(console, self.warnings)
@@ -113,23 +118,30 @@ class ResultFiles:
 
     @classmethod
     def plan(
-        cls, out: Path, stem: str, page: bool, picture: bool, *further: Path
+        cls,
+        out: Path,
+        stem: str,
+        page: bool,
+        picture: bool,
+        *further: Path,
+        others: tuple[str, Iterable[Path]] = ("", ()),
     ) -> ResultFiles:
         """Return the files STEM.csv, STEM.html and STEM.png in the folder of --out.
 
         Raises
         ------
         BeamdaeError
-            If one of these or of the `further` files cannot be written, see `require_writable`.
+            If one of these, of the `further` files or of the `others`, which another option sets,
+            cannot be written; see `require_writable`.
         """
         table = out / f"{stem}.csv"
         views = table.with_suffix(".html"), table.with_suffix(".png")
         views = tuple(x if is_on else None for x, is_on in zip(views, (page, picture), strict=True))
-        require_writable(("--out", [table, *filter(None, views), *further]))
+        require_writable(("--out", [table, *filter(None, views), *further]), others)
         return cls([], False, table, *views)
 
     def add(self, *paths: Path) -> None:
-        """Add tables that have been written, and remove the page and the picture of earlier ones."""
+        """Add written tables, and remove the page and the picture of earlier ones."""
         self.paths += paths
         for suffix in (".html", ".png"):
             self.remove(self.table.with_suffix(suffix))

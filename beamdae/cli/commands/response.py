@@ -131,7 +131,9 @@ def response_command(
         from beamdae.report.pictures.path_plots import create_response_figure
 
         is_empty = not result.points
-        return None if is_empty else save_figure(create_response_figure(result, title, plotted), path)
+        return (
+            None if is_empty else save_figure(create_response_figure(result, title, plotted), path)
+        )
 
     title = f"{model.name}, periodic motions"
     run_analysis(files, title, analyze, partial(_describe, model.name), draw)

@@ -70,7 +70,8 @@ def static_command(
         str | None,
         typer.Option(
             help="Quantity prescribed in each step: load, displacement or 'arc length'. Defaults "
-            "to displacement if --to names a column, otherwise to load."
+            "to displacement if --to names a column, to the value of --over, otherwise to the arc "
+            "length, which passes limit points."
         ),
     ] = None,
     step: Annotated[
@@ -110,6 +111,8 @@ def static_command(
     files = ResultFiles.plan(out, stem, page, picture, out / f"{stem}.json")
     parse_value = _value_parser(model, over)
     if over is None:
+        if control is None and not any("=" in target for target in to or []):
+            control = "arc length"  # passes limit points
         targets, size = _parse_targets(model, to, step, control == "arc length" or bool(switch))
     else:
         targets = [parse_value("--to", x) for x in to or []] or None
