@@ -17,13 +17,12 @@ from beamdae.results.column_derivatives import ColumnDerivatives, require_deriva
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.solution import Solution, unpack_solution
 from beamdae.results.storage.checkpoint import Checkpoint
-from beamdae.results.storage.documents import Format, require_shapes
+from beamdae.results.storage.documents import Format
 from beamdae.results.storage.files import atomic_write, require_file_path, write_result
 from beamdae.results.storage.packed_run import (
     PackedRun,
     PlainRun,
     pack_run,
-    plain_values,
     require_consistent,
     unpack_derivatives,
 )
@@ -202,7 +201,7 @@ def save_run(run: Solution, path: str | Path) -> Path:
     content = {
         "label": run.label,
         "identity": hash_model(run.equations),
-        "run": plain_values(packed),
+        "run": asdict(packed.plain),
         "table": list(table),
         "coordinates": list(coordinates),
         "metadata": run.metadata(),
@@ -227,9 +226,7 @@ def load_saved_run(path: Any, equations: EquationsOfMotion | None) -> SavedRun |
     content, arrays = _FORMAT.read_archive(file)
     packed = PackedRun(arrays, content.run)
     with _FORMAT.kind.errors_of(file):
-        require_consistent(packed)
-        names = {_TABLE: "headers rows", "t": "rows"}
-        require_shapes(arrays, names | {_COORDINATES: "coordinates rows"})
+        require_consistent(packed, {_TABLE: "headers rows", _COORDINATES: "coordinates rows"})
         columns = dict(zip(content.table, arrays[_TABLE], strict=True))
         states = dict(zip(content.coordinates, arrays[_COORDINATES], strict=True))
         if equations is None:
