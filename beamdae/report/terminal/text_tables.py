@@ -557,8 +557,8 @@ def models_table(models: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
             f"{name}={format_with_unit(value, model['units'].get(name, ''))}"
             for name, value in model["parameters"].items()
         )
-        file, t_end = Path(model["file"]).name, f"{model['t_end']:g}"
-        rows.append((model["name"], t_end, file, parameters, model["about"]))
+        file, t_end = Path(model["file"]).name, model["t_end"]
+        rows.append((model["name"], format_number(t_end), file, parameters, model["about"]))
     return ResponsiveTable("model", columns, rows, "--json")
 
 
@@ -578,12 +578,9 @@ def parameters_table(model: Mapping[str, Any]) -> ResponsiveTable:
 
 
 def studies_table(studies: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
-    """Return a table of the studies found in files, with their models."""
-    columns = [Column("cases"), Column("file", 1, sentences=True), Column("of", 2, sentences=True)]
-    rows = [
-        (x["name"], str(x["cases"]), Path(x["file"]).name, ", ".join(x["models"])) for x in studies
-    ]
-    return ResponsiveTable("study", columns, rows, "--json")
+    """Return a table of the studies found in files."""
+    rows = [(x["name"], Path(x["file"]).name) for x in studies]
+    return ResponsiveTable("study", [Column("file", sentences=True)], rows, "--json")
 
 
 def problems_table(problems: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
