@@ -28,7 +28,6 @@ from beamdae.cli.output_paths import require_writable
 from beamdae.errors import BeamdaeError, format_exception
 from beamdae.garbage_collection import paused_collection
 from beamdae.input_files import is_input
-from beamdae.interrupts import Interrupted
 from beamdae.report.option_names import name_options
 from beamdae.report.text import make_printable
 
@@ -193,16 +192,15 @@ class ResultFiles:
 
         Raises
         ------
-        Interrupted
-            If the analysis was interrupted.
         typer.Exit
-            With code 1 if the analysis failed or a file could not be written.
+            If the analysis was interrupted, or failed, or a file could not be written.
         """
         self.print_paths()
         failures = [(prefix, x) for prefix, x in outcomes if x is not None and not x.success]
         for prefix, status in failures:
             if status.kind == "interrupted":
-                raise Interrupted(f"{status.sentence}; the results so far are in {self.paths[0]}")
+                print_error(f"{status.sentence}; the results so far are in {self.paths[0]}")
+                raise typer.Exit(signals.exit_code())
             print_error(f"{prefix}: {name_options(status.sentence)}")
         if failures or self.failed:
             raise typer.Exit(1)
