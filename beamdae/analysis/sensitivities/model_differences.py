@@ -283,33 +283,6 @@ def _event_differs(one: EventTerm, other: EventTerm) -> bool:
     )
 
 
-def warn_of_idle_parameters(
-    model: Model,
-    parameters: Mapping[str, Any],
-    assemble: Callable[[Any], EquationsOfMotion],
-    names: Sequence[str],
-) -> list[str]:
-    """Warn of each parameter in `names` that has no effect on a model, and return these names.
-
-    See `difference_model` for the other arguments.
-    """
-    idle: list[str] = []
-    if not names:
-        return idle
-    base = assemble(model(**parameters))
-    for name in names:
-        value = float(parameters[name])
-        changed = value + (RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO)
-        try:
-            is_idle = not has_effect(base, assemble(model(**{**parameters, name: changed})))
-        except (BeamdaeError, ArithmeticError, ValueError):
-            continue
-        if is_idle:
-            warn_without_effect(model.name, name)
-            idle.append(name)
-    return idle
-
-
 def warn_without_effect(model: str, name: str) -> None:
     """Warn that the derivatives with respect to a parameter of a model are zero."""
     warn_user(
