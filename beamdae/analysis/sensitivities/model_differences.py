@@ -17,12 +17,11 @@ import numpy as np
 
 from beamdae.beams.beam import beams_of
 from beamdae.beams.section_samples import keep_numbers_of_sections
-from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, has_same_patterns
 from beamdae.errors import BeamdaeError, format_exception, warn_user
 from beamdae.interrupts import outermost_call
 from beamdae.model_functions import Model
-from beamdae.parts.events import select_impacts, select_switches
 
 Array = np.ndarray
 
@@ -259,27 +258,15 @@ def difference_model(
 def has_effect(base: EquationsOfMotion, other: EquationsOfMotion) -> bool:
     """Return True if the model with another value of a parameter may differ from `base`.
 
-    Laws that events start are not compared.
+    Models with events may always differ: actions of events are not compared.
     """
-    if (
-        base.structure != other.structure
+    pairs = zip(base.observables, other.observables, strict=True)
+    return bool(
+        base.events
+        or base.structure != other.structure
         or base.breakpoints != other.breakpoints
         or not np.array_equal(numbers_and_start(base), numbers_and_start(other))
-    ):
-        return True
-    pairs = zip(base.observables, other.observables, strict=True)
-    if any(not np.array_equal(x.operator.data, y.operator.data) for x, y in pairs):
-        return True
-    return any(_event_differs(x, y) for x, y in zip(base.events, other.events, strict=True))
-
-
-def _event_differs(one: EventTerm, other: EventTerm) -> bool:
-    restitutions = [[x.restitution for x in select_impacts(e.do)] for e in (one, other)]
-    return (
-        one.crosses != other.crosses
-        or not np.array_equal(one.observable.operator.data, other.observable.operator.data)
-        or restitutions[0] != restitutions[1]
-        or any(switch.laws for switch in select_switches(other.do))
+        or any(not np.array_equal(x.operator.data, y.operator.data) for x, y in pairs)
     )
 
 
