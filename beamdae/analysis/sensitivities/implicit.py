@@ -245,6 +245,10 @@ def _deform(problem: StaticProblem, q: Array, mu: float) -> Array:
     return x
 
 
+def _add(change: Tangent, other: Tangent, share: float) -> Tangent:
+    return Tangent(change.x + share * other.x, change.p + share * other.p)
+
+
 @dataclass(frozen=True, eq=False)
 class RegularPoint:
     """Point of a path at which a control is prescribed."""
@@ -339,10 +343,8 @@ class SingularPoint:
             shares = np.linalg.solve(matrix, -right).tolist()
         except np.linalg.LinAlgError:
             raise CurveError("its critical mode is not unique") from None
-        change = direction.along
-        for share, along in zip(shares, self._basis, strict=True):
-            change = change.plus(along, share)
-        return change
+        mode, response = self._basis
+        return _add(_add(direction.along, mode, shares[0]), response, shares[1])
 
     def _slopes(self, direction: Direction) -> Array:
         """Return the changes of the derivatives of h by xi and mu along a direction."""
@@ -357,10 +359,7 @@ class SingularPoint:
         return self._solve(-self.point.linearization.residual)
 
     def _move(self, change: Tangent) -> SingularPoint:
-        point, problem = self.point, self.point.problem
-        x, mu = point.x + change.x, point.p + change.p
-        point = Point(problem, x, mu, problem.linearize(x, mu))
-        return SingularPoint(point, self._system, self._is_limit)
+        return SingularPoint(self.point.plus(change), self._system, self._is_limit)
 
     def _solve(self, right: Array, last: float = 0.0) -> tuple[Array, float]:
         solution = self._factors.solve(np.append(right, last))
@@ -386,7 +385,8 @@ class FlutterPoint(RegularPoint):
         response = direction.along(self.respond(np.append(direction.forces(self.point), 0.0)).x)
         by_parameter = self._growth(response)
         by_load = self._growth(Direction.of_unknowns(self.point, self.system, load))
-        return response.along.plus(load, -float(np.mean(np.real(by_parameter / by_load))))
+        share = -float(np.mean(np.real(by_parameter / by_load)))
+        return _add(response.along, load, share)
 
     def _growth(self, direction: Direction) -> Array:
         """Return the changes of the growth rates, or of the works without damping."""
