@@ -29,7 +29,7 @@ import scipy.sparse as sp
 from beamdae.analysis.sensitivities.directions import Directions
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.recorded_maps import Gradient, plan_transpose
-from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives, time_rate
+from beamdae.analysis.sensitivities.start_derivatives import STEP_FRACTION, StartDerivatives
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import formulate_first_order, plan_residual
 from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
@@ -91,7 +91,7 @@ class StepTables(NamedTuple):
 
 
 @dataclass(frozen=True)
-class StepEquations:
+class StageEquations:
     """Equations of the stages of a method.
 
     Attributes
@@ -130,12 +130,12 @@ class StepEquations:
 
 def formulate_steps(
     method: GeneralizedAlpha | Radau, equations: EquationsOfMotion
-) -> StepEquations:
+) -> StageEquations:
     """Return the equations of the stages of a method."""
     n, m = equations.n, equations.m
     if isinstance(method, GeneralizedAlpha):
         step = formulate_step(equations, False)
-        return StepEquations(
+        return StageEquations(
             equations, _plan_step_residual, 4 * n + 2 * m, n + m, step.sums[2], step.pattern,
             (2 * n, 3 * n), np.arange(n + m), np.arange(0), np.ones(1), step.is_native,
         )  # fmt: skip
@@ -143,7 +143,7 @@ def formulate_steps(
     pattern, plan, reduction = reduce_kinematics(form)
     corrected = reduction.corrected.astype(int)
     rows = np.concatenate([np.arange(n, 2 * n), corrected, np.arange(2 * n, form.size)])
-    return StepEquations(
+    return StageEquations(
         equations, _plan_stage_residual, 2 * form.size, form.size, plan, pattern,
         (form.size + n, form.size + 2 * n), rows, corrected, C, form.is_native,
     )  # fmt: skip
@@ -670,20 +670,18 @@ def differentiate_steps(
 
 
 def _time_rates(steps: _Steps) -> Array:
-    """Return the derivatives of the residual by time at the stages, (stages, size)."""
-    form, x = steps.form, steps.interval
-    e, total = form.equations, form.residual(form.equations.structure).sum(False, form.equations.p)
-    result, value = np.zeros((steps.count, form.size)), np.zeros(form.size)
-    inputs = np.zeros(form.n_inputs)
-    for k, h in enumerate(steps.steps.tolist()):
-        inputs[: 3 * e.n + e.m] = np.concatenate([y[k + 1] for y in x.state])
-
-        def evaluate(time: Array) -> Array:
-            set_time(total, *time)
+    """Return the derivatives of the residual by time at the ends of steps, (steps, size)."""
+    form, interval = steps.form, steps.interval
+    e = form.equations
+    total, inputs = form.residual(e.structure).sum(False, e.p), np.zeros(form.n_inputs)
+    values = np.zeros((2, form.size))
+    result = np.zeros((steps.count, form.size))
+    for k, delta in enumerate((STEP_FRACTION * steps.steps).tolist()):
+        inputs[: 3 * e.n + e.m] = np.concatenate([x[k + 1] for x in interval.state])
+        for value, shift in zip(values, (delta, -delta), strict=True):
+            set_time(total, interval.t[k + 1] + shift, interval.branch)
             evaluate_sum(total, inputs, value)
-            return value.copy()
-
-        result[k] = time_rate(evaluate, np.array([x.t[k + 1], x.branch]), h)
+        result[k] = (values[0] - values[1]) / (2.0 * delta)
     return result
 
 

@@ -47,7 +47,7 @@ _MAX_EQUILIBRIUM_CORRECTION = 1e-4
 _MAX_EQUILIBRIUM_ERROR = 1e-6
 _EQUILIBRATION_STEPS = 8  # each takes the square root of the ratios of the largest entries
 # Difference of time for partial derivatives with respect to time, relative to the step.
-_STEP_FRACTION = 1e-3
+STEP_FRACTION = 1e-3
 # Stiffnesses of contacts are proportional to the square root of the penetration, whose slope has no
 # bound. Up to this penetration [m], starting values are differentiated with constant stiffnesses:
 # a slope at a penetration of 1e-15 m, due to rounding, would dominate the derivatives of the run.
@@ -409,7 +409,7 @@ class StartDerivatives:
         self, h: float, at: State | None = None
     ) -> tuple[Record, tuple[RecordingSolver, RecordingSolver]]:
         """Return a record, and its solvers at fixed and at moving times."""
-        record = Record(len(self.equations.p), _STEP_FRACTION * h)
+        record = Record(len(self.equations.p), STEP_FRACTION * h)
         fixed, moving = (
             RecordingSolver(self.equations, self, record, moves, at) for moves in (False, True)
         )
@@ -453,13 +453,3 @@ class StartDerivatives:
 
             self._factors[key] = solve
         return self._factors[key]
-
-
-def time_rate(function: Callable[[Array], Array], time: Array, h: float) -> Array:
-    """Return the partial derivative of a function of (t, branch) with respect to t.
-
-    `h` is a step of the run [s], which resolves the laws.
-    """
-    delta = _STEP_FRACTION * h
-    ahead, behind = (function(time + np.array([d, 0.0])) for d in (delta, -delta))
-    return (ahead - behind) / (2.0 * delta)
