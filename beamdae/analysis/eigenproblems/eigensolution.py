@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations, quadratic_forms
 from beamdae.analysis.eigenproblems.slow_motions import (
     solve_damped,
     solve_undamped,
@@ -69,8 +69,7 @@ def solve_eigenproblem(
     is_undamped = not np.any(lin.tangent.damping.data) and not len(e.states)
     if not damped or (is_undamped and lin.is_symmetric):
         undamped = solve_undamped(lin, count)
-        values = np.where(undamped.squares < 0.0, 0j, 1j) * np.sqrt(np.abs(undamped.squares))
-        values += np.sqrt(np.maximum(-undamped.squares, 0.0))
+        values = np.sqrt(-undamped.squares + 0j)
         return _normalize(lin, values, undamped.shapes.astype(complex), count)
     values, shapes = solve_damped(lin, count, max_damping_ratio)
     if count is not None and max_damping_ratio < 1.0:
@@ -105,7 +104,7 @@ def _normalize(
     mass = lin.tangent.mass
     order = np.argsort(np.abs(values), kind="stable")[:count]
     values, shapes = values[order], shapes[:, order]
-    size = np.sqrt(np.abs(np.einsum("ij,ij->j", shapes.conj(), mass @ shapes)))
+    size = np.sqrt(np.abs(quadratic_forms(mass, shapes)))
     phase = np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", shapes, mass @ shapes)))
     shapes = shapes * phase / np.where(size > 0.0, size, 1.0)
     # The sign is chosen so that the first of the largest coordinates is positive: those of

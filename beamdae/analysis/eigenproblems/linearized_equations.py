@@ -337,6 +337,11 @@ def linearize_in_mixed_form(
     return LinearizedEquations(e, own, mixed=mixed if len(retardation) else None)
 
 
+def quadratic_forms(matrix: sp.sparray, x: Array) -> Array:
+    """Return x^H A x (k,) of a matrix A and the columns x of an array (n, k)."""
+    return np.einsum("ij,ij->j", x.conj(), matrix @ x)
+
+
 def is_symmetric_matrix(matrix: sp.csc_array, tolerance: float = _EXACT_TOLERANCE) -> bool:
     """Return True if the asymmetry is at most `tolerance` times the largest entry."""
     return not matrix.nnz or bool(abs(matrix - matrix.T).max() <= tolerance * abs(matrix).max())

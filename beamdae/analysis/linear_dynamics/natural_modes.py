@@ -18,6 +18,7 @@ from beamdae.analysis.eigenproblems.eigensolution import (
     classify_modes,
     solve_eigenproblem,
 )
+from beamdae.analysis.eigenproblems.linearized_equations import quadratic_forms
 from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
@@ -213,7 +214,7 @@ class Modes(HasModeShapes):
         coordinates, mass = RotatingCoordinates.from_equations(lin.equations), lin.tangent.mass
         translations = np.stack([coordinates.translation_vector(axis) for axis in (0, 1)], axis=1)
         masses = np.abs(self.shapes.conj() @ (mass @ translations)) ** 2
-        total = np.einsum("ij,ij->j", translations, mass @ translations)
+        total = quadratic_forms(mass, translations)
         return np.where(masses > _MASS_ROUNDING * total, masses, 0.0)
 
     def table(self) -> pd.DataFrame:
@@ -264,9 +265,7 @@ class Modes(HasModeShapes):
             )
         mass = self._linearization.tangent.mass
         products = np.abs(self.shapes.conj() @ (mass @ other.shapes.T)) ** 2
-        masses = (
-            np.einsum("ij,ji->i", x.conj(), mass @ x.T).real for x in (self.shapes, other.shapes)
-        )
+        masses = (quadratic_forms(mass, x.T).real for x in (self.shapes, other.shapes))
         return products / np.outer(*masses)
 
     def _describe_shares(self, k: int) -> str:
@@ -441,7 +440,7 @@ def _describe_hidden_modes(lin: Linearization, kinds: tuple[str, ...], shapes: A
     rigid = e.position_scales[:, None] * compute_rigid_motions(e, lin.state.q)
     momenta = mass @ rigid
     motions = free - rigid @ (np.linalg.pinv(rigid.T @ momenta) @ (momenta.T @ free))
-    energies, totals = (np.einsum("ij,ij->j", x.conj(), mass @ x).real for x in (motions, free))
+    energies, totals = (quadratic_forms(mass, x).real for x in (motions, free))
     if not np.any(energies > _MIN_DEFORMATION_SHARE * totals):
         return []
     return [
