@@ -402,7 +402,7 @@ def _inject_at_command(lin: Linearization, mechanism: Mechanism, name: str) -> L
     All loops are closed. The first output of the model is the command before the disturbance.
     """
     commands = compile_commands(lin.equations)
-    command = next((x for x in commands if x.is_output and x.name.startswith(f"{name}: ")), None)
+    command = next((x for x in commands if x.name.startswith(f"{name}: ")), None)
     if command is None:
         raise BeamdaeError(
             f"margins: the command of {name} does not depend on the motion, so there is no loop; "
