@@ -14,7 +14,6 @@ from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquati
 from beamdae.analysis.eigenproblems.slow_motions import (
     solve_damped,
     solve_undamped,
-    solve_undamped_without_states,
 )
 from beamdae.errors import BeamdaeError
 from beamdae.linear.blas_threads import single_threaded
@@ -81,17 +80,6 @@ def solve_eigenproblem(
         selected[:count] = True
         values, shapes, count = values[selected], shapes[:, selected], None
     return _normalize(lin, values, shapes, count)
-
-
-@single_threaded
-def undamped_frequencies(lin: LinearizedEquations, count: int) -> Array:
-    """Return the lowest undamped angular frequencies [rad/s], with first-order states held.
-
-    The symmetric parts of M and K are used. The rates of growth of unstable motions count as
-    frequencies; free motions have frequency zero. At least `count` frequencies are computed if
-    there are as many.
-    """
-    return np.sqrt(np.abs(solve_undamped_without_states(lin, count).squares))
 
 
 def _normalize(
