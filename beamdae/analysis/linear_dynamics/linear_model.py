@@ -703,7 +703,8 @@ def reduce_to_states(
     right = -by_inputs
     right[: e.n] -= tangent.stiffness @ dq + tangent.damping @ dv
     right[e.n :][rolling] -= by_q[rolling] @ dv
-    da, dlam = np.split(solve_for_accelerations(e, tangent)(right), [e.n])
+    solve = solve_for_accelerations(e, tangent)
+    da, dlam = np.split(np.stack([solve(column) for column in right.T], axis=1), [e.n])
     derivatives = np.vstack([dv[places], da[rates]])
     if lin.rotation is not None:
         # Observables are functions of velocities in the inertial frame.
