@@ -243,9 +243,7 @@ class LinearizedEquations:
     @property
     def nonholonomic(self) -> Array:
         """Mask of the constraints on velocities, (m,)."""
-        mask = np.zeros(self.equations.m, bool)
-        mask[self.equations.nonholonomic_rows] = True
-        return mask
+        return np.isin(np.arange(self.equations.m), self.equations.nonholonomic_rows)
 
     def split(self, parts: Sequence[PartCoordinates]) -> list[tuple[LinearizedEquations, Array]]:
         """Return the equations of each group of coupled `parts`, and their coordinates (k,).
