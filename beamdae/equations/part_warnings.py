@@ -206,8 +206,8 @@ def _friction_warnings(mechanism: Mechanism) -> Iterator[str]:
         if largest < (1.0 - _MAX_PEAK_REDUCTION) * law.static:
             yield (
                 f"{part.name}: friction reaches a coefficient of {largest:.3g} instead of static = "
-                f"{law.static:g}, because {law.speed_name} ({law.speed:g} m/s) is too large for "
-                f"stribeck ({law.stribeck:g} m/s); use {law.speed_name}="
+                f"{law.static:g}, because friction_speed ({law.speed:g} m/s) is too large for "
+                f"stribeck ({law.stribeck:g} m/s); use friction_speed="
                 f"{suggest_speed(law.stribeck):.3g} or less."
             )
 

@@ -636,7 +636,7 @@ class _RunInProgress:
             time = np.array([history.end, branch])
             ahead = history.end + PROBE_SHARE * (end - history.end)
             equations, state = self._plan.equations, history.last_state
-            causes = diagnose_failure(equations, time, state, ahead, problem.step, problem.residual)
+            causes = diagnose_failure(equations, time, state, ahead, problem.step)
             return self._failure("; ".join(filter(None, (str(problem), causes))))
         except BeamdaeError as problem:
             # Before the first step there is nothing to return; later, the steps taken are kept.
