@@ -224,9 +224,7 @@ def _linearize_path_end(
     x = np.append(q, [multipliers.get(name, 0.0) for name in e.lam_names])
     held = hold_neutral_motions(system, x, factor)
     problem = StaticProblem(held)
-    begin = problem.start(q)
-    begin[: len(x)] = x
-    x = problem.correct(prescribe_parameter, factor, begin, factor).x[: len(x)]
+    x = problem.correct(prescribe_parameter, factor, problem.start(x), factor).x[: len(x)]
     e = replace(e, q0=x[: e.n], v0=np.zeros(e.n))
     frame = Frame(e, system.loaded.time, partial(system.motion_tangent, factor))
     return linearize_at_rest(frame, fine, lin.about)
