@@ -214,8 +214,8 @@ def _find_root(
         linear = point.linearization
         return replace(point, linearization=linear.alternating) if alternates else point
 
-    for end in (low.point, high.point):
-        border = end.problem.mode_weights**2 * critical_mode(select(end))
+    for point in (low.point, high.point):
+        border = point.problem.mode_weights**2 * critical_mode(select(point))
         (first, _), (last, mode) = test(low.point), test(high.point)
         if first * last < 0.0:
             break

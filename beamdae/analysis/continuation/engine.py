@@ -544,7 +544,7 @@ def _correct_step(
     begin, problem, control = trial.begin, trial.begin.problem, trial.control
     change, weight = trial.begin_tangent.scale(trial.reach), steps.parameter_weight
     is_arc, cosine = isinstance(control, ArcLength), 1.0
-    if is_arc and is_corner and problem.measure(change.x) > 0.0:
+    if isinstance(control, ArcLength) and is_corner and problem.measure(change.x) > 0.0:
         trial = replace(trial, control=replace(control, parameter_weight=0.0))
     reach = 0.0 if is_arc else abs(trial.reach)
     predicted = _extrapolate(problem, last, change.packed, reach, weight)
