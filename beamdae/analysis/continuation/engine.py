@@ -176,6 +176,10 @@ class Tangent(NamedTuple):
         """Return the tangent times `factor`."""
         return Tangent(factor * self.x, factor * self.p)
 
+    def plus(self, other: Tangent, factor: float = 1.0) -> Tangent:
+        """Return the sum with `factor` times another one."""
+        return Tangent(self.x + factor * other.x, self.p + factor * other.p)
+
     @property
     def packed(self) -> Array:
         """Derivatives in one array, (n + 1,)."""

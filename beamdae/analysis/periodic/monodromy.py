@@ -90,10 +90,13 @@ class VariationalEquations:
         parts = _arrange_parts(pattern, jacobian, n)
         rows, blocks = _STAGES * _STEPS_PER_CALL, -(-2 * n // LANES)
         vectors = ("y", "yp", "real_change", "complex_real", "complex_imaginary")
+        stages = ("w", "last_w", "stages", "rates")
 
         def make_workspace(native: bool) -> VariationalWorkspace:
             buffers = form.buffers(native)
             buffers.jacobian = jacobian.sum(native, form.equations.p)
+            lanes: dict[str, Any] = {name: _lane_zeros(size)[0] for name in vectors}
+            lanes |= {name: _lane_zeros(size, _STAGES) for name in stages}
             return VariationalWorkspace(
                 form=buffers,
                 real_solver=real.make_solver(native, "auto"),
@@ -123,8 +126,7 @@ class VariationalEquations:
                 complex_change=_lane_zeros(size, dtype=complex)[0],
                 residuals=_lane_zeros(reduced_size, _STAGES),
                 unknowns=_lane_zeros(parts.shape[1])[0],
-                **{name: _lane_zeros(size)[0] for name in vectors},
-                **{name: _lane_zeros(size, _STAGES) for name in ("w", "last_w", "stages", "rates")},
+                **lanes,
             )
 
         def matrices(run: VariationalWorkspace) -> list[tuple[Any, FactorizedMatrix]]:

@@ -189,13 +189,13 @@ def periodic(
                 status=Status("failed", sentence),
             )
         run, iterations = linear.run, linear.iterations
-        multipliers, error = _find_multipliers(run)
+        multipliers, change = _find_multipliers(run)
         status = _describe_outcome(run, iterations, limits, is_free)
         return PeriodicMotion(
             run.solution,
             run.period_map.period,
             multipliers,
-            error,
+            change,
             run.relative_deviation,
             iterations,
             status,

@@ -431,7 +431,7 @@ def solve_shooting(
         row = rate @ run.projection
         control = lambda y, _: Row(float(row @ (y - x)), row, 0.0)  # noqa: E731
 
-    base = PeriodLinearization(problem, x, p, run, before and before.matrix)
+    base = PeriodLinearization(problem, x, p, run, before.matrix if before else None)
     problem = replace(problem, base=base)
     try:
         return linearization_at(problem.correct(control, control(x, p).value, x, p))
