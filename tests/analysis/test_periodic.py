@@ -360,7 +360,9 @@ def test_regression_wrong_periods_of_drivers_are_rejected_before_a_run(
 
 def test_regression_wrong_periods_of_loads_are_rejected_before_a_run(monkeypatch):
     monkeypatch.setattr("beamdae.analysis.periodic.period_map.PeriodMap.run", None)
-    with pytest.raises(bd.BeamdaeError, match=r"^load: .* after the period of 120 s; set period"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"^mass\S*: .* after the period of 120 s; set period"
+    ):
         bd.periodic(oscillator(bd.sine(1.0, 60.0 + 1.0 / 300.0)), 120.0)
     # A transient that has decayed, and a load that holds its last value.
     for law in (lambda t: np.exp(-50.0 * t), bd.piecewise((0.1, 1.0), 0.0)):
