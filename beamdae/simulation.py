@@ -114,8 +114,8 @@ def simulate(
         input; see `Mechanism.input`.
     keep_steps
         True to store all steps. By default, a run whose steps would take more than 0.4 GB stores
-        only the rows at the output times, the energies of all steps, and as many evenly distributed
-        steps as fit. Results at the output times do not change, but `Solution.at`, `at_times` and
+        only the rows at the output times, as many evenly spaced rows between them as fit, and the
+        energies of all steps. Results at the output times do not change, but `Solution.at`, `at_times` and
         `section_forces` at other times interpolate between the stored rows, and sensitivities of
         the run are not available.
     accuracy

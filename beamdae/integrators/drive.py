@@ -61,8 +61,12 @@ from beamdae.integrators.reaction_balance import balance_reactions
 from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
 from beamdae.integrators.run_plan import RunPlan, plan_run
 from beamdae.integrators.sampling import RepeatedSample, Sampler, describe_growth
-from beamdae.integrators.step_history import OutOfMemoryError, RunSegment, StepHistory
-from beamdae.integrators.step_thinning import StepThinning
+from beamdae.integrators.step_history import (
+    OutOfMemoryError,
+    RunSegment,
+    StepHistory,
+    StepThinning,
+)
 from beamdae.interrupts import Interrupted, acknowledge, attach_partial
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import release_freed_memory, retain_freed_memory
