@@ -6,7 +6,6 @@ import time as clock
 from collections.abc import Callable
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from beamdae.errors import BeamdaeError, call_progress
 
@@ -142,13 +141,6 @@ class PaceCheck:
         return f"{pace}{_GUESSES}{causes}; {remedies}, or {_CONTINUE}"
 
 
-class StepLimit(Protocol):
-    """Limit of the number of steps up to a time."""
-
-    def stop_reason(self, t: float, steps: int) -> str | None:
-        """Return the reason to stop at `t` [s] after `steps` steps, or None."""
-
-
 @dataclass
 class RunLimits:
     """Limits of one run; a limit of None is not enforced.
@@ -164,8 +156,6 @@ class RunLimits:
         Maximum number of accepted steps.
     begin
         Value of `time.perf_counter()` [s] at the start of the run.
-    step_limit
-        Limit of the number of steps up to a time.
     pace_check
         Schedule of the checks of motion and pace; without it, they are not checked.
     """
@@ -174,7 +164,6 @@ class RunLimits:
     time_limit: float | None
     max_steps: int | None
     begin: float
-    step_limit: StepLimit | None = None
     pace_check: PaceCheck | None = None
 
     def steps_until_check(self, steps: int, steps_per_check: int) -> int:
@@ -194,8 +183,6 @@ class RunLimits:
             return f"reached max_steps = {self.max_steps}"
         if self.time_limit is not None and clock.perf_counter() - self.begin > self.time_limit:
             return f"reached the time limit of {self.time_limit:g} s"
-        if self.step_limit is not None and (stop := self.step_limit.stop_reason(t, steps)):
-            return stop
         if self.progress is None or steps % steps_per_check:
             return None
         answer = call_progress(self.progress, t)

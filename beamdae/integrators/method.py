@@ -8,7 +8,6 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from beamdae.equations.equations_of_motion import State
-from beamdae.integrators.run_plan import RunPlan
 from beamdae.integrators.sampling import Sampler
 from beamdae.results.outcome import Statistics
 
@@ -66,7 +65,6 @@ class Method(Protocol):
         """
 
 
-@runtime_checkable
 class ResumableMethod(Protocol):
     """Method that also continues beyond the samples of controllers without a restart."""
 
@@ -137,17 +135,6 @@ class SamplingMethod(Protocol):
 
     sampler: Sampler | None
     awaits_sample: bool
-
-
-@runtime_checkable
-class AssessedMethod(Protocol):
-    """Method that compares the errors of its steps with other tolerances than its own."""
-
-    def satisfies(self, rtol: float, plan: RunPlan) -> bool:
-        """Return True if all steps so far satisfy the tolerances of a run with `rtol` on `plan`.
-
-        If they do, `resolved_options` describe these tolerances.
-        """
 
 
 class StepError(ArithmeticError):

@@ -88,12 +88,12 @@ class Sampler:
 
     Attributes
     ----------
-    controllers
-        The controllers; empty if there is nothing to sample.
+    equations, controllers
+        The equations, and their controllers; empty if there is nothing to sample.
     """
 
     def __init__(self, equations: EquationsOfMotion, repeated: list[RepeatedSample]) -> None:
-        self.controllers = equations.controllers
+        self.equations, self.controllers = equations, equations.controllers
         self._repeated = repeated
         self._counts = [0 for _ in self.controllers]
         self._tasks = [

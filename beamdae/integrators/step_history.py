@@ -388,7 +388,9 @@ class StepThinning:
             return
         self._checked = state
         if self._times is None:
-            self._finished_bytes += sum(x.history.stored_bytes for x in segments[self._finished : -1])
+            self._finished_bytes += sum(
+                x.history.stored_bytes for x in segments[self._finished : -1]
+            )
             self._finished = len(segments) - 1
             if self._finished_bytes + current.stored_bytes <= self._limit:
                 return

@@ -26,7 +26,6 @@ from beamdae.integrators.compiled_run import FactorizedMatrix, RepeatedCall, Ste
 from beamdae.integrators.error_control import (
     POSITION_ROUNDING,
     STIFF_RATIO_RADAU,
-    ErrorControl,
     MotionScales,
     motion_scales,
     reduce_tolerance,
@@ -198,9 +197,18 @@ class RadauStepper:
     ) -> None:
         self._form = form = formulate_first_order(plan.equations, STABILIZED_FORM, apart=True)
         self._scales = motion_scales(plan)
-        self._error_control = error_control
-        self._control, self._tolerance = self._resolve_tolerance(rtol, plan, self._scales)
-        tolerance = self._tolerance
+        self._control = resolve_error_control(
+            error_control,
+            _ORDER,
+            form.formulation,
+            rtol,
+            self._scales.rate,
+            STIFF_RATIO_RADAU,
+            plan.fastest_modes,
+        )
+        tested = self._control.tested_velocities(plan.equations, tangent_frames=True)
+        self._local = _local_tolerance(rtol, self._control.policy, self._scales.periods, form)
+        tolerance = StepTolerance(self._local, self._scales, tested)
         longest = plan.longest_step("Radau", max_step)
         pattern, jacobian, reduction = reduce_kinematics(form)
         real = plan.matrix("Radau", pattern)
@@ -229,47 +237,6 @@ class RadauStepper:
         self._call = RepeatedCall(self._step_loop, _SAMPLE_INPUTS, _SAMPLE_OUTPUTS)
         self._problem: BeamdaeError | None = None
 
-    def _resolve_tolerance(
-        self, rtol: float, plan: RunPlan, scales: MotionScales
-    ) -> tuple[ErrorControl, StepTolerance]:
-        control = resolve_error_control(
-            self._error_control,
-            _ORDER,
-            self._form.formulation,
-            rtol,
-            scales.rate,
-            STIFF_RATIO_RADAU,
-            plan.fastest_modes,
-        )
-        tested = control.tested_velocities(plan.equations, tangent_frames=True)
-        local = plan.tolerance_factor * self._local_tolerance(rtol, control.policy, scales.periods)
-        return control, StepTolerance(local, scales, tested)
-
-    def _local_tolerance(self, rtol: float, policy: str, periods: float) -> float:
-        """Return the local tolerance that keeps the error of a run near `rtol`.
-
-        It decreases with the number of periods of the motion, because errors accumulate.
-        """
-        is_one_sided = any(term.kernel.is_one_sided for term in self._form.equations.forces)
-        factor, exponent = _ONE_SIDED_LAW if is_one_sided else _TOLERANCE_LAWS[policy]
-        by_period = _PERIOD_EXPONENT_VELOCITIES if policy == "velocities" else _PERIOD_EXPONENT
-        return factor * rtol**exponent * reduce_tolerance(periods, by_period, _PERIOD_EXPONENT_LONG)
-
-    def satisfies(self, rtol: float, plan: RunPlan) -> bool:
-        """Return True if all steps so far satisfy the tolerances of a run with `rtol` on `plan`.
-
-        If they do, `resolved_options` describe these tolerances.
-        """
-        control, tolerance = self._resolve_tolerance(rtol, plan, motion_scales(plan))
-        errors = -self._run.lowest_errors.min(axis=0)
-        iteration_weights = np.concatenate(tolerance.iteration_weights)
-        ratio = np.max(iteration_weights / np.concatenate(self._tolerance.iteration_weights))
-        is_accurate = np.max(errors * tolerance.test_weights) < 1.0
-        if not (is_accurate and self._run.newton_error * ratio <= 1.0):
-            return False
-        self._control, self._tolerance = control, tolerance
-        return True
-
     @property
     def workspace(self) -> RadauWorkspace:
         """Work arrays of the run, with its weights."""
@@ -282,7 +249,7 @@ class RadauStepper:
             "error_control": self._control.policy,
             "auto": self._control.reason,
             "method": "Radau",
-            "local_tolerance": self._tolerance.local,
+            "local_tolerance": self._local,
         }
 
     @property
@@ -313,7 +280,7 @@ class RadauStepper:
         run.factors_step, run.iterations, run.rate, run.failure_code = 0.0, 0, 1.0, TOO_SMALL
         size.newton_limit = size.longest
         # A long run with a law that changes fast may ask for a first step too small for the clock.
-        first = max(self._scales.first_step(self._tolerance.local, state), size.smallest)
+        first = max(self._scales.first_step(self._local, state), size.smallest)
         size.next_step = min(first, size.longest)
         size.last_step, size.last_error, size.is_retry = 0.0, 0.0, 0
 
@@ -417,6 +384,17 @@ class RadauStepper:
         return code
 
 
+def _local_tolerance(rtol: float, policy: str, periods: float, form: FirstOrderForm) -> float:
+    """Return the local tolerance that keeps the error of a run near `rtol`.
+
+    It decreases with the number of periods of the motion, because errors accumulate.
+    """
+    is_one_sided = any(term.kernel.is_one_sided for term in form.equations.forces)
+    factor, exponent = _ONE_SIDED_LAW if is_one_sided else _TOLERANCE_LAWS[policy]
+    by_period = _PERIOD_EXPONENT_VELOCITIES if policy == "velocities" else _PERIOD_EXPONENT
+    return factor * rtol**exponent * reduce_tolerance(periods, by_period, _PERIOD_EXPONENT_LONG)
+
+
 def make_workspace(
     form: FirstOrderForm,
     buffers: FirstOrderBuffers,
@@ -460,7 +438,6 @@ def make_workspace(
         entry_columns=np.repeat(np.arange(reduced_size), np.diff(pattern.indptr)),
         error=np.zeros(size),
         difference=np.zeros(size),
-        lowest_errors=np.zeros((2, 2 * n)),
         vector=np.zeros(reduced_size),
         product=np.zeros(reduced_size),
         constraint_errors=np.zeros(reduced_size),
