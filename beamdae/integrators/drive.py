@@ -59,7 +59,7 @@ from beamdae.integrators.step_history import (
     StepHistory,
     StepThinning,
 )
-from beamdae.interrupts import Interrupted, acknowledge, attach_partial
+from beamdae.interrupts import Interrupted, acknowledge, attach_partial, raise_pending
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import release_freed_memory, retain_freed_memory
 from beamdae.model_checks.followed_vibrations import describe_followed_vibration
@@ -560,6 +560,7 @@ class _RunInProgress:
             if not is_resumed:
                 method.begin(history.end, end, branch, history.last_state)
             while history.end < end:
+                raise_pending()
                 first = history.count
                 most = limits.steps_until_check(self.steps, steps_per_check)
                 most = min(most, self._max_batch or most)
