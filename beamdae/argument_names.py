@@ -52,7 +52,7 @@ def _explain(part: str, function: Callable[..., Any], bound: int) -> Callable[..
 def _describe_misuse(
     signature: inspect.Signature, bound: int, arguments: tuple[Any, ...], settings: dict[str, Any]
 ) -> str:
-    """Return why arguments do not fit a function whose first `bound` ones are bound; "" if they do."""
+    """Return why arguments do not fit a function, "" if they do; the first `bound` are bound."""
     parameters = list(signature.parameters.values())[bound:]
     public = [x.name for x in parameters if not x.name.startswith("_")]
     allowed = f"the arguments are {join_names(public)}" if public else "it has none"

@@ -52,7 +52,6 @@ from beamdae.errors import (
     require_positive,
 )
 from beamdae.integrators.auto import Auto
-from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.run_plan import plan_run
 from beamdae.interrupts import interruptible
 from beamdae.model_checks.contacts import deep_rest_warnings
@@ -72,11 +71,9 @@ Array = np.ndarray
 # cube.
 _MAX_CONSTRAINTS = 1500
 _MAX_COORDINATES = 600
-# Maximum wall times of the run that measures the cost, of its pilot runs, and of the run with a
-# loose tolerance [s].
+# Maximum wall times of the run that measures the cost, and of its pilot runs [s].
 _MAX_MEASURED_TIME = 1.0
 _MAX_PILOT_TIME = 3.0
-_MAX_LOOSE_TIME = 3.0
 # Steps of a run, minutes of small models, from which on beams without damping have a warning.
 _MIN_STEPS_OF_LONG_RUN = 5e4
 _MAX_NAMES = 3
@@ -264,7 +261,7 @@ def check(
     predict
         True to predict the cost from a run that is stopped after 1 s of wall time, in addition to
         at most 3 s for its pilot runs. If the run does not reach its end, its cost is extrapolated
-        by a run with a loose tolerance, which takes at most 3 s.
+        in proportion to the time.
     start
         Start of the run, as in `simulate`, but no earlier run. Defaults to the start of the model.
 
@@ -459,17 +456,13 @@ def _predict_run(
     The second result is the measured run.
 
     The measured run has the pilot runs of a complete run, so that it has the same method and error
-    control. If it is stopped, a second run with a loose tolerance shows how its steps are
-    distributed over the time, and whether an event ends it.
+    control. If it is stopped, steps of the same mean length continue it.
     """
-    measured = _BriefRun(equations, Auto(), end, _MAX_MEASURED_TIME)
+    measured = _BriefRun(equations, end)
     solution, reached = measured.solution, measured.solution.trajectory.end
     if not reached > 0.0 or solution.status.kind == "failed":
         return None, None
-    growth = 1.0
-    if not solution.status.success:
-        loose = _BriefRun(equations, Auto(rtol=PILOT_RTOL), end, _MAX_LOOSE_TIME)
-        growth = _steps_after(loose.solution, reached, end)
+    growth = 1.0 if solution.status.success else end / reached
     auto = solution.integrator
     method = f"{auto.get('method', '')}, {auto.get('auto', '')}".rstrip(", ")
     seconds = measured.pilot_time + measured.main_time * growth
@@ -491,22 +484,6 @@ def _undamped_beam_warning(
         )
 
 
-def _steps_after(run: Solution, reached: float, end: float) -> float:
-    """Return the ratio of all steps to those up to `reached` [s], from another run.
-
-    If the other run was stopped, too, its last steps continue; without a later step, the ratio is
-    that of the times.
-    """
-    times = np.concatenate([interval.t[1:] for interval in run.trajectory.intervals])
-    before, last = int(np.sum(times <= reached)), run.trajectory.end
-    if before == 0 or last <= reached or run.status.kind == "failed":
-        return end / reached
-    total = float(len(times))
-    if not run.status.success:
-        total += (total - before) * (end - last) / (last - reached)
-    return total / before
-
-
 class _BriefRun:
     """Run that is stopped after limited wall times of its pilot runs and its main run.
 
@@ -521,13 +498,11 @@ class _BriefRun:
         Wall times [s].
     """
 
-    def __init__(
-        self, equations: EquationsOfMotion, integrator: Auto, end: float, time: float
-    ) -> None:
-        self._time, self._begin, self._main = time, 0.0, 0.0
+    def __init__(self, equations: EquationsOfMotion, end: float) -> None:
+        self._begin, self._main = 0.0, 0.0
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BeamdaeWarning)
-            self.solution = simulate(equations, integrator, end, progress=self._stop)
+            self.solution = simulate(equations, Auto(), end, progress=self._stop)
         wall_time = self.solution.statistics.wall_time
         self.main_time = min(clock.perf_counter() - self._main, wall_time) if self._main else 0.0
         self.pilot_time = wall_time - self.main_time
@@ -537,5 +512,5 @@ class _BriefRun:
         self._begin = self._begin or now
         if t > 0.0 and not self._main:
             self._main = now
-        limit = self._main + self._time if self._main else self._begin + _MAX_PILOT_TIME
+        limit = self._main + _MAX_MEASURED_TIME if self._main else self._begin + _MAX_PILOT_TIME
         return "measured" if now > limit else None

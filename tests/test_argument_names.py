@@ -82,8 +82,14 @@ def test_regression_arguments_of_similar_parts_are_listed():
         ),
         (lambda: bd.Beam("leaf"), "Beam: missing a required argument: 'curve'; the argum"),
         (lambda: bd.Line((0, 0), (1, 0), 7.0), "Line: too many positional arguments; the arg"),
-        (lambda: bd.simulate(), "simulate: missing a required argument: 'model'; the arguments are mod"),
-        (lambda: bd.Section.rectangle(), "Section.rectangle: missing a required argument: 'material'; the a"),
+        (
+            lambda: bd.simulate(),
+            "simulate: missing a required argument: 'model'; the arguments are mod",
+        ),
+        (
+            lambda: bd.Section.rectangle(),
+            "Section.rectangle: missing a required argument: 'material'; the a",
+        ),
     ],
 )
 def test_regression_missing_and_surplus_arguments_are_named(call, message):

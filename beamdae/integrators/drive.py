@@ -25,7 +25,6 @@ from beamdae.equations.table_arguments import (
     find_distinct,
 )
 from beamdae.errors import BeamdaeError, ProgressError, list_first
-from beamdae.integrators.error_control import count_periods
 from beamdae.integrators.events.force_peaks import watch_force_peaks
 from beamdae.integrators.events.stop import Watch
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
@@ -36,7 +35,6 @@ from beamdae.integrators.limits import (
     Progress,
     RunLimits,
     followed_vibration,
-    omit_guesses,
 )
 from beamdae.integrators.method import (
     PROBE_SHARE,
@@ -206,7 +204,7 @@ def _drive(
                 )
         if rtol is not None and limits.max_steps is None:
             interval = plan.intervals[0][0], plan.intervals[-1][1]
-            limits.pace_check = PaceCheck(*interval, count_periods(plan))
+            limits.pace_check = PaceCheck(*interval)
         followed_vibration.set("")
         trajectory, status = execute(plan, limits, method_on)
     except KeyboardInterrupt:
@@ -279,7 +277,7 @@ def _name_cause(
     if not cause:
         return status
     stop, _, reason = status.sentence.partition(": ")
-    return replace(status, sentence=f"{stop}: {cause.rstrip('.')}; {omit_guesses(reason)}")
+    return replace(status, sentence=f"{stop}: {cause.rstrip('.')}; {reason}")
 
 
 @dataclass(frozen=True)

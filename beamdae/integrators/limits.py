@@ -28,21 +28,10 @@ _STEPS_OF_FIRST_MOTION_CHECK = 5000
 _MAX_PACE_RATIO = 0.4
 # The pace is steady if it has grown by less than this factor; it doubles while vibrations decay.
 _STEADY_PACE_RATIO = 1.1
-# From this number of periods on, the tolerance is so tight (it falls with the square of the number)
-# that Radau takes over 100 steps per period of a free pendulum at rtol = 1e-4.
-_MANY_PERIODS = 100.0
-
 # Lasting vibration that the steps of the current run follow, or "", for progress displays.
 followed_vibration: ContextVar[str] = ContextVar("followed_vibration", default="")
 
-_GUESSES = ", possibly because of "
 _CONTINUE = "set max_steps to continue anyway"
-
-
-def omit_guesses(reason: str) -> str:
-    """Return a reason to stop without possible causes, because the cause is known."""
-    pace, guesses, rest = reason.partition(_GUESSES)
-    return f"{pace}; {_CONTINUE}{rest.partition(_CONTINUE)[2]}" if guesses else reason
 
 
 @dataclass
@@ -53,8 +42,6 @@ class PaceCheck:
     ----------
     start, end
         Start and end of the run [s].
-    periods
-        Number of periods of the motion for which the tolerance is tightened.
     relative_limit
         Limits on the number of steps, relative to those of a method with inexpensive steps.
     steps
@@ -73,7 +60,6 @@ class PaceCheck:
 
     start: float
     end: float
-    periods: float = 1.0
     relative_limit: float = 1.0
     steps: int = _STEPS_OF_FIRST_MOTION_CHECK
     begin: float = field(init=False)
@@ -119,26 +105,14 @@ class PaceCheck:
         return "; ".join(filter(None, (reason, rest)))
 
     def describe_stall(self, cause: str = "") -> str:
-        """Return the reason to stop a stalled run, with a known cause or possible ones."""
+        """Return the reason to stop a stalled run, with its cause if it is known."""
         pace = "steps have shrunk to 0 s, so the run makes no progress"
         if self.pace > 0.0:
             pace = (
                 f"steps have shrunk to {self.pace:.2g} s, at which the run would need "
                 f"{self.more_steps:.2g} more steps"
             )
-        if cause:
-            return f"{pace}; {cause}; {_CONTINUE}"
-        causes = (
-            "extreme loads, speeds or stiffnesses, or a law that grows without bound or jumps, "
-            "such as np.arctan2 at 180 degrees"
-        )
-        remedies = "check values and units"
-        if self.periods > _MANY_PERIODS:
-            causes = (
-                f"{self.periods:.2g} periods of motion, which tighten the tolerance, or {causes}"
-            )
-            remedies += ", increase rtol, end the run earlier, use GeneralizedAlpha(step)"
-        return f"{pace}{_GUESSES}{causes}; {remedies}, or {_CONTINUE}"
+        return f"{pace}; {cause or 'check values and units, or increase rtol'}; {_CONTINUE}"
 
 
 @dataclass
