@@ -42,7 +42,6 @@ from beamdae.integrators.method import (
     STEPS_PER_CHECK,
     LoopMethod,
     Method,
-    SamplingMethod,
     StepError,
     StepMethod,
 )
@@ -329,15 +328,13 @@ class _RunInProgress:
         """Prepare a run; `label` is appended to the message of an interrupted run."""
         self._equations = equations = context.equations
         self._plan, self._limits, self._label = plan, limits, label
-        self.method = method_on(plan)
+        self._configuration = initial_configuration(equations)
+        self.methods = MethodCache(method_on, plan, self._configuration)
+        self.method = self.methods.first
         if limits.pace_check is not None:
             limits.pace_check.relative_limit = self.method.steps_per_check / STEPS_PER_CHECK
-        self._configuration = initial_configuration(equations)
-        self.methods = MethodCache(method_on, self.method, self._configuration)
         self.repeated = context.repeated
         self.growing_loop = ""  # warning about a loop that stopped the run
-        sampled = equations.with_loads_of(self._configuration)
-        self._sampler = Sampler(sampled, context.repeated)
         self._detector: EventDetector | None = None
         self._max_batch: int | None = None
         if equations.events:
@@ -349,8 +346,9 @@ class _RunInProgress:
             self._detector = EventDetector(equations)
             self._max_batch = STEPS_PER_EVENT_CHECK if self._detector.may_stop else None
         self._context = context
-        self._watches = self._watch_active_parts()
-        self._method_samples = self._let_method_sample()
+        sampled = equations.with_loads_of(self._configuration)
+        self._sampler = Sampler(sampled, context.repeated)
+        self._adapt_to_active_parts()
         self.steps = 0
         # Time [s] of the first peak of each force that steps passed over at first, by its part.
         self.force_peaks: dict[str, float] = {}
@@ -364,28 +362,16 @@ class _RunInProgress:
         start, end = plan.intervals[0]
         self._begin_segment(start, branch_time(start, end), plan.state)
 
-    def _watch_active_parts(self) -> tuple[Watch, ...]:
-        """Return all watches; peaks of forces are searched for adaptive steps only."""
-        rtol, watches = self._context.rtol, self._context.watches
-        peaks = None if rtol is None else watch_force_peaks(self._plan, rtol)
-        return watches if peaks is None else (*watches, peaks)
+    def _adapt_to_active_parts(self) -> None:
+        """Watch the active parts, and let controllers read zero for the loads of inactive ones.
 
-    def _let_method_sample(self) -> bool:
-        """Let the method take samples, if possible; return False if the driver takes them.
-
-        Events are detected between samples, not across them.
+        Peaks of forces are searched for adaptive steps only.
         """
-        if not self._sampler.controllers or self._detector is not None:
-            return False
-        if not isinstance(self.method, SamplingMethod):
-            return False
-        self.method.sampler = self._sampler
-        return True
-
-    def _switch_sampled_loads(self) -> None:
-        """Let controllers read zero for the loads of inactive parts."""
+        rtol, self._watches = self._context.rtol, self._context.watches
+        if rtol is not None and (peaks := watch_force_peaks(self._plan, rtol)):
+            self._watches = (*self._watches, peaks)
         equations = self._equations.with_loads_of(self._configuration)
-        if self._sampler.controllers and equations is not self._sampler.equations:
+        if equations is not self._sampler.equations:
             self._sampler = Sampler(equations, self.repeated)
 
     @property
@@ -442,6 +428,9 @@ class _RunInProgress:
     def _trajectory(self) -> Trajectory:
         m = self._equations.m
         return Trajectory(tuple(segment.interval(m) for segment in self._segments))
+
+    def _limited(self, reason: object) -> Status:
+        return Status("limited", f"stopped at t = {self._history.end:.6g} s: {reason}")
 
     def _failure(self, reason: object) -> Status:
         return Status("failed", f"stopped at t = {self._history.end:.6g} s: {reason}")
@@ -537,8 +526,6 @@ class _RunInProgress:
 
     def _stop_at_next_sample(self, t: float) -> None:
         """End the interval that begins at `t` [s] at the next sample of a controller."""
-        if self._method_samples:
-            return
         end = self._interval_ends[0]
         if (following := self._sampler.next_stop(t, end)) < end:
             self._interval_ends = (following, *self._interval_ends)
@@ -551,7 +538,7 @@ class _RunInProgress:
         segment, method, limits = self._segments[-1], self.method, self._limits
         history, branch = segment.history, segment.branch
         if outside := self._reason_outside_table():
-            return Status("limited", f"stopped at t = {history.end:.6g} s: {outside}")
+            return self._limited(outside)
         steps_per_check = method.steps_per_check
         unchecked, steps_checked = history.count, self.steps
         try:
@@ -570,9 +557,6 @@ class _RunInProgress:
                     has_failed = bool(self._watches) and history.count > unchecked
                     if not has_failed:
                         raise
-                if self._method_samples and cast(SamplingMethod, method).awaits_sample:
-                    end = history.end
-                    self._interval_ends = (end, *self._interval_ends)
                 is_due = has_failed or self.steps >= steps_checked + _STEPS_PER_SEARCH
                 outside = ""
                 if self._watches and (is_due or self._max_batch or history.end >= end):
@@ -581,7 +565,7 @@ class _RunInProgress:
                 if self._detector and (event := self._detector.find_terminal_event(segment, first)):
                     return self._status_at_event(event)
                 if outside:
-                    return Status("limited", f"stopped at t = {end:.6g} s: {outside}")
+                    return self._limited(outside)
                 history.release(unchecked if self._watches else history.count)
                 self.thinning.enforce(self._segments)
                 t = history.end
@@ -591,7 +575,7 @@ class _RunInProgress:
                     stop := limits.stop_reason(t, self.steps, steps_per_check)
                     or self._reason_not_to_continue()
                 ):
-                    return Status("limited", f"stopped at t = {t:.6g} s: {stop}")
+                    return self._limited(stop)
         except StepError as problem:
             time = np.array([history.end, branch])
             ahead = history.end + PROBE_SHARE * (end - history.end)
@@ -637,8 +621,7 @@ class _RunInProgress:
         return check.describe_stall(self._describe_singular_position()) if check.is_stalled else ""
 
     def _out_of_memory(self, problem: MemoryError) -> Status:
-        reason = problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY
-        return Status("limited", f"stopped at t = {self._history.end:.6g} s: {reason}")
+        return self._limited(problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY)
 
     def _truncate_at_first_stop(self, first: int, end: float) -> tuple[float, str]:
         """Drop the steps after the first stop of the watches in the rows from `first` on.
@@ -688,7 +671,7 @@ class _RunInProgress:
         event, t = self._detector.last_event, self._history.end
         stall = self.methods.stall_reason(event, t, self._plan.duration)
         if stall and not self._detector.repeats_impacts:
-            return Status("limited", f"stopped at t = {t:.6g} s: {stall}")
+            return self._limited(stall)
         try:
             result = apply_event(
                 self._equations,
@@ -702,8 +685,7 @@ class _RunInProgress:
             self._configuration, self._plan = result.configuration, result.plan
             self._interval_ends = result.ends
             self.method = self.methods.get(result.plan, result.configuration)
-            self._watches = self._watch_active_parts()
-            self._switch_sampled_loads()
+            self._adapt_to_active_parts()
         except BeamdaeError as problem:
             return self._failure(f"event {event.name}: {problem}")
         self._begin_segment(t, result.branch, result.state)
@@ -711,7 +693,7 @@ class _RunInProgress:
         if stall := self.methods.unresolved_impact_reason(
             event, result.impulses, self._plan.duration
         ):
-            return Status("limited", f"stopped at t = {t:.6g} s: {stall}")
+            return self._limited(stall)
         if simultaneous := self._detector.next_simultaneous_event(self._segments[-1]):
             return self._status_at_event(simultaneous)
         if t < self._interval_ends[0]:
@@ -740,18 +722,11 @@ def _take_steps(method: Method, history: StepHistory, most: int, end: float) -> 
             raise StepError(_UNORDERED_STAGES)
         return 1
     loop = cast(LoopMethod, method)
-    rows, has_jumps = loop.advance(most), False
-    jumps = 0
-    if getattr(method, "sampler", None) is not None:
-        if not len(rows):
-            return 0
-        has_jumps = True
-        ends = rows[loop.rows_per_step - 1 :: loop.rows_per_step, 0]
-        jumps = int(np.count_nonzero(np.diff(ends, prepend=history.end) == 0.0))
+    rows = loop.advance(most)
     _require_progress(history, rows[-1, 0], end)
-    if not history.extend(rows, loop.rows_per_step, has_jumps):
+    if not history.extend(rows, loop.rows_per_step):
         raise StepError(STEP_TOO_SMALL)
-    return len(rows) // loop.rows_per_step - jumps
+    return len(rows) // loop.rows_per_step
 
 
 def _require_progress(history: StepHistory, t: float, end: float) -> None:

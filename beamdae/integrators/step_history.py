@@ -74,20 +74,19 @@ class StepHistory:
         rows = [np.concatenate(((time,), *values)) for time, values in [*stages, (t, state)]]
         return self.extend(np.array(rows), len(rows))
 
-    def extend(self, rows: Array, rows_per_step: int = 1, has_jumps: bool = False) -> bool:
+    def extend(self, rows: Array, rows_per_step: int = 1) -> bool:
         """Append rows (t, q, v, a, lam) of several steps; return False if they are invalid.
 
         Times must ascend from the last stored row, and every step must have the same number of
-        rows. If `has_jumps` is True, steps may have the length zero.
+        rows.
 
         Raises
         ------
         OutOfMemoryError
             If there is no memory for more rows or for results computed from the rows.
         """
-        is_after = np.greater_equal if has_jumps else np.greater
         t = rows[:, 0]
-        if not (is_after(t[0], self.end) and is_after(t[1:], t[:-1]).all()):
+        if not (t[0] > self.end and (t[1:] > t[:-1]).all()):
             return False
         if self._count > 1 and rows_per_step != self._rows_per_step:
             return False
