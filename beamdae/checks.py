@@ -453,21 +453,34 @@ def _predict_run(
 ) -> tuple[RunPrediction | None, Solution | None]:
     """Measure the cost of a run, or extrapolate it; None if the run fails or takes no step.
 
-    The second result is the measured run.
-
-    The measured run has the pilot runs of a complete run, so that it has the same method and error
-    control. If it is stopped, steps of the same mean length continue it.
+    The second result is the measured run, which has the pilot runs of a complete run, so that it
+    has the same method and error control. `progress` stops it, because `time_limit` of the
+    integrator would change the pilot runs. If it is stopped, steps of the same mean length continue
+    it. The times begin with the first steps, after compilation.
     """
-    measured = _BriefRun(equations, end)
-    solution, reached = measured.solution, measured.solution.trajectory.end
-    if not reached > 0.0 or solution.status.kind == "failed":
+    pilot_began = main_began = 0.0
+
+    def stop(t: float) -> str | None:
+        nonlocal pilot_began, main_began
+        now = clock.perf_counter()
+        pilot_began = pilot_began or now
+        if t > 0.0 and not main_began:
+            main_began = now
+        limit = main_began + _MAX_MEASURED_TIME if main_began else pilot_began + _MAX_PILOT_TIME
+        return "measured" if now > limit else None
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BeamdaeWarning)
+        run = simulate(equations, Auto(), end, progress=stop)
+    wall_time, steps = run.statistics.wall_time, run.statistics.steps
+    main_time = min(clock.perf_counter() - main_began, wall_time) if main_began else 0.0
+    reached = run.trajectory.end
+    if not reached > 0.0 or run.status.kind == "failed":
         return None, None
-    growth = 1.0 if solution.status.success else end / reached
-    auto = solution.integrator
-    method = f"{auto.get('method', '')}, {auto.get('auto', '')}".rstrip(", ")
-    seconds = measured.pilot_time + measured.main_time * growth
-    prediction = RunPrediction(solution.statistics.steps * growth, seconds, method, reached / end)
-    return prediction, solution
+    growth = 1.0 if run.status.success else end / reached
+    method = ", ".join(filter(None, (run.integrator.get(x, "") for x in ("method", "auto"))))
+    seconds = wall_time - main_time + main_time * growth
+    return RunPrediction(steps * growth, seconds, method, reached / end), run
 
 
 def _undamped_beam_warning(
@@ -482,35 +495,3 @@ def _undamped_beam_warning(
             f"and steps that follow them (about {prediction.steps:.0e}) make runs long; set "
             f"damping= of the sections, such as {EXAMPLE_DAMPING:g} s."
         )
-
-
-class _BriefRun:
-    """Run that is stopped after limited wall times of its pilot runs and its main run.
-
-    The times begin with the first steps, after compilation. `progress` stops the runs, because
-    `time_limit` of the integrator would change the pilot runs and thereby the error control.
-
-    Attributes
-    ----------
-    solution
-        The run.
-    pilot_time, main_time
-        Wall times [s].
-    """
-
-    def __init__(self, equations: EquationsOfMotion, end: float) -> None:
-        self._begin, self._main = 0.0, 0.0
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", BeamdaeWarning)
-            self.solution = simulate(equations, Auto(), end, progress=self._stop)
-        wall_time = self.solution.statistics.wall_time
-        self.main_time = min(clock.perf_counter() - self._main, wall_time) if self._main else 0.0
-        self.pilot_time = wall_time - self.main_time
-
-    def _stop(self, t: float) -> str | None:
-        now = clock.perf_counter()
-        self._begin = self._begin or now
-        if t > 0.0 and not self._main:
-            self._main = now
-        limit = self._main + _MAX_MEASURED_TIME if self._main else self._begin + _MAX_PILOT_TIME
-        return "measured" if now > limit else None
