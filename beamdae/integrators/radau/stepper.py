@@ -305,7 +305,7 @@ class RadauStepper:
         # Steps before a failure are returned first; the next call fails again.
         code = self._step_loop()
         if run.filled == 0:
-            raise StepError(_FAILURES[code], run.stage_residuals[-1])
+            raise StepError(_FAILURES[code])
         return run.rows[: run.filled]
 
 
