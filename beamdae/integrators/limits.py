@@ -23,9 +23,6 @@ _STEPS_OF_LASTING_PACE = 1e5
 # The motion is checked after this number of steps, and whenever the number has doubled: after half
 # a second in most models with beams.
 _STEPS_OF_FIRST_MOTION_CHECK = 5000
-# The pace has fallen if the last half of the steps covers less than this fraction of the time of
-# the first half; it falls to 0.2 while an unstable loop of a stage with leaf springs grows.
-_MAX_PACE_RATIO = 0.4
 # The pace is steady if it has grown by less than this factor; it doubles while vibrations decay.
 _STEADY_PACE_RATIO = 1.1
 # Lasting vibration that the steps of the current run follow, or "", for progress displays.
