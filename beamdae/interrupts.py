@@ -4,17 +4,20 @@ Python raises KeyboardInterrupt between any two instructions of the main thread.
 a function that C code calls (a callback of ctypes, a conversion of SWIG, a finalizer), the
 exception is discarded. Public functions that may take long are therefore decorated by
 `interruptible`: an interrupt is pending until code that keeps partial results calls `acknowledge`.
-A pending interrupt is raised by the next `raise_pending` of a run, or ends the call when the
-function returns. Interrupts during imports wait in the same way, because modules such as NumPy
-cannot be used in the same process after an incomplete import. A second interrupt is raised at once.
+A pending interrupt is raised by the next `raise_pending` of a run, again after a second, and when
+the function returns. Interrupts during imports wait for these, or for five seconds, because modules
+such as NumPy cannot be used in the same process after an incomplete import. A second interrupt is
+raised at once.
 """
 
 from __future__ import annotations
 
+import _thread
 import functools
 import signal
 import sys
 import threading
+import time as clock
 from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
@@ -29,6 +32,10 @@ Result = TypeVar("Result")
 PartialResult = Literal["raise", "return"]
 PARTIAL_RESULTS = ("raise", "return")
 
+# Time after which an interrupt that was discarded is raised again [s]; cleaning up takes less. An
+# import delays an interrupt by at most the second time, because modules may be endless scripts.
+_REPEAT_INTERVAL = 1.0
+_MAX_IMPORT_TIME = 5.0
 _AFTER_LAST_STEP = "interrupted after the last step"
 _IMPORT_FILES = ("<frozen importlib._bootstrap>", "<frozen importlib._bootstrap_external>")
 # All but Ctrl-C only if a handler raises KeyboardInterrupt, as on the command line. Windows has no
@@ -243,9 +250,19 @@ class _SignalHandler:
         try:
             self.previous(number, frame)
         except KeyboardInterrupt:
-            is_first, _is_pending = not _is_pending, True
-            if not (is_first and _is_importing(frame)):
+            is_delayed, _is_pending = not _is_pending and _is_importing(frame), True
+            delay = _MAX_IMPORT_TIME if is_delayed else _REPEAT_INTERVAL
+            # Not with `threading`, whose locks the interrupted code may hold.
+            _thread.start_new_thread(_repeat, (number, delay))
+            if not is_delayed:
                 raise
+
+
+def _repeat(number: int, delay: float) -> None:
+    """Send the signal again after a delay [s] if its interrupt has not ended its call by then."""
+    clock.sleep(delay)
+    if _is_pending and isinstance(signal.getsignal(number), _SignalHandler):
+        _thread.interrupt_main(number)
 
 
 def _is_importing(frame: FrameType | None) -> bool:

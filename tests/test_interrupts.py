@@ -6,6 +6,7 @@ import signal
 import sys
 import textwrap
 import threading
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -162,6 +163,22 @@ def test_a_second_interrupt_is_raised_at_once_after_a_discarded_one():
     def compute():
         discard_interrupt()
         send_interrupt()
+        return 3
+
+    with pytest.raises(Interrupted) as caught:
+        compute()
+    assert caught.value.partial is None
+
+
+def test_a_discarded_interrupt_is_raised_again():
+    """Searches without a check ran to their end."""
+
+    @interruptible
+    def compute():
+        discard_interrupt()
+        end = time.monotonic() + 60.0
+        while time.monotonic() < end:
+            pass
         return 3
 
     with pytest.raises(Interrupted) as caught:
