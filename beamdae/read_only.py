@@ -137,7 +137,8 @@ def read_only_data(cls: _T) -> _T:
 
 
 def _protect_fields(instance: Any) -> None:
-    caches, values = _names_of_caches(type(instance)), vars(instance)
+    cls: Any = type(instance)
+    caches, values = _names_of_caches(cls), vars(instance)
     for name, value in values.items():
         if name not in caches:
             values[name] = read_only(value)

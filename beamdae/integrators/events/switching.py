@@ -39,6 +39,10 @@ _MIN_FLIGHT = 1e-9
 # They also accumulate if an impact after less than this fraction of the run has no impulse: the
 # bodies still separate, so that the flight is below the rounding errors of the positions.
 _MAX_UNRESOLVED_FLIGHT = 1e-3
+_IMPACT_ADVICE = (
+    "; activate a joint that keeps the bodies together with bd.activate(joint, as_is=True), or use "
+    "a Contact"
+)
 
 
 @dataclass(frozen=True)
@@ -175,7 +179,7 @@ class MethodCache:
         configuration: Configuration | None,
     ) -> None:
         """Create the method for the plan at the start; `make` creates those of all plans."""
-        self._make, self._configuration = make, configuration
+        self._make = make
         self.first = make(plan)
         self._methods = {self._key(configuration): self.first}
         self._past_counts: list[Statistics] = []
@@ -223,7 +227,7 @@ class MethodCache:
             return None
         advice = "; separate the thresholds of the events"
         if select_impacts(event.do):
-            advice = self._advise(event)
+            advice = _IMPACT_ADVICE
         return (
             f"events acted {_MAX_SWITCHES} times within {window:.2g} s, the last one is "
             f"{event.name}{advice}"
@@ -248,28 +252,5 @@ class MethodCache:
     def _describe_accumulation(self, event: EventTerm, flight: float) -> str:
         return (
             f"impacts of event {event.name} accumulate, and the last two are {flight:.2g} s "
-            f"apart{self._advise(event)}"
+            f"apart{_IMPACT_ADVICE}"
         )
-
-    def _advise(self, event: EventTerm) -> str:
-        """Return the end of a message about impacts of an event that do not end."""
-        if beam := self._flexible_part(event):
-            return (
-                f", because an impact reverses only the section of {beam} that it hits, and the "
-                "rest follows; use a Contact"
-            )
-        return (
-            "; activate a joint that keeps the bodies together with bd.activate(joint, "
-            "as_is=True), or use a Contact"
-        )
-
-    def _flexible_part(self, event: EventTerm) -> str | None:
-        """Return the name of a part that deforms and defines the column of an event, or None."""
-        if self._configuration is None:
-            return None
-        columns = set(event.observable.operator.indices.tolist())
-        for part in self._configuration.equations.parts:
-            is_flexible = part.rigid_count < part.rows.stop - part.rows.start
-            if is_flexible and not columns.isdisjoint(range(part.rows.start, part.rows.stop)):
-                return part.name
-        return None
