@@ -42,6 +42,7 @@ from beamdae.integrators.method import (
     STEPS_PER_CHECK,
     LoopMethod,
     Method,
+    ResumableMethod,
     StepError,
     StepMethod,
 )
@@ -482,13 +483,12 @@ class _RunInProgress:
 
         `state` contains the new held values.
         """
-        resume = getattr(self.method, "resume", None)
         # An event at the time of the sample has begun a segment of one row: the method has not.
         is_begun = self._history.count > 1
-        if resume is None or not (is_begun and self._is_sample(start)):
+        if not (hasattr(self.method, "resume") and is_begun and self._is_sample(start)):
             return None
-        resumed: State | None = resume(start, self._interval_ends[0], state.q)
-        return resumed
+        method = cast(ResumableMethod, self.method)
+        return method.resume(start, self._interval_ends[0], state.q)
 
     def _is_sample(self, t: float) -> bool:
         """Return True if only held values change at the end of an interval at `t` [s]."""
