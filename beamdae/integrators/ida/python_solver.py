@@ -9,7 +9,7 @@ but it runs in plain Python, which is 15 to 30 times slower than machine code.
 from __future__ import annotations
 
 import contextlib
-import sys
+import io
 import threading
 import warnings
 from typing import Any
@@ -133,7 +133,7 @@ class SksundaeIda:
     def advance(self, most: int) -> Array:
         """Take one step; return its row (t, q, v, a, lam), none after a failure."""
         # SUNDIALS prints errors that are also in the status.
-        with _output_lock, contextlib.redirect_stdout(sys.stderr):
+        with _output_lock, contextlib.redirect_stdout(io.StringIO()):
             result = self._solver.step(self._end, "onestep", self._stop)
         self._y, self._yp = result.y, result.yp
         self.code = DONE if result.t > self._t else NO_ADVANCE
