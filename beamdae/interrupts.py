@@ -262,7 +262,7 @@ def _repeat(number: int, delay: float) -> None:
     """Send the signal again after a delay [s] if its interrupt has not ended its call by then."""
     clock.sleep(delay)
     if _is_pending and isinstance(signal.getsignal(number), _SignalHandler):
-        _thread.interrupt_main(number)
+        _thread.interrupt_main(signal.Signals(number))
 
 
 def _is_importing(frame: FrameType | None) -> bool:

@@ -113,7 +113,8 @@ def _find_peak(
             ends = arguments[term.axis][k : k + 2]
             shares_of_stop = [rows[rows < share[first]][-1], highest]
             levels = np.interp(shares_of_stop, [0.0, 1.0], ends).tolist()
-            return Stop(*(_locate(term, interval, start, end, level) for level in levels))
+            foot, probe = (_locate(term, interval, start, end, level) for level in levels)
+            return Stop(foot, probe)
     return None
 
 
