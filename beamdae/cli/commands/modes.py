@@ -140,10 +140,8 @@ def modes_command(
     if is_single:
 
         def animate_modes(modes: Any) -> None:
-            from beamdae.report.pictures.mode_shapes import animate_mode
-
             for k, file in animations.items():
-                files.write(file.name, lambda k=k, file=file: [animate_mode(modes, k, file)])
+                files.write(file.name, lambda k=k, file=file: [modes.animate(k, file)])
 
         title = f"{model.name}, natural modes"
         describe = partial(_describe_modes, model.name)
