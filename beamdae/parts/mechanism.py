@@ -583,12 +583,11 @@ class Mechanism(HasOrigin):
         """Draw the mechanism: bodies, joints, supports, springs and loads with their names.
 
         The drawing shows the reference configuration, even if a different start is requested. Rigid
-        bodies are drawn by their shape or, without a shape, by lines between their attachment points,
-        or between a single attachment point and the center of mass; beams are drawn along their axis,
-        with the heights of their sections if any of these varies (times a factor above the drawing if
-        they are too thin to be visible).
-        Arrows of forces show the direction, not the magnitude, at t = 0 or, if the force is zero then,
-        at a later time.
+        bodies are drawn by their shape or, without a shape, by lines between their attachment
+        points, or between a single attachment point and the center of mass; beams are drawn along
+        their axis, with the heights of their sections if any of these varies (times a factor above
+        the drawing if they are too thin to be visible). Arrows of forces show the direction, not
+        the magnitude, at t = 0 or, if the force is zero then, at a later time.
 
         Returns
         -------

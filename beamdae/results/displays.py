@@ -152,8 +152,8 @@ class HasModeShapes(HasTable, HasPage):
         mode
             Number of the mode, starting at 1.
         path
-            Path of a GIF or MP4 file, see `Solution.animate`. Without a path, the animation is displayed
-            in a notebook.
+            Path of a GIF or MP4 file, see `Solution.animate`. Without a path, the animation is
+            displayed in a notebook.
         frames
             Number of frames per period, 2 to 500.
 
@@ -165,8 +165,8 @@ class HasModeShapes(HasTable, HasPage):
         Raises
         ------
         BeamdaeError
-            If an argument is invalid, the mode does not exist, there is no mechanism with parts that
-            can be drawn, ffmpeg is required but missing, or the file cannot be written.
+            If an argument is invalid, the mode does not exist, there is no mechanism with parts
+            that can be drawn, ffmpeg is required but missing, or the file cannot be written.
         """
         return load_views().animate_mode(self, mode, path, frames)
 

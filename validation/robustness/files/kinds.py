@@ -18,11 +18,11 @@ from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
+from beamdae.results.storage.continued_runs import RunParts
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.results.storage.checkpoint import Checkpoint
-from beamdae.results.storage.continued_runs import RunParts
 from beamdae.results.storage.documents import checksum
 from beamdae.simulation import as_equations
 from beamdae.studies.execution.executors import SerialPool
