@@ -32,7 +32,7 @@ from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import Animation, Plot, load_views
 from beamdae.results.event_records import tabulate_events
-from beamdae.results.provenance import describe_provenance, state_hash
+from beamdae.results.provenance import describe_provenance
 from beamdae.results.run_data import RunData, coordinate_headers
 from beamdae.results.storage.files import require_file_path, write_result
 from beamdae.results.time_series import TimeSeries
@@ -410,8 +410,6 @@ class Solution(RunData, TimeSeries):
 
     def metadata(self, **further: Any) -> dict[str, Any]:
         """Return the metadata of the run for `to_csv`; `further` adds or replaces entries."""
-        end, last = self.trajectory.end, self.trajectory.intervals[-1].state
-        ledger = self._energy_ledger.at(np.array([end]))[0].tolist()
         # Files repeat no run whose warnings nobody sees.
         is_checked = "warnings" in vars(self) or not warnings_are_ignored()
         return {
@@ -428,12 +426,6 @@ class Solution(RunData, TimeSeries):
             "singular positions": [asdict(position) for position in self.singular_positions],
             "events": [record.as_dict() for record in self.event_records],
             "warnings": list(self.warnings if is_checked else self.model_warnings),
-            # Used to join the tables of this run and of a run that resumes it: the hash identifies
-            # the run, and the works are added.
-            "end": {
-                "state": state_hash(end, last.q[-1], last.v[-1]),
-                **dict(zip(measures.LEDGER_COLUMNS, ledger, strict=True)),
-            },
             "equations": self._provenance,
             "versions": self.versions,
             **further,
