@@ -127,6 +127,6 @@ def _describe_frequencies(frequencies: FrequencyRange) -> dict[str, str]:
             f"the lowest, {_RESOLVING_STEP / highest:.2g} s the highest; damping ratio of the "
             f"fastest mode {frequencies.damping_ratio:.2g}, {stability}"
         )
-    if growth := frequencies.describe_growth():
-        facts["unstable"] = growth
+    if frequencies.growth:
+        facts["unstable"] = frequencies.growth
     return facts
