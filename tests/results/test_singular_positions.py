@@ -95,10 +95,10 @@ def test_only_a_change_of_branch_is_a_jump():
 
 @pytest.mark.parametrize("floats", [False, True])
 def test_singular_positions_are_reported_with_time_and_joints(floats):
+    mech = rhombus(floats=floats)
     with pytest.warns(
         bd.BeamdaeWarning, match=r"pivot 0, .* lose rank near t = 0\.26.*the motion may branch"
     ):
-        mech = rhombus(floats=floats)
         solution = bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=FIRST + 1.5 * HALF_TURN)
     assert solution.status.success
     times = [position.t for position in solution.singular_positions]

@@ -95,6 +95,7 @@ def sweep_command(
     integrator: IntegratorName = "auto",
     rtol: RelativeTolerance = None,
     step: FixedStep = None,
+    out: Out = Path("results"),
     time_limit: TimeLimit = None,
     t_end: EndTime = None,
     output_step: OutputStep = None,
@@ -104,7 +105,6 @@ def sweep_command(
     parquet: Parquet = False,
     page: Page = True,
     picture: Pictures = True,
-    out: Out = Path("results"),
 ) -> None:
     """Run a model over all combinations of parameter values; write a table, plots and a page.
 
