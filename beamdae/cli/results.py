@@ -52,7 +52,7 @@ class Report:
     tables
         Tables, and lines as strings.
     details
-        Texts by topic that only the option --verbose shows.
+        Texts by topic that the option --verbose shows below the tables.
     warnings
         Warnings about the result.
     cost
@@ -84,12 +84,16 @@ class Report:
             line = ", ".join(filter(None, [verdict, self.cost]))
             line = f"{self.name}: {line}" if line else self.name
             console.print(make_printable(name_options(line)), style="bold")
-        facts = self.facts if not current_output().verbose else {**self.facts, **self.details}
-        if facts:
+
+        def show_facts(facts: Mapping[str, str]) -> None:
             texts = {topic: name_options(text) for topic, text in facts.items()}
             show(console, text_tables.fact_list("", texts))
+
+        show_facts(self.facts)
         for table in self.tables:
             show(console, table, "dim" if isinstance(table, str) else None)
+        if current_output().verbose:
+            show_facts(self.details)
         if accuracy is not None and accuracy.success:
             console.print(f"accuracy: {name_options(accuracy.sentence)}", style="dim")
         # The reason of a failure is the last line of a command.
