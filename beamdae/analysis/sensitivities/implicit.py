@@ -245,10 +245,6 @@ def _deform(problem: StaticProblem, q: Array, mu: float) -> Array:
     return x
 
 
-def _add(change: Tangent, other: Tangent, share: float) -> Tangent:
-    return Tangent(change.x + share * other.x, change.p + share * other.p)
-
-
 @dataclass(frozen=True, eq=False)
 class RegularPoint:
     """Point of a path at which a control is prescribed."""
@@ -343,8 +339,10 @@ class SingularPoint:
             shares = np.linalg.solve(matrix, -right).tolist()
         except np.linalg.LinAlgError:
             raise CurveError("its critical mode is not unique") from None
-        mode, response = self._basis
-        return _add(_add(direction.along, mode, shares[0]), response, shares[1])
+        change = direction.along
+        for share, along in zip(shares, self._basis, strict=True):
+            change = Tangent(change.x + share * along.x, change.p + share * along.p)
+        return change
 
     def _slopes(self, direction: Direction) -> Array:
         """Return the changes of the derivatives of h by xi and mu along a direction."""
@@ -385,8 +383,8 @@ class FlutterPoint(RegularPoint):
         response = direction.along(self.respond(np.append(direction.forces(self.point), 0.0)).x)
         by_parameter = self._growth(response)
         by_load = self._growth(Direction.of_unknowns(self.point, self.system, load))
-        share = -float(np.mean(np.real(by_parameter / by_load)))
-        return _add(response.along, load, share)
+        change = load.scale(-float(np.mean(np.real(by_parameter / by_load))))
+        return Tangent(response.along.x + change.x, response.along.p + change.p)
 
     def _growth(self, direction: Direction) -> Array:
         """Return the changes of the growth rates, or of the works without damping."""
