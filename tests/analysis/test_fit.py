@@ -295,7 +295,9 @@ def test_regression_parameters_without_effect_cause_a_warning(exact):
     with pytest.warns(bd.BeamdaeWarning) as records:
         bd.fit(oscillator_with_unused_number, data, ["stiffness", "unused"], METHOD)
     texts = [str(x.message) for x in records]
-    assert texts == ["fit: Changes of unused by +1 % do not change the fitted columns."]
+    assert [x for x in texts if "unused" in x] == [
+        "fit: Changes of unused by +1 % do not change the fitted columns."
+    ]
 
 
 @bd.model(t_end=2.0)

@@ -477,20 +477,31 @@ def read_measurements(part: str, data: Any, data_columns: Any = None) -> Measure
         raise BeamdaeError(f"{part}: data must be {_ALLOWED}, got {short_repr(data)}.")
     name = "data" if path is None else path
     table = _as_columns(part, data if path is None else _read_file(part, path), name)
-    if _OBSERVABLE in table and VALUE in table:
-        columns = _read_long_table(part, table, name, names)
+    is_long = _OBSERVABLE in table and VALUE in table
+    if is_long:
+        frames = [_read_long_table(part, table, name, names)]
     elif table and all(isinstance(x, (pd.DataFrame, Mapping)) for x in table.values()):
-        columns = []
-        for experiment in _as_names(part, "experiments", name, list(table)):
+        frames = []
+        labels = _as_names(part, "experiments", name, list(table))
+        for experiment, inner in zip(labels, table.values(), strict=True):
             place = f"the experiment {experiment!r}"
-            inner = _as_columns(part, table[experiment], place)
-            columns += _read_wide_table(part, inner, place, names, experiment)
+            inner = _as_columns(part, inner, place)
+            frames.append(_read_wide_table(part, inner, place, names, experiment))
     else:
-        columns = _read_wide_table(part, table, name, names, "")
+        frames = [_read_wide_table(part, table, name, names, "")]
+    whole = pd.concat(frames).groupby([EXPERIMENT, _OBSERVABLE], sort=False)
+    columns = tuple(
+        # Rows of long tables may have any order.
+        (
+            Source(str(experiment), names.in_run(str(column)), str(column)),
+            rows.sort_values(TIME, kind="stable") if is_long else rows,
+        )
+        for (experiment, column), rows in whole[[TIME, VALUE, SIGMA]]
+    )
     names.require_all_used(name)
     if not columns:
         raise BeamdaeError(f"{part}: {name} contains no values; fill in measured values.")
-    return Measurements(tuple(columns), SIGMA in table, name, path is not None)
+    return Measurements(columns, SIGMA in table, name, path is not None)
 
 
 def _read_file(part: str, path: str) -> dict[str, Any]:
@@ -523,8 +534,8 @@ def _as_columns(part: str, data: Any, name: str) -> dict[str, Any]:
 
 def _read_wide_table(
     part: str, table: dict[str, Any], name: str, names: _ColumnNames, experiment: str
-) -> list[tuple[Source, pd.DataFrame]]:
-    """Return the columns of a table with a column of times and one column per observed column."""
+) -> pd.DataFrame:
+    """Return the long table of one with a column of times and one column per observed column."""
     in_run = {x: names.in_run(x) for x in table}
     time = _find_time(part, in_run)
     if time is None or len(table) == 1:
@@ -537,22 +548,16 @@ def _read_wide_table(
             f"{hint if len(table) > 1 else ''}."
         )
     times = _read_times(part, table[time], time, in_run[time], name)
-    return [
-        (
-            Source(experiment, in_run[x], x),
-            pd.DataFrame({TIME: times, VALUE: _as_cells(part, cells, x, name, len(times))}).assign(
-                sigma=1.0
-            ),
-        )
-        for x, cells in table.items()
-        if x != time
-    ]
+    cells = {x: _as_cells(part, y, x, name, len(times)) for x, y in table.items() if x != time}
+    frame = pd.DataFrame({TIME: times, **cells})
+    long = frame.melt(TIME, var_name=_OBSERVABLE, value_name=VALUE, ignore_index=False)
+    return long.assign(experiment=experiment, sigma=1.0)
 
 
 def _read_long_table(
     part: str, table: dict[str, Any], name: str, names: _ColumnNames
-) -> list[tuple[Source, pd.DataFrame]]:
-    """Return the columns of a table with one value per row; its rows may have any order."""
+) -> pd.DataFrame:
+    """Return a table with one value per row, with all of its columns."""
     own = (EXPERIMENT, _OBSERVABLE, VALUE, SIGMA)
     in_run = {x: names.in_run(x) for x in table if x not in own}
     time = _find_time(part, in_run)
@@ -570,15 +575,7 @@ def _read_long_table(
     for key in {EXPERIMENT, _OBSERVABLE} & set(table):
         frame[key] = _as_names(part, key, name, cells[key])
     frame[_OBSERVABLE] = frame[_OBSERVABLE].map(standardize_header)
-    groups = frame.sort_values(TIME, kind="stable").groupby([EXPERIMENT, _OBSERVABLE], sort=False)
-    order = frame.drop_duplicates([EXPERIMENT, _OBSERVABLE])
-    return [
-        (
-            Source(experiment, names.in_run(column), column),
-            groups.get_group((experiment, column))[[TIME, VALUE, SIGMA]],
-        )
-        for experiment, column in zip(order[EXPERIMENT], order[_OBSERVABLE], strict=True)
-    ]
+    return frame
 
 
 def _find_time(part: str, in_run: Mapping[str, str]) -> str | None:
