@@ -477,31 +477,22 @@ def read_measurements(part: str, data: Any, data_columns: Any = None) -> Measure
         raise BeamdaeError(f"{part}: data must be {_ALLOWED}, got {short_repr(data)}.")
     name = "data" if path is None else path
     table = _as_columns(part, data if path is None else _read_file(part, path), name)
-    is_long = _OBSERVABLE in table and VALUE in table
-    if is_long:
-        frames = [_read_long_table(part, table, name, names)]
+    if _OBSERVABLE in table and VALUE in table:
+        columns = _read_long_table(part, table, name, names)
     elif table and all(isinstance(x, (pd.DataFrame, Mapping)) for x in table.values()):
-        frames = []
+        columns = []
         labels = _as_names(part, "experiments", name, list(table))
         for experiment, inner in zip(labels, table.values(), strict=True):
             place = f"the experiment {experiment!r}"
             inner = _as_columns(part, inner, place)
-            frames.append(_read_wide_table(part, inner, place, names, experiment))
+            columns += _read_wide_table(part, inner, place, names, experiment)
     else:
-        frames = [_read_wide_table(part, table, name, names, "")]
-    whole = pd.concat(frames).groupby([EXPERIMENT, _OBSERVABLE], sort=False)
-    columns = tuple(
-        # Rows of long tables may have any order.
-        (
-            Source(str(experiment), names.in_run(str(column)), str(column)),
-            rows.sort_values(TIME, kind="stable") if is_long else rows,
-        )
-        for (experiment, column), rows in whole[[TIME, VALUE, SIGMA]]
-    )
+        columns = _read_wide_table(part, table, name, names, "")
+    sourced = tuple((Source(x, names.in_run(y), y), rows) for x, y, rows in columns)
     names.require_all_used(name)
-    if not columns:
+    if not sourced:
         raise BeamdaeError(f"{part}: {name} contains no values; fill in measured values.")
-    return Measurements(columns, SIGMA in table, name, path is not None)
+    return Measurements(sourced, SIGMA in table, name, path is not None)
 
 
 def _read_file(part: str, path: str) -> dict[str, Any]:
@@ -534,8 +525,8 @@ def _as_columns(part: str, data: Any, name: str) -> dict[str, Any]:
 
 def _read_wide_table(
     part: str, table: dict[str, Any], name: str, names: _ColumnNames, experiment: str
-) -> pd.DataFrame:
-    """Return the long table of one with a column of times and one column per observed column."""
+) -> list[tuple[str, str, pd.DataFrame]]:
+    """Return the experiment, the name and the rows of each column beside that of the times."""
     in_run = {x: names.in_run(x) for x in table}
     time = _find_time(part, in_run)
     if time is None or len(table) == 1:
@@ -549,15 +540,15 @@ def _read_wide_table(
         )
     times = _read_times(part, table[time], time, in_run[time], name)
     cells = {x: _as_cells(part, y, x, name, len(times)) for x, y in table.items() if x != time}
-    frame = pd.DataFrame({TIME: times, **cells})
-    long = frame.melt(TIME, var_name=_OBSERVABLE, value_name=VALUE, ignore_index=False)
-    return long.assign(experiment=experiment, sigma=1.0)
+    return [
+        (experiment, x, pd.DataFrame({TIME: times, VALUE: y, SIGMA: 1.0})) for x, y in cells.items()
+    ]
 
 
 def _read_long_table(
     part: str, table: dict[str, Any], name: str, names: _ColumnNames
-) -> pd.DataFrame:
-    """Return a table with one value per row, with all of its columns."""
+) -> list[tuple[str, str, pd.DataFrame]]:
+    """Return the columns of a table with one value per row; its rows may have any order."""
     own = (EXPERIMENT, _OBSERVABLE, VALUE, SIGMA)
     in_run = {x: names.in_run(x) for x in table if x not in own}
     time = _find_time(part, in_run)
@@ -575,7 +566,11 @@ def _read_long_table(
     for key in {EXPERIMENT, _OBSERVABLE} & set(table):
         frame[key] = _as_names(part, key, name, cells[key])
     frame[_OBSERVABLE] = frame[_OBSERVABLE].map(standardize_header)
-    return frame
+    groups = frame.groupby([EXPERIMENT, _OBSERVABLE], sort=False)[[TIME, VALUE, SIGMA]]
+    return [
+        (str(experiment), str(column), rows.sort_values(TIME, kind="stable"))
+        for (experiment, column), rows in groups
+    ]
 
 
 def _find_time(part: str, in_run: Mapping[str, str]) -> str | None:
