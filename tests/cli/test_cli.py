@@ -344,10 +344,10 @@ def crank():
 """
 
 
-def test_regression_check_ends_with_the_verdict_and_names_levels_of_residuals(command):
+def test_regression_check_begins_with_the_verdict_and_names_levels_of_residuals(command):
     """Forty lines of zeros followed it, and velocities before the start seemed to be a defect."""
     lines = [x.strip() for x in command("check", CRANK).stdout.splitlines() if x.strip()]
-    assert lines[-1].split() == ["verdict", "ready", "to", "run"]
+    assert lines[0] == "crank: ready to run"
     (residuals,) = (x for x in lines if x.startswith("largest residuals"))
     assert "g_dot 0.25 (motor) as given, which the start removes; then g_ddot 0" in residuals
     assert sum("initial angle" in x for x in lines) == 1
@@ -381,7 +381,6 @@ def test_check_reports_the_errors_of_run(command, name):
         assert "hinge and again both block the translation of the beam along (1, 0)" in text
 
 
-@pytest.mark.slow(reason="starts a process that imports everything")
 def test_list_describes_a_model_by_its_file_if_its_function_has_no_docstring(tmp_path):
     (tmp_path / "good.py").write_text("'''Of the file.'''\n" + ARM.replace("A falling strip.", ""))
     assert "Of the file." in invoke("list", str(tmp_path)).stdout
@@ -392,7 +391,7 @@ def test_list_describes_a_model_by_its_file_if_its_function_has_no_docstring(tmp
     [
         ("gone", "no such"),
         ("empty", "no model"),
-        pytest.param("bad.py", "ZeroDivisionError", marks=pytest.mark.slow(reason="a process")),
+        ("bad.py", "no model"),
     ],
 )
 def test_list_without_models(tmp_path, monkeypatch, path, words):

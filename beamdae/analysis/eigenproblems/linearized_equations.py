@@ -32,8 +32,9 @@ Array = np.ndarray
 # Bound on the rounding errors of y^T A y, relative to that of all magnitudes, and of the stiffness
 # over the inertia, relative to their largest ratio.
 ROUNDING_RATIO = 2e-14
-# The same without stiff forces, for motions of natural size.
-_HOLDING_RATIO = 1e-12
+# The same without stiff forces, for motions of natural size: below the stiffness of slow modes, but
+# so large that free motions, which its inverse amplifies, are removed without rounding errors.
+_HOLDING_RATIO = 1e-10
 # Asymmetry up to which a matrix is treated as symmetric, relative to its largest entry: of exact
 # matrices, and of matrices with finite differences. The first is small because a follower load is
 # small compared with the axial stiffness of a thin beam.
@@ -242,9 +243,7 @@ class LinearizedEquations:
     @property
     def nonholonomic(self) -> Array:
         """Mask of the constraints on velocities, (m,)."""
-        mask = np.zeros(self.equations.m, bool)
-        mask[self.equations.nonholonomic_rows] = True
-        return mask
+        return np.isin(np.arange(self.equations.m), self.equations.nonholonomic_rows)
 
     def split(self, parts: Sequence[PartCoordinates]) -> list[tuple[LinearizedEquations, Array]]:
         """Return the equations of each group of coupled `parts`, and their coordinates (k,).
@@ -334,6 +333,11 @@ def linearize_in_mixed_form(
         velocity_jacobian=sp.csc_array(tangent.velocity_jacobian[:m]),
     )
     return LinearizedEquations(e, own, mixed=mixed if len(retardation) else None)
+
+
+def quadratic_forms(matrix: sp.sparray, x: Array) -> Array:
+    """Return x^H A x (k,) of a matrix A and the columns x of an array (n, k)."""
+    return np.einsum("ij,ij->j", x.conj(), matrix @ x)
 
 
 def is_symmetric_matrix(matrix: sp.csc_array, tolerance: float = _EXACT_TOLERANCE) -> bool:

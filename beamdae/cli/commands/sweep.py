@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,15 +32,13 @@ from beamdae.cli.options import (
     split_names,
     warn_of_unread,
 )
-from beamdae.cli.output import create_console, print_warnings, record_results
 from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
+from beamdae.cli.results import Report
 from beamdae.cli.study_outputs import (
     MAX_SCREEN_ROWS,
     PAGE_FILE,
-    StudyOutputs,
     StudyReport,
     apply_run_options,
-    print_failures,
     results_folder_name,
     run_and_write,
 )
@@ -52,20 +50,9 @@ if TYPE_CHECKING:
     from beamdae.model_functions import Model
     from beamdae.studies import Sweep
     from beamdae.studies.execution.study_run import StudyResults
-    from beamdae.studies.sweeps.sweep_results import SweepResults
 
 _VALUE_FORMS = f"VALUE,VALUE,... or {SPACED_FORMS}"
 _MAX_MEASURES = 100
-_RUN_OPTIONS = (
-    "--integrator",
-    "--rtol",
-    "--step",
-    "--of",
-    "--time-limit",
-    "--t-end",
-    "--output-step",
-    "--start",
-)
 
 
 def sweep_command(
@@ -99,6 +86,7 @@ def sweep_command(
     integrator: IntegratorName = "auto",
     rtol: RelativeTolerance = None,
     step: FixedStep = None,
+    out: Out = Path("results"),
     time_limit: TimeLimit = None,
     t_end: EndTime = None,
     output_step: OutputStep = None,
@@ -108,7 +96,6 @@ def sweep_command(
     parquet: Parquet = False,
     page: Page = True,
     picture: Pictures = True,
-    out: Out = Path("results"),
 ) -> None:
     """Run a model over all combinations of parameter values; write a table, plots and a page.
 
@@ -121,10 +108,17 @@ def sweep_command(
     from beamdae.cli.model_files.model_file import ModelFile
 
     measure = _create_measure(modes, buckling)
+    named = None if integrator == "auto" else integrator
+    method_options = {"--integrator": named, "--rtol": rtol, "--step": step}
     if measure:
         if not over:
             raise BeamdaeError("sweep: --modes and --buckling require --over NAME=VALUES.")
-        _require_no_run_options(integrator, rtol, step, of, time_limit, t_end, output_step, start)
+        settings_of_runs = {"--of": of, "--time-limit": time_limit, "--t-end": t_end}
+        settings_of_runs |= {"--output-step": output_step, "--start": start}
+        reason = (
+            "is an option of runs, but with --modes or --buckling the model is not run; omit it."
+        )
+        _reject_options(method_options | settings_of_runs, reason)
         model = ModelFile(path).model(model_name)
         kind = "_".join(["sweep", *(["modes"] * bool(modes)), *(["buckling"] * bool(buckling))])
         sweep = _sweep_from_options(model, over, settings, measure, kind=kind)
@@ -134,17 +128,14 @@ def sweep_command(
         model = file.model(model_name)
         sweep = _sweep_from_options(model, over, settings, None, split_names(of, model), method)
     else:
-        _require_no_sweep_options(settings, integrator, rtol, step)
+        reason = "requires --over; to change a sweep in a file, edit the file."
+        _reject_options({"--set": settings, **method_options}, reason)
         sweep = _sweep_of_file(ModelFile(path), model_name)
         columns = tuple(split_names(of, sweep.cases[0].model))
         sweep = replace(sweep, columns=columns) if columns else sweep
-    from beamdae.studies.execution.executors import create_executor
-
     study = apply_run_options("sweep", sweep, time_limit, t_end, output_step, start)
-    run_and_write(
-        StudyOutputs(study, out / study.name, _create_report, parquet, page, picture),
-        lambda: create_executor("sweep", "--", jobs, scheduler),
-    )
+    folder, files = out / study.name, (parquet, page, picture)
+    run_and_write("sweep", study, folder, _create_report, (jobs, scheduler), files)
 
 
 def _sweep_from_options(
@@ -190,15 +181,11 @@ def _create_measure(modes: int | None, buckling: int | None) -> dict[str, Any]:
     }
 
 
-def _require_no_run_options(integrator: str, *others: Any) -> None:
-    """Raise an error for options of runs, given in the order of `_RUN_OPTIONS`."""
-    values = (None if integrator == "auto" else integrator, *others)
-    for option, value in zip(_RUN_OPTIONS, values, strict=True):
+def _reject_options(options: Mapping[str, Any], reason: str) -> None:
+    """Raise an error for the first option that has a value."""
+    for option, value in options.items():
         if value is not None:
-            raise BeamdaeError(
-                f"sweep: {option} is an option of runs, but with --modes or --buckling the model "
-                f"is not run; omit {option}."
-            )
+            raise BeamdaeError(f"sweep: {option} {reason}")
 
 
 def parse_values(model: Model, name: str, text: str) -> list[Any]:
@@ -229,19 +216,6 @@ def _split_at_commas(text: str) -> list[str]:
     return parts
 
 
-def _require_no_sweep_options(
-    settings: list[str] | None, integrator: str, rtol: float | None, step: float | None
-) -> None:
-    """Raise an error for options that conflict with the definition of a sweep in a file."""
-    method = None if integrator == "auto" else integrator
-    options = {"--set": settings, "--integrator": method, "--rtol": rtol, "--step": step}
-    for option, value in options.items():
-        if value is not None:
-            raise BeamdaeError(
-                f"sweep: {option} requires --over; to change a sweep in a file, edit the file."
-            )
-
-
 def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
     """Return the sweep called `name`, or the only sweep of the file."""
     from beamdae.cli.model_files.model_file import select_name
@@ -267,42 +241,30 @@ def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
 
 def _create_report(results: StudyResults) -> StudyReport:
     from beamdae.report.page.page_file import list_page_files
+    from beamdae.report.terminal import text_tables
     from beamdae.studies.sweeps.response_plots import list_response_plots
     from beamdae.studies.sweeps.sweep_results import TABLE_FILE, create_sweep_results
 
     swept, folder = create_sweep_results(results), results.folder
+    sweep, table = swept.sweep, swept.table
+    shown: list[Any] = [results.describe_completion(sweep.cases)]
+    if len(table) <= MAX_SCREEN_ROWS:
+        columns = swept.parameters, swept.response_columns, sweep.units, swept.other_columns
+        shown.append(text_tables.sweep_table(table, *columns))
     return StudyReport(
-        partial(_print_results, swept),
+        Report(
+            sweep.name,
+            lambda: {
+                "sweep": sweep.name,
+                "folder": folder,
+                "interrupted": swept.interrupted,
+                "cases": table.to_dict("records"),
+            },
+            tables=shown,
+            warnings=swept.warnings,
+        ),
+        [],
         tables={TABLE_FILE: lambda: [swept.to_csv(folder / TABLE_FILE)]},
         page={PAGE_FILE: lambda: list_page_files(swept.page(folder / PAGE_FILE))},
-        pictures=list_response_plots(swept.sweep, swept.table, swept.panels(), folder),
+        pictures=list_response_plots(sweep, table, swept.panels(), folder),
     )
-
-
-def _print_results(swept: SweepResults) -> None:
-    from beamdae.report.terminal import text_tables
-
-    table = swept.table
-    record_results(
-        lambda: {
-            "sweep": swept.sweep.name,
-            "folder": swept.results.folder,
-            "interrupted": swept.interrupted,
-            "cases": table.to_dict("records"),
-        }
-    )
-    console = create_console()
-    console.print(swept.sweep.name, style="bold")
-    console.print(swept.results.describe_completion(swept.sweep.cases), style="dim")
-    if len(table) <= MAX_SCREEN_ROWS:
-        console.print(
-            text_tables.sweep_table(
-                table,
-                swept.parameters,
-                swept.response_columns,
-                swept.sweep.units,
-                swept.other_columns,
-            )
-        )
-    print_warnings(console, swept.warnings)
-    print_failures(swept.results)

@@ -11,13 +11,13 @@ from scipy.sparse.csgraph import connected_components
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
-from beamdae.equations.starts.rank import RANK_TOLERANCE, ConstraintRank
+from beamdae.equations.starts.rank import RANK_TOLERANCE, ConstraintRank, list_tied_parts
 from beamdae.equations.starts.rigid_motions import (
     collect_bodies,
     compute_rigid_motions,
 )
 from beamdae.equations.starts.state_evaluator import StateEvaluator, plan_state_sums
-from beamdae.symbolic.sparse_operators import column_indices, row_indices
+from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
@@ -39,7 +39,6 @@ def find_unheld_motions(
     reactions: Array,
     constraint_rank: ConstraintRank,
     duration: float,
-    is_at_rest: bool = False,
 ) -> list[Array]:
     """Return those of the `find_free_motions` along which no force and no damping acts.
 
@@ -57,8 +56,6 @@ def find_unheld_motions(
         Rank of the constraints at the start.
     duration
         Time of the run [s].
-    is_at_rest
-        True to disregard damping, and rotations of bodies that forces hold in translation.
     """
     mechanism = e.mechanism
     motions = find_free_motions(e, q, constraint_rank)
@@ -74,11 +71,10 @@ def find_unheld_motions(
         sp.csr_array(to_scaled @ x @ to_scaled)
         for x in (tangent.stiffness, tangent.damping, tangent.mass)
     )
-    inertia = abs(mass).max() / duration
-    matrices = [stiffness] if is_at_rest else [stiffness, damping]
+    inertia, matrices = abs(mass).max() / duration, [stiffness, damping]
     limits = [_STIFFNESS_ROUNDING * (abs(x).max() + inertia) for x in matrices]
     limit_of_force = _STIFFNESS_ROUNDING * (abs(stiffness).max() + inertia / duration)
-    unheld, held = [], np.zeros(e.n, bool)
+    unheld = []
     for motion in motions:
         shape = motion / scales
         shape /= np.max(np.abs(shape))
@@ -96,11 +92,7 @@ def find_unheld_motions(
             and all(abs(force) <= limit_of_force for force in forces)
         ):
             unheld.append(motion)
-        elif not np.any(motion[e.is_angle]):
-            for part in e.parts:
-                held[part.rows] |= np.any(motion[part.rows])
-    # A body at rest may turn about the point at which a spring holds it.
-    return [x for x in unheld if not (is_at_rest and np.any(x[held]))]
+    return unheld
 
 
 def find_free_motions(
@@ -149,15 +141,10 @@ def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
     for k, part in enumerate(e.parts):
         owner[part.rows] = k
     block = plan_state_sums(e.structure).block
-    grounded, ties = set(), [owner[[block.pattern.indices, column_indices(block.pattern)]]]
-    for joint in e.joints:
-        columns = joint.operator.indices
-        copies = row_indices(joint.operator) // (joint.operator.shape[0] // joint.count)
-        for copy in range(joint.count):
-            tied = np.unique(owner[columns[copies == copy]])
-            ties.append(np.stack([tied[:1].repeat(len(tied)), tied]))
-            if len(tied) == 1:
-                grounded.add(int(tied[0]))
+    tied = list_tied_parts(e)
+    ties = [owner[[block.pattern.indices, column_indices(block.pattern)]]]
+    ties += [np.stack([x[:1].repeat(len(x)), x]) for x in tied]
+    grounded = {int(x[0]) for x in tied if len(x) == 1}
     grounded |= _find_parts_on_ground(e)
     pairs = np.hstack(ties)
     graph = sp.coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(e.parts), len(e.parts)))

@@ -10,13 +10,12 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.model_hash import hash_model
-from beamdae.errors import BeamdaeError, FileContentError, require_finite, short_repr
+from beamdae.errors import BeamdaeError, require_finite, short_repr
 from beamdae.input_files import CHECKPOINT, register_input
 from beamdae.parts.events import DIRECTIONS
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.read_only import read_only_data
 from beamdae.results.outcome import PILOT_RUN_SUFFIX
-from beamdae.results.provenance import state_hash
 from beamdae.results.run_data import RunData
 from beamdae.results.storage.documents import Format
 from beamdae.results.storage.files import require_file_path, write_bytes
@@ -95,11 +94,6 @@ class Checkpoint:
             doubt=run.status.sentence if may_be_wrong else "",
         )
 
-    @property
-    def state(self) -> str:
-        """Hash of time, coordinates and velocities."""
-        return state_hash(self.t, list(self.q.values()), list(self.v.values()))
-
     def write(self, path: str | Path) -> Path:
         """Write the checkpoint to a JSON file atomically and return the path.
 
@@ -113,19 +107,22 @@ class Checkpoint:
 
     @classmethod
     def read(cls, path: str | Path) -> Checkpoint:
-        """Read a checkpoint written by `write`.
+        """Read a checkpoint written by `write`, or the last state of a saved run.
 
         Raises
         ------
         BeamdaeError
-            If the file cannot be read or is not a valid checkpoint of the current version.
+            If the file cannot be read, or is neither a valid checkpoint nor a saved run of the
+            current version.
         """
         path = Path(path)
         if is_archive(path):
-            problem = "the file is a saved run, not a checkpoint"
-            remedy = "load it with its model, bd.load(path, model), and start from the solution"
-            raise FileContentError(path, problem, remedy)
-        checkpoint = _FORMAT.read(path)
+            # Imported here because saved runs contain checkpoints.
+            from beamdae.results.storage.saved_run import read_checkpoint
+
+            checkpoint = read_checkpoint(path)
+        else:
+            checkpoint = _FORMAT.read(path)
         for values in ({"t": checkpoint.t}, checkpoint.q, checkpoint.v):
             for name, value in values.items():
                 require_finite(str(path), name, value)
