@@ -190,10 +190,10 @@ def test_a_checkpoint_is_replaced_by_the_next_one_only(folder):
     end = ["--continue", "end.json", "--checkpoint", "end.json"]
     assert run("run", "swing.py", *end, *options).exit_code == 0
     assert Path("end.json").read_bytes() != first
-    Path("swing.json").write_text(first)
+    Path("swing.json").write_bytes(first)
     result = run("run", "swing.py", "--continue", "swing.json", "--out", ".", *options)
     assert result.exit_code == 2
-    assert Path("swing.json").read_text() == first
+    assert Path("swing.json").read_bytes() == first
 
 
 @pytest.mark.slow(reason="a run with all its outputs")

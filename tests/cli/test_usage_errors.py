@@ -187,7 +187,7 @@ ERRORS = {
             ("run --accuracy 0", "accuracy must lie between 1e-06 and 0.1, got 0"),
             ("run --accuracy=-1", "accuracy must lie between 1e-06 and 0.1, got -1"),
             ("run --accuracy 200%", "accuracy must lie between 1e-06 and 0.1, got 2"),
-            ("run --accuracy 1% --verify", "--accuracy is not supported with --verify"),
+            ("run --accuracy 1% --verify", "--accuracy and --verify are mutually exclusive"),
             ("run --out model.py", "--out model.py"),
             ("draw --out model.py", "--out model.py"),
             ("static --out model.py", "--out model.py"),
