@@ -155,7 +155,7 @@ ERRORS = {
             ("run --output-step 0", "--output-step must be positive"),
             (
                 "run --out 'a\nb'",
-                "--out: 'a\\nb' is not a valid folder name; use printable characters.",
+                "is not a valid file name; give a name of printable characters.",
             ),
             (
                 "run --start beam.theta=1 --start rotation=30rpm",
