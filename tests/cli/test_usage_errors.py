@@ -168,8 +168,8 @@ ERRORS = {
     "bob": (
         BOB,
         [
-            ("run --out model.py", "is not a folder"),
-            ("run --out model.py/below", "is not a folder"),
+            ("run --out model.py", "Not a directory"),
+            ("run --out model.py/below", "Not a directory"),
             ("run --out LONG", "File name too long"),
             ("run --set 'mass=[/b]'", "[/b]"),
             ("run --set 'mass=\ud800'", "\\ud800"),
