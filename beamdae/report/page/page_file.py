@@ -28,31 +28,19 @@ _SCRIPTS = (
     "elements",
     "numbers",
     "markers",
-    "axes",
-    "gestures",
-    "export",
     "chart",
     "cases",
     "curve_files",
-    "labels",
     "scatter",
     "curves",
-    "cursor",
     "mechanism",
     "player",
     "sliders",
-    "map",
-    "portrait",
-    "profile",
     "fact_tables",
     "case_table",
     "selection",
-    "print",
     "main",  # must be last because it initializes the page
 )
-
-# Scripts that only pages with this entry contain.
-_OPTIONAL_SCRIPTS = {"labels": "overlays", "profile": "profiles"}
 
 # Lines that begin with a comment, after indentation is removed.
 _COMMENT_LINES = re.compile(r"^(//.*|/\*[^*]*(\*(?!/)[^*]*)*\*/)\n", re.MULTILINE)
@@ -147,8 +135,9 @@ def write_page(path: Path, page: PageContent) -> Path:
         raise BeamdaeError(f"{folder}: the path must be a folder, but is a link; remove the link.")
     for block in blocks:
         block.write(folder)
-    scripts = [x for x in _SCRIPTS if x not in _OPTIONAL_SCRIPTS or content[_OPTIONAL_SCRIPTS[x]]]
-    page_text = fill_template("page", _STYLES, scripts, content, title=title, sources=sources)
+    library = files("beamdae.report.page").joinpath("library", "echarts.min.js").read_text("utf-8")
+    texts = {"title": title, "sources": sources, "library": library}
+    page_text = fill_template("page", _STYLES, _SCRIPTS, content, **texts)
     write_text(path, page_text)
     remove_curve_files(path, {block.name for block in blocks})
     return path
