@@ -9,8 +9,6 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from beamdae.report.page.page_data import CurveBlock
-
 T = np.linspace(0.0, 2.0, 41)
 RESOLUTION = 1e-6  # of the reference
 HALF_STEP = 0.5 / 65534  # largest error of stored values, relative to their range
@@ -222,13 +220,9 @@ def sweep_page(without=()):
     }
 
 
-def curve_block(*numbers, key="first"):
-    """Return the curves of cases as a file beside the page."""
-    return CurveBlock(
-        tuple(f"case {k}" for k in numbers),
-        key,
-        lambda: {f"case {k}": build_curves(k) for k in numbers},
-    )
+def curve_block(*numbers):
+    """Return a function that returns the curves of cases, for a file beside the page."""
+    return lambda: {f"case {k}": build_curves(k) for k in numbers}
 
 
 def page_with_files():

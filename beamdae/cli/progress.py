@@ -159,7 +159,6 @@ def show_design_progress(most: int) -> Iterator[Callable[[int, float, float], No
 @contextmanager
 def show_study_progress() -> Iterator[Callable[[StudyProgress], None]]:
     """Show the progress of a study; yield a function that takes a `StudyProgress`."""
-    start = monotonic()
     with _live_display() as show:
         if show is None:
             yield (lambda _: None) if is_quiet() else _StudyLines()
@@ -169,7 +168,7 @@ def show_study_progress() -> Iterator[Callable[[StudyProgress], None]]:
             done = f"{progress.done}/{progress.total}"
             label = ", ".join(filter(None, [_format_counts(progress), progress.last_label]))
             fraction = progress.done / max(progress.total, 1)
-            show(ProgressLine(fraction, done, estimate_remaining_time(progress, start), label))
+            show(ProgressLine(fraction, done, progress.remaining_time, label))
 
         yield update
 
@@ -221,21 +220,6 @@ def _format_counts(progress: StudyProgress) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
 
 
-def estimate_remaining_time(progress: StudyProgress, start: float) -> float | None:
-    """Return the remaining time of a study [s], or None if no estimate is available yet.
-
-    If the study provides no estimate, the mean time per finished run since `start`, a value of
-    `time.monotonic` [s], is extrapolated.
-    """
-    fresh = progress.done - progress.stored
-    missing = progress.total - progress.done
-    if not missing:
-        return 0.0
-    if progress.remaining_time is not None or not fresh:
-        return progress.remaining_time
-    return (monotonic() - start) / fresh * missing
-
-
 def format_clock(seconds: float | None) -> str:
     """Format a duration [s] as minutes:seconds or, from one hour on, as hours:minutes:seconds.
 
@@ -266,11 +250,10 @@ class _StudyLines:
 
     def __init__(self) -> None:
         self._next = 0.0
-        self._start = monotonic()
 
     def __call__(self, progress: StudyProgress) -> None:
         if progress.done >= self._next or progress.done == progress.total:
-            seconds = estimate_remaining_time(progress, self._start)
+            seconds = progress.remaining_time
             rest = f", about {seconds:.0f} s left" if seconds else ""
             typer.echo(
                 f"{progress.done} of {progress.total} runs, {progress.running} running, "

@@ -23,7 +23,7 @@ from beamdae.interrupts import Interrupted, acknowledge
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
     from beamdae.studies import Study
-    from beamdae.studies.execution.executors import Executor
+    from beamdae.studies.execution.executors import TaskExecutor
     from beamdae.studies.execution.study_progress import StudyProgress
     from beamdae.studies.execution.study_run import StudyResults
 
@@ -133,7 +133,7 @@ class StudyOutputs:
     files: WrittenFiles = field(default_factory=WrittenFiles)
 
 
-def run_and_write(outputs: StudyOutputs, create_executor: Callable[[], Executor]) -> None:
+def run_and_write(outputs: StudyOutputs, create_executor: Callable[[], TaskExecutor]) -> None:
     """Run a study, write its tables, print its results, and write its page and pictures.
 
     The command exits with 1 if no case succeeded or a reference or file is missing, with 3 if
@@ -199,7 +199,7 @@ def _planned_files(folder: Path) -> list[Path]:
     return list(dict.fromkeys([*existing, *planned]))
 
 
-def _run_study(outputs: StudyOutputs, create_executor: Callable[[], Executor]) -> None:
+def _run_study(outputs: StudyOutputs, create_executor: Callable[[], TaskExecutor]) -> None:
     """Run the study and write its tables; if interrupted, write the tables of the finished runs."""
     from beamdae.studies.execution import study_run
 

@@ -101,7 +101,7 @@ def test_values_are_read_at_the_pointer_and_by_keys(show):
     tab.mouse.move(*screen_position(tab, "observed", 1.0, 0.5))
     words = read_tooltip(tab).split()
     assert float(words[2]) == pytest.approx(1.0, abs=0.02)
-    assert float(words[-1]) == pytest.approx(-1.0, abs=1e-3)
+    assert float(words[-2]) == pytest.approx(-1.0, abs=1e-3)
     # The motion, which is shorter, follows.
     assert tab.inner_text("#time") == "t = 0.5 s"
     tab.mouse.move(1, 1)
@@ -167,7 +167,7 @@ def test_entries_of_the_legend_hide_families(show):
     for count in (0, visible):
         tab.mouse.click(box["x"] + 5.0, box["y"] + 5.0)
         tab.wait_for_timeout(50)
-        assert (tab.locator(drawn).count() > count) == (count == 0) or count == visible
+        assert tab.locator(drawn).count() == count
     assert tab.locator("#table tbody tr:visible").count() == 7
 
 

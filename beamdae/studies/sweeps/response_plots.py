@@ -15,7 +15,6 @@ from beamdae.errors import BeamdaeError
 from beamdae.report.pictures import figures
 from beamdae.report.text import shorten_text
 from beamdae.results.displays import Plot
-from beamdae.studies.store.drawn_files import draw_unless_unchanged
 from beamdae.studies.sweeps.parameter_study import (
     STATUS,
     ParameterStudy,
@@ -166,16 +165,10 @@ def list_response_plots(
     functions: dict[str, Callable[..., Plot]] = {"response": plot_curves}
     if len(study.varied) == 2:
         functions["map"] = plot_maps
-    columns = [*map(parameter_column, study.varied), STATUS]
-    columns += [column for panel in panels for column in panel.lines.values()]
-    values = [table[column].tolist() for column in columns]
-    content = (study.varied, study.settings, study.units, panels, values)
-
-    def write(name: str, plot: Callable[..., Plot]) -> list[Path]:
-        draw = partial(_save_files, partial(plot, study, table, panels), folder / name)
-        return draw_unless_unchanged(folder, name, content, draw)
-
-    return {name: partial(write, name, plot) for name, plot in functions.items()}
+    return {
+        name: partial(_save_files, partial(plot, study, table, panels), folder / name)
+        for name, plot in functions.items()
+    }
 
 
 def _save_files(draw: Callable[[], Plot], path: Path) -> list[Path]:

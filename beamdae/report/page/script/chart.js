@@ -1,4 +1,4 @@
-// Charts, drawn by ECharts as SVG (https://echarts.apache.org), and their toolbar.
+// Charts, drawn by Apache ECharts as SVG, and their toolbar.
 
 const ZOOM_STEP = 1.5; // zoom factor per use of a button or key
 const PAN_SHARE = 10; // of the full range, per key [%]
@@ -116,7 +116,9 @@ function listValues({ spec }, k) {
 function describeChart(chart, isExported = false) {
   const { spec } = chart;
   const [ink, muted, line, grid, background] = ["ink", "muted", "line", "grid", "background"].map(themeColor);
-  const textStyle = { color: ink, fontFamily: getComputedStyle(document.body).fontFamily, fontSize: 12 };
+  // Texts of saved pictures are attributes between double quotation marks.
+  const fontFamily = getComputedStyle(document.body).fontFamily.replaceAll('"', "'");
+  const textStyle = { color: ink, fontFamily, fontSize: 12 };
   const describeAxis = (axis, k) => {
     const extent = findExtent([listValues(chart, k)]);
     const order = axis.log ? 0 : engineeringOrder(extent);

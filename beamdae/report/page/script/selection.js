@@ -90,7 +90,7 @@ function createCurveNote(run) {
   const fileState = describeCurveFile(run);
   if (hasFailed(run) && !fileState) return html("p", {}, `${run.label} has no curves: ${run.status}.`);
   const others = groupCases().filter((other) => other.curves);
-  if (isLoading(run) || !others.length) return html("p", {}, fileState ?? `${run.label} has no curves.`);
+  if (curveFiles.get(run.block) === "loading" || !others.length) return html("p", {}, fileState ?? `${run.label} has no curves.`);
   const count = `${others.length} of ${groupCases().length} cases`;
   const nearest = nearestCase(run, others);
   const button = html("button", { type: "button", click: () => toggleCase(nearest.id) }, nearest.label);

@@ -1,17 +1,19 @@
-"""Studies and sweeps on a Dask cluster, one of whose workers is killed."""
+"""Studies and sweeps on executors: threads, and a Dask cluster, one of whose workers is killed."""
 
 from __future__ import annotations
 
 import os
 import signal
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import pandas as pd
 import pytest
 from study_models import swing
-from study_runs import DaskPool, SerialPool, run_study
+from study_runs import SerialPool, run_study
 
 import beamdae as bd
+from beamdae.studies.execution.executors import create_executor
 
 
 @pytest.fixture
@@ -49,8 +51,8 @@ def test_study_survives_a_killed_worker_and_has_the_serial_table(tmp_path, distr
             if progress.done == 4 and len(pids) == 2:
                 os.kill(pids.pop(), signal.SIGKILL)
 
-        results = run_study(STUDY, tmp_path / "dask", DaskPool(address), kill_one)
-        repeated = run_study(STUDY, tmp_path / "dask", DaskPool(address))
+        results = run_study(STUDY, tmp_path / "dask", create_executor("study", "", None, address), kill_one)
+        repeated = run_study(STUDY, tmp_path / "dask", create_executor("study", "", None, address))
         # The second run had no tasks, and its connection must be closed nevertheless.
         with pytest.raises(ValueError, match="No clients found"):
             distributed.Client.current()
@@ -68,19 +70,48 @@ def test_study_survives_a_killed_worker_and_has_the_serial_table(tmp_path, distr
     )
 
 
-def test_address_without_host_and_port_is_rejected_before_dask_is_imported(monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    message = r"^swing_sweep: scheduler '.*' is not the address of a D"
-    for x in ("../a/b\\c", "nowhere", "", "tcp://:8786", "tcp://host:99999", "host name:8786"):
-        with pytest.raises(bd.BeamdaeError, match=message):
-            bd.sweep(swing, {"mass": [1.0]}, scheduler=x)
+def test_sweeps_run_on_any_executor():
+    over = {"mass": [1.0, -1.0, 2.0]}
+    with (
+        ThreadPoolExecutor(2) as executor,
+        pytest.warns(bd.BeamdaeWarning, match="1 of 3 runs did not reach the end time"),
+    ):
+        swept = bd.sweep(swing, over, of="end", scheduler=executor)
+        # The executor is left open.
+        assert executor.submit(int, "3").result() == 3
+    serial = bd.sweep(swing, {"mass": [1.0, 2.0]}, of="end").table
+    columns = [name for name in serial if name.startswith("end")]
+    pd.testing.assert_frame_equal(
+        swept.table[columns].iloc[[0, 2]].reset_index(drop=True), serial[columns]
+    )
+
+
+class BrokenExecutor(ThreadPoolExecutor):
+    """Executor that loses all tasks but the first one."""
+
+    def submit(self, function, *arguments):
+        if self._work_queue.qsize() or self._threads:
+            return super().submit(int, "lost")
+        return super().submit(function, *arguments)
+
+
+def test_tasks_that_an_executor_loses_are_not_run(tmp_path):
+    with BrokenExecutor(1) as executor, pytest.warns(bd.BeamdaeWarning):
+        swept = bd.sweep(swing, {"mass": [1.0, 2.0]}, folder=tmp_path, scheduler=executor)
+    assert sorted(swept.table["status"]) == ["not run", "ok"]
+    assert list(bd.sweep(swing, {"mass": [1.0, 2.0]}, folder=tmp_path).table["status"]) == ["ok"] * 2
 
 
 @pytest.mark.parametrize("address", ["host:8786", "tcp://10.0.0.1:8786", "tls://[fe80::1%eth0]:1"])
 def test_message_without_dask(address, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(bd.BeamdaeError, match=r"^--scheduler .* requires Dask, which is not inst"):
-        DaskPool(address, "--scheduler")
+    with pytest.raises(bd.BeamdaeError, match=r"^swing_sweep: scheduler .* requires Dask, which is"):
+        bd.sweep(swing, {"mass": [1.0]}, scheduler=address)
+
+
+def test_a_scheduler_is_an_address_or_an_executor():
+    with pytest.raises(bd.BeamdaeError, match=r"scheduler must be the address .*, got 8786\.$"):
+        bd.sweep(swing, {"mass": [1.0]}, scheduler=8786)
 
 
 @pytest.mark.slow(reason="waits for an answer")
@@ -88,4 +119,4 @@ def test_message_without_dask(address, monkeypatch):
 def test_missing_scheduler_is_an_error(monkeypatch):
     monkeypatch.setattr("beamdae.studies.execution.executors._CONNECT_TIMEOUT", 0.2)
     with pytest.raises(bd.BeamdaeError, match=r"scheduler tcp://127\.0\.0\.1:9 does not answer"):
-        DaskPool("tcp://127.0.0.1:9")
+        bd.sweep(swing, {"mass": [1.0]}, scheduler="tcp://127.0.0.1:9")
