@@ -276,18 +276,6 @@ class WrittenFiles:
             print_error(f"failed: {name}: the file cannot be created: {format_exception(problem)}.")
         self.failed = True
 
-    def write_picture(self, name: str, write: Callable[[], list[Path]]) -> None:
-        """Write pictures as `write` does, after a faster import of Matplotlib."""
-
-        def import_and_write() -> list[Path]:
-            # Imported here because most commands draw no picture.
-            from beamdae.report.pictures.matplotlib_import import import_matplotlib
-
-            import_matplotlib()
-            return write()
-
-        self.write(name, import_and_write)
-
     def print_paths(self) -> None:
         """Print the paths of the written files, and remove pages and pictures of earlier results.
 

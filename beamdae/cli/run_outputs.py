@@ -337,7 +337,7 @@ def draw_run(run: Run, solution: Solution) -> None:
     if run.is_inaccurate:
         title += f", accuracy {run.accuracy:g} not reached"
     if run.plot.is_default:
-        run.files.write_picture(
+        run.files.write(
             run.picture.name, lambda: [save_run_figure(run.picture, run.columns, title)]
         )
         return
@@ -346,7 +346,7 @@ def draw_run(run: Run, solution: Solution) -> None:
     if len(next(iter(columns.values()))) == len(solution.t):
         columns = merge_columns(columns, solution.coordinate_columns())
     plot = run.plot
-    run.files.write_picture(
+    run.files.write(
         run.picture.name,
         lambda: [
             save_selected_columns(

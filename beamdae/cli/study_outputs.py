@@ -232,7 +232,7 @@ def _write_files(outputs: StudyOutputs, results: StudyResults, report: StudyRepo
             "trajectories", lambda: sorted({path.parent for path in results.to_parquet()})
         )
     for name, write in report.pictures.items() if outputs.picture else ():
-        outputs.files.write_picture(name, write)
+        outputs.files.write(name, write)
 
 
 def print_failures(results: StudyResults) -> None:

@@ -33,7 +33,6 @@ from beamdae.results.columns import Header
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.frequency_response import FrequencyResponse
 from beamdae.results.periodic_motion import PeriodicMotion
-from beamdae.results.solution import Solution
 from beamdae.results.storage.files import versions
 
 Array = np.ndarray

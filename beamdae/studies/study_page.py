@@ -15,9 +15,7 @@ from beamdae.report.page.page_content import PageCase, PageContent, PageGroup
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.results.columns import Header
 from beamdae.results.storage.files import versions
-from beamdae.studies.case import Case
 from beamdae.studies.case_table import BOUND_COLUMN, ERROR_COLUMN
-from beamdae.studies.column_measures import MEASURES
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations, count_common_rows
 from beamdae.studies.execution.study_run import StudyResults

@@ -314,7 +314,7 @@ def test_of_many_groups_with_long_names_24_are_drawn(tmp_path, figure_of):
 @pytest.mark.parametrize("number", [13, 60])
 def test_regression_headings_of_sweep_pictures_do_not_cover_titles(number):
     """The line "12 of 17 columns" covered the titles of the first row."""
-    figure, axes = figures.create_panels(number, "", constrained=True)
+    figure, axes = figures.create_panels(number, "")
     for axis in axes:
         figures.format_axis(axis, "tip.y max", "[m]")
     figure.draw_without_rendering()

@@ -184,7 +184,12 @@ def test_curves_of_the_same_unit_share_a_chart(show):
     choice = tab.get_by_label("Observed: quantity")
     assert choice.locator("option").all_inner_texts() == ["a [m]", "b [m]", "c [N]", "all in m"]
     choice.select_option("all in m")
-    assert [name for name, *_ in list_lines(tab)] == ["a [m], Ida(rtol=0.001)", "b [m], Ida(rtol=0.001)", "a [m], Ida(rtol=1e-05)", "b [m], Ida(rtol=1e-05)"]
+    assert [name for name, *_ in list_lines(tab)] == [
+        "a [m], Ida(rtol=0.001)",
+        "b [m], Ida(rtol=0.001)",
+        "a [m], Ida(rtol=1e-05)",
+        "b [m], Ida(rtol=1e-05)",
+    ]
     # Colors distinguish the two cases, dashes the names.
     looks = [look for _, *look in list_lines(tab)]
     assert looks[0][0] == looks[1][0] != looks[2][0] == looks[3][0]

@@ -58,7 +58,8 @@ def describe_series(tab):
     """Return color, dashes and the ends of the lines between the points of the scatter plot."""
     return tab.evaluate("""state.charts.get("scatter").spec.series
         .filter(({type, data}) => type === "line" && data.length)
-        .map(({color, lineStyle, data}) => [color, lineStyle.type !== "solid", data.map(([x]) => x)])""")
+        .map(({color, lineStyle, data}) =>
+            [color, lineStyle.type !== "solid", data.map(([x]) => x)])""")
 
 
 def test_lines_join_the_cases_of_a_series(show):

@@ -1,8 +1,7 @@
 """Printed pages: no number is cut."""
 
 import numpy as np
-import pytest
-from pages import bar_frames, study_page, sweep_page
+from pages import bar_frames, sweep_page
 
 # Size of the printed area at margins of 12 mm [px].
 A4_LANDSCAPE, A4_PORTRAIT = 1032, 703

@@ -47,7 +47,8 @@ def test_sliders_show_the_nearest_stored_motion(show):
     # The time persists, and the case next to the sliders is selected in place of the one before.
     assert tab.inner_text("#time") == "t = 0.25 s"
     slide(tab, 1, 1)
-    assert tab.locator(".selection-entry").all_inner_texts() == ["1\nspeed=4, height=0.2 ×"]
+    (entry,) = tab.locator(".selection-entry").all_inner_texts()
+    assert "speed=4, height=0.2" in entry
     assert tab.inner_text("#shown") in ("speed=4, height=0.1", "speed=4, height=0.3")
 
 

@@ -200,5 +200,6 @@ def test_regression_warnings_that_several_cases_share_are_described_once(swept):
         f"sweep: warnings in 2 of 6 cases, with the ranges of numbers: {bent.format('0.1 to 0.2')}",
         "sweep: warnings in 2 of 6 cases, with the ranges of numbers: "
         f"{missed.format('1e-05 to 2', '')}",
+        f"sweep: warnings in 1 of 6 cases, {first}: {missed.format(3.5, ', tip.z (1 m)')}",
         "sweep: 1 more kinds of warnings; see cases.csv.",
     ]

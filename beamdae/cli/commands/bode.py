@@ -167,7 +167,7 @@ def bode_command(
     if page:
         files.write(page_path.name, lambda: [write_analysis_page(diagram, page_path, title)])
     if picture:
-        files.write_picture(
+        files.write(
             picture_path.name,
             lambda: [save_figure(create_bode_figure(diagram, title), picture_path)],
         )

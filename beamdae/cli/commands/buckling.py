@@ -81,7 +81,7 @@ def buckling_command(
     if page:
         files.write(page_path.name, lambda: [write_analysis_page(result, page_path, title)])
     if picture and result.mechanism is not None and len(result):
-        files.write_picture(
+        files.write(
             picture_path.name,
             lambda: [save_figure(create_modes_figure(result, title), picture_path)],
         )

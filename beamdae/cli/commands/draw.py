@@ -55,7 +55,7 @@ def draw_command(
     console.print(model.name, style="bold")
     console.print(text_tables.parts_table(types))
     files = WrittenFiles()
-    files.write_picture(model.name, lambda: [draw(mechanism).save(picture)])
+    files.write(model.name, lambda: [draw(mechanism).save(picture)])
     print_written_files(console, files.paths)
     if files.failed:
         raise typer.Exit(1)

@@ -187,7 +187,7 @@ def _finish(result: Fit, files: WrittenFiles, page: Path | None, picture: Path |
     if page is not None:
         files.write(page.name, lambda: [result.page(page)])
     if picture is not None:
-        files.write_picture(picture.name, lambda: [result.plot().save(picture)])
+        files.write(picture.name, lambda: [result.plot().save(picture)])
     files.finish(result.status)
 
 

@@ -211,7 +211,7 @@ def _write_and_print(
     is_drawable = not is_single or (result.mechanism is not None and len(result) > 0)
     if is_drawable:
         if "png" in paths:
-            files.write_picture(name, write_picture)
+            files.write(name, write_picture)
         for k in animated_modes:
             files.write(name, partial(write_animation, k))
     files.finish(result=result)

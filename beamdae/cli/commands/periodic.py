@@ -136,7 +136,7 @@ def periodic_command(
                 ]
             return [save_run_figure(picture_path, columns, title)]
 
-        files.write_picture(picture_path.name, write_picture)
+        files.write(picture_path.name, write_picture)
     files.finish(motion.status, motion)
 
 

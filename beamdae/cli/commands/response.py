@@ -144,7 +144,7 @@ def response_command(
     if page and is_shown:
         files.write(page_path.name, lambda: [write_analysis_page(result, page_path, title)])
     if picture and is_shown:
-        files.write_picture(
+        files.write(
             picture_path.name,
             lambda: [save_figure(create_response_figure(result, title, plotted), picture_path)],
         )

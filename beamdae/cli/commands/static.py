@@ -158,7 +158,7 @@ def static_command(
     if picture and is_complete:
         suffix = "" if result.status.success else f", ended early ({result.status.kind})"
         title = f"{model.name}, equilibria{suffix}"
-        files.write_picture(
+        files.write(
             picture_path.name,
             lambda: [save_path_figure(picture_path, result, title, plotted, x)],
         )

@@ -75,7 +75,9 @@ def place_labels(axis: Axes, labels: Sequence[tuple[Array, str]], obstacles: Arr
     for point, text in labels:
         anchor, size = _to_points(axis, point), _measure_text(axis, text)
         # The side of the box that faces the point touches a circle around the point.
-        middles = distances[:, None] * directions + 0.5 * size * np.clip(1.5 * directions, -1.0, 1.0)
+        middles = distances[:, None] * directions + 0.5 * size * np.clip(
+            1.5 * directions, -1.0, 1.0
+        )
         cost = _DISTANCE_COST * distances
         cost = cost + _cover_cost(axis, anchor + middles, size, obstacles, occupied)
         best = int(np.argmin(cost))

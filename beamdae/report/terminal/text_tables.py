@@ -348,7 +348,10 @@ def _create_table(
 ) -> ResponsiveTable:
     """Return the column `first` of a table and others, given with their numbers of digits."""
     rows = [
-        (str(row[first]), *(format_number(row[name], digits) for name, (_, digits) in columns.items()))
+        (
+            str(row[first]),
+            *(format_number(row[name], digits) for name, (_, digits) in columns.items()),
+        )
         for row in table.to_dict("records")
     ]
     return ResponsiveTable(title, [column for column, _ in columns.values()], rows, source)

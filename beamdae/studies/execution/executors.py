@@ -234,7 +234,8 @@ class FuturePool:
     Parameters
     ----------
     executor
-        The executor, for example of Dask, mpi4py or loky.
+        The executor, for example of Dask, mpi4py or loky. Its workers are processes, because runs
+        change settings of their process, such as the filters of warnings.
     workers
         Number of tasks that it runs at the same time, for reports of progress.
     close

@@ -173,10 +173,7 @@ def list_response_plots(
 
 def _save_files(draw: Callable[[], Plot], path: Path) -> list[Path]:
     figure = draw().figure
-    picture = figures.save_figure(figure, path.with_suffix(".png"))
-    # The layout takes as long as drawing: the second file uses that of the first.
-    figure.set_layout_engine(None)
-    return [picture, figures.save_figure(figure, path.with_suffix(".svg"))]
+    return [figures.save_figure(figure, path.with_suffix(x)) for x in (".png", ".svg")]
 
 
 def plot_curves(
@@ -205,7 +202,7 @@ def plot_curves(
     )
     styles = _create_styles(labels, graded)
     failed = (table[STATUS] != "ok").to_numpy()
-    figure, axes = figures.create_panels(len(panels), "", constrained=True)
+    figure, axes = figures.create_panels(len(panels), "")
     for axis, panel in zip(axes, panels, strict=False):
         for group, rows in groups.items():
             for measure, column in panel.lines.items():
@@ -345,7 +342,7 @@ def plot_maps(
         )
     vertical = ParameterScale.of(table, other, study.units.get(other, ""))
     panels = _remove_empty(table, [line for panel in panels for line in panel.split()])
-    figure, axes = figures.create_panels(len(panels), "", constrained=True)
+    figure, axes = figures.create_panels(len(panels), "")
     for axis, panel in zip(axes, panels, strict=False):
         (column,) = panel.lines.values()
         figures.format_axis(axis, shorten_text(panel.title, figures.MAX_LABEL_LETTERS), "")

@@ -20,6 +20,7 @@ const PANELS = [
   { key: "error", title: "Error over time", section: "error-panels" },
   { key: "drift", title: "Drift of the joints", section: "solver-panels" },
 ];
+const PHASE_STEP = 45; // [deg]
 const DIFFERENCE = "difference to the reference";
 
 function drawPanels() {
@@ -148,7 +149,7 @@ function describeCurves({ key, title, choice }, lines) {
     const data = line.t.map((time, k) => [time, line.values[k] === null ? null : Math.max(line.values[k], lowest)]);
     return line.run.points ? describePoints(line, data) : describeLine(line, data, models.indexOf(line), models.length);
   });
-  const y = { title: quantity, log };
+  const y = { title: quantity, log, step: key === "phase" ? PHASE_STEP : undefined };
   return {
     id: key,
     name: quantity,

@@ -81,7 +81,8 @@ function describeScatter(cases, x, y) {
     lineStyle: { width: 1, type: [6, 4] },
     symbol: "none",
     silent: true,
-    endLabel: { show: true, formatter: "{a}", color: themeColor("ink"), distance: -18, offset: [0, -8] },
+    endLabel: { show: true, formatter: "{a}", color: themeColor("ink") },
+    labelLayout: { moveOverlap: "shiftY" },
     data: xs.map((value, k) => [value, ys[k]]),
   }));
   const unresolved = present.filter((family) => cases.some((run) => run.family === family && isHollow(run)));
@@ -90,6 +91,7 @@ function describeScatter(cases, x, y) {
     name: `${y.label} over ${x.label}`,
     label: `${y.label} over ${x.label}, one point per case: press the arrow keys to visit and Enter to select points`,
     ...axes,
+    guides: isLinear,
     series: [
       ...present.map(createPoints),
       ...unresolved.map(createHollow),
