@@ -217,8 +217,8 @@ class Check:
         elif self.unheld_motions:
             motions = list_first(self.unheld_motions, _MAX_NAMES)
             notes.append(f"no driver, spring or load acts along a free motion: {motions}")
-        if self.spectrum is not None and self.spectrum.describe_growth():
-            notes.append(self.spectrum.describe_growth())
+        if self.spectrum is not None and self.spectrum.growth:
+            notes.append(self.spectrum.growth)
         return "ready to run" + f", but {'; '.join(notes)}" * bool(notes)
 
     def _repr_html_(self) -> str:

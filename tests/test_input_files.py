@@ -186,10 +186,10 @@ def test_named_inputs_are_refused_before_the_run(arguments, folder):
 def test_a_checkpoint_is_replaced_by_the_next_one_only(folder):
     options = ["--no-estimate", "--no-page", "--no-picture"]
     assert run("run", "swing.py", "--t-end", "0.01", "--checkpoint", "end.json", *options)
-    first = Path("end.json").read_text()
+    first = Path("end.json").read_bytes()
     end = ["--continue", "end.json", "--checkpoint", "end.json"]
     assert run("run", "swing.py", *end, *options).exit_code == 0
-    assert Path("end.json").read_text() != first
+    assert Path("end.json").read_bytes() != first
     Path("swing.json").write_text(first)
     result = run("run", "swing.py", "--continue", "swing.json", "--out", ".", *options)
     assert result.exit_code == 2

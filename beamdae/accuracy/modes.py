@@ -230,8 +230,7 @@ def _linearize_path_end(
     x = problem.correct(prescribe_parameter, factor, begin, factor).x[: len(x)]
     e = replace(e, q0=x[: e.n], v0=np.zeros(e.n))
     frame = Frame(e, system.loaded.time, partial(system.motion_tangent, factor))
-    rest = linearize_at_rest(frame)
-    return Linearization(e, fine, lin.about, frame.time, *rest)
+    return linearize_at_rest(frame, fine, lin.about)
 
 
 def _prolong_instant(

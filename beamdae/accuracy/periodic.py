@@ -131,7 +131,7 @@ def _find_motion(
             other = solve_shooting(period_map, q, v, tolerance, free_period=True).run
         else:
             other = settle_and_solve(period_map, 0, tolerance).run
-        multipliers = floquet_multipliers(other.resolved_monodromy())
+        multipliers = floquet_multipliers(other.monodromy())
     if other.relative_deviation > tolerance.accepted:
         raise BeamdaeError("Newton's method does not converge")
     period = other.period_map.period

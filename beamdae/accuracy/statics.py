@@ -24,7 +24,12 @@ from beamdae.analysis.statics.load_scaling import Loading, build_loading, vary_p
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
 from beamdae.analysis.statics.path_parameters import quantity_units, resolve_parameter
 from beamdae.analysis.statics.path_settings import PathSettings
-from beamdae.analysis.statics.paths import EquilibriumPath, problem_of, stability_of, trace_path
+from beamdae.analysis.statics.paths import (
+    EquilibriumPath,
+    stability_of,
+    tabulate_points,
+    trace_path,
+)
 from beamdae.analysis.statics.prescribed_column import PrescribedColumn
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.beams.beam import Beam, beams_of
@@ -320,26 +325,17 @@ def _as_equilibrium(
 
     Critical points are those up to the first one of another kind.
     """
-    e, parameter, factors = loading.full_equations, loading.parameter, path.factors[-1:].copy()
-    joints = e.n + loading.systems[0].equations.m
-    q, lam = (np.array([p.x[part] for p in points]) for part in (slice(e.n), slice(e.n, joints)))
-    times = np.array([problem_of(p).system.time_at(p.p) for p in points])
-    numbers = None
-    if parameter is not None and parameter.time is not None:
-        numbers = np.array([parameter.equations_at(p.p).p for p in points])
+    factors = path.factors[-1:].copy()
     factors[:, _find_stage(path) :][:, :1] = points[-1].p
     refined = () if traced is None else traced.critical
     pairs = zip(path.critical, refined, strict=False)
     return replace(
         path,
-        equations=e,
+        equations=loading.full_equations,
         factors=factors if traced is None else traced.factors,
-        q=q,
-        lam=loading.full_multipliers(q, lam, times),
         unstable=np.full(len(points), stability_of(points[-1]).unstable),
         critical=tuple(y for _, y in takewhile(lambda x: x[0].kind == x[1].kind, pairs)),
-        times=times,
-        numbers=numbers,
+        **tabulate_points(loading, points),
     )
 
 

@@ -15,7 +15,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from beamdae.cli import signals, streams
-from beamdae.cli.option_values import convert_plain_values
+from beamdae.cli.options import output_option
 from beamdae.cli.output import CommandOutput, hold_warnings, print_error, use_output
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.input_files import CHECKPOINT, register_input
@@ -34,6 +34,7 @@ EXIT_CODES = (
 )
 # Commands that show warnings at once, because they run until they are interrupted.
 _ENDLESS_COMMANDS = ("view",)
+_COMMANDS_WITH_DETAILS = ("run", "static")  # see `Report.details`
 # In narrower terminals the boxes around help texts would cut words.
 _MIN_BOX_WIDTH = 76  # columns
 # Reasons why commands lack an option of `run`.
@@ -45,13 +46,12 @@ _OUT_OF_MEMORY = "out of memory; use fewer elements or a larger output step."
 _DELETED_FOLDER = "the working folder has been deleted; change to an existing folder."
 
 _OUTPUT_OPTIONS = {
-    "quiet": Annotated[
-        bool,
-        typer.Option("--quiet", "-q", help="Print errors only."),
+    "verbose": Annotated[
+        bool, output_option("--verbose", "-v", help="Print settings, cost and checks, too.")
     ],
+    "quiet": Annotated[bool, output_option("--quiet", "-q", help="Print errors only.")],
     "as_json": Annotated[
-        bool,
-        typer.Option("--json", help="Print the results as one JSON document."),
+        bool, output_option("--json", help="Print the results as one JSON document.")
     ],
 }
 # Options with paths of outputs; the paths of all others are inputs.
@@ -63,8 +63,8 @@ def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]
     """Add --quiet and --json to a command, and turn its errors into messages and exit codes."""
 
     @wraps(command)
-    def run_and_exit(*, quiet: bool, as_json: bool, **options: Any) -> None:
-        output = CommandOutput(quiet, as_json)
+    def run_and_exit(*, quiet: bool, as_json: bool, verbose: bool = False, **options: Any) -> None:
+        output = CommandOutput(quiet, as_json, verbose)
         for option in options.keys() - _OUTPUT_PATHS:
             if isinstance(path := options[option], Path):
                 register_input(path, CHECKPOINT if option == "resume_from" else "")
@@ -88,9 +88,10 @@ def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]
         *inspect.signature(command, eval_str=True).parameters.values(),
         *(
             inspect.Parameter(
-                name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=annotation
+                option, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=annotation
             )
-            for name, annotation in _OUTPUT_OPTIONS.items()
+            for option, annotation in _OUTPUT_OPTIONS.items()
+            if option != "verbose" or name in _COMMANDS_WITH_DETAILS
         ),
     ]
     run_and_exit.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -150,10 +151,7 @@ def _escape_brackets(parameters: Iterable[Any]) -> Iterator[None]:
 
 
 class _Plain:
-    """Help without boxes in narrow terminals and without "boolean" after flags.
-
-    `convert_plain_values` converts the values of options.
-    """
+    """Help without boxes in narrow terminals and without "boolean" after flags."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         columns = shutil.get_terminal_size().columns
@@ -170,7 +168,6 @@ class _Plain:
     def get_params(self, ctx: Any) -> Any:
         parameters = super().get_params(ctx)  # type: ignore[misc]
         for parameter in parameters:
-            convert_plain_values(parameter)
             if getattr(parameter, "is_flag", False):
                 parameter.metavar = ""
         return parameters

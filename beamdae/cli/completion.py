@@ -9,16 +9,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from textwrap import shorten
+from typing import TYPE_CHECKING, Any
 
 from beamdae.cli.model_files.example_files import PREFIX, example_names, resolve_path
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
     from beamdae.cli.model_files.outline import Outline
+    from beamdae.model_parameters import ModelParameter
 
 # Bash splits words at these characters.
 _BASH_WORD_BREAKS = (":", "=")
+_MAX_HINT_LENGTH = 60
 
 
 def complete_model_files(incomplete: str) -> list[str]:
@@ -48,18 +51,16 @@ def complete_parameters() -> list[tuple[str, str]]:
     """
     words = _command_line_words()
     outline = _outline_of_model_file(words)
-    models = outline.models
-    return [
-        (f"{name}={_as_typed(default)}", outline.hints[model][name])
-        for model in [model for model in models if model in words] or models
-        for name, default in models[model].items()
-    ]
+    models = outline.models if outline else {}
+    selected = [name for name in models if name in words] or list(models)
+    parameters = [x for name in selected for x in models[name].parameters.values()]
+    return [(f"{x.name}={_as_typed(x.default)}", _format_hint(x)) for x in parameters]
 
 
 def complete_models() -> list[str]:
     """Return the names of the models, studies and sweeps of the file on the command line."""
     outline = _outline_of_model_file(_command_line_words())
-    return [*outline.models, *outline.studies]
+    return [*outline.models, *outline.studies] if outline else []
 
 
 def _command_line_words() -> list[str]:
@@ -74,20 +75,27 @@ def _command_line_words() -> list[str]:
         return line.split()
 
 
-def _outline_of_model_file(words: list[str]) -> Outline:
+def _outline_of_model_file(words: list[str]) -> Outline | None:
     # Commands start faster without this import.
-    from beamdae.cli.model_files.outline import Outline, read_outline
+    from beamdae.cli.model_files.outline import read_outline
 
     files = [word for word in words if word.endswith(".py") or word.startswith(PREFIX)]
     try:
-        return read_outline(resolve_path(Path(files[0]).expanduser())) if files else Outline()
+        return read_outline(resolve_path(Path(files[0]).expanduser())) if files else None
     except BeamdaeError:
-        return Outline()
+        return None
 
 
-def _as_typed(default: str) -> str:
+def _format_hint(x: ModelParameter) -> str:
+    from beamdae.model_parameters import format_with_unit
+
+    text = f"default {format_with_unit(x.default, x.unit)}"
+    return f"{text}: {shorten(x.description, _MAX_HINT_LENGTH)}" if x.description else text
+
+
+def _as_typed(default: Any) -> str:
     """Return a default as typed in a shell, or an empty string if it requires quotes."""
-    text = default.strip("'\"")
+    text = str(default)
     return text if all(x.isalnum() or x in "._-+" for x in text) else ""
 
 

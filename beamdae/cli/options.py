@@ -4,23 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from beamdae.catalog import INTEGRATORS
-from beamdae.cli import completion
+from beamdae.cli import completion, startup
 from beamdae.cli.output import record_results
 from beamdae.cli.ranges import parse_ends
-from beamdae.errors import BeamdaeError, join_names, short_repr, suggest, warn_user
+from beamdae.errors import BeamdaeError, join_names, require_choice, short_repr, suggest, warn_user
 
 if TYPE_CHECKING:
     from beamdae.cli.model_files.model_file import ModelFile
     from beamdae.model_functions import Model
     from beamdae.parts.rotation import Rotation
 
+# Options in panels of the help of their own.
+output_option = partial(typer.Option, rich_help_panel="Outputs")
+accuracy_option = partial(typer.Option, rich_help_panel="Integrator and accuracy")
+expert_option = partial(typer.Option, rich_help_panel="Expert options")
 _STATES = ("as drawn", "equilibrium")
 _ROTATION = "rotation="  # start in steady rotation at the speed that follows
 
@@ -159,9 +163,9 @@ Starts = Annotated[
     ),
 ]
 StartCount = Annotated[
-    int, typer.Option(help="Number of searches; all but the first begin at random points.")
+    int, expert_option(help="Number of searches; all but the first begin at random points.")
 ]
-StartSeed = Annotated[int, typer.Option(help="Seed of the random points.")]
+StartSeed = Annotated[int, expert_option(help="Seed of the random points.")]
 Bounds = Annotated[
     list[str] | None,
     typer.Option(
@@ -179,14 +183,15 @@ Loads = Annotated[
         "all loads.",
     ),
 ]
-STATES = ("reference", "equilibrium")
+_LINEARIZED_STATES = ("reference", "equilibrium")
 About = Annotated[
-    str,
+    str | None,
     typer.Option(
         "--about",
         metavar="STATE",
-        help="State to linearize about: reference or equilibrium.",
-        autocompletion=lambda: STATES,
+        help="State to linearize about: reference (the drawing) or equilibrium. Defaults to the "
+        "start of the model.",
+        autocompletion=lambda: _LINEARIZED_STATES,
     ),
 ]
 LoadTime = Annotated[
@@ -200,7 +205,7 @@ LoadTime = Annotated[
 ]
 IntegratorName = Annotated[
     str,
-    typer.Option(
+    accuracy_option(
         metavar="NAME",
         help=f"Integrator: {', '.join(INTEGRATORS)}, or an Integrator class or instance of the "
         "model file.",
@@ -209,7 +214,7 @@ IntegratorName = Annotated[
 ]
 PeriodStart = Annotated[
     float,
-    typer.Option(
+    expert_option(
         parser=parse_seconds,
         metavar="TIME",
         help="Time in seconds, or with a unit, at which periods begin; loads must be periodic from "
@@ -218,14 +223,14 @@ PeriodStart = Annotated[
 ]
 RelativeTolerance = Annotated[
     float | None,
-    typer.Option(
+    accuracy_option(
         help="Relative tolerance. Selects adaptive steps for generalized-alpha. Defaults "
         "to the value of the integrator."
     ),
 ]
 FixedStep = Annotated[
     float | None,
-    typer.Option(
+    accuracy_option(
         parser=parse_seconds,
         metavar="TIME",
         help="Step in seconds, or with a unit (1ms), of fixed-step integrators. Defaults to the "
@@ -251,7 +256,7 @@ OutputStep = Annotated[
 ]
 TimeLimit = Annotated[
     float | None,
-    typer.Option(
+    expert_option(
         parser=parse_seconds,
         metavar="TIME",
         help="Maximum wall time of a run in seconds; partial results are kept.",
@@ -259,7 +264,7 @@ TimeLimit = Annotated[
 ]
 RequiredAccuracy = Annotated[
     float | None,
-    typer.Option(
+    accuracy_option(
         "--accuracy",
         parser=parse_accuracy,
         metavar="ERROR",
@@ -269,7 +274,7 @@ RequiredAccuracy = Annotated[
 ]
 AccurateColumns = Annotated[
     list[str] | None,
-    typer.Option(
+    accuracy_option(
         "--columns",
         metavar="NAME",
         help="Column or observable that must reach --accuracy, such as a stress, or several "
@@ -279,24 +284,26 @@ AccurateColumns = Annotated[
 ]
 Jobs = Annotated[
     int | None,
-    typer.Option(
+    expert_option(
         "--jobs", "--workers", help="Number of processes. Defaults to one per core.", metavar="N"
     ),
 ]
 Scheduler = Annotated[
     str | None,
-    typer.Option(
+    expert_option(
         metavar="ADDRESS", help="Run on this Dask scheduler, for example tcp://host:8786."
     ),
 ]
 Parquet = Annotated[
-    bool, typer.Option("--parquet", help="Write the trajectories as Parquet files, too.")
+    bool, output_option("--parquet", help="Write the trajectories as Parquet files, too.")
 ]
-Page = Annotated[bool, typer.Option(metavar="", help="Write a page (HTML) with charts and tables.")]
-Picture = Annotated[bool, typer.Option(metavar="", help="Write the picture (PNG).")]
+Page = Annotated[
+    bool, output_option(metavar="", help="Write a page (HTML) with charts and tables.")
+]
+Picture = Annotated[bool, output_option(metavar="", help="Write the picture (PNG).")]
 PlottedColumns = Annotated[
     list[str] | None,
-    typer.Option(
+    output_option(
         "--plot",
         metavar="NAME",
         help="Column or observable in the picture, or several separated by commas; repeatable. "
@@ -305,7 +312,7 @@ PlottedColumns = Annotated[
 ]
 DataColumns = Annotated[
     list[str] | None,
-    typer.Option(
+    output_option(
         "--data-column",
         metavar="NAME=COLUMN",
         help="Column of the model, or t, for a column of the data with another name, such as "
@@ -314,26 +321,52 @@ DataColumns = Annotated[
 ]
 HorizontalColumn = Annotated[
     str | None,
-    typer.Option(
+    output_option(
         "--x",
         metavar="NAME",
         help="Column on the horizontal axis of the picture, for example tip.x for the path of tip.",
     ),
 ]
 Pictures = Annotated[
-    bool, typer.Option("--picture/--no-picture", metavar="", help="Write pictures (PNG, SVG).")
+    bool, output_option("--picture/--no-picture", metavar="", help="Write pictures (PNG, SVG).")
 ]
-Out = Annotated[Path, typer.Option(help="Output folder.")]
+Out = Annotated[Path, output_option(help="Output folder.")]
 
 
-def load_configured_model(file: ModelFile, name: str | None, settings: list[str] | None) -> Model:
-    """Return a model of the file, with the values of --set as defaults."""
+def load_model(
+    path: Path, name: str | None, settings: list[str] | None, needs: str = startup.RUNS
+) -> tuple[Model, ModelFile]:
+    """Return a model with the values of --set as defaults, and its file; see `ModelFile`."""
+    from beamdae.cli.model_files.model_file import ModelFile
+
+    file = ModelFile(path, needs)
     model = file.model(name)
     values = parse_assignments(settings)
     model = replace(model, parameters=model.complete(values))
     warn_of_unread(model, values)
     record_results(lambda: {"model": {"name": model.name, "parameters": model.parameters}})
-    return model
+    return model, file
+
+
+def find_state(command: str, mechanism: Any, about: str | None, speed: float | None) -> Any:
+    """Return the state of --about or --speed, by default the start of a mechanism.
+
+    Raises
+    ------
+    BeamdaeError
+        If both options are given, or the state is unknown.
+    """
+    if about is not None and speed is not None:
+        raise BeamdaeError(
+            f"{command}: --about {about} and --speed are mutually exclusive; omit one."
+        )
+    if speed is not None:
+        from beamdae.parts.rotation import rotation
+
+        return rotation(speed)
+    if about is not None:
+        return require_choice(command, "--about", about, _LINEARIZED_STATES)
+    return getattr(mechanism, "start", "reference")
 
 
 def warn_of_unread(model: Model, settings: Mapping[str, str]) -> None:

@@ -9,27 +9,22 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from beamdae.errors import (
-    BeamdaeError,
     BeamdaeWarning,
     InputWarning,
-    format_exception,
     kind_of_message,
 )
-from beamdae.garbage_collection import paused_collection
-from beamdae.input_files import is_input
-from beamdae.interrupts import Interrupted
 from beamdae.report.option_names import name_options
 from beamdae.report.text import make_printable
 
@@ -37,7 +32,6 @@ from beamdae.report.text import make_printable
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from beamdae.results.outcome import Status
 
 # Widths in columns. Without a terminal, lines are not wrapped; tables need the minimum width.
 _UNLIMITED_WIDTH = 10_000
@@ -54,6 +48,8 @@ class CommandOutput:
         True to print only errors and, if `as_json` is True, the JSON document.
     as_json
         True to print the results as one JSON document instead of tables.
+    verbose
+        True to print settings, cost and checks of the solver, too.
     results, files, warnings, errors
         Contents of the JSON document, besides the command and its exit code.
     held_warnings
@@ -62,6 +58,7 @@ class CommandOutput:
 
     quiet: bool = False
     as_json: bool = False
+    verbose: bool = False
     results: dict[str, Any] = field(default_factory=dict)
     files: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -129,20 +126,14 @@ def create_console() -> Console:
     return console
 
 
-def print_facts(
-    name: str, facts: Mapping[str, str], create_results: Callable[[], Mapping[str, Any]]
-) -> Console:
-    """Print facts by topic under a name, and return the console for tables.
-
-    `create_results` returns the results for the JSON document; see `record_results`.
-    """
-    from beamdae.report.terminal import text_tables
-
-    record_results(create_results)
-    console = create_console()
-    named = {topic: name_options(text) for topic, text in facts.items()}
-    console.print(text_tables.fact_list(name, named))
-    return console
+def show(console: Console, content: Any, style: str | None = None) -> None:
+    """Print content; in files and pipes, lines have no trailing spaces."""
+    if console.is_terminal or console.quiet:
+        console.print(content, style=style)
+        return
+    with console.capture() as captured:
+        console.print(content, style=style)
+    typer.echo(re.sub(" +$", "", captured.get(), flags=re.MULTILINE), nl=False)
 
 
 def create_progress_console() -> Console | None:
@@ -160,17 +151,6 @@ def print_error(sentence: str) -> None:
     line = make_printable(name_options(" ".join(sentence.split())))
     current_output().errors.append(line)
     typer.echo(line, err=True)
-
-
-def print_accuracy(console: Console, result: Any) -> None:
-    """Print what was reached of a required accuracy, and add it to the JSON document."""
-    from beamdae.results.outcome import accuracy_of
-
-    status = accuracy_of(result)
-    if status is not None:
-        record_results(lambda: {"accuracy": {"status": status.kind, "reason": status.sentence}})
-        if status.success:
-            console.print(f"accuracy: {name_options(status.sentence)}", style="dim")
 
 
 def print_warnings(console: Console, sentences: Iterable[str]) -> None:
@@ -234,101 +214,6 @@ def record_warning(sentence: str) -> str:
     printable = make_printable(name_options(sentence))
     current_output().warnings.append(printable)
     return printable
-
-
-def print_written_files(console: Console, paths: Iterable[Path]) -> None:
-    """Print the paths of written files, and add them to the JSON document."""
-    for path in paths:
-        current_output().files.append(make_printable(str(path)))
-        console.print(f"written: {make_printable(str(path))}", style="dim", soft_wrap=True)
-
-
-@dataclass
-class WrittenFiles:
-    """Files that a command writes.
-
-    Attributes
-    ----------
-    paths
-        Paths of the files written so far.
-    views
-        Paths of the page and the pictures, also of those that this command skips.
-    failed
-        True if a file could not be written.
-    """
-
-    paths: list[Path] = field(default_factory=list)
-    views: tuple[Path, ...] = ()
-    failed: bool = False
-
-    def write(self, name: str, write: Callable[[], list[Path]]) -> None:
-        """Write files; if this fails, print one line and set `failed`."""
-        # Flush, so that the reader of a pipe gets the tables before the files are written.
-        sys.stdout.flush()
-        try:
-            # Importing Matplotlib and drawing create no garbage to speak of.
-            with paused_collection():
-                self.paths += write()
-            return
-        except BeamdaeError as problem:
-            print_error(f"failed: {problem}")
-        except Exception as problem:  # Results may contain values that cannot be drawn.
-            print_error(f"failed: {name}: the file cannot be created: {format_exception(problem)}.")
-        self.failed = True
-
-    def print_paths(self) -> None:
-        """Print the paths of the written files, and remove pages and pictures of earlier results.
-
-        Without new results, nothing is removed.
-        """
-        console = create_console()
-        print_written_files(console, self.paths)
-        for path in self.views if self.paths else ():
-            if path in self.paths or is_input(path):
-                continue
-            if path.is_file():
-                try:
-                    path.unlink()
-                except OSError as problem:
-                    reason = f"shows earlier results and cannot be removed ({problem.strerror})"
-                    print_error(f"failed: {path}: the file {reason}; remove it.")
-                    self.failed = True
-                    continue
-                line = f"removed: {make_printable(str(path))} showed earlier results"
-                console.print(line, style="dim", soft_wrap=True)
-            if path.suffix == ".html":
-                from beamdae.report.page.page_file import remove_curve_files
-
-                # Also if the page was removed by hand.
-                remove_curve_files(path)
-
-    def finish(self, status: Status | None = None, result: Any = None) -> None:
-        """End an analysis: print the paths and the reason for a failure, and set the exit code.
-
-        `result` may have a required accuracy.
-
-        See `print_paths` for files that are removed.
-
-        Raises
-        ------
-        Interrupted
-            If the analysis was interrupted.
-        typer.Exit
-            With code 1 if the analysis failed or a file could not be written.
-        """
-        self.print_paths()
-        if status is not None and status.kind == "interrupted":
-            raise Interrupted(f"{status.sentence}; the results so far are in {self.paths[0]}")
-        from beamdae.results.outcome import accuracy_of
-
-        accuracy = None if result is None else accuracy_of(result)
-        has_failed = self.failed
-        for reason, x in (("failed", status), ("the accuracy is not reached", accuracy)):
-            if x is not None and not x.success:
-                has_failed = True
-                print_error(f"{reason}: {name_options(x.sentence)}")
-        if has_failed:
-            raise typer.Exit(1)
 
 
 def _to_json_value(value: Any) -> Any:

@@ -1,13 +1,12 @@
-"""Progress on standard error: a bar in a terminal, otherwise occasional lines."""
+"""Progress on standard error: a bar in a terminal, otherwise a line every ten seconds."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from time import monotonic
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
@@ -16,28 +15,19 @@ from beamdae.errors import format_count, format_percent
 from beamdae.integrators.limits import followed_vibration
 
 if TYPE_CHECKING:
-    from rich.console import Console, ConsoleOptions, RenderResult
-
     from beamdae.results.frequency_response import ResponsePoint
     from beamdae.studies.execution.study_progress import StudyProgress
 
-# Widths in columns; a narrower bar or label is left out.
-_MAX_BAR_WIDTH = 14
-_MIN_BAR_WIDTH = 3
-_MIN_LABEL_WIDTH = 8
-# Interval between progress lines of a run without a terminal.
-_LINE_INTERVAL = 10.0  # s
+_BAR_WIDTH = 14  # columns
+_LINE_INTERVAL = 10.0  # between progress lines without a terminal [s]
 _LONG_TIME = 60.0  # remaining time [s] from which on a run that follows vibrations has advice
 # Smallest fraction of the range of a curve at which its remaining time is estimated: first steps
 # are short.
 _MIN_CURVE_FRACTION = 0.1
-# Fraction of the runs of a study between progress lines without a terminal.
-_LINE_FRACTION = 0.1
 
 
-@dataclass(frozen=True)
-class ProgressLine:
-    """Progress of a run or a study.
+class ProgressLine(NamedTuple):
+    """Progress of a run, an analysis or a study.
 
     Attributes
     ----------
@@ -48,39 +38,56 @@ class ProgressLine:
     remaining
         Remaining time [s], or None if unknown.
     label
-        Name of the running task; for a study, counts of its runs and the label of the last run.
+        Name of the running task.
+    is_last
+        True for the line that is always printed without a terminal.
     """
 
     fraction: float
     done: str
     remaining: float | None
     label: str
+    is_last: bool = False
 
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield one line with a bar, the numbers, and the label in the remaining width."""
-        from rich.progress_bar import ProgressBar
-        from rich.table import Table
-        from rich.text import Text
 
-        from beamdae.report.terminal.responsive_table import shorten_to_cells
+@contextmanager
+def show_progress(first: ProgressLine) -> Iterator[Callable[[ProgressLine], None]]:
+    """Show a line that is updated in place or, without a terminal, a line every ten seconds.
 
-        width = options.max_width
-        numbers = f"{self.done} {format_clock(self.remaining)}"
-        if len(f"{numbers} left") + 1 + _MIN_BAR_WIDTH <= width:
-            numbers = f"{numbers} left"
-        else:
-            numbers = shorten_to_cells(numbers, width)
-        bar_width = max(min(_MAX_BAR_WIDTH, width - len(numbers) - 1), 0)
-        label_width = width - bar_width - len(numbers) - 2
-        line = Table.grid(padding=(0, 1, 0, 0))
-        cells: list[ProgressBar | Text] = [Text(numbers, no_wrap=True)]
-        if bar_width >= _MIN_BAR_WIDTH:
-            fraction = min(max(self.fraction, 0.0), 1.0)
-            cells.insert(0, ProgressBar(1.0, fraction, width=bar_width))
-        if label_width >= _MIN_LABEL_WIDTH:
-            cells.append(Text(shorten_to_cells(self.label, label_width), no_wrap=True))
-        line.add_row(*cells)
-        yield line
+    Yield a function of further lines. With --quiet, nothing is shown.
+    """
+    console = None if is_quiet() else create_progress_console()
+    if console is None:
+        last = monotonic()
+
+        def echo(line: ProgressLine) -> None:
+            nonlocal last
+            is_due = line.is_last or monotonic() - last >= _LINE_INTERVAL
+            if is_due and not is_quiet():
+                text = f"{line.label}: {line.done}, {format_clock(line.remaining)} left"
+                typer.echo(text, err=True)
+                last = monotonic()
+
+        yield echo
+        return
+    from rich.progress import BarColumn, Progress, TextColumn
+    from rich.table import Column
+
+    def column(name: str, overflow: str) -> TextColumn:
+        layout = Column(no_wrap=True, overflow=overflow)  # type: ignore[arg-type]
+        return TextColumn(f"{{task.fields[{name}]}}", markup=False, table_column=layout)
+
+    columns = BarColumn(_BAR_WIDTH), column("numbers", "crop"), column("label", "ellipsis")
+    streams = {"redirect_stdout": False, "redirect_stderr": False}
+    with Progress(*columns, console=console, transient=True, **streams) as progress:
+        task = progress.add_task("", total=1.0, numbers="", label="")
+
+        def update(line: ProgressLine) -> None:
+            numbers = f"{line.done} {format_clock(line.remaining)} left"
+            progress.update(task, completed=line.fraction, numbers=numbers, label=line.label)
+
+        update(first)
+        yield update
 
 
 @contextmanager
@@ -90,19 +97,15 @@ def show_run_progress(t_end: float, task: str = "") -> Iterator[Callable[[str, f
     `task` is the name of the computation if it is not the simulation.
     """
     estimate = _time_run(t_end)
-    with _live_display() as show:
-        show_line = show or _RunLines()
+    with show_progress(ProgressLine(0.0, f"0/{t_end:.3g} s", None, task or "starting")) as show:
 
         def update(label: str, t: float) -> None:
             done, remaining = f"{t:.3g}/{t_end:.3g} s", estimate(t)
-            advice = ""
-            if followed_vibration.get() and (remaining or 0.0) > _LONG_TIME:
-                advice = "vibrations hardly decay: set damping="
+            is_long = followed_vibration.get() and (remaining or 0.0) > _LONG_TIME
+            advice = "vibrations hardly decay: set damping=" if is_long else ""
             label = ", ".join(filter(None, [advice, task, label]))
-            show_line(ProgressLine(t / (t_end or 1.0), done, remaining, label))
+            show(ProgressLine(t / (t_end or 1.0), done, remaining, label))
 
-        if show:
-            show(ProgressLine(0.0, f"0/{t_end:.3g} s", None, task or "starting"))
         yield update
 
 
@@ -114,22 +117,19 @@ def show_curve_progress(
     from beamdae.model_parameters import format_with_unit
 
     estimate, count, (first, last) = _time_run(1.0), 0, ends
-    with _live_display() as show:
-        show_line = show or _RunLines()
+    with show_progress(ProgressLine(0.0, "0 points", None, "first periodic motion")) as show:
 
         def update(point: ResponsePoint) -> None:
             nonlocal count
             count += 1
             fraction = (point.parameter - first) / (last - first)
             value = format_with_unit(float(f"{point.parameter:.4g}"), unit)
-            done = format_count(count, "point")
             remaining = estimate(fraction)
             if fraction < _MIN_CURVE_FRACTION:
                 remaining = None
-            show_line(ProgressLine(fraction, done, remaining, f"{parameter} = {value}"))
+            done = format_count(count, "point")
+            show(ProgressLine(fraction, done, remaining, f"{parameter} = {value}"))
 
-        if show:
-            show(ProgressLine(0.0, "0 points", None, "first periodic motion"))
         yield update
 
 
@@ -141,56 +141,32 @@ def show_design_progress(most: int) -> Iterator[Callable[[int, float, float], No
     number of designs that a search needs, and hence the remaining time, is unknown.
     """
     start = monotonic()
-    with _live_display() as show:
-        show_line = show or _RunLines()
+    with show_progress(ProgressLine(0.0, "0 designs", None, "first design")) as show:
 
         def update(count: int, objective: float, violation: float) -> None:
             label = f"objective {objective:.5g}"
             if violation > 0.0:
                 label += f", a limit exceeded by {format_percent(violation)}"
             done = f"{format_count(count, 'design')}, {(monotonic() - start) / count:.2g} s each"
-            show_line(ProgressLine(count / most, done, None, label))
+            show(ProgressLine(count / most, done, None, label))
 
-        if show:
-            show(ProgressLine(0.0, "0 designs", None, "first design"))
         yield update
 
 
 @contextmanager
 def show_study_progress() -> Iterator[Callable[[StudyProgress], None]]:
     """Show the progress of a study; yield a function that takes a `StudyProgress`."""
-    with _live_display() as show:
-        if show is None:
-            yield (lambda _: None) if is_quiet() else _StudyLines()
-            return
+    with show_progress(ProgressLine(0.0, "0 runs", None, "starting")) as show:
 
-        def update(progress: StudyProgress) -> None:
-            done = f"{progress.done}/{progress.total}"
-            label = ", ".join(filter(None, [_format_counts(progress), progress.last_label]))
-            fraction = progress.done / max(progress.total, 1)
-            show(ProgressLine(fraction, done, progress.remaining_time, label))
+        def update(x: StudyProgress) -> None:
+            counts = {"running": x.running, "failed": x.failed, "stored before": x.stored}
+            texts = [f"{count} {kind}" for kind, count in counts.items() if count]
+            label = ", ".join(filter(None, [*texts, x.last_label]))
+            is_last, done = x.done == x.total, f"{x.done}/{x.total}"
+            remaining = 0.0 if is_last else x.remaining_time
+            show(ProgressLine(x.done / max(x.total, 1), done, remaining, label, is_last))
 
         yield update
-
-
-@contextmanager
-def _live_display() -> Iterator[Callable[[ProgressLine], None] | None]:
-    """Yield a function that updates a line in place, or None without a terminal or with --quiet."""
-    console = None if is_quiet() else create_progress_console()
-    if console is None:
-        yield None
-        return
-    from rich.live import Live
-
-    with Live(
-        console=console,
-        transient=True,
-        refresh_per_second=10,
-        redirect_stdout=False,
-        redirect_stderr=False,
-        vertical_overflow="crop",
-    ) as live:
-        yield live.update
 
 
 def _time_run(t_end: float) -> Callable[[float], float | None]:
@@ -211,15 +187,6 @@ def _time_run(t_end: float) -> Callable[[float], float | None]:
     return estimate
 
 
-def _format_counts(progress: StudyProgress) -> str:
-    counts = {
-        "running": progress.running,
-        "failed": progress.failed,
-        "stored before": progress.stored,
-    }
-    return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
-
-
 def format_clock(seconds: float | None) -> str:
     """Format a duration [s] as minutes:seconds or, from one hour on, as hours:minutes:seconds.
 
@@ -230,34 +197,3 @@ def format_clock(seconds: float | None) -> str:
     minutes, rest = divmod(max(round(seconds), 0), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
-
-
-class _RunLines:
-    """Prints the progress of a run at most every ten seconds; nothing with --quiet."""
-
-    def __init__(self) -> None:
-        self._last = monotonic()
-
-    def __call__(self, line: ProgressLine) -> None:
-        if monotonic() - self._last < _LINE_INTERVAL or is_quiet():
-            return
-        typer.echo(f"{line.label}: {line.done}, {format_clock(line.remaining)} left", err=True)
-        self._last = monotonic()
-
-
-class _StudyLines:
-    """Prints the progress of a study at its start and end, and after each tenth of the runs."""
-
-    def __init__(self) -> None:
-        self._next = 0.0
-
-    def __call__(self, progress: StudyProgress) -> None:
-        if progress.done >= self._next or progress.done == progress.total:
-            seconds = progress.remaining_time
-            rest = f", about {seconds:.0f} s left" if seconds else ""
-            typer.echo(
-                f"{progress.done} of {progress.total} runs, {progress.running} running, "
-                f"{progress.failed} failed, {progress.stored} stored before{rest}",
-                err=True,
-            )
-            self._next = progress.done + _LINE_FRACTION * progress.total

@@ -11,12 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from beamdae.cli import signals
-from beamdae.cli.output import (
-    WrittenFiles,
-    print_facts,
-    print_warnings,
-)
 from beamdae.cli.progress import show_run_progress
+from beamdae.cli.results import Report, ResultFiles
 from beamdae.errors import BeamdaeError, format_count, warn_user
 from beamdae.interrupts import Interrupted, acknowledge
 
@@ -25,7 +21,6 @@ if TYPE_CHECKING:
     from beamdae.report.pictures.time_plots import PlotSelection
     from beamdae.results.outcome import Status
     from beamdae.results.solution import Solution
-    from beamdae.results.storage.continued_runs import RunParts
 
 
 class RunPlot(NamedTuple):
@@ -50,16 +45,10 @@ class Run:
     ----------
     model, integrator
         Model with the parameters of the run, and integrator.
-    table
-        Path of the table of all parts of the run; other files are named after it.
-    parts
-        Files of this run and of those that it resumes; None if it does not resume a run.
-    columns
-        Columns of the table by header; empty until the table is written.
     files
-        Files written so far.
+        Files of the run.
     checkpoint
-        Checkpoint that was written, or None.
+        File with the run, from which it can be resumed, or None.
     errors
         Error estimates of the observed columns, by name of the estimate; None without estimates.
     error_warnings
@@ -77,10 +66,7 @@ class Run:
 
     model: Model
     integrator: Any
-    table: Path
-    parts: RunParts | None = None
-    columns: dict[str, Any] = field(default_factory=dict)
-    files: WrittenFiles = field(default_factory=WrittenFiles)
+    files: ResultFiles
     checkpoint: Path | None = None
     errors: Any = None
     error_warnings: list[str] = field(default_factory=list)
@@ -89,31 +75,6 @@ class Run:
     interrupted: bool = False
     plot: RunPlot = field(default_factory=RunPlot)
     charts: PlotSelection | None = None
-
-    @property
-    def is_inaccurate(self) -> bool:
-        """True if the required accuracy was not reached."""
-        return self.reached is not None and not self.reached.success
-
-    @property
-    def latest_table(self) -> Path:
-        """Path of the table of this run alone."""
-        return self.table if self.parts is None else self.parts.latest
-
-    @property
-    def picture(self) -> Path:
-        """Path of the picture."""
-        return self.table.with_suffix(".png")
-
-    @property
-    def page(self) -> Path:
-        """Path of the page for the browser."""
-        return self.table.with_suffix(".html")
-
-    @property
-    def title(self) -> str:
-        """Title with the model and the integrator."""
-        return f"{self.model.name}, {self.integrator.label}"
 
     @contextmanager
     def continue_after_interrupt(self) -> Iterator[None]:
@@ -127,20 +88,21 @@ class Run:
             self.interrupted = True
 
 
-def select_charts(run: Run, is_drawn: bool, has_page: bool, is_resumed: bool) -> None:
+def select_charts(run: Run) -> None:
     """Select the contents of the picture and of the page before the run, which may take hours.
 
     Raises
     ------
     BeamdaeError
-        If neither a picture nor a page shows them, the model does not have a column, the data
-        cannot be read, or a resumed run is to plot a coordinate.
+        If neither a picture nor a page shows them, the model does not have a column, or the data
+        cannot be read.
     """
     if run.plot.is_default:
         return
+    is_drawn = run.files.picture is not None
     if not is_drawn and run.plot.x is not None:
         raise BeamdaeError("run: --x requires the picture; omit --no-picture.")
-    if not (is_drawn or has_page):
+    if not (is_drawn or run.files.page):
         raise BeamdaeError(
             "run: --plot and --data require the picture or the page; omit --no-picture or "
             "--no-page."
@@ -152,25 +114,31 @@ def select_charts(run: Run, is_drawn: bool, has_page: bool, is_resumed: bool) ->
     from beamdae.simulation import as_equations
 
     equations = as_equations("run", run.model, sampled=True)
-    observed = equations.observed_headers
-    headers = dict.fromkeys([TIME, *observed, *LEDGER_COLUMNS, *coordinate_headers(equations)])
-    in_table = [TIME, *observed, *LEDGER_COLUMNS]
+    in_table = [TIME, *equations.observed_headers, *LEDGER_COLUMNS]
+    headers = list(dict.fromkeys([*in_table, *coordinate_headers(equations)]))
     columns, x, data, data_columns = run.plot
     try:
-        selection = select_plot(list(headers), in_table, columns, x, data, data_columns)
+        run.charts = select_plot(headers, in_table, columns, x, data, data_columns)
     except UnmatchedDataError as problem:
         warn_user(str(problem))
         run.plot = run.plot._replace(data=None)
-        return select_charts(run, is_drawn, has_page, is_resumed)
-    run.charts = selection
+        return select_charts(run)
     if x:
-        run.charts = select_plot(list(headers), in_table, columns, None, data, data_columns)
-    missing = [c for c in (selection.abscissa, *selection.columns) if c not in in_table]
-    if is_resumed and missing:
-        raise BeamdaeError(
-            f"run: the coordinate {missing[0]} is not in the tables of the earlier parts of a "
-            "resumed run (--continue); plot observed columns."
-        )
+        run.charts = select_plot(headers, in_table, columns, None, data, data_columns)
+
+
+def load_earlier_run(path: Path, model: Model) -> Solution | None:
+    """Return the run in the file of --continue; None for a checkpoint or a changed model."""
+    from beamdae.results.storage.checkpoint import Checkpoint
+    from beamdae.results.storage.reader import is_archive
+    from beamdae.results.storage.saved_run import load_saved_run
+    from beamdae.simulation import as_equations
+
+    equations = as_equations("run", model)
+    if not is_archive(path) or Checkpoint.read(path).describe_changes(equations, {}):
+        return None
+    earlier: Any = load_saved_run(path, equations)
+    return earlier
 
 
 def can_resume(solution: Solution) -> bool:
@@ -232,19 +200,14 @@ def integrate_run(
 
 
 def write_tables(run: Run, solution: Solution, checkpoint: Path | None) -> None:
-    """Write the table, and a checkpoint if it is requested or the run can be resumed."""
+    """Write the table, and the whole run if this is requested or the run can be resumed."""
+    files, table = run.files, run.files.table
     with signals.defer_interrupts():
-        if run.parts is None:
-            table = solution.to_csv(run.table)
-            run.columns, files = solution.all_columns(), [table, table.with_suffix(".json")]
-        else:
-            run.columns, files = run.parts.write(solution)
-        run.files.paths += files
+        files.add(solution.to_csv(table), table.with_suffix(".json"))
         if checkpoint is not None or (run.accuracy is None and can_resume(solution)):
-            default = run.table.with_name(f"{run.table.stem}_end.json")
-            path = checkpoint or default
-            run.files.write(path.name, lambda: [solution.checkpoint(path)])
-            if path in run.files.paths:
+            path = checkpoint or table.with_suffix(".run")
+            files.write(path.name, lambda: [solution.save(path)])
+            if path in files.paths:
                 run.checkpoint = path
     run.interrupted = signals.is_interrupted()
 
@@ -280,7 +243,7 @@ def estimate_errors(run: Run, solution: Solution, verify: bool) -> None:
             "errors": _errors_by_column(run, solution),
             "warnings": _warnings(run, solution),
         } | _required_accuracy(run)
-        write_metadata(run.latest_table, solution.metadata(**results))
+        write_metadata(run.files.table, solution.metadata(**results))
 
 
 def _required_accuracy(run: Run) -> dict[str, Any]:
@@ -308,85 +271,88 @@ def _replace_non_finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def write_page(run: Run, solution: Solution) -> None:
-    """Write the page of the run."""
+def write_views(run: Run, solution: Solution) -> None:
+    """Write the page and the picture; the title states if the run ended early."""
     from beamdae.report.page import page_file
-    from beamdae.report.run_page import build_run_page
-
-    def write() -> list[Path]:
-        page = build_run_page(
-            solution,
-            run.model.name,
-            run.columns,
-            run.errors,
-            _warnings(run, solution),
-            run.charts,
-        )
-        return [page_file.write_page(run.page, page)]
-
-    run.files.write(run.page.name, write)
-
-
-def draw_run(run: Run, solution: Solution) -> None:
-    """Write the picture of the run; the title states if the run ended early."""
     from beamdae.report.pictures.time_plots import save_run_figure, save_selected_columns
+    from beamdae.report.run_page import build_run_page
     from beamdae.results.columns import merge_columns
 
-    status = solution.status
-    title = run.title if status.success else f"{run.title}, ended early ({status.kind})"
-    if run.is_inaccurate:
+    status, columns, plot = solution.status, solution.all_columns(), run.plot
+    page, picture = run.files.page, run.files.picture
+    title = f"{run.model.name}, {run.integrator.label}"
+    if not status.success:
+        title += f", ended early ({status.kind})"
+    if run.reached is not None and not run.reached.success:
         title += f", accuracy {run.accuracy:g} not reached"
-    if run.plot.is_default:
-        run.files.write(
-            run.picture.name, lambda: [save_run_figure(run.picture, run.columns, title)]
+
+    def write_page(path: Path) -> Path:
+        warnings = _warnings(run, solution)
+        content = build_run_page(
+            solution, run.model.name, columns, run.errors, warnings, run.charts
         )
-        return
-    # The table covers all parts of a continued run.
-    columns = dict(run.columns)
-    if len(next(iter(columns.values()))) == len(solution.t):
-        columns = merge_columns(columns, solution.coordinate_columns())
-    plot = run.plot
-    run.files.write(
-        run.picture.name,
-        lambda: [
-            save_selected_columns(
-                run.picture, columns, plot.columns, plot.x, plot.data, title, plot.data_columns
-            )
-        ],
-    )
+        return page_file.write_page(path, content)
+
+    def draw(path: Path) -> Path:
+        if plot.is_default:
+            return save_run_figure(path, columns, title)
+        merged = merge_columns(columns, solution.coordinate_columns())
+        names, x, data, data_columns = plot
+        return save_selected_columns(path, merged, names, x, data, title, data_columns)
+
+    if page is not None:
+        run.files.write(page.name, lambda: [write_page(page)])
+    if picture is not None:
+        run.files.write(picture.name, lambda: [draw(picture)])
 
 
-def print_results(run: Run, solution: Solution) -> None:
-    """Print the tables and warnings of a run, and add its results to the JSON document."""
+def describe_run(run: Run, solution: Solution) -> Report:
+    """Return the report on a run: its end and cost, events, data and the ranges of its columns."""
     from beamdae.model_parameters import format_with_unit, split_unit
     from beamdae.report.terminal import text_tables
     from beamdae.results.columns import remove_unit
     from beamdae.results.event_records import describe_events
 
-    rows = text_tables.run_facts(solution.summary(), solution.integrator)
-    rows |= text_tables.further_facts(solution)
+    facts = text_tables.further_facts(solution)
     if solution.equations.events:
-        rows["events"] = describe_events(
+        facts["events"] = describe_events(
             solution.equations, solution.trajectory, solution.event_records
         )
     comparisons = _compare_with_data(run, solution)
     for name, x in comparisons.items():
         unit = split_unit(name)[1]
         rms, largest = (format_with_unit(float(f"{x[k]:.3g}"), unit) for k in ("RMS", "largest"))
-        rows[f"data of {remove_unit(name)}"] = (
+        facts[f"data of {remove_unit(name)}"] = (
             f"RMS difference {rms}, largest {largest} at t = {x['t']:.5g} s "
             f"({format_count(int(x['count']), 'value')})"
         )
-    console = print_facts(
-        run.model.name,
-        rows,
-        lambda: _json_results(run, solution) | ({"data": comparisons} if comparisons else {}),
-    )
+    extremes, tables = solution.step_extremes, []
     if solution.columns:
-        console.print(text_tables.range_table(solution.columns, run.errors, solution.step_extremes))
+        tables.append(text_tables.range_table(solution.columns, run.errors, extremes))
     if solution.derivatives is not None:
-        console.print(text_tables.range_table(solution.derivatives.columns()))
-    print_warnings(console, _warnings(run, solution))
+        tables.append(text_tables.range_table(solution.derivatives.columns()))
+
+    def create_data() -> dict[str, Any]:
+        data = solution.metadata()
+        del data["equations"], data["warnings"]
+        errors = _errors_by_column(run, solution)
+        observed = text_tables.column_extremes(solution.columns, extremes).items()
+        data["observed"] = {name: x | errors.get(name, {}) for name, x in observed}
+        return data | _required_accuracy(run) | ({"data": comparisons} if comparisons else {})
+
+    statistics = solution.statistics
+    return Report(
+        run.model.name,
+        create_data,
+        solution.status,
+        facts,
+        tables,
+        text_tables.run_facts(solution.summary(), solution.integrator),
+        _warnings(run, solution),
+        f"t = {solution.trajectory.end:.6g} s, {format_count(statistics.steps, 'step')} of "
+        f"{solution.integrator.get('method', run.integrator.label)} in "
+        f"{statistics.setup_time + statistics.wall_time:.2g} s",
+    )
 
 
 def _compare_with_data(run: Run, solution: Solution) -> dict[str, dict[str, float]]:
@@ -430,14 +396,3 @@ def _compare_with_data(run: Run, solution: Solution) -> dict[str, dict[str, floa
 def _warnings(run: Run, solution: Solution) -> list[str]:
     """Return the warnings to show."""
     return [*run.error_warnings, *solution.model_warnings]
-
-
-def _json_results(run: Run, solution: Solution) -> dict[str, Any]:
-    from beamdae.report.terminal import text_tables
-
-    results = solution.metadata()
-    del results["equations"], results["warnings"]
-    errors = _errors_by_column(run, solution)
-    observed = text_tables.column_extremes(solution.columns, solution.step_extremes).items()
-    table = {"observed": {name: x | errors.get(name, {}) for name, x in observed}}
-    return results | table | _required_accuracy(run)

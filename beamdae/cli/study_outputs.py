@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,16 +14,16 @@ import typer
 from beamdae.cli import signals
 from beamdae.cli.command_wrapper import NOT_RUN_CODE
 from beamdae.cli.options import parse_start
-from beamdae.cli.output import WrittenFiles, print_error
+from beamdae.cli.output import print_error
 from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_study_progress
+from beamdae.cli.results import Report, ResultFiles
 from beamdae.errors import BeamdaeError, require_positive
 from beamdae.interrupts import Interrupted, acknowledge
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
     from beamdae.studies import Study
-    from beamdae.studies.execution.executors import TaskExecutor
     from beamdae.studies.execution.study_progress import StudyProgress
     from beamdae.studies.execution.study_run import StudyResults
 
@@ -87,155 +87,121 @@ class StudyReport:
 
     Attributes
     ----------
-    print_results
-        Function that prints the results and adds them to the JSON document.
+    report
+        What the command prints.
+    failures
+        Lines about failures besides those of the cases.
     tables, page, pictures
         Functions that write the tables besides those of every study, the page and the pictures.
     """
 
-    print_results: Callable[[], None]
+    report: Report
+    failures: list[str]
     tables: FileWriters
     page: FileWriters
     pictures: FileWriters
 
 
-@dataclass
-class StudyOutputs:
-    """Study with its results and files, which may be incomplete after an interrupt.
-
-    Attributes
-    ----------
-    study, folder
-        The study, and the folder of its results.
-    create_report
-        Function that returns the report on the results.
-    parquet
-        If True, also write the trajectories as Parquet files.
-    page, picture
-        If False, skip the page or the pictures.
-    report, results
-        Report on the results of the study, and the results; None until the study has been run.
-    n_runs
-        Number of runs, references included; 0 until the study has been started.
-    files
-        Files written so far.
-    """
-
-    study: Study
-    folder: Path
-    create_report: Callable[[StudyResults], StudyReport]
-    parquet: bool = False
-    page: bool = True
-    picture: bool = True
-    results: StudyResults | None = None
-    report: StudyReport | None = None
-    n_runs: int = 0
-    files: WrittenFiles = field(default_factory=WrittenFiles)
-
-
-def run_and_write(outputs: StudyOutputs, create_executor: Callable[[], TaskExecutor]) -> None:
+def run_and_write(
+    command: str,
+    study: Study,
+    folder: Path,
+    create_report: Callable[[StudyResults], StudyReport],
+    executor: tuple[int | None, str | None],
+    files: tuple[bool, bool, bool],
+) -> None:
     """Run a study, write its tables, print its results, and write its page and pictures.
 
     The command exits with 1 if no case succeeded or a reference or file is missing, with 3 if
     processes or a cluster failed so that runs are missing, and with 130 or 143 after an interrupt.
     SIGTERM skips the page and the pictures.
 
+    Parameters
+    ----------
+    command, study, folder
+        Name of the command, the study, and the folder of its results.
+    create_report
+        Function that returns the report on the results.
+    executor
+        Values of --jobs and --scheduler.
+    files
+        True to write trajectories as Parquet files, the page, and the pictures.
+
     Raises
     ------
     BeamdaeError
         If the folder cannot be written, or no Parquet engine is installed for --parquet.
     """
-    require_writable(("--out", _planned_files(outputs.folder)))
-    if outputs.parquet and not (find_spec("pyarrow") or find_spec("fastparquet")):
+    has_parquet, has_page, has_pictures = files
+    # All existing files, the case table, and a file in the folder of the records.
+    existing = [path for path in folder.glob("*.*") if path.suffix in _FILE_SUFFIXES]
+    planned = [*existing, folder / "cases.csv", folder / "outcomes" / "record.json"]
+    require_writable(("--out", dict.fromkeys(planned)))
+    if has_parquet and not (find_spec("pyarrow") or find_spec("fastparquet")):
         raise BeamdaeError(
             "--parquet: no Parquet engine is installed; run pip install 'beamdae[parquet]'."
         )
+    written, report, n_runs = ResultFiles(), None, 0
     try:
-        _run_study(outputs, create_executor)
+        # The exception may have been swallowed, for example by a callback of other code.
+        if signals.is_interrupted():
+            raise KeyboardInterrupt
+        from beamdae.studies.execution.executors import create_executor
+        from beamdae.studies.execution.study_run import run_study
+
+        with signals.defer_interrupts(immediate=1):
+            with show_study_progress() as show_progress:
+
+                def update(progress: StudyProgress) -> None:
+                    nonlocal n_runs
+                    n_runs = progress.total
+                    show_progress(progress)
+
+                runner = create_executor(command, "--", *executor)
+                results = run_study(study, folder, runner, update)
+            written.paths += [results.folder / name for name in results.tables]
+            report = create_report(results)
+            pictures = (f"{x}{suffix}" for x in report.pictures for suffix in (".png", ".svg"))
+            for name in (*report.page, *pictures):
+                written.remove(results.folder / name)
+            _write(written, report.tables)
     except KeyboardInterrupt:
-        if outputs.report is None:
+        if report is None:
             reason = f"interrupted before any table was written; {_RESUME_HINT}"
             raise Interrupted(reason) from None
         acknowledge()
-    results, report = outputs.results, outputs.report
-    assert results is not None
-    assert report is not None
-    report.print_results()
+    report.report.print()
+    print_failures(results, report.failures)
     try:
         if not signals.is_terminated():
-            _write_files(outputs, results, report)
+            _write(written, report.page if has_page else {})
+            if has_parquet:
+                # There may be thousands of files, so their folder is reported.
+                folders = lambda: sorted({path.parent for path in results.to_parquet()})  # noqa: E731
+                written.write("trajectories", folders)
+            _write(written, report.pictures if has_pictures else {})
     except KeyboardInterrupt:
         acknowledge()
-    outputs.files.print_paths()
+    written.print_paths()
     missing = results.not_run
     if results.interrupted or signals.is_interrupted():
-        n_done = sum(
-            outcome.status.kind not in MISSING_KINDS for outcome in results.outcomes.values()
-        )
-        print_error(f"interrupted, {n_done} of {outputs.n_runs} runs done; {_RESUME_HINT}")
+        n_done = sum(x.status.kind not in MISSING_KINDS for x in results.outcomes.values())
+        print_error(f"interrupted, {n_done} of {n_runs} runs done; {_RESUME_HINT}")
         raise typer.Exit(signals.exit_code())
     if missing:
         reason = missing[0].status.sentence
-        print_error(
-            f"not run: {len(missing)} of {outputs.n_runs} runs, because {reason}; {_RESUME_HINT}"
-        )
+        print_error(f"not run: {len(missing)} of {n_runs} runs, because {reason}; {_RESUME_HINT}")
         raise typer.Exit(NOT_RUN_CODE)
-    if results.failed or outputs.files.failed:
+    if results.failed or written.failed:
         raise typer.Exit(1)
 
 
-def _picture_names(report: StudyReport) -> list[str]:
-    return [f"{name}{suffix}" for name in report.pictures for suffix in (".png", ".svg")]
+def _write(files: ResultFiles, writers: FileWriters) -> None:
+    for name, write in writers.items():
+        files.write(name, write)
 
 
-def _planned_files(folder: Path) -> list[Path]:
-    """Return paths that must be writable before the run.
-
-    These are all existing tables, pages and pictures, the case table, and a file in the folder of
-    the records.
-    """
-    existing = [path for path in folder.glob("*.*") if path.suffix in _FILE_SUFFIXES]
-    planned = [folder / "cases.csv", folder / "outcomes" / "record.json"]
-    return list(dict.fromkeys([*existing, *planned]))
-
-
-def _run_study(outputs: StudyOutputs, create_executor: Callable[[], TaskExecutor]) -> None:
-    """Run the study and write its tables; if interrupted, write the tables of the finished runs."""
-    from beamdae.studies.execution import study_run
-
-    if signals.is_interrupted():
-        # The exception may have been swallowed, for example by a callback of other code.
-        raise KeyboardInterrupt
-    with signals.defer_interrupts(immediate=1):
-        with show_study_progress() as show_progress:
-
-            def update(progress: StudyProgress) -> None:
-                outputs.n_runs = progress.total
-                show_progress(progress)
-
-            results = study_run.run_study(outputs.study, outputs.folder, create_executor(), update)
-        outputs.files.paths += [results.folder / name for name in results.tables]
-        outputs.results, outputs.report = results, outputs.create_report(results)
-        names = [*outputs.report.page, *_picture_names(outputs.report)]
-        outputs.files.views = tuple(results.folder / name for name in names)
-        for name, write in outputs.report.tables.items():
-            outputs.files.write(name, write)
-
-
-def _write_files(outputs: StudyOutputs, results: StudyResults, report: StudyReport) -> None:
-    """Write the page, the Parquet files and the pictures, which take longest."""
-    for name, write in report.page.items() if outputs.page else ():
-        outputs.files.write(name, write)
-    if outputs.parquet:
-        # There may be thousands of files, so their folder is reported.
-        outputs.files.write(
-            "trajectories", lambda: sorted({path.parent for path in results.to_parquet()})
-        )
-    for name, write in report.pictures.items() if outputs.picture else ():
-        outputs.files.write(name, write)
-
-
-def print_failures(results: StudyResults) -> None:
+def print_failures(results: StudyResults, failures: list[str]) -> None:
     """Print a line for each of the first 16 unsuccessful cases, and the number of further ones.
 
     Interrupted cases and cases that were not run are omitted.
@@ -245,7 +211,7 @@ def print_failures(results: StudyResults) -> None:
     reasons = text_tables.failure_sentences(
         results.table[~results.table["status"].isin(MISSING_KINDS)]
     )
-    for reason in reasons[:MAX_SCREEN_ROWS]:
+    for reason in [*failures[:MAX_SCREEN_ROWS], *reasons[:MAX_SCREEN_ROWS]]:
         print_error(f"failed: {reason}")
     if len(reasons) > MAX_SCREEN_ROWS:
         print_error(f"further failures: {len(reasons) - MAX_SCREEN_ROWS}; see cases.csv")

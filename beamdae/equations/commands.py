@@ -1,8 +1,4 @@
-"""Commands of continuous controllers and their limits, evaluated for many states at once.
-
-A command is the output of a `pid` controller, or a value between two limits, such as
-`casadi.fmin(casadi.fmax(u, -15.0), 15.0)`, in a law of a part.
-"""
+"""Commands of `pid` controllers and their limits, evaluated for many states at once."""
 
 from __future__ import annotations
 
@@ -35,8 +31,6 @@ Array = np.ndarray
 
 # Distance from a limit, relative to the distance between both, that is a rounding error.
 _ROUNDING = 1e-9
-# Operations of a formula that is a sum of commands with constant factors.
-_SUMS = (ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,14 +40,11 @@ class Command:
     Attributes
     ----------
     name
-        Description: the controller, or the part in whose law the limits are.
+        Description of the controller.
     low, high
         Limits; infinite if there are none.
     observable, numbers
-        Compiled values of the command before its limits and of the sensors and states on which it
-        depends, and the numbers to which they refer.
-    is_output
-        True if the command is the output of a `pid` controller.
+        Compiled value of the command before its limits, and the numbers to which it refers.
     """
 
     name: str
@@ -61,7 +52,6 @@ class Command:
     high: float
     observable: Observable
     numbers: Array
-    is_output: bool = False
 
     @property
     def has_limits(self) -> bool:
@@ -69,9 +59,9 @@ class Command:
         return bool(np.isfinite([self.low, self.high]).all())
 
     def evaluate(self, times: Array, state: State) -> Array:
-        """Return the command before its limits, and its sensors and states, at (t, branch)."""
-        no_multipliers = np.zeros((len(times), 0))
-        return self.observable.evaluate(self.numbers, times, state.q, state.v, no_multipliers)
+        """Return the command (k,) before its limits at rows (t, branch) and states."""
+        motion = state.q, state.v, np.zeros((len(times), 0))
+        return self.observable.evaluate(self.numbers, times, *motion)[:, 0]
 
     def excess(self, time: Array, q: Array, v: Array) -> tuple[float, float, float]:
         """Return the command in a state, the nearest limit, and the distance beyond this limit.
@@ -79,7 +69,7 @@ class Command:
         Distances that are rounding errors are zero.
         """
         none = np.zeros((1, 0))
-        value = float(self.evaluate(time[None], State(q[None], v[None], none, none))[0, 0])
+        value = float(self.evaluate(time[None], State(q[None], v[None], none, none))[0])
         distances = {self.low: self.low - value, self.high: value - self.high}
         limit = max(distances, key=lambda x: distances[x])
         is_rounding = abs(distances[limit]) <= _ROUNDING * (self.high - self.low)
@@ -95,16 +85,15 @@ def compile_commands(equations: EquationsOfMotion) -> tuple[Command, ...]:
     commands = []
     coordinate_map = map_coordinates(mechanism)
     laws = select_input_laws(mechanism.inputs)
-    for name, is_output, formula, low, high in _find_formulas(mechanism):
-        signals = find_signals(formula)
-        if not any(x.rows for x in signals):
+    for name, output in mechanism.outputs.items():
+        formula, low, high = _split_limits(output) or (output, -np.inf, np.inf)
+        if not any(x.rows for x in find_signals(formula)):
             continue
         numbers = NumberStore()
-        quantity = _as_quantity(formula, [x for x in signals if x.rows])
+        quantity = Quantity((Variable("command", "-"),), (), partial(_return_formula, formula))
         observable = build_observable(name, quantity, coordinate_map, numbers, {}, laws)
-        commands.append(
-            Command(name, low, high, observable, numbers.all(mechanism.inputs), is_output)
-        )
+        description = f"{name}: the command"
+        commands.append(Command(description, low, high, observable, numbers.all(mechanism.inputs)))
     return tuple(commands)
 
 
@@ -118,7 +107,7 @@ def differentiate_laws(
     mechanism
         The mechanism.
     name
-        Name of the controller.
+        Description of the controller.
     time, state
         (t, branch), and the state at which the laws are differentiated; signals other than the
         output are constant.
@@ -261,40 +250,6 @@ def limit_warnings(
             yield f"{command.name} {value:.4g} is at its limit, {at}"
 
 
-def _find_formulas(mechanism: Mechanism) -> Iterator[tuple[str, bool, SX, float, float]]:
-    """Yield description, `is_output`, formula before the limits, and limits of all commands."""
-    known = set()
-    for name, output in mechanism.outputs.items():
-        known.add(output.element_hash())
-        yield (f"{name}: the command", True, *(_split_limits(output) or (output, -np.inf, np.inf)))
-    time = SX.sym("t", 2)
-    for part in mechanism.parts.values():
-        for law in part.laws:
-            # Commands have no breakpoints; tables of time may have thousands.
-            if len(law.pieces) > 1:
-                continue
-            for term in _list_terms(law(time)):
-                parts = _split_limits(term)
-                if parts is not None and term.element_hash() not in known:
-                    known.add(term.element_hash())
-                    yield (f"{part.name}: the limited value", False, *parts)
-
-
-def _list_terms(formula: SX) -> Iterator[SX]:
-    """Yield the formula and all terms that it contains with a constant factor."""
-    pending = [formula]
-    while pending:
-        term = pending.pop()
-        yield term
-        operands = [term.dep(k) for k in range(term.n_dep())]
-        is_scaled = len(operands) > 1 and (
-            (term.is_op(ca.OP_MUL) and any(x.is_constant() for x in operands))
-            or (term.is_op(ca.OP_DIV) and operands[1].is_constant())
-        )
-        if is_scaled or any(term.is_op(x) for x in _SUMS):
-            pending += operands
-
-
 def _split_limits(formula: SX) -> tuple[SX, float, float] | None:
     """Return the value and the limits of a formula that limits a value, or None."""
     limits = {ca.OP_FMIN: np.inf, ca.OP_FMAX: -np.inf}
@@ -311,9 +266,3 @@ def _split_limits(formula: SX) -> tuple[SX, float, float] | None:
         (value,) = (x for x in operands if not x.is_constant())
     low, high = limits[ca.OP_FMAX], limits[ca.OP_FMIN]
     return (value, low, high) if np.isfinite([low, high]).all() and low < high else None
-
-
-def _as_quantity(formula: SX, signals: Sequence[Signal]) -> Quantity:
-    values = [formula, *(x.value_symbol for x in signals if x.size == 1)]
-    columns = tuple(Variable(f"value {k}", "-") for k in range(len(values)))
-    return Quantity(columns, (), lambda local: ca.vertcat(*values))

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import ControllerTerm, State
+from beamdae.equations.equations_of_motion import ControllerTerm
 from beamdae.symbolic.functions.compiled import Compiled
 
 Array = np.ndarray
@@ -41,14 +41,3 @@ def compile_reads(term: ControllerTerm, p: Array) -> Callable[[float, float, Arr
         return outputs.copy()
 
     return read_values
-
-
-def evaluate_reads(term: ControllerTerm, p: Array, times: Array, state: State) -> Array:
-    """Return the reads (k, reads) of a controller at rows (t, branch), (k, 2), and states."""
-    read = compile_reads(term, p)
-    return np.array(
-        [
-            read(float(t), float(branch), q, v)
-            for (t, branch), q, v in zip(times, state.q, state.v, strict=True)
-        ]
-    )

@@ -1,51 +1,30 @@
-"""Diagnosis of failed runs: non-finite values, rank loss, largest residual and acceleration."""
+"""Diagnosis of failed runs: values that are not finite, rank loss, abrupt forces, accelerations."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from beamdae.equations.assembly.building import select_input_laws
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formula_forces import (
-    FormulaForceTerm,
-    compile_formula_forces,
-    name_formula_forces,
-)
-from beamdae.equations.friction_sliding import compile_sliding
+from beamdae.equations.formulations.sums import term_data
 from beamdae.equations.starts.rank import build_constraint_jacobian
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from beamdae.errors import list_first
+from beamdae.symbolic.kernel_groups import group_by_kernel
 
 Array = np.ndarray
 
-# Steps at the start in which high-frequency vibrations decay that a law excites there: 10 to 20.
-STARTING_STEPS = 30
 _NEARLY_SINGULAR = 5e-2  # smallest singular value of the scaled G, with rows of length one
 # That value, relative to its value at the start: linkages with short bars have small values.
 _NEARLY_SINGULAR_RATIO = 0.25
-# Deviation of a force from a linear change over a step, relative to the largest force: friction
-# that reverses within a step reaches 0.3 and more.
-_ABRUPT_CHANGE = 0.1
-_STEP_SAMPLES = 9
-# Change of the sliding speed per step, relative to the regularization velocity, up to which
-# Newton's iteration converges when a part sticks (479 of 480 runs; with 8, 350 of 480).
-_MAX_SPEED_CHANGE = 5.0
-_RECOMMENDED_SPEED_CHANGE = 4.0
-# Motions relative to the sizes of the parts at which poles of forces are sought, their number, and
-# the factor by which the force increases there, and again whenever the search is refined.
-_POLE_DISTANCES, _POLE_SAMPLES = (1e-16, 0.1), 301
-_POLE_GROWTH, _POLE_REFINEMENTS = 8.0, 3
-_SIGNIFICANT_RESIDUAL = 1e-6  # relative to the size of the terms of the equation
-_MAX_NAMES = 3
-_MIN_FORCE = 1e-300  # avoids division by zero
+# Displacement along the motion, in natural sizes, over which forces change before methods fail that
+# shorten their steps.
+_MAX_DISPLACEMENT = 1e-3
+_SAMPLES = 101  # of the motion
+_MIN_CHANGE = 0.5  # of a force along it, relative to the largest inertia force
 
 
 def diagnose_failure(
-    equations: EquationsOfMotion,
-    time: Array,
-    state: State,
-    ahead: float,
-    step: float,
-    residual: Array | None = None,
+    equations: EquationsOfMotion, time: Array, state: State, ahead: float, step: float
 ) -> str:
     """Describe the likely causes of the failure of a run that stopped after `state`.
 
@@ -61,9 +40,6 @@ def diagnose_failure(
         A slightly later time [s], at which forces may no longer be finite.
     step
         Length of the step that failed [s], or 0 if the method shortens its steps.
-    residual
-        Residual of a first-order form where the run stopped, or None: the entries of q' = v, then
-        of the forces and of the constraints.
 
     Returns
     -------
@@ -76,36 +52,10 @@ def diagnose_failure(
             return not_finite
         causes = [
             describe_singular_position(equations, time, state),
-            _describe_start(equations, time, step),
-            _describe_pole(equations, time, state),
-            _describe_sticking(equations, time, state, step),
-            _describe_abrupt_forces(equations, time, state, step),
-            _describe_largest_residual(equations, state, residual),
+            _describe_abrupt_force(equations, time, state, step),
             _describe_fastest_coordinate(equations, state),
         ]
     return "; ".join(filter(None, causes))
-
-
-def list_moving_drivers(equations: EquationsOfMotion, time: Array, q: Array) -> list[str]:
-    """Return the names of drivers whose laws change at (t, branch), so that not all can rest."""
-    rates = StateEvaluator(equations).constraint_levels(time, q, np.zeros(equations.n))[1]
-    names = (equations.lam_names[k].rpartition(".")[0] for k in np.flatnonzero(rates))
-    return list(dict.fromkeys(names))
-
-
-def _describe_start(e: EquationsOfMotion, time: Array, step: float) -> str:
-    """Return a phrase naming the drivers that move at the start if the run failed there, or ""."""
-    if time[0] > STARTING_STEPS * step:
-        return ""
-    # At the last state, drivers move whose laws begin at rest.
-    names = list_moving_drivers(e, np.zeros(2), e.q0)
-    if not names:
-        return ""
-    return (
-        f"{list_first(names, _MAX_NAMES)} starts with a velocity, which excites vibrations if the "
-        "mechanism is at rest before; start the law smoothly, as bd.run_up does, or use an "
-        "integrator with rtol"
-    )
 
 
 def _describe_non_finite(e: EquationsOfMotion, time: Array, state: State) -> str:
@@ -139,111 +89,48 @@ def describe_singular_position(e: EquationsOfMotion, time: Array, state: State) 
     )
 
 
-def _describe_pole(e: EquationsOfMotion, time: Array, state: State) -> str:
-    """Return a phrase naming a part whose force has a pole near this state, or ""."""
-    speed = float(np.max(np.abs(state.v) / e.position_scales, initial=0.0))
-    if not (np.isfinite(speed) and speed > 0.0):
-        return ""
-    for name, term in zip(
-        name_formula_forces(e, True), compile_formula_forces(e, True), strict=True
-    ):
-        for direction in (1.0, -1.0):
-            distance = _find_pole(term, time, state, direction / speed)
-            if distance is not None:
-                return (
-                    f"the force of {name} is infinite within {distance:.1g} s of this time, at "
-                    "these velocities; bound its formula, or stop the run before by an event"
-                )
-    return ""
+def _describe_abrupt_force(e: EquationsOfMotion, time: Array, state: State, step: float) -> str:
+    """Return a phrase naming the part whose force changes most along the motion, or "".
 
-
-def _find_pole(term: FormulaForceTerm, time: Array, state: State, scale: float) -> float | None:
-    """Return the time [s] to a pole of a force at constant velocities, or None.
-
-    Poles are sought at _POLE_DISTANCES times `scale`, which is negative before the state.
+    The motion is that of a step or, if the method shortens its steps, a small displacement ahead.
     """
-
-    def size(shares: Array) -> Array:
-        q = state.q + (scale * shares)[:, None] * state.v
-        v = np.broadcast_to(state.v, q.shape)
-        force = np.abs(term.evaluate(np.full(len(shares), time[0]), time[1], q, v))
-        return np.max(np.where(np.isnan(force), np.inf, force), axis=1)
-
-    largest = _POLE_GROWTH * float(size(np.zeros(1))[0])
-    shares = np.geomspace(*_POLE_DISTANCES, _POLE_SAMPLES)
-    for _ in range(_POLE_REFINEMENTS):
-        sizes = size(shares)
-        k = int(np.argmax(sizes))
-        # Forces that only increase, such as those of stiff springs, have no pole.
-        if not (sizes[k] > largest > 0.0 and 0 < k < len(shares) - 1):
-            return None
-        if np.isinf(sizes[k]):
-            break
-        largest = _POLE_GROWTH * float(sizes[k])
-        shares = np.linspace(shares[k - 1], shares[k + 1], _POLE_SAMPLES)
-        k = len(shares) // 2
-    return abs(scale) * float(shares[k])
-
-
-def _describe_sticking(e: EquationsOfMotion, time: Array, state: State, step: float) -> str:
-    """Return a phrase naming the friction that begins to stick within a step, and a step, or ""."""
-    terms = compile_sliding(e) if step else ()
-    end = state._replace(q=state.q + step * state.v, v=state.v + step * state.a)
-    states = State(*(np.stack(x) for x in zip(state, end, strict=True)))
-    times = np.array([time, [time[0] + step, time[1]]])
-    for term in terms:
-        speed, (now, later) = term.law.speed, term.evaluate(times, states).tolist()
-        change = abs(later - now)
-        if now * later <= 0.0 and change > _MAX_SPEED_CHANGE * speed:
-            shorter = _RECOMMENDED_SPEED_CHANGE * speed / change * step
-            return (
-                f"{term.name} begins to stick, and its sliding speed changes by {change:.2g} m/s "
-                f"per step, while {term.law.speed_name} is {speed:g} m/s; use a step of at most "
-                f"{shorter:.1g} s, a larger {term.law.speed_name}=, or an integrator with rtol"
-            )
-    return ""
-
-
-def _describe_abrupt_forces(e: EquationsOfMotion, time: Array, state: State, step: float) -> str:
-    """Return a phrase naming the formulas that change abruptly within a step, or ""."""
-    if not step:
+    speed = float(np.max(np.abs(state.v) / e.position_scales, initial=0.0))
+    duration = step or _MAX_DISPLACEMENT / speed if speed > 0.0 else step
+    if not 0.0 < duration < np.inf:
         return ""
-    share = np.linspace(0.0, 1.0, _STEP_SAMPLES)[:, None]
-    ahead = step * share
-    q = state.q + ahead * state.v + 0.5 * ahead**2 * state.a
-    v = state.v + ahead * state.a
-    names = []
-    for name, term in zip(name_formula_forces(e), compile_formula_forces(e), strict=True):
-        force = term.evaluate(time[0] + ahead[:, 0], time[1], q, v)
-        deviation = np.abs(force - force[0] - share * (force[-1] - force[0]))
-        if np.max(deviation) > _ABRUPT_CHANGE * np.max(np.abs(force)):
-            names.append(name)
-    if not names:
+    ahead = duration * np.linspace(0.0, 1.0, _SAMPLES)[:, None]
+    a = state.a if step else np.zeros(e.n)
+    q, v = state.q + ahead * state.v + 0.5 * ahead**2 * a, state.v + ahead * a
+    times = np.column_stack([time[0] + ahead[:, 0], np.full(len(ahead), time[1])])
+    changes = _measure_changes(e, times, q, v)
+    worst = max(changes, key=changes.__getitem__, default="")
+    inertia = StateEvaluator(e).mass_matrix(time, state.q) @ state.a
+    if not worst or changes[worst] <= _MIN_CHANGE * np.max(np.abs(inertia) * e.position_scales):
         return ""
-    first = list_first(list(dict.fromkeys(names)), _MAX_NAMES)
-    return f"steps of {step:.2g} s are too long for changes of the force of {first}"
+    return f"the force of {worst} changes abruptly within {duration:.2g} s"
 
 
-def _describe_largest_residual(e: EquationsOfMotion, state: State, residual: Array | None) -> str:
-    """Return a phrase naming the equation with the largest relative residual, or ""."""
-    if residual is None or not np.isfinite(residual).all():
-        return ""
-    n, m = e.n, e.m
-    speed = float(np.max(np.abs(state.v) / e.position_scales)) or 1.0
-    force = max(float(np.max(np.abs(state.lam), initial=0.0)), _MIN_FORCE)
-    sizes = np.concatenate(
-        [speed * e.position_scales, np.full(n, force), np.full(len(residual) - 2 * n, e.length)]
-    )
-    relative = np.abs(residual) / sizes
-    worst = int(np.argmax(relative))
-    if not relative[worst] > _SIGNIFICANT_RESIDUAL:
-        return ""
-    if worst >= 2 * n:
-        equation = f"the constraint {e.lam_names[(worst - 2 * n) % m]}"
-    else:
-        what = "the balance of forces on" if worst >= n else "the rate of"
-        equation = f"{what} {e.q_names[worst % n]}"
-    return f"the largest residual is in {equation}"
+def _measure_changes(e: EquationsOfMotion, times: Array, q: Array, v: Array) -> dict[str, float]:
+    """Return the largest change of the force of each part from the first row on, in scaled form.
+
+    Inertia, floating frames, forces by multipliers and constrained systems are left out.
+    """
+    changes: dict[str, float] = {}
+    laws = select_input_laws({} if e.mechanism is None else e.mechanism.inputs)
+    forces = [x.with_laws(laws) for part in e.statements for x in part.forces]
+    for group, term in zip(group_by_kernel(forces), e.structure.forces, strict=False):
+        kernel, count, size = term.kernel, term.count, term.kernel.local.size
+        if term.rotation is not None or kernel.has_accelerations or kernel.local.n_multipliers:
+            continue
+        names = [forces[k].part for k in group.members for _ in range(forces[k].count)]
+        data = term_data(e, term).T.reshape(count, -1)
+        for k, name in enumerate(names):
+            operator = term.operator[k * size : (k + 1) * size]
+            force = kernel.load_function(times, *((operator @ x.T).T for x in (q, v)), data[k])
+            scaled = np.abs(force - force[0]) * (abs(operator) @ e.position_scales)
+            change = float(np.max(np.nan_to_num(scaled, nan=np.inf), initial=0.0))
+            changes[name] = max(change, changes.get(name, 0.0))
+    return changes
 
 
 def _describe_fastest_coordinate(e: EquationsOfMotion, state: State) -> str:

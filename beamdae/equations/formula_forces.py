@@ -50,34 +50,25 @@ class FormulaForceTerm:
         return self.kernel.load_function(times, *local, self.numbers)
 
 
-def _is_compiled(kernel: ForceKernel, all_forces: bool) -> bool:
-    return kernel.has_load_function if all_forces else kernel.may_have_peaks
-
-
-def name_formula_forces(equations: EquationsOfMotion, all_forces: bool = False) -> list[str]:
+def name_formula_forces(equations: EquationsOfMotion) -> list[str]:
     """Return the name of the part of each force that `compile_formula_forces` returns."""
     inputs = {} if equations.mechanism is None else equations.mechanism.inputs
     laws = select_input_laws(inputs)
     forces = [x.with_laws(laws) for part in equations.statements for x in part.forces]
     names = []
     for group, term in zip(group_by_kernel(forces), equations.forces, strict=False):
-        if _is_compiled(term.kernel, all_forces):
+        if term.kernel.may_have_peaks:
             members = (forces[k] for k in group.members)
             names += [x.part for x in members for _ in range(x.data.shape[1])]
     # Equations of a `ConstrainedSystem` have no statements.
-    return names or ["force"] * len(compile_formula_forces(equations, all_forces))
+    return names or ["force"] * len(compile_formula_forces(equations))
 
 
-def compile_formula_forces(
-    equations: EquationsOfMotion, all_forces: bool = False
-) -> tuple[FormulaForceTerm, ...]:
-    """Return the forces that may have narrow peaks over time or over the motion.
-
-    With `all_forces`, these are all forces that do not depend on accelerations or multipliers.
-    """
+def compile_formula_forces(equations: EquationsOfMotion) -> tuple[FormulaForceTerm, ...]:
+    """Return the forces that may have narrow peaks over time or over the motion."""
     terms = []
     for term in equations.forces:
-        if not _is_compiled(term.kernel, all_forces):
+        if not term.kernel.may_have_peaks:
             continue
         size = term.kernel.local.size
         numbers = equations.p[term.data].reshape(term.count, -1)

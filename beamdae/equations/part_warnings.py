@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache, lru_cache
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -22,8 +22,6 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, PartStateme
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.mobility import select_free_groups
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
-from beamdae.errors import BeamdaeError
-from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.parts.events import select_impacts, select_switches
 from beamdae.parts.forces.regularized_friction import suggest_speed
 from beamdae.parts.joints.drivers import Driver
@@ -41,13 +39,6 @@ _MAX_ROUNDING_DEPTH = 1e-9
 # of the work of the other forces on one of its bodies over the penetration; the ratio is
 # 1 / (1 + exponent) if a body rests on one contact.
 _MAX_STATIC_RATIO = 10.0
-# A preload also does: the contact is at least this deep, relative to its start, in the equilibrium
-# that is reached from there, and at most this fraction of the length of the mechanism: a point
-# between two reversed surfaces is in equilibrium, too.
-_MIN_RESTING_SHARE, _MAX_PRELOAD_DEPTH = 0.5, 0.05
-# At the center of a circle, where the contact force has no direction, it is smaller than this
-# fraction of stored energy / penetration.
-_MIN_DIRECTED_FORCE = 1e-3
 # Stored energies below this fraction of the kinetic energy change velocities by less than 0.1 %.
 _NEGLIGIBLE_ENERGY = 1e-6
 # Random positions of a body, at which the distances of attachments are compared.
@@ -215,8 +206,8 @@ def _friction_warnings(mechanism: Mechanism) -> Iterator[str]:
         if largest < (1.0 - _MAX_PEAK_REDUCTION) * law.static:
             yield (
                 f"{part.name}: friction reaches a coefficient of {largest:.3g} instead of static = "
-                f"{law.static:g}, because {law.speed_name} ({law.speed:g} m/s) is too large for "
-                f"stribeck ({law.stribeck:g} m/s); use {law.speed_name}="
+                f"{law.static:g}, because friction_speed ({law.speed:g} m/s) is too large for "
+                f"stribeck ({law.stribeck:g} m/s); use friction_speed="
                 f"{suggest_speed(law.stribeck):.3g} or less."
             )
 
@@ -367,7 +358,8 @@ def start_inside_warnings(
 ) -> Iterator[str]:
     """Yield one warning per contact that starts deeper in a surface than its load explains.
 
-    Gaps of impacts that start inside a surface are also reported.
+    Gaps of impacts that start inside a surface are also reported. Contacts in equilibrium may be
+    as deep as they are.
 
     Parameters
     ----------
@@ -379,7 +371,7 @@ def start_inside_warnings(
         (t, branch), and the consistent state at the start of the run.
     """
     mechanism = equations.mechanism
-    if mechanism is None:
+    if mechanism is None or starts_in_equilibrium(equations):
         return
     coordinates = map_coordinates(mechanism)
     min_depth = _MAX_ROUNDING_DEPTH * equations.length
@@ -402,7 +394,6 @@ def start_inside_warnings(
         # F without the contacts that penetrate.
         others = solver.force(time, state.q, state.v) - sum(x.force for x in penetrations)
         kinetic_energy = _kinetic_energy(solver, time, state)
-        find_rest = cache(lambda: _find_rest(active, time, state))
         for x in penetrations:
             static_force = _smaller_resultant(x, equations, coordinates, state.q, others)
             if (
@@ -410,26 +401,11 @@ def start_inside_warnings(
                 or x.energy <= _MAX_STATIC_RATIO * static_force * x.depth
             ):
                 continue
-            rest, depth_at_rest = find_rest(), 0.0
-            if rest is not None:
-                depth_at_rest = -_evaluate_gap(x.gap.quantity, coordinates, time, rest)
-            is_shallow = x.depth <= _MAX_PRELOAD_DEPTH * equations.length
-            size = np.max(np.abs(x.force) * equations.position_scales) / equations.length
-            has_direction = size * x.depth >= _MIN_DIRECTED_FORCE * x.energy
-            if is_shallow and has_direction and depth_at_rest >= _MIN_RESTING_SHARE * x.depth:
-                continue
-            remedy = x.gap.remedy
-            if depth_at_rest > 0.0 and x.force @ (equations.position_scales**2 * others) < 0.0:
-                # The other forces press the point on the surface, whose side is right.
-                remedy = "move the point out of the surface"
-            if rest is not None and not starts_in_equilibrium(active):
-                remedy += (
-                    ", or build the model with bd.Mechanism(start='equilibrium') if it is a preload"
-                )
             yield (
                 f"{x.part.name}: {x.part.attachments[0]} starts {x.depth:.3g} m inside the "
                 f"surface, far deeper than at rest, and the contact releases {x.energy:.3g} J; "
-                f"{remedy}."
+                f"{x.gap.remedy}, or build the model with bd.Mechanism(start='equilibrium') if it "
+                "is a preload."
             )
     for event in mechanism.events:
         for impact in select_impacts(event.do):
@@ -486,22 +462,6 @@ def _smaller_resultant(
 def starts_in_equilibrium(equations: EquationsOfMotion) -> bool:
     """Return True if runs start in the equilibrium of the model."""
     return equations.start is not None and equations.start.description == EQUILIBRIUM
-
-
-def _find_rest(equations: EquationsOfMotion, time: Array, state: State) -> State | None:
-    """Return the equilibrium that is reached from a state, or None if there is none."""
-    if starts_in_equilibrium(equations):
-        q, lam = state.q, state.lam
-    else:
-        # Models without contacts start faster without these imports.
-        from beamdae.equations.formulations.static_equations import StaticEquations
-        from beamdae.equations.starts.relaxation import relax_to_equilibrium
-
-        try:
-            q, lam = relax_to_equilibrium(StaticEquations(equations, time), state.q)
-        except (BeamdaeError, SingularMatrixError):
-            return None
-    return State(q, np.zeros_like(q), np.zeros_like(q), lam)
 
 
 class MotionSamples(NamedTuple):

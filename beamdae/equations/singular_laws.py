@@ -1,15 +1,14 @@
-"""Detection of time laws that become infinite within a run, possibly between two steps."""
+"""Time laws that may become infinite, or have short pulses."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError
 from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
@@ -19,17 +18,6 @@ from beamdae.symbolic.signals import with_references
 
 Array = np.ndarray
 
-# Search for peaks: samples of an interval, then of ever smaller ranges around each peak, which
-# shrink by the ratio in every refinement.
-_N_SAMPLES = 501
-_N_REFINED_SAMPLES = 9
-_N_REFINEMENTS = 13
-_REFINEMENT_RATIO = 0.25
-# Around a pole of order p, values grow by 1024^p from the far to the near distance; a finite peak
-# is already resolved at the far distance. Distances are in sample widths.
-_FAR_DISTANCE = 4.0**-6
-_NEAR_DISTANCE = 4.0**-11
-_POLE_GROWTH = 16.0
 # Operations that are finite at all finite operands, but for tanh, whose products are short pulses.
 _FINITE_OPERATIONS = frozenset(
     getattr(ca, f"OP_{name}")
@@ -64,11 +52,6 @@ class PartLaw(NamedTuple):
         rows = np.empty((*times.shape, 2))
         rows[..., 0], rows[..., 1] = times, branches[:, None]
         return np.reshape(self.function(rows.reshape(-1, 2), self.numbers), times.shape)
-
-    def size(self, times: Array, branches: Array) -> Array:
-        """Return |law| at each of `times` [s], with one branch time per row; nan becomes 0."""
-        sizes = np.abs(self.values(times, branches))
-        return np.where(np.isnan(sizes), 0.0, sizes)
 
 
 def collect_unbounded_laws(parts: Iterable[Part | GravityLaws]) -> tuple[PartLaw, ...]:
@@ -124,65 +107,3 @@ def _may_become_infinite(function: ca.Function) -> bool:
         for result in results:
             depends_on_time[result] = depends
     return False
-
-
-def require_no_pole(laws: Iterable[PartLaw], intervals: Sequence[tuple[float, float]]) -> None:
-    """Reject laws that become infinite in one of the intervals (start, end) [s] of a run.
-
-    Without this check, integrators may step over a pole.
-
-    Raises
-    ------
-    BeamdaeError
-        If a pole is found; the message names the part and the time.
-    """
-    for law in laws:
-        pole = _find_pole(law, np.array(intervals))
-        if pole is not None:
-            raise BeamdaeError(
-                f"{law.part}: the law becomes infinite near t = {pole:.6g} s; laws "
-                f"must be finite from t = {intervals[0][0]:g} s to "
-                f"{intervals[-1][1]:g} s."
-            )
-
-
-def _find_pole(law: PartLaw, intervals: Array) -> float | None:
-    """Return a time [s] near which a law becomes infinite, or None.
-
-    Only the peaks of equidistant samples are examined.
-    """
-    start, end = intervals.T
-    size = law.size(np.linspace(start, end, _N_SAMPLES, axis=1), 0.5 * (start + end))
-    following, preceding = np.zeros_like(size), np.zeros_like(size)
-    following[:, :-1], preceding[:, 1:] = size[:, 1:], size[:, :-1]
-    is_peak = (size >= preceding) & (size >= following)
-    is_peak &= (size > preceding) | (size > following)
-    interval, sample = np.nonzero(is_peak)
-    if not len(sample):
-        return None
-    # A sample may lie on the pole up to rounding, so compare with the other samples.
-    others = size[interval]
-    others[np.arange(len(sample)), sample] = 0.0
-    largest_elsewhere = others.max(axis=1)
-    start, end = start[interval], end[interval]
-    width = (end - start) / (_N_SAMPLES - 1)
-    peak = start + sample * width
-
-    def sample_around(distances: Array) -> tuple[Array, Array]:
-        times = peak[:, None] + width[:, None] * distances
-        times = np.clip(times, start[:, None], end[:, None])
-        return times, law.size(times, 0.5 * (start + end))
-
-    for k in range(_N_REFINEMENTS):
-        distances = _REFINEMENT_RATIO**k * np.linspace(-1.0, 1.0, _N_REFINED_SAMPLES)
-        times, sizes = sample_around(distances)
-        peak = np.take_along_axis(times, np.argmax(sizes, axis=1)[:, None], axis=1).ravel()
-    both_sides = np.array([-1.0, 1.0])
-    far, near = (
-        sample_around(distance * both_sides)[1].max(axis=1)
-        for distance in (_FAR_DISTANCE, _NEAR_DISTANCE)
-    )
-    # Rounding errors near zero can also grow by this factor, but stay below the rest of the law.
-    grows = (near > _POLE_GROWTH * far) & (near >= largest_elsewhere)
-    (poles,) = np.nonzero(np.isinf(sizes).any(axis=1) | grows)
-    return float(peak[poles[0]]) if len(poles) else None

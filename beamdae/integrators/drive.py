@@ -67,7 +67,6 @@ from beamdae.interrupts import Interrupted, acknowledge, attach_partial
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import release_freed_memory, retain_freed_memory
 from beamdae.model_checks.followed_vibrations import describe_followed_vibration
-from beamdae.model_checks.growing_modes import unstable_loop_warnings
 from beamdae.model_checks.strain_limits import (
     MEANINGLESS_DEFORMATION,
     describe_meaningless_strain,
@@ -275,14 +274,10 @@ def _name_cause(
     end: float,
     integrator: Integrator,
 ) -> Status:
-    """Return the status with an unstable loop or a vibration as the first reason to stop."""
+    """Return the status with a growing impact or a vibration as the first reason to stop."""
     if status.kind not in ("failed", "limited"):
         return status
-    cause = (
-        describe_growth(run.repeated)
-        or run.growing_loop
-        or next(unstable_loop_warnings(equations, trajectory), "")
-    )
+    cause = describe_growth(run.repeated)
     # Vibrations with meaningless strains are an effect, not a cause.
     is_meaningless = MEANINGLESS_DEFORMATION in status.sentence
     if not cause and status.kind == "limited" and not is_meaningless:
@@ -353,7 +348,6 @@ class _RunInProgress:
         self.methods = MethodCache(method_on, self.method, self._configuration)
         self._sampled_equations = equations.with_loads_of(self._configuration)
         self.repeated = context.repeated
-        self.growing_loop = ""  # warning about a loop that stopped the run
         self._sampler = Sampler(self._sampled_equations, context.repeated)
         self._detector: EventDetector | None = None
         self._max_batch: int | None = None
@@ -642,7 +636,7 @@ class _RunInProgress:
             time = np.array([history.end, branch])
             ahead = history.end + PROBE_SHARE * (end - history.end)
             equations, state = self._plan.equations, history.last_state
-            causes = diagnose_failure(equations, time, state, ahead, problem.step, problem.residual)
+            causes = diagnose_failure(equations, time, state, ahead, problem.step)
             return self._failure("; ".join(filter(None, (str(problem), causes))))
         except BeamdaeError as problem:
             # Before the first step there is nothing to return; later, the steps taken are kept.
@@ -656,8 +650,7 @@ class _RunInProgress:
     def _reason_not_to_continue(self) -> str:
         """Return the reason to stop a long run, or "": its motion is meaningless, or it is stalled.
 
-        An unstable loop or a vibration that the steps follow is not part of the reason:
-        `_name_cause` adds it.
+        A vibration that the steps follow is not part of the reason: `_name_cause` adds it.
         """
         check, t = self._limits.pace_check, self._history.end
         if check is None or not check.is_due(t, self.steps):
@@ -670,10 +663,6 @@ class _RunInProgress:
                 positions = trajectory.positions_at(times)
                 if strain := describe_meaningless_strain(self._equations, positions):
                     return check.describe_motion(strain)
-            if check.has_slowed:
-                self.growing_loop = next(unstable_loop_warnings(self._equations, trajectory), "")
-                if self.growing_loop:
-                    return check.describe_motion("")
             vibration = check.is_steady and describe_followed_vibration(
                 self._equations, trajectory, check.end
             )

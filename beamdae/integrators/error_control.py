@@ -12,7 +12,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import FirstOrderForm, Formulation
-from beamdae.equations.friction_sliding import friction_laws
+from beamdae.equations.friction_laws import friction_laws
 from beamdae.equations.natural_frequencies import Mode
 from beamdae.integrators.run_plan import RunPlan
 

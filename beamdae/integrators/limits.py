@@ -66,8 +66,6 @@ class PaceCheck:
         Mean step [s] between the last two checks.
     more_steps
         Estimated number of steps to the end of the run at the last check.
-    has_slowed
-        True if the pace has fallen since the check before.
     is_steady
         True if the pace has not grown since the check before.
     """
@@ -80,7 +78,6 @@ class PaceCheck:
     begin: float = field(init=False)
     pace: float = field(default=0.0, init=False)
     more_steps: float = field(default=0.0, init=False)
-    has_slowed: bool = field(default=False, init=False)
     is_steady: bool = field(default=False, init=False)
     _last: tuple[float, int] = field(init=False)
 
@@ -98,7 +95,6 @@ class PaceCheck:
         # Steps that are repeated from an earlier time make less than none.
         self.more_steps = (self.end - t) / self.pace if self.pace > 0.0 else float("inf")
         mean_before = (self.begin - self.start) / first if first else float("inf")
-        self.has_slowed = first > 0 and self.pace < _MAX_PACE_RATIO * mean_before
         self.is_steady = first > 0 and self.pace <= _STEADY_PACE_RATIO * mean_before
         return self.more_steps > steps
 
@@ -116,8 +112,10 @@ class PaceCheck:
 
     def describe_motion(self, reason: str) -> str:
         """Return the reason to stop, with the number of steps that the rest would take."""
-        rest = f"the rest of the run would take about {self.more_steps:.2g} steps; {_CONTINUE}"
-        return "; ".join(filter(None, (reason, rest)))
+        return (
+            f"{reason}; the rest of the run would take about {self.more_steps:.2g} steps; "
+            f"{_CONTINUE}"
+        )
 
     def describe_stall(self, cause: str = "") -> str:
         """Return the reason to stop a stalled run, with a known cause or possible ones."""

@@ -155,16 +155,12 @@ class StepError(ArithmeticError):
 
     Attributes
     ----------
-    residual
-        Last residual of the first-order form, or None.
     step
-        Length of the step that failed [s]; 0 for methods that shorten their steps. Both serve the
-        diagnosis of the failure.
+        Length of the step that failed [s]; 0 for methods that shorten their steps.
     """
 
-    def __init__(self, message: str, residual: Array | None = None, step: float = 0.0) -> None:
+    def __init__(self, message: str, step: float = 0.0) -> None:
         super().__init__(message)
-        self.residual = residual
         self.step = step
 
 

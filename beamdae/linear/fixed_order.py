@@ -89,7 +89,7 @@ class FixedOrderFactors:
 
 
 def eliminate(run: FixedOrderFactors, nonzeros: Array) -> int:
-    """Factorize the symmetric matrix with these CSC non-zeros.
+    """Factorize the symmetric matrix with these CSC non-zeros, of which those below count.
 
     Return the number of negative pivots, or -1 if a pivot or its reciprocal is not finite.
     """
@@ -129,7 +129,8 @@ def eliminate_by_scipy(run: FixedOrderFactors, nonzeros: Array) -> int:
     plan, run.smallest_pivot = run.plan, 0.0
     size = len(plan.order)
     data = (nonzeros[plan.sources], plan.positions.astype(np.int32), plan.starts.astype(np.int32))
-    matrix = sp.csc_matrix(sp.csc_array(data, shape=(size, size)))
+    lower = sp.tril(sp.csc_array(data, shape=(size, size)))
+    matrix = sp.csc_matrix(lower + sp.tril(lower, -1).T)
     matrix.sort_indices()
     options = {"SymmetricMode": True}
     try:

@@ -9,7 +9,6 @@ import numpy as np
 
 from beamdae.errors import list_first
 from beamdae.results.columns import (
-    AIM,
     LIMIT,
     UNITS_OF_TRANSLATIONS,
     ColumnDict,
@@ -28,7 +27,6 @@ Array = np.ndarray
 _MIN_ROWS = 3  # runs with fewer rows are not curves
 # Smaller columns, relative to the largest one of the same observable, do not matter.
 _MIN_SHARE_OF_OBSERVABLE = 1e-3
-_MAX_ROWS = 1e5  # of a table that is neither slow nor exceeds the memory
 # Units of positions, velocities and works, which abrupt forces change gradually.
 _GRADUAL_UNITS = ("m", "rad", "m/s", "rad/s", "J")
 _MAX_NAMES = 3  # of further columns
@@ -151,9 +149,8 @@ def coarse_row_warnings(run: RunData) -> Iterator[str]:
             "are unknown; set keep_steps=True, or reduce output_step= or the end time"
         )
     else:
-        step = _find_output_step(run, peaks)
-        remedy = "tables of extremes and step_extremes include these values"
-        remedy += f", and curves show them with output_step={step:.0e}" if step else ""
+        remedy = "tables of extremes and step_extremes include these values; curves show them with "
+        remedy += "a smaller output_step="
     if unknown and not peaks:
         yield f"{list_first(unknown, _MAX_NAMES)}: {remedy}."
     if not peaks:
@@ -169,27 +166,3 @@ def coarse_row_warnings(run: RunData) -> Iterator[str]:
         f"t = {worst.time:.6g} s, {reach} {row_value}{f', also in {names}' if names else ''}; "
         f"{remedy}."
     )
-
-
-def _find_output_step(run: RunData, peaks: Sequence[MissedPeak]) -> float:
-    """Return the output step [s] with which the rows show the peaks within 1 %, or 0.
-
-    Rows at a distance h miss a parabola with the curvature c by at most c h^2 / 8. Peaks that need
-    more than 1e5 rows are not considered.
-    """
-    if not peaks:
-        return 0.0
-    nodes = np.unique(np.concatenate([run.t, *(x.t for x in run.trajectory.intervals)]))
-    times, half_ranges = np.array([(x.time, x.half_range) for x in peaks]).T
-    k = np.clip(np.searchsorted(nodes, times), 1, len(nodes) - 1)
-    widths = 0.5 * (nodes[k] - nodes[k - 1])
-    centers = np.clip(times, nodes[0] + widths, nodes[-1] - widths)
-    around, index = np.unique(centers + widths * [[-1.0], [0.0], [1.0]], return_inverse=True)
-    columns = [run.equations.observed_headers.index(x.column) for x in peaks]
-    values = run._observe_at(around)[index.reshape(3, -1), columns]
-    curvatures = np.abs(np.diff(values, 2, axis=0)[0]) / widths**2
-    longest = 0.5 * float(np.median(np.diff(run.t)))
-    with np.errstate(divide="ignore"):
-        steps = np.minimum(np.sqrt(8.0 * AIM * half_ranges / curvatures), longest)
-    practical = steps[steps * _MAX_ROWS >= nodes[-1] - nodes[0]].tolist()
-    return min(practical, default=0.0)

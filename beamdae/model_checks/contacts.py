@@ -14,8 +14,6 @@ from beamdae.equations.starts.mobility import find_loose_groups
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.errors import name_with_others
 from beamdae.parts.bodies.rigid_body import Ground, RigidBody
-from beamdae.parts.events import have_actions
-from beamdae.parts.mechanism import Mechanism
 from beamdae.results.trajectory import Interval, Trajectory
 
 if TYPE_CHECKING:
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 _ROUNDING = 1e-10  # of gaps, relative to the length of the mechanism
-_MIN_CHANGE = 0.1  # of a gap that approaches or departs, relative to the gap at the start
 # Gaps up to this multiple of the sizes of all bodies and of the change of the gap may be meant.
 _MAX_DISTANCE = 5.0
 _MIN_DEEPENING = 1.01  # of a depth relative to that in the drawing
@@ -49,8 +46,8 @@ def untouched_contact_warnings(
 ) -> Iterator[str]:
     """Yield a warning about contacts that are far away, or if no contact ever touches.
 
-    Contacts are meant to touch if they have friction, or if all bodies approach their surfaces, or
-    all depart. Others may be guards and stops that are not reached.
+    Contacts are meant to touch if they have friction. Others may be guards and stops that are not
+    reached.
 
     Parameters
     ----------
@@ -72,10 +69,7 @@ def untouched_contact_warnings(
         rounding = _ROUNDING * equations.length
         if any(np.min(d[1:], initial=0.0) < -rounding for d in gaps.values()):
             return
-        has_friction = any(contacts[name].friction > 0.0 for name in gaps)
-        changes = [_steady_change(contacts[x], mechanism, d, rounding) for x, d in gaps.items()]
-        is_steady = min(changes) > 0.0 or max(changes) < 0.0
-        if not (has_friction or (is_steady and not have_actions(mechanism.events))):
+        if not any(contacts[name].friction > 0.0 for name in gaps):
             return
         named = list(gaps)
     first, *others = sorted(named, key=lambda name: float(np.min(gaps[name])))
@@ -85,27 +79,6 @@ def untouched_contact_warnings(
         f"smallest distance of {max(gaps[first][k], 0.0):.3g} m at t = {times[k]:.4g} s; check the "
         "place, the direction and the unit of the surface, the motion, and t_end."
     )
-
-
-def _steady_change(contact: Contact, mechanism: Mechanism, gaps: Array, rounding: float) -> float:
-    """Return the change of a gap (k,) in one direction, or 0 if it is small or reverses."""
-    change = float(gaps[-1] - gaps[0])
-    is_steady = np.min(np.diff(gaps) * np.sign(change), initial=0.0) >= -rounding
-    if not is_steady or abs(change) < max(_MIN_CHANGE * gaps[0], rounding):
-        return 0.0
-    # Bodies that start at a surface may be lifted from it, but not fall from it.
-    is_fall = change > 0.0 and _is_below(contact, mechanism)
-    return change if gaps[0] > rounding or is_fall else 0.0
-
-
-def _is_below(contact: Contact, mechanism: Mechanism) -> bool:
-    """Return True if the surface is a line on the ground from whose side bodies fall away."""
-    from beamdae.parts.forces.surfaces import LineSurface
-
-    surface = contact.surface
-    if not isinstance(surface, LineSurface) or surface.on.body is not mechanism.ground:
-        return False
-    return float(np.dot(surface.numbers, mechanism.gravity)) > 0.0
 
 
 def deep_contact_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:

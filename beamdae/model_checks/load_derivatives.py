@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -40,37 +40,27 @@ def read_state(equations: EquationsOfMotion, trajectory: Trajectory, t: float) -
 
 
 class LoadDerivatives(NamedTuple):
-    """Derivatives dF/dq and dF/dv (n, n) of forces; `is_source` if they may supply energy."""
+    """Derivatives dF/dq and dF/dv (n, n) of forces."""
 
     stiffness: sp.csr_array
     damping: sp.csr_array
-    is_source: bool
 
 
-def differentiate_loads(
-    at: RunState, commanded: Collection[str] = ()
-) -> dict[str, LoadDerivatives]:
-    """Return the derivatives of the loads that may supply energy, and of `commanded`, by part.
+def differentiate_loads(at: RunState) -> dict[str, LoadDerivatives]:
+    """Return the derivatives of the loads that may supply energy, by part.
 
     Energy is supplied by circulatory stiffness and negative damping. Forces with inertia, and those
     on first-order states alone, are no loads.
     """
     loads: dict[str, LoadDerivatives] = {}
-    for name, load in _differentiate_copies(at, commanded):
+    for name, load in _differentiate_copies(at):
         before = loads.get(name)
-        if before is not None:
-            load = LoadDerivatives(
-                before.stiffness + load.stiffness,
-                before.damping + load.damping,
-                before.is_source or load.is_source,
-            )
-        loads[name] = load
+        pairs = [load] if before is None else [before, load]
+        loads[name] = LoadDerivatives(*map(sum, zip(*pairs, strict=True)))
     return loads
 
 
-def _differentiate_copies(
-    at: RunState, commanded: Collection[str]
-) -> Iterator[tuple[str, LoadDerivatives]]:
+def _differentiate_copies(at: RunState) -> Iterator[tuple[str, LoadDerivatives]]:
     e, state = at.equations, at.state
     if e.mechanism is None:
         return
@@ -94,10 +84,10 @@ def _differentiate_copies(
         # Columns are consecutive.
         values = np.swapaxes(values.reshape(count, 2, size, size), 2, 3)
         is_source = _supplies_energy(values * scales[:, None, :, None] * scales[:, None, None])
-        for k in np.flatnonzero(is_source | np.isin(names, list(commanded))).tolist():
+        for k in np.flatnonzero(is_source).tolist():
             own = operator[k * size : (k + 1) * size]
             stiffness, damping = (sp.csr_array(own.T @ (x @ own)) for x in values[k])
-            yield names[k], LoadDerivatives(stiffness, damping, bool(is_source[k]))
+            yield names[k], LoadDerivatives(stiffness, damping)
 
 
 def _supplies_energy(values: Array) -> Array:

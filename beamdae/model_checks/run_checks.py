@@ -27,24 +27,17 @@ from beamdae.model_checks.contacts import (
     impact_speed_warnings,
     untouched_contact_warnings,
 )
-from beamdae.model_checks.growing_modes import (
-    growing_mode_warnings,
-    unstable_loop_warnings,
-    unstable_start_warnings,
-)
+from beamdae.model_checks.growing_modes import growing_mode_warnings, unstable_start_warnings
 from beamdae.model_checks.impacts import impact_warnings
 from beamdae.model_checks.quality_warnings import balance_warnings, column_warnings
 from beamdae.model_checks.rare_samples import rare_sample_warnings
 from beamdae.model_checks.saturated_commands import saturated_command_warnings
 from beamdae.model_checks.sliding_overrun import overrun_warnings
-from beamdae.model_checks.start_transients import start_transient_warnings
 from beamdae.model_checks.strain_limits import sample_positions, strain_warnings
 from beamdae.model_checks.table_ranges import table_range_warnings
 from beamdae.model_checks.unconnected_bodies import idle_body_warnings
 from beamdae.model_checks.velocity_jumps import velocity_jump_warnings
 from beamdae.parts.mechanism import EQUILIBRIUM
-from beamdae.results.columns import UNITS_OF_LOADS, Header
-from beamdae.results.noise import mark_noise
 from beamdae.results.rest import has_rounding_forces
 from beamdae.results.run_data import RunData
 from beamdae.results.singular_positions import (
@@ -98,14 +91,11 @@ def _table_ranges(run: RunData) -> Iterable[str]:
 
 
 def _growing_modes(run: RunData) -> Iterable[str]:
-    # The reason of a run that has stopped names an unstable loop already.
-    if not run.status.success:
-        return ()
     motion, force = (run.equations, run.trajectory), run._energy_ledger.force.scale
     start = unstable_start_warnings(*motion) if run.start.request == EQUILIBRIUM else ()
-    modes = growing_mode_warnings(*motion, run.integrator, force)
+    modes = growing_mode_warnings(*motion, force)
     # Few modes are named twice: the first one is the cause.
-    return islice(chain(start, unstable_loop_warnings(*motion), modes), 1)
+    return islice(chain(start, modes), 1)
 
 
 def _balance(run: RunData) -> Iterable[str]:
@@ -138,16 +128,6 @@ def _coarse_rows(run: RunData) -> Iterable[str]:
 
 def _impacts(run: RunData) -> Iterable[str]:
     return impact_warnings(run.equations, run.trajectory, run.event_records)
-
-
-def _start_transients(run: RunData) -> Iterable[str]:
-    headers, values = run.equations.observed_headers, run._step_measures.values
-    half_range = 0.5 * np.ptp(values, axis=0)
-    is_force = np.isin([Header.of(x).unit for x in headers], UNITS_OF_LOADS)
-    is_noise = mark_noise(run, values, half_range, np.where(is_force, half_range, 0.0))
-    noise = {header for header, x in zip(headers, is_noise, strict=True) if x}
-    extremes = {header: x for header, x in run.step_extremes.items() if header not in noise}
-    return start_transient_warnings(run.equations, run.trajectory, extremes, run._observe)
 
 
 def _resumed_run(run: RunData) -> Iterable[str]:
@@ -225,7 +205,6 @@ RUN_CHECKS: tuple[Check, ...] = (
     _of_motion(deep_contact_warnings),
     _of_complete_run(untouched_contact_warnings),
     _of_motion(overrun_warnings),
-    # Remarks on the start and on parts without effect.
-    _start_transients,
+    # Remarks on parts without effect.
     _idle_parts,
 )

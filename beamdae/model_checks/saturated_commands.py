@@ -21,20 +21,14 @@ def saturated_command_warnings(
 ) -> Iterator[str]:
     """Yield one warning per limited command that is at one limit for over 95 % of a run.
 
-    Values in laws have a warning only between a negative and a positive limit: others may be those
-    of parts that act in one direction, or not at all, such as end stops. Limits in the laws of
-    sampled controllers are not known.
+    Limits in the laws of sampled controllers are not known.
     """
-    commands = [
-        x
-        for x in compile_commands(equations)
-        if x.has_limits and (x.is_output or x.low < 0.0 < x.high)
-    ]
+    commands = [x for x in compile_commands(equations) if x.has_limits]
     if not commands or not trajectory.end > trajectory.start:
         return
     at = trajectory.at(np.linspace(trajectory.start, trajectory.end, _SAMPLES))
     for command in commands:
-        values, low, high = command.evaluate(*at)[:, 0], command.low, command.high
+        values, low, high = command.evaluate(*at), command.low, command.high
         rounding = _ROUNDING * (high - low)
         for limit, is_beyond in (
             (low, values <= low + rounding),

@@ -8,8 +8,6 @@ from beamdae.analysis.linear_dynamics.bode_diagram import (
     Bode,
     TransferFunction,
     bode,
-    describe_poles,
-    select_poles,
 )
 from beamdae.analysis.linear_dynamics.linear_model import LinearModel
 from beamdae.errors import format_count
@@ -17,6 +15,7 @@ from beamdae.report.page.page_content import PageCase, PageContent, PageTable
 from beamdae.results.storage.files import versions
 
 _GROUP = "transfers"  # id of the only group of cases
+_MAX_POLES = 24  # the slowest ones; growing ones are listed, too
 
 
 def build_linear_page(content: LinearModel | Bode, title: str) -> PageContent:
@@ -27,19 +26,22 @@ def build_linear_page(content: LinearModel | Bode, title: str) -> PageContent:
     diagram = content if isinstance(content, Bode) else bode(content)
     model, transfers = diagram.model, diagram.transfer_functions
     poles = model.poles[model.poles.imag >= 0.0]
-    described, listed = describe_poles(poles), select_poles(poles)
-    rows = [[str(k + 1), *(f"{x:.6g}" for x in described[k])] for k in listed]
-    growth_rate = max((x.growth_rate for x in described), default=0.0)
+    # Adding zero changes -0 to 0.
+    ratios = -poles.real / np.where(poles == 0.0, 1.0, np.abs(poles)) + 0.0
+    columns = np.stack([poles.imag / (2.0 * np.pi), ratios, poles.real + 0.0], axis=1)
+    is_listed = (np.arange(len(poles)) < _MAX_POLES) | (poles.real > 0.0)
+    listed = np.flatnonzero(is_listed).tolist()
+    rows = [[str(k + 1), *(f"{x:.6g}" for x in columns[k])] for k in listed]
     facts = {
         "about": model.about,
         "size": f"{format_count(len(model.states), 'state')}, "
         f"{format_count(len(model.inputs), 'input')}, "
         f"{format_count(len(model.outputs), 'output')}",
-        "largest growth rate": f"{growth_rate:.6g} 1/s" if len(poles) else "-",
+        "largest growth rate": f"{np.max(poles.real) + 0.0:.6g} 1/s" if len(poles) else "-",
     }
-    if len(poles) > len(listed):
-        fastest = np.max(np.abs(np.delete(poles, listed)))
-        facts["not listed"] = f"{len(poles) - len(listed)} poles, up to |p| = {fastest:.4g} 1/s"
+    if not is_listed.all():
+        fastest = np.max(np.abs(poles[~is_listed]))
+        facts["not listed"] = f"{np.sum(~is_listed)} poles, up to |p| = {fastest:.4g} 1/s"
     values = [
         [x.name, x.unit, "output", f"{y:.6g}"]
         for x, y in zip(model.outputs, model.output_values, strict=True)

@@ -114,20 +114,16 @@ def _build_warnings(result: Optimization) -> tuple[str, ...]:
 
 
 def _constraints_table(result: Optimization) -> PageTable:
-    # The largest quantity of `LargestOf`, whose value is a smooth bound of it.
-    has_largest = any(np.isfinite(x.largest) for x in result.constraints)
     rows = [
         [
             format_with_unit(x.name, x.unit),
             *(format_number(y, _DIGITS) for y in (x.value, x.limit)),
             format_number(100.0 * x.relative_margin),
             format_number(x.multiplier, _DIGITS),
-            *([format_number(x.largest, _DIGITS)] if has_largest else []),
         ]
         for x in result.constraints
     ]
     head = ["constraint", "value", "limit", "margin [%]", "multiplier"]
-    head += ["largest quantity"] if has_largest else []
     return {"title": "Constraints", "head": head, "rows": rows}
 
 
@@ -194,13 +190,11 @@ def _list_cases(result: Optimization, motions: list[_Motion]) -> list[PageCase]:
     best = result.best_number
     cases: list[PageCase] = []
     for k, (row, failure) in enumerate(zip(rows, history["failure"], strict=True), 1):
-        family = _FEASIBLE if result.is_feasible(k) else _INFEASIBLE
+        family = _FEASIBLE if row[_VIOLATION] == 0.0 else _INFEASIBLE
         label = f"design {k}"
         if k in (1, best):
             family = _BEST if k == best else _FIRST
             label += f" ({'first and best' if best == 1 else family})"
-        if result.is_feasible(k):
-            row[_VIOLATION] = 0.0  # without rounding errors
         values = {_DESIGN: k, **{str(name): x for name, x in row.items() if np.isfinite(x)}}
         case: PageCase = {
             "id": f"{_DESIGN} {k}",

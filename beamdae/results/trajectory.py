@@ -12,7 +12,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.shape_functions import gauss_points
-from beamdae.bounded_cache import bounded_cache
 from beamdae.equations.equations_of_motion import Configuration, EquationsOfMotion, State
 from beamdae.errors import (
     BeamdaeError,
@@ -34,11 +33,6 @@ _DEGREE_OF_REACTIONS = 3  # for a and lam, which may jump from step to step
 # components of a and lam. Jumps have 0.05 to 0.5, vibrations of at most 2 rad between these nodes
 # less than 0.04.
 _MAX_LEADING_SHARE = 0.04
-# Number of times at which positions are evaluated without the weights of all steps, and at which
-# weights are not cached.
-_FEW_TIMES = 64
-# Cached weights of nodes in integrals over steps, which take 12 MB, and in states.
-_MAX_CACHED_WEIGHTS = 1_000_000
 
 
 @read_only_data
@@ -208,11 +202,11 @@ class Interval:
             return State(*(x[step * self.nodes_per_step] for x in self.rows))
         q, v, a, lam = self.rows
         motion, reaction = self._state_weights(t)
-        positions = _combine(motion, q) if self.nodes_per_step == 1 else self.positions_at(t)
-        reactions = [_combine(reaction, a), _combine(reaction, lam)]
+        positions = motion @ q if self.nodes_per_step == 1 else self.positions_at(t)
+        reactions = [reaction @ a, reaction @ lam]
         if limited:
             self._limit_overshoot(reaction, reactions, [a, lam])
-        return State(positions, _combine(motion, v), *reactions)
+        return State(positions, motion @ v, *reactions)
 
     def interpolate_forces(self, values: Array, t: Array) -> Array:
         """Interpolate quantities at times inside the interval like `limited` a and lam of `at`.
@@ -233,7 +227,7 @@ class Interval:
         if step is not None:
             return values[step * self.nodes_per_step]
         weights = self._weights_of_degree(t, _DEGREE_OF_REACTIONS)
-        result = _combine(weights, values)
+        result = weights @ values
         self._limit_overshoot(weights, [result], [values])
         return result
 
@@ -312,7 +306,7 @@ class Interval:
             # The polynomials pass through the steps.
             return self.interpolate(q, t) if step is None else q[step]
         by_q, by_v = self._position_weights(t)
-        return _combine(by_q, q) + _combine(by_v, self.rows.v[:, columns])
+        return by_q @ q + by_v @ self.rows.v[:, columns]
 
     def derivative_at(self, t: Array) -> State:
         """Return the exact time derivatives of the polynomials of `at` at times (j,) [s].
@@ -355,10 +349,7 @@ class Interval:
 
     def _weights_of_degree(self, t: Array, degree: int) -> sp.csr_array:
         """Return the Lagrange weights (j, k) of the nodes at times (j,) [s]."""
-        if len(t) <= _FEW_TIMES:
-            return self._lagrange_weights(t, _preceding_node(self.nodes, t), degree)
-        nodes, times = self.nodes.tobytes(), t.tobytes()
-        return _interpolation_weights(nodes, self.nodes_per_step, times, degree)
+        return self._lagrange_weights(t, _preceding_node(self.nodes, t), degree)
 
     def interpolate(self, values: Array, t: Array) -> Array:
         """Interpolate quantities at times inside the interval with the polynomials of v.
@@ -375,7 +366,7 @@ class Interval:
         ndarray
             Values at the times, (j, c).
         """
-        return _combine(self.velocity_weights_at(t), values)
+        return self.velocity_weights_at(t) @ values
 
     def integrate_to_steps(self, rates: Array) -> Array:
         """Integrate rates from the start of the interval to each of its steps.
@@ -420,7 +411,12 @@ class Interval:
 
     def _integrate_steps(self, rates: Array) -> Array:
         """Integrate rates over each step."""
-        return _step_weights(self.nodes.tobytes(), self.nodes_per_step) @ rates
+        return np.asarray(self._weights_of_steps @ rates)
+
+    @cached_property
+    def _weights_of_steps(self) -> sp.csr_array:
+        """Weights (steps, k) of the nodes in integrals over each step."""
+        return self._integration_weights(self.t[1:], np.arange(len(self.t) - 1))
 
     def _integration_weights(self, t: Array, step: Array) -> sp.csr_array:
         """Return the weights (len(t), k) of the nodes in integrals from the start of the step.
@@ -456,14 +452,8 @@ class Interval:
         x = (t - start) / (end - start)
         # All times of a step have the same nodes.
         width = self._degree(_DEGREE_OF_REACTIONS) + 1
-        if len(t) <= _FEW_TIMES:
-            # The weights of all steps would take longer, for example between two events.
-            weights = self._integration_weights(np.append(t, end), np.append(step, step))
-            to_times, to_ends = np.split(weights.data, 2)
-        else:
-            weights = self._integration_weights(t, step)
-            of_steps = _step_weights(self.nodes.tobytes(), self.nodes_per_step)
-            to_times, to_ends = weights.data, of_steps.data.reshape(-1, width)[step].ravel()
+        weights = self._integration_weights(np.append(t, end), np.append(step, step))
+        to_times, to_ends = np.split(weights.data, 2)
         by_v = assemble_csr(
             to_times - np.repeat(x, width) * to_ends,
             weights.indices[: len(to_times)],
@@ -498,74 +488,19 @@ class Interval:
         # Short pieces have polynomials of lower degree: further nodes have no weight.
         through, is_used = first + np.minimum(order, degrees), order <= degrees
         x = self.nodes[through]
-        if is_used.all() and not derivative:
-            weights = _multiply_lagrange_factors(t, x)
+        # Factors (t - x_j) / (x_k - x_j) of the weight of node k, (k, j, times).
+        is_factor = is_used[:, None] & is_used & ~np.eye(degree + 1, dtype=bool)[..., None]
+        distances = np.where(is_factor, x[:, None] - x, 1.0)
+        factors = np.where(is_factor, t - x, 1.0) / distances
+        if derivative:
+            others = (np.delete(factors, j, axis=1).prod(axis=1) for j in order[:, 0])
+            slopes = zip(others, is_factor.swapaxes(0, 1), distances.swapaxes(0, 1), strict=True)
+            weights = np.sum([x * is_in / distance for x, is_in, distance in slopes], axis=0)
         else:
-            weights, slopes = is_used.astype(float), np.zeros_like(x)
-            for k, j in np.ndindex(degree + 1, degree + 1):
-                if j != k:
-                    factor = np.where(is_used[j], t - x[j], 1.0)
-                    distance = np.where(is_used[j] & is_used[k], x[k] - x[j], 1.0)
-                    if derivative:  # Product rule, before the product contains this factor.
-                        slopes[k] = (slopes[k] * factor + is_used[j] * weights[k]) / distance
-                    weights[k] *= factor / distance
-            if derivative:
-                weights = slopes
+            weights = factors.prod(axis=1) * is_used
         ends = np.arange(len(t) + 1) * (degree + 1)
         shape = (len(t), len(self.nodes))
         return assemble_csr(weights.T.ravel(), through.T.ravel(), ends, shape)
-
-
-# The runs of a sweep with fixed steps have the same nodes.
-@bounded_cache(_MAX_CACHED_WEIGHTS, lambda weights: weights.nnz)
-def _step_weights(nodes: bytes, nodes_per_step: int) -> sp.csr_array:
-    """Return the weights (steps, k) of the nodes of an interval in integrals over each step."""
-    interval = _without_rows(nodes, nodes_per_step)
-    return interval._integration_weights(interval.t[1:], np.arange(len(interval.t) - 1))
-
-
-# The arguments take as much memory as the weights.
-@bounded_cache(_MAX_CACHED_WEIGHTS, lambda weights: weights.nnz + sum(weights.shape))
-def _interpolation_weights(
-    nodes: bytes, nodes_per_step: int, times: bytes, degree: int
-) -> sp.csr_array:
-    """Return the weights (times, k) of the nodes of an interval in the states at times."""
-    interval, t = _without_rows(nodes, nodes_per_step), np.frombuffer(times)
-    return interval._lagrange_weights(t, _preceding_node(interval.nodes, t), degree)
-
-
-def _without_rows(nodes: bytes, nodes_per_step: int) -> Interval:
-    no_rows = State(*[np.zeros((0, 0))] * len(State._fields))
-    return Interval(np.frombuffer(nodes), no_rows, 0.0, nodes_per_step)
-
-
-def _multiply_lagrange_factors(t: Array, x: Array) -> Array:
-    """Return the Lagrange weights (d + 1, j) at times t (j,) of the nodes x (d + 1, j).
-
-    Same bits as the loop in `Interval._lagrange_weights`, in less than half of its time.
-    """
-    factors, weights = t - x, np.ones_like(x)
-    for k, weight in enumerate(weights):
-        for j, factor in enumerate(factors):
-            if j != k:
-                weight *= factor / (x[k] - x[j])
-    return weights
-
-
-def _combine(weights: sp.csr_array, rows: Array) -> Array:
-    """Return weights @ rows; all rows of the weights have the same number of entries.
-
-    Few combinations of many rows read only the rows that they need, with the same bits.
-    """
-    count, width = weights.shape[0], int(weights.indptr[1]) if weights.shape[0] else 0
-    if weights.nnz > len(rows):
-        # SciPy copies all rows unless they are contiguous.
-        return np.asarray(weights @ rows)
-    result = np.zeros((count, rows.shape[1]))
-    factors, nodes = weights.data.reshape(count, width), weights.indices.reshape(count, width)
-    for k in range(width):
-        result += factors[:, k, None] * rows[nodes[:, k]]
-    return result
 
 
 def _preceding_node(nodes: Array, t: Array) -> Array:

@@ -373,5 +373,7 @@ def test_regression_positions_that_a_driver_prescribes_are_refused_with_the_time
     mech.add(bd.TranslationalDriver("drive", mech.ground.at(0.0, 0.0), slider.point, law))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), slider.point))
     mech.observe("slider", slider.point)
-    with pytest.raises(bd.BeamdaeError, match=r"and drive moves the mechanism; set t= to the time"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"if a driver moves the mechanism, set t= to the time"
+    ):
         bd.equilibrium(mech, to={"slider.x": 1.05})

@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 import beamdae as bd
-from beamdae.analysis.fit.information import Information
 from beamdae.analysis.fit.problem import FitProblem
 from beamdae.analysis.fit.profile import bounded_interval
 
@@ -213,7 +212,10 @@ def test_regression_estimates_of_noisy_data_at_a_bound_are_reported(exact):
         ),
         ({"bounds": {"mass": (0.5, 2.0)}}, "bounds contains 'mass', which is not in by"),
         ({"bounds": {"stiffness": (-1.0, 50.0)}, "log": ["stiffness"]}, "must not be negative"),
-        ({"data": {"t [s]": [0.0, 11.0], "mass.x": [1.0] * 2}}, "the data end at 11 s, far after"),
+        (
+            {"data": {"t [s]": [0.0, 11.0], "mass.x": [1.0] * 2}},
+            "the data end at 11 s, but must end .* before 10 s",
+        ),
         (
             {"data": {"t [s]": [1.7e9, 1.7e9 + 1.0], "mass.x": [1.0] * 2}},
             "subtract the first time from all times",
@@ -246,30 +248,6 @@ def test_search_that_ends_early_is_reported(exact):
     assert list(result.table().index) == list(TRUE)
 
 
-@pytest.mark.parametrize(
-    ("header", "end", "sentence"),
-    [
-        ("t [s]", 2.0, "The data end at 2 s, after the end time of oscillator, 1 s, and the runs"),
-        ("t [ms]", 2000.0, "The data end at 2000 ms (2 s), after the end time of oscillator, 1 s,"),
-        ("time", 2.0, "The data end at 2 s, after the end time of oscillator, 1 s, and the runs"),
-        ("t [ms]", 1.0, "(0.001 s), long before the end time of oscillator, 1 s; check the unit"),
-    ],
-)
-def test_regression_durations_of_data_are_stated_before_the_search(header, end, sentence):
-    """The unit of times was doubted although it was stated, after a search of ten times the time.
-
-    Times that are a thousandth of the end time had no warning.
-    """
-    data = {header: [0.5 * end, end], "mass.x": [1.0, 1.1]}
-    with pytest.warns(bd.BeamdaeWarning, match=re.escape(sentence)):
-        FitProblem(oscillator, data, "stiffness", METHOD)
-
-
-@pytest.mark.parametrize("end", [0.01, 0.5, 1.0, 1.1])
-def test_usual_durations_of_data_have_no_warning(end):
-    FitProblem(oscillator, {"t [s]": [0.5 * end, end], "mass.x": [1.0, 1.1]}, "stiffness", METHOD)
-
-
 @SLOW
 def test_regression_steps_that_change_the_estimates_are_told():
     run = bd.simulate(oscillator(**TRUE), bd.Radau(rtol=1e-9), t_end=2.0).at_times(TIMES)
@@ -286,9 +264,7 @@ def test_regression_steps_that_change_the_estimates_are_told():
     assert stated == pytest.approx(abs(shift) / result.standard_deviations[0], rel=0.3)
     # By default, errors are controlled.
     result = bd.fit(oscillator, data, list(TRUE), sigma=NOISE)
-    # The end time of the model is 1 s.
-    (sentence,) = result.warnings
-    assert "data end at 2 s, after the end time of oscillator, 1 s" in sentence
+    assert not result.warnings
     errors = np.array(list(result.parameters.values())) - list(TRUE.values())
     assert np.all(np.abs(errors) < 0.1 * result.standard_deviations)
 
@@ -305,52 +281,7 @@ def test_regression_misfits_and_correlations_are_told(exact):
     options = {"sigma": NOISE, "parameters": {"damping": TRUE["damping"]}}
     result = bd.fit(oscillator, data, ["stiffness", "mass"], METHOD, **options)
     assert result.correlations().iloc[0, 1] > 0.99
-    (sentence,) = result.undetermined
-    assert "hardly distinguish the effects of stiffness and mass: their" in sentence
-    assert "times as large as if the others were known" in sentence
-
-
-@SLOW
-def test_regression_intervals_of_nearly_dependent_parameters_have_a_warning(exact):
-    data = {"t [s]": TIMES, "mass.x [m]": exact["mass.x"]}
-    options = {"parameters": {"damping": TRUE["damping"]}, "by": ["stiffness", "mass"]}
-    # The profile likelihood of the stiffness ends at 24.1 and 77.9, the interval at 17.7 and 62.3.
-    with pytest.warns(bd.BeamdaeWarning, match="intervals of stiffness, mass may not hold"):
-        result = bd.fit(oscillator, data, integrator=METHOD, sigma=0.01, **options)
-    assert sum("fit.profile('stiffness')" in x for x in result.warnings) == 1
-    # The correlation is the same, but both intervals agree up to 3 %: 34.1, 47.6 and 33.3, 46.7.
-    result = bd.fit(oscillator, data, integrator=METHOD, sigma=0.003, **options)
-    assert result.undetermined
-    assert not any("may not hold" in x for x in result.warnings)
-
-
-def test_combinations_of_hardly_distinguished_parameters_are_named():
-    # The effect of the third parameter is nearly the mean of the others: no pair is dependent.
-    rng = np.random.default_rng(0)
-    effects = np.linalg.qr(rng.normal(size=(40, 3)))[0]
-    jacobian = effects.copy()
-    jacobian[:, 2] = effects[:, 0] + effects[:, 1] + 0.05 * effects[:, 2]
-    information = Information(100.0 * jacobian, np.ones(3))
-    (sentence,) = information.describe_undetermined(dict.fromkeys("kmE", 1.0), {}, information)
-    known = np.sqrt(1.0 / (1e4 * (jacobian**2).sum(axis=0)))
-    factor = np.max(np.sqrt(np.diag(information.covariance)) / known)
-    assert "effects of k, m and E" in sentence
-    assert f"up to {factor:.2g} times as large as if the others were known" in sentence
-    # The estimates of each pair are correlated less.
-    deviations = np.sqrt(np.diag(information.covariance))
-    pairs = information.covariance / np.outer(deviations, deviations)
-    assert np.max(np.abs(pairs[np.triu_indices(3, 1)])) < 0.9999
-
-
-def test_regression_correlations_beside_dependent_combinations_have_no_invalid_number():
-    # The last two parameters have nearly the same effect; two combinations have none.
-    effects = np.array([[1.0, 2.0, 0.0, 1.0], [0.0, 0.0, 1.0, 1e3], [0.0] * 4, [0.0] * 4])
-    information = Information(1e3 * effects, np.ones(4))
-    sentences = information.describe_undetermined(dict.fromkeys("abcd", 1.0), {}, information)
-    assert sentences[-1] == (
-        "The data hardly distinguish the effects of c and d: their standard deviations are up to "
-        "1e+03 times as large as if the others were known."
-    )
+    assert not result.undetermined
 
 
 @bd.model(t_end=2.0)
@@ -364,8 +295,7 @@ def test_regression_parameters_without_effect_cause_a_warning(exact):
     with pytest.warns(bd.BeamdaeWarning) as records:
         bd.fit(oscillator_with_unused_number, data, ["stiffness", "unused"], METHOD)
     texts = [str(x.message) for x in records]
-    assert sum(x.startswith("fit: small changes of unused change no number") for x in texts) == 1
-    assert not any("changes of stiffness" in x for x in texts)
+    assert texts == ["fit: Changes of unused by +1 % do not change the fitted columns."]
 
 
 @bd.model(t_end=2.0)

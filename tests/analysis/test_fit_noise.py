@@ -57,9 +57,8 @@ def test_regression_improbable_chi_square_is_stated(exact):
     result = fit(exact + 1e-3 * noise, sigma=1e-3)
     assert 0.1 < result.probability < 0.9
     assert f"(probability {result.probability:.2g})" in repr(result)
-    with pytest.warns(bd.BeamdaeWarning, match="The model may not explain the data"):
-        # 1.28^2 * 101 residuals against 99 degrees of freedom.
-        doubtful = fit(exact + 1.28e-3 * noise, sigma=1e-3)
+    # 1.28^2 * 101 residuals against 99 degrees of freedom.
+    doubtful = fit(exact + 1.28e-3 * noise, sigma=1e-3)
     assert doubtful.probability == pytest.approx(
         chdtrc(doubtful.degrees_of_freedom, doubtful.chi_square), rel=1e-9
     )
@@ -84,14 +83,14 @@ def test_regression_first_runs_of_another_size_warn_at_once(exact):
 
 @pytest.mark.parametrize("factor", [1e3, 1e-3])
 @pytest.mark.parametrize("options", [{}, {"bounds": {"stiffness": (10.0, 90.0)}}])
-def test_regression_data_in_a_wrong_unit_are_not_searched(exact, factor, options):
+def test_regression_data_in_a_wrong_unit_are_named(exact, factor, options):
     """Millimeters under a header [m] were searched for minutes, with 12 failed runs."""
     data = {"t [s]": TIMES, "mass.x [m]": 1.0 + factor * (exact - 1.0)}
-    match = r"explains this factor of 8\.2e\+02|explains this factor of 1\.2e\+03"
-    with pytest.raises(bd.BeamdaeError, match=match) as error:
-        bd.fit(oscillator, data, list(TRUE), METHOD, **options)
-    assert "the unit in the header 'mass.x [m]'" in str(error.value)
-    assert "scale=['mass.x']" in str(error.value)
+    with pytest.warns(bd.BeamdaeWarning, match="mass.x has a range of .* in the first run"):
+        result = bd.fit(oscillator, data, list(TRUE), METHOD, **options)
+    assert result.status.kind == "limited"
+    assert result.evaluations <= 40
+    assert "scale=['mass.x']" in result.status.sentence
     scaled = bd.fit(oscillator, data, list(TRUE), METHOD, scale="mass.x", offset="mass.x")
     assert scaled.sensors["scale of mass.x"] == pytest.approx(factor, rel=1e-3)
 
@@ -120,8 +119,7 @@ def test_loads_far_from_their_first_values_are_fitted():
     ("factor", "phrase"),
     [
         (-1.0, "mirrored (scale {}; reverse their sign"),
-        (1.0 / 25.4, "scaled (scale {}, as between inches and mm; check the calibration"),
-        (0.1, "scaled (scale {}, as between cm and mm; check the calibration"),
+        (1.0 / 25.4, "scaled (scale {}; check the calibration"),
         (3.0, "scaled (scale {}; check the calibration"),
         (-20.0, "scaled (scale {}; check the calibration"),
     ],
@@ -266,15 +264,6 @@ def test_regression_times_that_begin_late_correlate_the_residuals(exact):
         fit(late)
 
 
-def test_regression_experiments_of_unequal_scatter_are_named(exact):
-    tables = {
-        "one": {"t [s]": TIMES, "mass.x": exact + white()},
-        "two": {"t [s]": TIMES, "mass.x": exact + white(1e-2)},
-    }
-    with pytest.warns(bd.BeamdaeWarning, match="mass.x in two are .* as those of mass.x in one"):
-        bd.fit(oscillator, tables, list(TRUE), METHOD)
-
-
 def test_regression_estimates_that_are_arbitrary_are_warned_of(exact):
     """Values without any determination were returned, with a sentence in an attribute only."""
     names = [*TRUE, "mass"]
@@ -299,7 +288,7 @@ def test_regression_a_sigma_in_a_larger_unit_is_named(exact):
     """A thousandfold sigma was accepted with chi-square 0.04 of 601 degrees of freedom."""
     data = {"t [s]": TIMES, "mass.x [mm]": 1e3 * (exact + white())}
     options = {"log": ["damping"]}
-    with pytest.warns(bd.BeamdaeWarning, match=r"sigma of mass.x is .*e\+03 times .*, mm\."):
+    with pytest.warns(bd.BeamdaeWarning, match=r"sigma is .*e\+03 times as large"):
         wrong = bd.fit(oscillator, data, list(TRUE), METHOD, sigma=1e3, **options)
     assert len(wrong.warnings) == 1
     # The interval of a logarithm is positive.
@@ -351,7 +340,7 @@ def test_regression_a_sigma_twice_the_noise_is_reported(exact, factor, is_report
     with warnings.catch_warnings(record=True):
         warnings.simplefilter("always")
         result = fit(exact + white(), sigma=factor * 1e-3)
-    assert any("sigma of mass.x is 2" in x for x in result.warnings) == is_reported
+    assert any("sigma is 2" in x for x in result.warnings) == is_reported
     assert len(result.warnings) == is_reported
 
 
@@ -384,15 +373,12 @@ def test_regression_profile_that_ends_at_rejected_values_names_them(exact):
     assert "stiffness must not be negative" in profile.warnings[0]
 
 
-def test_regression_profile_of_a_fit_that_did_not_converge_warns(exact):
-    """It had an interval, while that of the fit was NaN, without a word."""
+def test_regression_profiles_of_fits_that_did_not_converge_are_rejected(exact):
+    """One had an interval, while that of the fit was NaN, without a word."""
     with pytest.warns(bd.BeamdaeWarning, match="stopped after 2 evaluations"):
         result = fit(exact + white(), sigma=1e-3, max_evaluations=2)
-    with pytest.warns(
-        bd.BeamdaeWarning, match=r"profile: the fit did not converge \(stopped after"
-    ):
-        profile = result.profile("damping")
-    assert "the interval is unreliable" in profile.warnings[0]
+    with pytest.raises(bd.BeamdaeError, match=r"profile: the fit did not converge \(stopped after"):
+        result.profile("damping")
 
 
 def test_regression_profile_with_lower_sums_than_the_fit_warns(exact):
@@ -445,7 +431,6 @@ def test_regression_parameters_without_effect_keep_their_first_values(exact):
         )
     assert result.parameters["stiff"] == pytest.approx(1e7, rel=1e-5)
     assert result.standard_deviations[2] > 1e7
-    assert not any("hardly distinguish" in x for x in result.undetermined)
 
 
 def test_regression_parameters_that_the_model_does_not_use_take_no_evaluations(exact):
@@ -457,7 +442,7 @@ def test_regression_parameters_that_the_model_does_not_use_take_no_evaluations(e
 
     data = {"t [s]": TIMES, "mass.x": exact + white()}
     used = bd.fit(with_unused, data, ["stiffness", "damping"], METHOD)
-    with pytest.warns(bd.BeamdaeWarning, match="small changes of unused change no number"):
+    with pytest.warns(bd.BeamdaeWarning, match="Changes of unused .* do not change the fitted"):
         both = bd.fit(with_unused, data, ["stiffness", "damping", "unused"], METHOD)
     assert abs(both.evaluations - used.evaluations) <= 1
     assert both.parameters["unused"] == 1.0
@@ -717,8 +702,6 @@ def test_regression_a_wrong_unit_is_named_after_thirty_evaluations():
     noise = np.random.default_rng(2).normal(scale=2e-5, size=times.size)
     data = {"t [s]": times, "mass.y": 0.1 * dropped_mass(times) + noise}
     by, method = ["stiffness", "damping"], bd.GeneralizedAlpha(step=5e-3)
-    with pytest.warns(
-        bd.BeamdaeWarning, match=r"mass.y that are scaled \(scale 0.\d+, as between cm"
-    ):
+    with pytest.warns(bd.BeamdaeWarning, match=r"mass.y that are scaled \(scale 0.\d+; check"):
         result = bd.fit(dropped, data, by, method, sigma=2e-5, parameters={"stiffness": 75.0})
     assert result.evaluations <= 30

@@ -190,8 +190,8 @@ def test_states_and_outputs_refer_to_the_rotating_frame():
         ({"inputs": [["push"]]}, "no input"),
         ({"inputs": "push"}, "inputs must be names"),
         ({"inputs": ["rail"]}, "no input 'rail'"),
-        ({"outputs": ["lode"]}, "did you mean 'load'"),
-        ({"outputs": [3]}, "no output 3"),
+        ({"outputs": ["lode"]}, "no observed column 'lode' .did you mean"),
+        ({"outputs": [3]}, "no observed column 3"),
         ({"about": "down"}, "about"),
     ],
 )

@@ -326,16 +326,6 @@ def test_regression_violations_of_infeasible_designs_are_those_of_the_maxima():
     assert design.warnings == ()
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize(("bound", "hint"), [(2e-3, False), (1e-6, True)])
-def test_limits_that_are_far_from_all_designs_may_have_another_unit(bound, hint):
-    size = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")
-    deflection = bd.at_most(bd.EquilibriumValue("mass.x"), bound)
-    with pytest.warns(bd.BeamdaeWarning, match="no evaluated design satisfies") as records:
-        bd.optimize(loaded_spring, size, "stiffness", deflection, {"stiffness": (20.0, 100.0)})
-    assert ("check the unit of the limit" in str(records[0].message)) == hint
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_regression_searches_end_at_local_minima_of_the_violation(method):
     """Of 200 evaluated designs, 173 had the same parameter to eight digits."""
@@ -359,7 +349,7 @@ def test_largest_of_limited_smooth_maxima_is_the_largest_maximum():
     # The largest speed is 1 / sqrt(stiffness).
     assert design.parameters["stiffness"] == pytest.approx(100.0, rel=4e-3)
     (constraint,) = design.constraints
-    assert constraint.largest == pytest.approx(0.1, rel=1e-5)
+    assert constraint.value == pytest.approx(0.1, rel=1e-5)
     assert constraint.comparison == "at its limit"
 
 
@@ -450,9 +440,7 @@ def test_regression_warnings_about_output_rows_are_omitted():
 @pytest.mark.slow(reason="two seconds")
 def test_no_design_satisfies_the_constraints():
     limit = bd.at_most(bd.Mass(), 0.1)
-    message = (
-        "in the best one, with width at a bound, mass is 1.57 kg, but the limit is at most 0.1 kg"
-    )
+    message = "in the best one mass is 1.57 kg, but the limit is at most 0.1 kg"
     with pytest.warns(bd.BeamdaeWarning, match=message):
         result = bd.optimize(
             cantilever, bd.EquilibriumValue("tip.y") * -1.0, "width", limit, {"width": (0.01, 0.1)}
@@ -603,8 +591,7 @@ def test_regression_optima_do_not_depend_on_the_unit_of_quantities_that_begin_at
 
 
 @pytest.mark.slow(reason="half a second")
-def test_regression_limits_of_several_quantities_state_the_largest_one():
-    """A stress of 673 MPa was "at its limit" of 700 MPa, and no result contained the 673 MPa."""
+def test_limited_bounds_of_several_quantities_are_not_below_the_largest_one():
     quantities = [bd.EquilibriumValue(f"stress {k}") for k in range(3)]
     stress = bd.LargestOf(quantities, exponent=5.0)
     bounds = {"width": (0.01, 0.1)}
@@ -612,15 +599,8 @@ def test_regression_limits_of_several_quantities_state_the_largest_one():
     (limit,) = result.constraints
     (path,) = [x for x in result.analyses if hasattr(x, "columns")]
     largest = max(abs(path[f"stress {k}"].iloc[-1]) for k in range(3))
-    assert limit.largest == pytest.approx(largest, rel=1e-6)
-    assert limit.value > 1.02 * limit.largest
-    size = f"{limit.largest:.4g}"
-    text = f"at its limit; the largest quantity itself is {float(size):g} Pa"
-    assert limit.comparison == text
-    assert result.constraint_table()["largest"].tolist() == [limit.largest]
-    # A single quantity is its smooth bound, and others have no bound.
-    single = Constraint("stress", 2e8, 2e8, 0.0, 0.0, 0.0, "Pa", 2e8)
-    assert single.comparison == single._replace(largest=float("nan")).comparison == "at its limit"
+    assert limit.comparison == "at its limit"
+    assert 1.02 < limit.value / largest < 3.0 ** (1.0 / 5.0)
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -807,7 +787,7 @@ def test_regression_searches_with_adaptive_steps_end_within_their_tolerance():
     assert result.status.success
     assert not result.warnings
     # The limit holds to 1e-5, the `rtol` of the runs.
-    assert result.constraints[0].largest == pytest.approx(300e6, rel=1e-5)
+    assert result.constraints[0].value == pytest.approx(300e6, rel=1e-5)
     assert result.evaluations < 32
 
 
@@ -1001,11 +981,6 @@ def test_bound_of_the_largest_stress_leads_to_uniform_strength():
         bounds={"height": (0.001, 0.03)},
     )
     assert result.status.success
-    # The limit of 150 MPa was "at its limit", and no table contained the largest stress.
-    (limit,) = result.constraints
-    (path,) = (x for x in result.analyses if isinstance(x, bd.results.Equilibrium))
-    assert limit.largest == path.columns["stress.largest [Pa]"][-1] < 0.99 * limit.value
-    assert "the largest quantity itself is" in limit.comparison
     # M = sigma b h^2 / 6 bounds the height of each section from below. The smallest mass of linear
     # heights between the knots is a linear program.
     sections = np.linspace(0.0, 0.5, 17)
@@ -1020,27 +995,6 @@ def test_bound_of_the_largest_stress_leads_to_uniform_strength():
     assert lightest.fun < lengths @ heights < 1.02 * lightest.fun
     path = bd.equilibrium(leaf(height=tuple(result.parameters["height"])))
     assert 0.95 * 150e6 < path.columns["stress.largest [Pa]"][-1] <= 150e6 * (1.0 + 1e-6)
-
-
-@pytest.mark.slow(reason="ten runs")
-def test_bound_of_the_largest_stress_in_a_run_states_the_largest_stress():
-    @bd.model(t_end=0.02)
-    def swing(width=bd.param(WIDTH, "m")):
-        mech = bd.Mechanism()
-        section = bd.Section.rectangle(STEEL, width, 0.01, damping=1e-3)
-        beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=2))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-        mech.add(bd.Force("load", beam.end, (0.0, -100.0)))
-        mech.observe("stress", beam.largest_stress(exponent=5.0))
-        return mech
-
-    limit = bd.at_most(bd.SmoothMaximum("stress.bound", 50.0), "50 MPa")
-    settings = {"integrator": bd.GeneralizedAlpha(1e-4), "bounds": {"width": (0.005, 0.2)}}
-    result = bd.optimize(swing, bd.Mass(), by="width", subject_to=limit, **settings)
-    (run,) = (x for x in result.analyses if isinstance(x, bd.results.Solution))
-    (constraint,) = result.constraints
-    assert constraint.largest == run.columns["stress.largest [Pa]"].max()
-    assert result.constraint_table()["largest"].tolist() == [constraint.largest]
 
 
 def waves(width, load):
@@ -1294,45 +1248,3 @@ def test_regression_first_designs_that_fail_name_meaningless_strains():
     hint = "the largest strain is .*, far beyond linear elasticity"
     with pytest.raises(bd.BeamdaeError, match=f"did not reach its end.*{hint}.*check .* units"):
         bd.optimize(leaf, bd.Mass(), "height", tip)
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize(
-    ("permit", "bound", "others", "has_warning"),
-    [
-        # The values of all designs are 20 to 60, and the best one has 20.
-        (bd.at_most, 30.0, (), False),
-        (bd.at_most, 1100.0, (), False),
-        (bd.at_most, 1300.0, (), True),
-        (bd.at_least, 0.9, (), True),
-        (bd.at_least, 1.1, (), False),
-        (bd.at_least, -30.0, (), True),
-        (bd.at_least, -30.0, (bd.at_most, 30.0), False),
-        (bd.at_least, -1300.0, (bd.at_most, 30.0), True),
-        (bd.at_least, 0.0, (), False),
-    ],
-)
-def test_limits_that_no_design_comes_near_have_a_warning(sign, permit, bound, others, has_warning):
-    """Limits of 30 for 30 mm, or of the other sign, were satisfied without a word."""
-    value = sign * bd.ParameterFunction(lambda width: width, "value")
-    pairs = [(permit, bound), others] if others else [(permit, bound)]
-    if sign < 0.0:
-        opposite = {bd.at_most: bd.at_least, bd.at_least: bd.at_most}
-        pairs = [(opposite[x], -y) for x, y in pairs]
-    limits = [x(value, y) for x, y in pairs]
-    size = bd.ParameterFunction(lambda width: width, "size")
-    arguments = (cantilever, size, "width", limits, {"width": (20.0, 60.0)})
-    design = bd.optimize(*arguments, parameters={"width": 60.0})
-    assert design.parameters["width"] == pytest.approx(20.0)
-    assert ["has no effect" in x for x in design.warnings] == [True] * has_warning
-
-
-@pytest.mark.slow(reason="a quarter of a second")
-def test_regression_limits_of_stresses_without_loads_have_a_warning():
-    """Without its load, the search converged to the lower bounds without a warning."""
-    limit = bd.at_most(bd.EquilibriumValue("stress 0"), 3e8)
-    given = {"height": (0.02,), "load": 1e-12}
-    bounds = {"height": (0.01, 0.05)}
-    with pytest.warns(bd.BeamdaeWarning, match="has no effect.* magnitudes.*, the loads and t="):
-        design = bd.optimize(cantilever, bd.Mass(), "height", limit, bounds, parameters=given)
-    assert 0.0 < design.constraints[0].value < 1e-3

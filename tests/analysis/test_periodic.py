@@ -1,7 +1,5 @@
 """Periodic motions, Floquet multipliers and response curves against independent solutions."""
 
-from types import SimpleNamespace
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -10,8 +8,6 @@ from scipy.optimize import fsolve
 from scipy.special import mathieu_a, mathieu_b
 
 import beamdae as bd
-from beamdae.analysis.periodic.period_map import IncompleteRunError
-from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import PeriodicMotion
 
 MASS, STIFFNESS, DAMPING = 2.0, 18.0, 1.0
@@ -95,7 +91,7 @@ def test_invalid_arguments_are_rejected():
     oscillation = oscillator(bd.sine(1.0, 0.5))
     with pytest.raises(
         bd.BeamdaeError,
-        match=r"^load: loads or drivers .* do not repeat after the period of 3 s",
+        match=r"^mass\S*: loads or drivers .* do not repeat after the period of 3 s",
     ):
         bd.periodic(oscillation, 3.0)
     # Within these periods, a cosine changes by less than rounding errors.
@@ -107,7 +103,7 @@ def test_invalid_arguments_are_rejected():
         bd.periodic(oscillation, 2.0)
     with pytest.raises(bd.BeamdaeError, match="model must be a model function"):
         bd.frequency_response(oscillation, "omega", (1.0, 2.0))
-    with pytest.raises(bd.BeamdaeError, match="parameter must be one of 'omega'"):
+    with pytest.raises(bd.BeamdaeError, match="parameter names 'speed', which is not a numeric"):
         bd.frequency_response(duffing, "speed", (1.0, 2.0))
     with pytest.raises(bd.BeamdaeError, match="must be two different values"):
         bd.frequency_response(duffing, "omega", (1.0, 1.0))
@@ -461,7 +457,7 @@ def test_regression_states_that_grow_in_each_period_are_named():
     damper = mech.add(bd.Damper("damper", wall, mass.point, 0.5))
     mech.add(bd.Force("drive", mass.point, (bd.sine(1.0, 0.4), 0.0)))
     mech.state("work", mech.sensor("power", damper.power), unit="J")
-    message = "mostly in the state 'work'; omit it if it grows in each period"
+    message = "times the amplitude, most in 'work"
     with pytest.warns(bd.BeamdaeWarning, match=message):
         bd.periodic(mech, 2.5, bd.Radau(1e-5))
 
@@ -537,11 +533,3 @@ def test_regression_rounding_errors_at_dead_centers_are_no_lost_velocities(law):
     guide = mech.ground.at(0.0, -0.25)
     mech.add(bd.Prismatic("guide", guide, ram.at(0.0, -0.25), direction=(0.0, 1.0)))
     assert bd.periodic(mech, period=1.0).warnings == ()
-
-
-def test_regression_runs_that_need_a_larger_rtol_name_the_argument():
-    """The message recommended a larger rtol, which `periodic` has no argument for."""
-    sentence = "stopped at t = 1 s: the error test failed; loosen rtol"
-    solution = SimpleNamespace(status=Status("failed", sentence))
-    message = str(IncompleteRunError("the run to settle", solution))
-    assert message.endswith("loosen rtol; rtol is that of integrator=, such as bd.Radau(1e-6).")

@@ -6,9 +6,9 @@ import pytest
 
 import beamdae as bd
 from beamdae.analysis.periodic.monodromy import (
+    EXACT_RANK,
     VariationalEquations,
     assemble_monodromy,
-    dominant_range,
 )
 from beamdae.analysis.periodic.period_map import PeriodMap, PeriodRun, build_periodic_equations
 from beamdae.equations.formulations.first_order import FirstOrderForm
@@ -29,7 +29,7 @@ def test_low_rank_monodromy_matrix():
         columns.append(block.shape[1])
         return matrix @ block
 
-    assembled = assemble_monodromy(propagate, size, right)
+    assembled = assemble_monodromy(propagate, right)
     assert sum(columns) < 20
     # The eigenvalues and the solutions of Newton's equations are those of the full matrix.
     expected = np.linalg.solve(matrix - np.eye(size), right)
@@ -43,7 +43,7 @@ def test_low_rank_monodromy_matrix():
 @pytest.mark.parametrize("size", [1, 5, 30])
 def test_monodromy_matrix_of_full_rank(size):
     matrix = np.random.default_rng(2).standard_normal((size, size))
-    assembled = assemble_monodromy(lambda x: matrix @ x, size, np.ones((size, 1)))
+    assembled = assemble_monodromy(lambda x: matrix @ x, np.ones((size, 1)))
     np.testing.assert_allclose(assembled, matrix, atol=1e-12)
 
 
@@ -60,17 +60,17 @@ def period_run(mechanism, period, rtol):
     equations = build_periodic_equations("periodic", mechanism)
     period_map = PeriodMap.from_equations(equations, bd.Radau(rtol), 0.0, period)
     q, v = period_map.make_consistent(equations.q0, equations.v0)
-    return PeriodRun.from_state(period_map, q, v)
+    return PeriodRun(period_map, period_map.run(q, v))
 
 
 @pytest.mark.slow(reason="half a second")
 def test_monodromy_matrix_is_the_derivative_of_the_period_map():
     run = period_run(pendulum(), 1.25, 1e-11)
-    monodromy = run.monodromy(steps_per_node=1.0)
-    for k in range(len(run.deviation)):
+    monodromy = run.monodromy(tolerance=EXACT_RANK)
+    for k in range(len(monodromy)):
         ends = []
         for sign in (1.0, -1.0):
-            change = np.zeros(len(run.deviation))
+            change = np.zeros(len(monodromy))
             change[k] = sign * 1e-4
             q, v = run.period_map.make_consistent(*np.split(run.state + run.basis @ change, 2))
             solution = run.period_map.run(q, v)
@@ -83,7 +83,7 @@ def test_monodromy_matrix_is_the_derivative_of_the_period_map():
 
 def test_interpreted_loop_agrees(monkeypatch):
     run = period_run(pendulum(), 1.25, 1e-4)
-    compiled = run.monodromy(steps_per_node=1.0)
+    compiled = run.monodromy(tolerance=EXACT_RANK)
     monkeypatch.setattr(FirstOrderForm, "is_native", False)
     variational = VariationalEquations(run.period_map.equations)
     assert not variational._loop.is_native
@@ -96,11 +96,11 @@ def test_interpreted_loop_agrees(monkeypatch):
 def test_disturbances_do_not_depend_on_those_in_other_lanes(count):
     # Steps are so short that none is halved.
     run = period_run(swung_strip(0.01), 0.1, 1e-6)
-    identity = np.eye(len(run.deviation))
-    together = run.propagate(identity, steps_per_node=1.0)
+    identity = np.eye(run.basis.shape[1])
+    together = run.propagate(identity)
     # One of the disturbances is zero, the others have sizes of 1 to 1e-200.
     sizes = np.append(np.logspace(0.0, -200.0, count)[: count - 1], 0.0)
-    some = run.propagate(identity[:, :count] * sizes, steps_per_node=1.0)
+    some = run.propagate(identity[:, :count] * sizes)
     assert not np.any(some[:, -1])
     np.testing.assert_allclose(some[:, :-1] / sizes[:-1], together[:, : count - 1], atol=1e-6)
 
@@ -217,13 +217,12 @@ def test_undamped_strips_are_neutrally_stable_with_all_adaptive_methods(integrat
 @pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize("frequency", [0.4, 0.05])
 def test_multipliers_are_those_of_the_dense_matrix(frequency):
-    """Error estimates include the contraction of earlier halvings of the steps."""
     motion = bd.periodic(pendulum(frequency), 1.0 / frequency, bd.Radau(1e-5))
     state = motion.solution.trajectory.intervals[0].state
     equations = motion.solution.equations
     period_map = PeriodMap.from_equations(equations, bd.Radau(1e-10), 0.0, motion.period)
-    run = PeriodRun.from_state(period_map, state.q[0], state.v[0])
-    dense = run.propagate(np.eye(len(run.deviation)), steps_per_node=0.5)
+    run = PeriodRun(period_map, period_map.run(state.q[0], state.v[0]))
+    dense = run.propagate(np.eye(run.basis.shape[1]))
     expected = np.max(np.abs(np.linalg.eigvals(dense)))
     assert abs(np.abs(motion.multipliers[0]) - expected) < 1e-5 + 2.0 * motion.multiplier_error
 
@@ -242,30 +241,3 @@ def test_regression_multipliers_of_modes_with_many_vibrations_per_period(vibrati
     assert motion.status.success
     error = abs(np.abs(motion.multipliers[0]) - 1.0)
     assert error < 1e-4 + motion.multiplier_error
-
-
-def test_expected_range_spares_a_second_pass():
-    random = np.random.default_rng(3)
-    size, rank = 60, 4
-    matrix = random.standard_normal((size, rank)) @ random.standard_normal((rank, size))
-    matrix /= np.linalg.norm(matrix, 2)
-    right = random.standard_normal((size, 1))
-    blocks = []
-
-    def propagate(block):
-        blocks.append(block.shape[1])
-        return matrix @ block
-
-    assembled = assemble_monodromy(propagate, size, right, expected_range=dominant_range(matrix))
-    # The range, the direction and two random disturbances leave one lane of the block.
-    assert blocks == [LANES]
-    for actual in (assembled, assemble_monodromy(propagate, size, right)):
-        eigenvalues = [np.sort(np.abs(np.linalg.eigvals(x)))[::-1][:rank] for x in (actual, matrix)]
-        np.testing.assert_allclose(*eigenvalues, atol=1e-10)
-    # A wrong expectation costs a second pass, but no accuracy.
-    wrong = random.standard_normal((size, 2))
-    assembled = assemble_monodromy(propagate, size, right, expected_range=wrong)
-    expected = np.linalg.solve(matrix - np.eye(size), right)
-    np.testing.assert_allclose(
-        np.linalg.solve(assembled - np.eye(size), right), expected, atol=1e-9
-    )

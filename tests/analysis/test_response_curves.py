@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 import beamdae as bd
 from beamdae.accuracy.errors import Errors
 from beamdae.analysis.continuation.engine import prescribe_parameter
+from beamdae.analysis.parameter_range import ParameterRange
 from beamdae.analysis.periodic.monodromy import LinearizationError
 from beamdae.analysis.periodic.period_map import PeriodRun
 from beamdae.analysis.periodic.periodic_continuation import ResponseCurve
@@ -133,7 +134,8 @@ def linear_half_range(frequencies, rotates=False):
 
 def response_curve(model, ends):
     tolerance = Tolerance.for_integrator("frequency_response", None, RUNS)
-    return ResponseCurve(model, "frequency", ends, lambda f: 1.0 / f, RUNS, 0.0, tolerance)
+    span = ParameterRange(model, "frequency", *ends)
+    return ResponseCurve(span, None, RUNS, 0.0, tolerance)
 
 
 @pytest.mark.slow(reason="a fifth of a second")
@@ -180,9 +182,7 @@ def test_regression_response_of_a_blade_over_two_resonances():
 def test_regression_a_failed_response_has_a_table_with_its_columns(monkeypatch):
     """The table had no columns, and its CSV file no header."""
     module = "beamdae.analysis.periodic.periodic_continuation"
-    incomplete = SimpleNamespace(
-        relative_deviation=1.0, resolved_monodromy=lambda: np.diag([0.9, 0.9])
-    )
+    incomplete = SimpleNamespace(relative_deviation=1.0, monodromy=lambda: np.diag([0.9, 0.9]))
     monkeypatch.setattr(f"{module}.settle_and_solve", lambda *_: SimpleNamespace(run=incomplete))
     with pytest.warns(bd.BeamdaeWarning, match=r"use bd\.linearize\(\.\.\.\)\.frequency_resp"):
         response = bd.frequency_response(pushed_mass, "frequency", (40.0, 41.0))
@@ -294,7 +294,7 @@ def test_regression_unsolvable_linearized_equations_are_no_first_motion(monkeypa
     def fail(*_, **__):
         raise LinearizationError("periodic: the equations linearized at t = 0 s cannot be solved.")
 
-    monkeypatch.setattr(PeriodRun, "resolved_monodromy", fail)
+    monkeypatch.setattr(PeriodRun, "monodromy", fail)
     with pytest.warns(bd.BeamdaeWarning, match=r"^frequency_response: frequency = 40: the equ"):
         response = bd.frequency_response(pushed_mass, "frequency", (40.0, 41.0), settle=1)
     assert response.status.kind == "failed"

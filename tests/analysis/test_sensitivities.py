@@ -23,9 +23,7 @@ from sliding_mass import sliding_mass
 from spin_up import spin_up
 
 import beamdae as bd
-from beamdae.analysis.sensitivities.alpha_steps import join_states
 from beamdae.analysis.sensitivities.model_differences import difference_model
-from beamdae.equations.equations_of_motion import State
 
 MASS, SPEED = 2.0, 0.3
 
@@ -988,17 +986,3 @@ def test_regression_jumps_next_to_a_value_are_no_kinks():
     expected = (runs[0] - runs[1]) / 2e-3
     actual = result.sensitivity("mass.x", "stiffness").iloc[-1]
     assert actual == pytest.approx(expected, rel=1e-6)
-
-
-def test_states_stored_in_rows_are_joined_without_a_copy():
-    rows = np.array(np.arange(60.0).reshape(5, 12))
-    parts = State(rows[1:4, 2:5], rows[1:4, 5:8], rows[1:4, 8:11], rows[1:4, 11:])
-    joined, column = join_states(parts)
-    assert column == 2
-    assert np.shares_memory(joined, rows)
-    np.testing.assert_array_equal(joined[:, column:], np.hstack(parts))
-    # Multipliers in another order, and no multipliers at all.
-    joined, column = join_states(parts._replace(lam=rows[1:4, :1]))
-    np.testing.assert_array_equal(joined[:, column:], np.hstack([*parts[:3], rows[1:4, :1]]))
-    joined, column = join_states(parts._replace(lam=np.zeros((3, 0))))
-    np.testing.assert_array_equal(joined[:, column : column + 9], np.hstack(parts[:3]))

@@ -268,9 +268,12 @@ def test_crossovers_of_delayed_loops_are_those_of_a_densely_sampled_phase(seed):
     [
         ({"model": bd.Mechanism()}, "must be a result of linearize"),
         ({"at": "forse"}, "no input or pid 'forse' .did you mean 'force'"),
-        ({"controller": [1.0, 2.0]}, r"one gain per output of the linear model \(1\)"),
+        ({"controller": [1.0, 2.0]}, r"one gain or input per output of the linear model \(1\)"),
         ({"controller": "PI"}, "controller must be"),
-        ({"controller": signal.StateSpace(-1.0, [[1.0, 1.0]], 1.0, [[0.0, 0.0]])}, "1 input"),
+        (
+            {"controller": signal.StateSpace(-1.0, [[1.0, 1.0]], 1.0, [[0.0, 0.0]])},
+            "one command, and one gain or input per output",
+        ),
         ({"controller": signal.dlti([1.0], [1.0, 0.5])}, "interval dt in s, got True"),
         ({"controller": signal.lti([1.0], [1.0, 0.5]), "every": 0.1}, "differs from the interval"),
         ({"every": 0.0}, "every must be positive"),

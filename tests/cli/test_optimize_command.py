@@ -76,7 +76,7 @@ def leaf(height=bd.param(1e-3, "m")):
 
 
 @pytest.mark.slow(reason="two seconds")
-def test_regression_equilibria_are_at_a_time_and_limits_of_zeros_warn(here):
+def test_regression_equilibria_are_at_a_time(here):
     """At t = 0, where the driver is at zero, the search ended at a bound, the stress at 1e-202."""
     Path("model.py").write_text(LEAF, encoding="utf-8")
     arguments = ["--by", "height", "--maximize", "height", "--bounds", "height=0.5mm:5mm"]
@@ -84,9 +84,6 @@ def test_regression_equilibria_are_at_a_time_and_limits_of_zeros_warn(here):
     result = run(*arguments)
     assert result.exit_code == 0, result.output
     assert "e-20" not in result.output
-    output = " ".join(result.output.split())
-    assert "stress.bound at equilibrium: the limit of 1e+08 Pa has no effect" in output
-    assert "the loads and --t" in output
     result = run(*arguments, "--t", "25ms", "--json")
     assert result.exit_code == 0, result.output
     document = json.loads(result.stdout)
@@ -139,10 +136,7 @@ def test_regression_searches_without_a_feasible_design_state_value_and_limit(her
     assert result.exit_code == 1
     error = " ".join(result.stderr.split())
     # f = sqrt(k/m) / (2 pi)
-    assert (
-        "in the best one, with mass at a bound, frequency 1 is 0.5812 Hz, but the limit is at most "
-        "0.1 Hz;"
-    ) in error
+    assert ("in the best one frequency 1 is 0.5812 Hz, but the limit is at most 0.1 Hz;") in error
     assert "start it from other values (--set NAME=VALUE)" in error
     result = run("--by", "mass", "--minimize", "mass", "--bounds", "mass=2kg:3kg")
     assert "or pass another first value, --set NAME=VALUE" in " ".join(result.stderr.split())

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import re
 from typing import Any
 
 import pytest
@@ -57,9 +55,9 @@ def add_event(mech: bd.Mechanism, arm: Any) -> None:
 
 ARMS = {
     "alone": (None, "arm"),
-    "in air": (add_drag, "arm"),
     "with a head": (add_head, "arm, head"),
     "welded": (add_weld, ""),
+    "in air": (add_drag, ""),
     "on a soft spring": (add_soft_spring, ""),
     "pushed later": (add_late_force, ""),
     "waiting for a contact": (add_contact, ""),
@@ -67,11 +65,9 @@ ARMS = {
 }
 
 
-def find_idle(
-    mech: bd.Mechanism, words: str = "so (it rests|they rest|it only falls)"
-) -> list[str]:
+def find_idle(mech: bd.Mechanism) -> list[str]:
     run = bd.simulate(mech, bd.Radau(1e-4), t_end=0.5, output_step=0.01)
-    return [x for x in run.warnings if re.search(words, x)]
+    return [x for x in run.warnings if "and no force but weight moves" in x]
 
 
 @pytest.mark.slow(reason="a quarter of a second")
@@ -88,8 +84,8 @@ def test_arms_without_a_clamp_have_a_warning(add: Any, names: str, formulation: 
 def test_the_warning_names_a_remedy() -> None:
     (sentence,) = find_idle(driven_disk())
     assert sentence == (
-        "arm: no joint holds it and no force moves it, so it rests during the whole run; add a "
-        "joint, a driver or a force, or remove it."
+        "arm: no joint holds it and no force but weight moves it; add a joint, observe it, or "
+        "remove it."
     )
 
 
@@ -109,58 +105,17 @@ def pendulum_and_plate(add: str = "", **plate: Any) -> bd.Mechanism:
     return mech
 
 
-def guided_ram(
-    angle: float = 0.0, gravity: float = -9.81, add: str = "", **start: Any
-) -> bd.Mechanism:
-    """Return a driven crank beside a ram on a guide, which was meant to be driven."""
-    mech = bd.Mechanism(gravity=(0.0, gravity))
-    ram = mech.add(bd.RigidBody("ram", 2.0, 0.1, (0.5, 0.0), **start)).at(0.5, 0.0)
-    direction = (math.cos(angle), math.sin(angle))
-    mech.add(bd.Prismatic("guide", mech.ground.at(0.5, 0.0), ram, direction))
-    crank = mech.add(bd.RigidBody.rod("crank", (0.0, 0.0), (0.1, 0.0), mass=1.0))
-    hinge = mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)
-    mech.add(bd.Revolute("hinge", *hinge))
-    mech.add(bd.Driver("motor", *hinge, lambda t: 3.0 * t))
-    mech.observe("crank", crank.at(0.1, 0.0))
-    if add == "force":
-        mech.add(bd.Force("late", ram, (bd.piecewise((0.4, 0.0), 1.0), 0.0)))
-    elif add == "contact":
-        wall = bd.LineSurface(mech.ground.at(1.0, 0.0), (0.0, 1.0))
-        mech.add(bd.Contact("buffer", ram, wall, 1e6))
-    elif add == "weld":
-        mech.add(bd.Weld("lock", mech.ground.at(0.5, 0.0), ram))
-        mech.redundant = "minimum norm"
-    return mech
-
-
-def wheel(gravity: float) -> bd.Mechanism:
-    """Return a pendulum that hangs at rest; without gravity, it is a wheel that nothing drives."""
-    mech = bd.Mechanism(gravity=(0.0, gravity))
-    bar = mech.add(bd.RigidBody("bar", 1.0, 0.1, (0.0, -0.5)))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
-    return mech
-
-
 BODIES = {
     "plate": (pendulum_and_plate(), "plate"),
     "welded plate": (pendulum_and_plate("weld"), ""),
     "thrown plate": (pendulum_and_plate(velocity=(1.0, 0.0)), ""),
     "observed plate": (pendulum_and_plate("observe"), ""),
     "lifted plate": (pendulum_and_plate("force"), ""),
-    "ram": (guided_ram(), "ram"),
-    "ram in space": (guided_ram(gravity=0.0), "ram"),
-    "falling ram": (guided_ram(angle=0.5), ""),
-    "moving ram": (guided_ram(velocity=(0.1, 0.0)), ""),
-    "ram with a late force": (guided_ram(add="force"), ""),
-    "ram before a buffer": (guided_ram(add="contact"), ""),
-    "locked ram": (guided_ram(add="weld"), ""),
-    "hanging pendulum": (wheel(-9.81), ""),
-    "wheel": (wheel(0.0), "bar"),
 }
 
 
 @pytest.mark.slow(reason="a fifth of a second")
 @pytest.mark.parametrize(("mech", "name"), BODIES.values(), ids=BODIES.keys())
-def test_bodies_that_nothing_drives_have_a_warning(mech: bd.Mechanism, name: str) -> None:
+def test_bodies_that_only_fall_have_a_warning(mech: bd.Mechanism, name: str) -> None:
     found = find_idle(mech)
     assert [x.partition(":")[0] for x in found] == ([name] if name else [])

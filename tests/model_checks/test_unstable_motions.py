@@ -1,8 +1,7 @@
-"""Warnings about growing modes: unstable loops, vibrations that a run lacks, unstable paths."""
+"""Warnings about growing modes: vibrations that a run lacks, and unstable paths."""
 
 import re
 
-import casadi as ca
 import numpy as np
 import pytest
 import scipy.linalg as la
@@ -10,319 +9,16 @@ import scipy.linalg as la
 import beamdae as bd
 
 STEEL = bd.Material.of("steel")
-STEP = 1e-3  # m, of the target of loops
-SENTENCES = ("its loop is unstable", "the results lack it", "stays on an unstable path")
+SENTENCES = ("the results lack it", "stays on an unstable path")
 
 
 def list_warnings(mech, t_end, method=None):
     run = bd.simulate(mech, method or bd.Radau(), t_end=t_end)
-    # The reason of a companion run that stops may be an unstable loop, too.
-    own = (x for x in run.warnings if not x.startswith("errors: "))
-    return [x for x in own if any(y in x for y in SENTENCES)]
+    return [x for x in run.warnings if any(y in x for y in SENTENCES)]
 
 
 def start_slowly(size, duration):
     return lambda t: size * (t / duration) ** 3 * (10 - 15 * t / duration + 6 * (t / duration) ** 2)
-
-
-# ---- Continuous loops -----------------------------------------------------------------------
-
-MASS, RATE, DAMPING = 2.0, 30.0, 0.6
-
-
-def pid_gains(gain, rate=RATE, damping=DAMPING):
-    """Return stiffness, kp, ki, kd; `gain` is ki relative to the limit of stability (Routh)."""
-    stiffness = MASS * rate**2
-    kp, kd = 4.0 * stiffness, damping * MASS * rate
-    return stiffness, kp, gain * kd * (stiffness + kp) / MASS, kd
-
-
-def build_stage(gain, rate=RATE, limit=None, by_formula=False, speed=0.0, damping=DAMPING):
-    """Return a mass on a spring with a PID loop, whose limits are relative to the final force."""
-    stiffness, kp, ki, kd = pid_gains(gain, rate, damping)
-    limits = None if limit is None else (-limit * stiffness * STEP, limit * stiffness * STEP)
-    mech = bd.Mechanism()
-    stage = mech.add(bd.PointMass("stage", MASS, at=(0.0, 0.0), velocity=(speed, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
-    mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), stage.point, stiffness))
-    x, v = (mech.sensor(name, stage.point, name) for name in ("x", "x_dot"))
-    error = mech.input("target", 0.0 if speed else STEP) - x
-    if by_formula:
-        command = bd.transfer_function(mech, "servo", error, [kp, ki], [1.0, 0.0], scale=STEP)
-        force = 0.5 * ca.fmax(ca.fmin(2.0 * (command - kd * v), 2 * limits[1]), 2 * limits[0])
-    else:
-        gains = {"kp": kp, "ki": ki, "kd": kd}
-        force = bd.pid(mech, "servo", error, **gains, rate=-v, limits=limits, scale=STEP)
-    mech.add(bd.Force("motor", stage.point, (force, 0.0)))
-    return mech
-
-
-@pytest.mark.slow(reason="a quarter of a second")
-@pytest.mark.parametrize("limit", [None, 1.5, 30.0])
-@pytest.mark.parametrize(
-    ("rate", "method"),
-    [(3.0, bd.Ida()), (30.0, bd.Radau()), (300.0, bd.GeneralizedAlpha(2e-5))],
-    ids=["slow", "medium", "fast"],
-)
-@pytest.mark.parametrize("gain", [0.5, 0.8, 1.5, 20.0])
-def test_unstable_loops_of_all_gains_speeds_and_limits_have_a_warning(gain, rate, method, limit):
-    # Without limits, fast growth would end the run.
-    t_end = 120.0 / rate if limit else (4.0 if gain > 2.0 else 30.0) / rate
-    stiffness, kp, ki, kd = pid_gains(gain, rate)
-    roots = np.roots([MASS, kd, stiffness + kp, ki])
-    found = list_warnings(build_stage(gain, rate, limit), t_end, method)
-    assert len(found) == (gain > 1.0)
-    if found:
-        fastest = roots[np.argmax(roots.real)]
-        growth, frequency = re.search(r"exp\((\S+) t\) with (\S+) Hz", found[0]).groups()
-        assert found[0].startswith("servo: the command does not settle")
-        assert np.isclose(float(growth), fastest.real, rtol=0.01)
-        assert np.isclose(float(frequency), abs(fastest.imag) / (2.0 * np.pi), rtol=0.01)
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize(("gain", "is_unstable"), [(0.5, False), (3.0, True)])
-def test_limits_in_formulas_of_users_are_those_of_loops(gain, is_unstable):
-    mech = build_stage(gain, limit=3.0, by_formula=True)
-    assert len(list_warnings(mech, 4.0)) == is_unstable
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize("limit", [1e-3, 0.1])
-@pytest.mark.parametrize("periods", [5, 100])
-def test_weak_actuators_that_damp_large_vibrations_have_no_warning(limit, periods):
-    mech = build_stage(0.1, limit=limit, speed=30.0 * STEP)
-    assert not list_warnings(mech, periods * 2.0 * np.pi / RATE)
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-def test_resonances_that_grow_slowly_belong_to_no_loop():
-    stiffness, kp, ki, kd = pid_gains(0.9, damping=0.02)
-    roots = np.roots([MASS, kd, stiffness + kp, ki])
-    slowest = roots[np.argmax(roots.real)]
-    assert slowest.real < 0.0
-    mech, frequency = build_stage(0.9, damping=0.02), abs(slowest.imag)
-    hum = (lambda t: 0.1 * np.sin(frequency * t), 0.0)
-    mech.add(bd.Force("hum", mech.parts["stage"].point, hum))
-    assert not list_warnings(mech, 10.0 * 2.0 * np.pi / frequency)
-
-
-@pytest.mark.parametrize("gain", [5.0, 60.0])
-def test_equilibria_that_are_unstable_without_the_loop_have_no_warning(gain):
-    """A loop cannot destabilize a pendulum that stands upright."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    rod = mech.add(bd.RigidBody("rod", 1.0, 0.03, center=(0.0, 0.3)))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
-    x, v = (mech.sensor(name, rod.at(0.0, 0.3), name) for name in ("angle", "angle_dot"))
-    mech.add(bd.Moment("motor", rod.at(0.0, 0.0), bd.pid(mech, "servo", -x, gain, kd=1.0, rate=-v)))
-    mech.add(bd.Moment("push", rod.at(0.0, 0.0), bd.sine(0.01, 1.0)))
-    assert not list_warnings(mech, 3.0, bd.GeneralizedAlpha(5e-3))
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize("limit", [0.2, 2.0])
-def test_periodic_loads_of_turning_parts_have_no_warning(limit):
-    """A motor drives an unbalanced wheel; its torque reaches the limits in each revolution."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=0.5, center=(0.1, 0.0)))
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
-    rate = mech.sensor("rate", wheel.at(0.0, 0.0), "angle_dot")
-    torque = bd.pid(mech, "drive", 10.0 - rate, kp=50.0, ki=20.0, limits=(-limit, limit))
-    mech.add(bd.Moment("motor", wheel.at(0.0, 0.0), torque))
-    assert not list_warnings(mech, 30.0)
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize("gain", [0.01, 50.0])
-def test_speed_loops_whose_commands_are_beyond_their_limits_at_rest(gain):
-    """A motor and a load at both ends of a shaft; the loop measures the speed of the load."""
-    motor, load, stiffness, damping = 0.01, 0.05, 200.0, 0.02
-    mech = bd.Mechanism()
-    parts = [mech.add(bd.RigidBody(f"disk {x}", 1.0, inertia=x)) for x in (motor, load)]
-    ends = [x.at(0.0, 0.0) for x in parts]
-    for k, end in enumerate(ends):
-        mech.add(bd.Revolute(f"bearing {k}", mech.ground.at(0.0, 0.0), end))
-    mech.add(bd.TorsionSpring("shaft", *ends, stiffness))
-    mech.add(bd.TorsionDamper("losses", *ends, damping))
-    error = 10.0 - mech.sensor("speed", ends[1], "angle_dot")
-    torque = bd.pid(mech, "drive", error, gain, 2.0 * gain, limits=(-20.0, 20.0))
-    mech.add(bd.Moment("motor", ends[0], torque))
-    # Twist, speeds of motor and load, integral of the error
-    loop = [
-        [0.0, 1.0, -1.0, 0.0],
-        [-stiffness / motor, -damping / motor, (damping - gain) / motor, 2.0 * gain / motor],
-        [stiffness / load, damping / load, -damping / load, 0.0],
-        [0.0, 0.0, -1.0, 0.0],
-    ]
-    is_unstable = la.eigvals(loop).real.max() > 0.0
-    assert is_unstable == (gain > 1.0)
-    assert len(list_warnings(mech, 4.0)) == is_unstable
-
-
-def build_flexure(gain, sign=1.0):
-    """Return a stage on two leaves whose force depends on the rate."""
-    leaf = bd.Section.rectangle(STEEL, width=0.02, height=0.3e-3, damping=1e-4)
-    mech = bd.Mechanism()
-    platform = mech.add(bd.RigidBody.plate("platform", (0.0, 0.05), 0.08, 0.02, mass=0.5))
-    for name, x in (("left", -0.03), ("right", 0.03)):
-        curve = bd.Line((x, 0.0), (x, 0.04))
-        beam = mech.add(bd.Beam(name, curve, leaf, elements=2, formulation="exact"))
-        mech.add(bd.Weld(f"{name} clamp", mech.ground.at(x, 0.0), beam.start))
-        mech.add(bd.Weld(f"{name} screw", beam.end, platform.at(x, 0.04)))
-    middle = platform.at(0.0, 0.05)
-    x, v = mech.sensor("x", middle, "x"), mech.sensor("v", middle, "x_dot")
-    kp, kd = gain * 25e3, gain * 30.0
-    force = bd.pid(mech, "servo", 1e-4 - x, kp, 60.0 * kp, kd, rate=-sign * v, scale=1e-6)
-    mech.add(bd.Force("coil", middle, (force, 0.0)))
-    return mech
-
-
-@pytest.mark.slow(reason="seconds")
-@pytest.mark.parametrize("method", [bd.Radau(max_steps=1000), bd.GeneralizedAlpha(2e-4)])
-def test_unstable_loops_are_the_first_reason_of_runs_that_stop(method):
-    with pytest.warns(bd.BeamdaeWarning):
-        run = bd.simulate(build_flexure(1.0, sign=-1.0), method, t_end=1.0)
-    assert not run.status.success
-    cause = (
-        r"stopped at t = \S+ s: servo: the command does not settle, because its loop is unstable"
-    )
-    assert re.match(cause, run.status.sentence)
-    assert not any("its loop" in x for x in run.warnings)
-
-
-# ---- Sampled loops --------------------------------------------------------------------------
-
-SAMPLED = {"mass": 0.8, "stiffness": 15e3, "kp": 20e3, "ki": 8e5}
-
-
-def build_sampled_stage(every, kd, limit=np.inf, noise=0.0, resolution=0.0, delay=0):
-    """Return a mass on a spring with a sampled PID controller."""
-    mass, stiffness, kp, ki = SAMPLED.values()
-    mech = bd.Mechanism()
-    stage = mech.add(bd.PointMass("stage", mass, at=(0.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
-    mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), stage.point, stiffness))
-    force = mech.input("force", unit="N")
-    mech.add(bd.Force("actuator", stage.point, (force, 0.0)))
-
-    def law(sample):
-        x = sample.reads[0] + noise * sample.random.normal()
-        x = resolution * np.round(x / resolution) if resolution else x
-        integral, last = sample.state
-        error = 0.5 * STEP - x
-        wanted = kp * error + ki * integral - kd * (x - last) / every
-        command = float(np.clip(wanted, -limit, limit))
-        sample.state[:] = integral + every * (error + (command - wanted) / kp), x
-        return command
-
-    reads = [mech.sensor("position", stage.point, "x")]
-    mech.add(bd.Controller("servo", every, reads, [force], law, state=[0.0, 0.0], delay=delay))
-    return mech
-
-
-def measure_radius(every, kd, delay=0):
-    """Return the spectral radius of the loop without its limit: x, v, integral, last, commands."""
-    mass, stiffness, kp, ki = SAMPLED.values()
-    continuous = np.array([[0.0, 1.0, 0.0], [-stiffness / mass, 0.0, 1.0 / mass], [0.0] * 3])
-    step = la.expm(every * continuous)
-    size = 5 + delay
-    motion, sample = np.eye(size), np.eye(size)
-    motion[:2, [0, 1, 4]] = step[:2]
-    for k in range(4, size - 1):
-        sample[k] = np.eye(size)[k + 1]
-    sample[-1] = 0.0
-    sample[-1, [0, 2, 3]] = -kp - kd / every, ki, kd / every
-    sample[2, 0], sample[3] = -every, np.eye(size)[0]
-    return np.abs(la.eigvals(motion @ sample)).max()
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize("limit", [12.0, np.inf])
-@pytest.mark.parametrize(
-    ("every", "kd", "delay"),
-    [
-        (5e-5, 300.0, 0),
-        (5e-5, 36e3, 0),
-        (5e-4, 150.0, 0),
-        (5e-4, 3000.0, 0),
-        (5e-4, 3600.0, 0),
-        (5e-4, 150.0, 3),
-        (2e-3, 150.0, 0),
-        (2e-3, 800.0, 0),
-    ],
-)
-def test_unstable_sampled_loops_have_a_warning(every, kd, delay, limit):
-    radius = measure_radius(every, kd, delay)
-    assert radius < 0.9996 or radius > 1.01
-    mech = build_sampled_stage(every, kd, limit, delay=delay)
-    found = list_warnings(mech, 120.0 * every, bd.GeneralizedAlpha(every / 4.0))
-    assert len(found) == (radius > 1.0)
-    if found:
-        assert found[0].startswith("servo: force does not settle, because its loop is unstable")
-        growth = float(re.search(r"exp\((\S+) t\)", found[0])[1])
-        assert np.isclose(growth, np.log(radius) / every, rtol=0.02)
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize("settings", [{"noise": 1e-6}, {"resolution": 1e-8}])
-def test_loops_with_noise_and_encoders_are_linearized(settings):
-    for kd, is_unstable in ((150.0, False), (3600.0, True)):
-        mech = build_sampled_stage(5e-4, kd, limit=12.0, **settings)
-        found = list_warnings(mech, 0.06, bd.GeneralizedAlpha(1.25e-4))
-        assert len(found) == is_unstable
-
-
-def build_wheel(law, every=0.05, inertia=0.5):
-    """Return a wheel whose moment follows a sampled law of angle and rate."""
-    mech = bd.Mechanism()
-    wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=inertia))
-    at = wheel.at(0.0, 0.0)
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), at))
-    torque = mech.input("torque", unit="N m")
-    mech.add(bd.Moment("motor", at, torque))
-    reads = [mech.sensor("angle", at, "angle"), mech.sensor("rate", at, "angle_dot")]
-    mech.add(bd.Controller("servo", every, reads, [torque], law))
-    return mech
-
-
-@pytest.mark.parametrize(
-    ("law", "is_unstable"),
-    [
-        (lambda sample: 20.0 * sample.reads[0] + 1e-6, True),
-        (lambda sample: 8.0 * (1.0 - sample.reads[0]) - 22.0 * sample.reads[1], True),
-        (lambda sample: 8.0 * (1.0 - sample.reads[0]) - 4.0 * sample.reads[1], False),
-        (lambda sample: 8.0 * ((sample.t > 2.0) - sample.reads[0]) - 4.0 * sample.reads[1], False),
-        (lambda sample: 1.0 if sample.reads[0] < 0.5 else -1.0, False),
-        (lambda sample: sample.t**3, False),
-    ],
-    ids=["positive feedback", "late sample", "stable", "set point", "relay", "open"],
-)
-@pytest.mark.parametrize("method", [bd.Radau(), bd.GeneralizedAlpha(5e-3)])
-def test_loops_of_a_wheel(law, is_unstable, method):
-    assert len(list_warnings(build_wheel(law), 2.5, method)) == is_unstable
-
-
-@pytest.mark.slow(reason="a fifth of a second")
-@pytest.mark.parametrize(("gain", "is_unstable"), [(0.3, False), (1.2, False), (2.5, True)])
-def test_cascades_of_two_sampling_intervals_are_linearized(gain, is_unstable):
-    """The inner loop multiplies a deviation of the rate by 1 - gain."""
-    inertia, every = 0.02, 2e-3
-
-    def inner(sample):
-        reference, rate = sample.reads
-        return float(np.clip(gain * inertia / every * (reference - rate), -0.5, 0.5))
-
-    mech = bd.Mechanism()
-    rotor = mech.add(bd.RigidBody("rotor", mass=1.0, inertia=inertia))
-    at = rotor.at(0.0, 0.0)
-    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), at))
-    torque, reference = mech.input("torque", unit="N m"), mech.input("reference", unit="rad/s")
-    mech.add(bd.Moment("motor", at, torque))
-    angle, rate = mech.sensor("angle", at, "angle"), mech.sensor("rate", at, "angle_dot")
-    outer = lambda sample: 15.0 * (0.2 - sample.reads[0])  # noqa: E731
-    mech.add(bd.Controller("outer", 5 * every, [angle], [reference], outer))
-    mech.add(bd.Controller("inner", every, [reference, rate], [torque], inner))
-    assert len(list_warnings(mech, 1.0, bd.GeneralizedAlpha(5e-4))) == is_unstable
 
 
 # ---- Vibrations that steps damp -------------------------------------------------------------
@@ -417,12 +113,11 @@ def test_the_growth_of_flutter_is_that_of_a_run_with_short_steps():
 
 
 @pytest.mark.slow(reason="a second")
-def test_the_recommended_step_resolves_an_unstable_loop():
+def test_the_recommended_step_shows_the_vibration_of_an_unstable_loop():
     (sentence,) = list_warnings(build_arm(0.05), 1.0, bd.GeneralizedAlpha(0.01, rho_inf=0.5))
     assert sentence.startswith("motor: ")
     step = float(re.search(r"Radau\(max_step=([\d.e-]+)\)", sentence)[1])
-    (sentence,) = list_warnings(build_arm(0.05), 0.6, bd.Radau(max_step=step))
-    assert sentence.startswith("loop: the command does not settle, because its loop is unstable")
+    assert not list_warnings(build_arm(0.05), 0.6, bd.Radau(max_step=step))
 
 
 def test_rigid_bodies_that_slide_to_rest_have_no_vibrations():

@@ -2,7 +2,6 @@
 
 import warnings
 
-import casadi as ca
 import pytest
 
 import beamdae as bd
@@ -10,8 +9,8 @@ import beamdae as bd
 LIMIT = 5.0
 
 
-def build_stage(target, limits=(-LIMIT, LIMIT), user=False, ki=4.0, size=1.0):
-    """Return a mass on a spring whose force is limited by `pid`, or by a formula of the user."""
+def build_stage(target, limits=(-LIMIT, LIMIT), ki=4.0, size=1.0):
+    """Return a mass on a spring whose force is limited by `pid`."""
     mech = bd.Mechanism()
     stage = mech.add(bd.PointMass("stage", 2.0, at=(0.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
@@ -19,9 +18,7 @@ def build_stage(target, limits=(-LIMIT, LIMIT), user=False, ki=4.0, size=1.0):
     x, v = (mech.sensor(name, stage.point, name) for name in ("x", "x_dot"))
     gains = {"kp": 6.0 * size, "ki": ki * size, "kd": 3.0 * size}
     error, limits = mech.input("target", target) - x, tuple(size * x for x in limits)
-    force = bd.pid(mech, "servo", error, **gains, rate=-v, limits=None if user else limits)
-    if user:
-        force = 2.0 * ca.fmax(ca.fmin(0.5 * force, limits[1]), limits[0]) - 0.1
+    force = bd.pid(mech, "servo", error, **gains, rate=-v, limits=limits)
     mech.add(bd.Force("motor", stage.point, (force, 0.0)))
     return mech
 
@@ -53,13 +50,6 @@ def test_regression_saturated_loops_have_no_feedback_in_silence(target, size, ki
 
 
 @pytest.mark.slow(reason="a fifth of a second")
-def test_limits_in_formulas_of_users_are_named():
-    (sentence,) = limit_sentences(bd.linearize, build_stage(2.0, user=True))
-    assert sentence.startswith("motor: the limited value 6 is beyond its limit 5")
-    assert not limit_sentences(bd.linearize, build_stage(1.0, user=True))
-
-
-@pytest.mark.slow(reason="a fifth of a second")
 def test_linear_models_at_a_limit_contain_half_of_the_feedback():
     model = build_stage(0.0, limits=(0.0, LIMIT), ki=0.0)
     (sentence,) = limit_sentences(bd.linearize, model)
@@ -72,19 +62,8 @@ def test_linear_models_at_a_limit_contain_half_of_the_feedback():
     assert abs(linear.poles[0]) ** 2 == pytest.approx(11.5)
 
 
-@pytest.mark.slow(reason="a fifth of a second")
-def test_values_that_are_no_sums_of_limited_values_are_no_commands():
-    mech = build_stage(0.1)
-    x = mech.sensor("position", mech.parts["stage"].point, "x")
-    square = ca.fmin(ca.fmax(x - 1.0, -0.1), 0.1) ** 2
-    mech.add(bd.Force("other", mech.parts["stage"].point, (square, 0.0)))
-    curve = bd.table([0.0, 1.0, 2.0], [0.0, 1.0, 3.0], name="curve")
-    mech.add(bd.Force("table", mech.parts["stage"].point, (0.0, curve(x - 1.0))))
-    assert not limit_sentences(bd.linearize, mech)
-
-
-def build_servo(target, sign=1.0, push=None):
-    """Return a mass of 0.25 kg on a spring with a PID loop, or with a law that limits `push`."""
+def build_servo(target, sign=1.0):
+    """Return a mass of 0.25 kg on a spring with a PID loop."""
     mech = bd.Mechanism()
     stage = mech.add(bd.PointMass("stage", 0.25, at=(0.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
@@ -92,10 +71,7 @@ def build_servo(target, sign=1.0, push=None):
     mech.add(bd.SpringDamper("leaf", *ends, stiffness=211.0, damping=0.5))
     error = sign * (mech.input("target", target) - mech.sensor("x", stage.point, "x"))
     gains = {"kp": 7709.0, "ki": 3.456e5, "kd": 72.0, "filter_time": 5e-4, "scale": 1e-6}
-    if push is None:
-        force = bd.pid(mech, "servo", error, **gains, limits=(-8.0, 8.0))
-    else:
-        force = ca.fmin(ca.fmax(7709.0 * error, push[0]), push[1])
+    force = bd.pid(mech, "servo", error, **gains, limits=(-8.0, 8.0))
     mech.add(bd.Force("coil", stage.point, (force, 0.0)))
     return mech
 
@@ -113,9 +89,8 @@ def saturation_warnings(mech, t_end):
     [
         ({"target": 1.0}, "servo: the command is at its limit 8 during 100 % of the run"),
         ({"target": 1e-3, "sign": -1.0}, "servo: the command is at its limit -8 during"),
-        ({"target": 1.0, "push": (-6.0, 8.0)}, "coil: the limited value is at its limit 8 during"),
     ],
-    ids=["unit", "sign", "formula"],
+    ids=["unit", "sign"],
 )
 def test_regression_commands_at_a_limit_during_the_whole_run_have_a_warning(settings, start):
     """A target of 1 m instead of 1 mm, and a wrong sign, were silent."""
@@ -132,10 +107,8 @@ def test_regression_commands_at_a_limit_during_the_whole_run_have_a_warning(sett
         build_servo(0.03),
         # At the limit from 60 ms on.
         build_servo(bd.piecewise((0.06, 0.0), 1.0)),
-        # An end stop that the mass does not reach.
-        build_servo(-1.0, push=(0.0, 8.0)),
     ],
-    ids=["holds", "starts", "ends", "stop"],
+    ids=["holds", "starts", "ends"],
 )
 def test_commands_that_leave_their_limits_have_no_warning(mech):
     assert not saturation_warnings(mech, t_end=0.1)

@@ -22,7 +22,7 @@ from beamdae.results.storage import files
 from beamdae.results.storage.files import (
     atomic_write,
     escape_cell,
-    escape_table,
+    write_escaped_table,
     write_table,
     write_text,
 )
@@ -325,7 +325,8 @@ def test_an_escaped_table_is_read_back_by_pandas(tmp_path):
     assert rows["settings"].tolist() == table["settings"].tolist()
     expected = [escape_cell(text) for text in texts]
     assert rows["label"].tolist() == expected
-    assert_frame_equal(rows, escape_table(table), check_dtype=False)
+    write_escaped_table(tmp_path / "same.csv", table)
+    assert_frame_equal(rows, pd.read_csv(tmp_path / "same.csv"))
 
 
 @pytest.mark.parametrize("rows", [0, 1, 7001])
@@ -342,12 +343,21 @@ def test_tables_of_numbers_have_the_text_of_pandas(tmp_path, monkeypatch, rows):
     assert text == table.to_csv(index=False)
 
 
-def test_tables_with_equal_headers_or_without_rows_are_escaped():
+def test_tables_with_equal_headers_or_without_rows_are_escaped(tmp_path):
     twice = pd.DataFrame([["=1", "=2"]], columns=["=a", "=a"])
-    assert escape_table(twice).to_numpy().tolist() == [["'=1", "'=2"]]
-    assert list(escape_table(twice)) == ["'=a", "'=a"]
+    path = write_escaped_table(tmp_path / "twice.csv", twice)
+    assert path.read_text() == "'=a,'=a\n'=1,'=2\n"
     assert twice.to_numpy().tolist() == [["=1", "=2"]]
-    assert escape_table(twice.iloc[:0]).shape == (0, 2)
+    assert write_escaped_table(path, twice.iloc[:0]).read_text() == "'=a,'=a\n"
+
+
+def test_missing_values_are_empty_cells(tmp_path):
+    table = pd.DataFrame(
+        {"count": pd.array([1, None], "Int64"), "is": pd.array([None, True], "boolean")}
+    )
+    table = table.assign(x=[np.nan, 0.25], text=["a", None])
+    path = write_escaped_table(tmp_path / "missing.csv", table, sep=";", decimal=",")
+    assert path.read_text() == "count;is;x;text\n1;;;a\n;TRUE;0,25;\n"
 
 
 def test_versions_of_all_packages_are_listed():

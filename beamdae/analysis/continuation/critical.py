@@ -8,7 +8,7 @@ disturbances that alternate from period to period begin to grow at a period doub
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from beamdae.analysis.continuation.engine import (
     Segment,
     Tangent,
     interpolate,
+    weigh_nodes,
 )
 
 Array = np.ndarray
@@ -61,12 +62,17 @@ class CriticalPoint:
 
 
 class _Sample(NamedTuple):
-    """Point of a segment, with its tangent with respect to the control."""
+    """Point of a segment, and the tangent with respect to the control."""
 
     position: float
     point: Point
-    counts: Count
     tangent: Tangent
+
+    @property
+    def counts(self) -> Count:
+        """Numbers of growing motions."""
+        count: Count = self.point.monitor
+        return count
 
     @property
     def rate(self) -> float:
@@ -84,17 +90,8 @@ def explain_counts(segment: Segment, resolution: float = _RESOLUTION) -> list[Cr
     CurveError
         If counts change abruptly, as on another curve.
     """
-    first, last = (
-        _Sample(position, point, point.monitor, segment.tangent_at(point))
-        for position, point in ((0.0, segment.begin), (1.0, segment.end))
-    )
-    return _explain(segment, first, last, resolution)
-
-
-def _sample(segment: Segment, low: _Sample, high: _Sample, share: float) -> _Sample:
-    """Return a sample between two others, see `_point_between`."""
-    position, point = _point_between(segment, low[:2], high[:2], share)
-    return _Sample(position, point, point.monitor, segment.tangent_at(point))
+    first = _Sample(0.0, segment.begin, segment.begin_tangent)
+    return _explain(segment, first, _Sample(1.0, segment.end, segment.tangent), resolution)
 
 
 def _point_between(
@@ -115,39 +112,37 @@ def _point_between(
 def _explain(
     segment: Segment, low: _Sample, high: _Sample, resolution: float
 ) -> list[CriticalPoint]:
-    """Return the critical points between two samples: a root, those of halves, or a cluster."""
-    turns = low.rate * high.rate < 0.0
+    """Return the critical points between two samples: a root, those of parts, or a cluster."""
+    width, turns = high.position - low.position, low.rate * high.rate < 0.0
     change, flutter, doublings = np.subtract(high.counts.growing, low.counts.growing).tolist()
-    if not (turns or change or flutter or doublings):
+    changes = change or flutter or doublings
+
+    def split(share: float) -> list[CriticalPoint] | None:
+        """Return the points of both parts; None if rounding lets counts change back and forth."""
+        position, point = _point_between(segment, low[:2], high[:2], share)
+        middle = _Sample(position, point, segment.tangent_at(point))
+        if changes and width <= REGULAR_DISTANCE and not _is_between(middle, low, high):
+            return None
+        parts = ((low, middle), (middle, high))
+        return [x for one, other in parts for x in _explain(segment, one, other, resolution)]
+
+    if not (turns or changes):
         share = _find_hidden_change(segment, low, high)
-        if share is None:
-            return []
-        middle = _sample(segment, low, high, share)
-        return [
-            *_explain(segment, low, middle, resolution),
-            *_explain(segment, middle, high, resolution),
-        ]
-    is_turn = not (change or flutter or doublings)
+        return [] if share is None else split(share) or []
     # The critical motion itself does not grow.
     stable = min(low, high, key=lambda x: x.counts.unstable).point
     is_single = abs(change) + abs(doublings) == 1 and not flutter and not (doublings and turns)
-    if is_single or is_turn:
+    if is_single or not changes:
         found = _find_root(segment, low, high, bool(doublings))
         if found is not None:
             position, point, mode = found
             kind = DOUBLING if doublings else LIMIT if turns else BRANCH
             return [CriticalPoint(position, kind, replace(point, beside=stable), mode)]
-    width = high.position - low.position
-    if width > (_TURN_RESOLUTION if is_turn else resolution):
-        share = 0.5 if is_turn else find_growth_change(low.counts, high.counts)
-        middle = _sample(segment, low, high, share)
-        # Beside clusters, rounding lets counts change back and forth.
-        if width > REGULAR_DISTANCE or _is_between(middle.counts, low.counts, high.counts):
-            return [
-                *_explain(segment, low, middle, resolution),
-                *_explain(segment, middle, high, resolution),
-            ]
-    if is_turn:
+    if width > (resolution if changes else _TURN_RESOLUTION):
+        points = split(find_growth_change(low.counts, high.counts) if changes else 0.5)
+        if points is not None:
+            return points
+    if not changes:
         return [_find_turn(segment, low, high)]
     mode = critical_mode(low.point)
     # Growing motions that merge to a growing oscillation, or the reverse, are no critical point.
@@ -165,7 +160,7 @@ def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float 
     width = high.position - low.position
     if width <= 2.0 * _HIDDEN_WIDTH:
         return None
-    way = width * (segment.values[1] - segment.values[0])
+    way = width * segment.reach
     change = high.point.p - low.point.p
     share = find_hidden_turn(change, way * low.rate, way * high.rate)
     if share is None and low.counts.pairs.size:
@@ -180,143 +175,25 @@ def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float 
 
 def _find_neighbor(sample: _Sample, way: float) -> Neighbor:
     """Return the count beside a sample, at a distance relative to a change of the control."""
-    problem = sample.point.problem
     tangent = sample.tangent.scale(way)
     move, count = sample.point.neighbor(tangent.scale(_NEIGHBOR_DISTANCE))
-    one, other = (np.append(x.x * problem.weights, x.p) for x in (move, tangent))
+    sizes = np.append(sample.point.problem.weights, 1.0)
+    one, other = sizes * move.packed, sizes * tangent.packed
     return Neighbor(count, float(one @ other) / float(other @ other))
 
 
-def _is_between(counts: Count, first: Count, last: Count) -> bool:
-    triples = zip(counts.growing, first.growing, last.growing, strict=True)
+def _is_between(*samples: _Sample) -> bool:
+    triples = zip(*(x.counts.growing for x in samples), strict=True)
     return all(min(pair) <= x <= max(pair) for x, *pair in triples)
 
 
 def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
     """Return the point where the parameter has an extremum, which is a parabola between samples."""
-    share = low.rate / (low.rate - high.rate)
-    begin, end = segment.values
-    width = (high.position - low.position) * (end - begin)
-    x, _ = low.point.between(high.point, share)
-    p = low.point.p + 0.5 * low.rate * share * width
-    problem = low.point.problem
-    point = Point(problem, x, p, problem.linearize(x, p), beside=low.point)
-    position = low.position + share * (high.position - low.position)
-    return CriticalPoint(position, BRANCH, point, critical_mode(low.point))
-
-
-class _Test(NamedTuple):
-    """Bordered test function g: [[J, b], [b^T, 0]] (v, g) = (0, 1), zero where J is singular.
-
-    For motions that alternate, J is that of the sum of monodromy matrix and identity.
-    """
-
-    border: Array
-    alternates: bool
-
-    @classmethod
-    def at(cls, point: Point, alternates: bool) -> _Test:
-        """Return the function with the critical mode of a point as its border."""
-        mode = critical_mode(_select_matrix(point, alternates))
-        return cls(point.problem.mode_weights**2 * mode, alternates)
-
-    def __call__(self, point: Point) -> tuple[float, Array]:
-        """Return g and the mode v."""
-        matrix = _select_matrix(point, self.alternates)
-        factors = matrix.bordered(self.border, self.border, 0.0)
-        solution = factors.solve(np.append(np.zeros(len(point.x)), 1.0))
-        return float(solution[-1]), solution[:-1]
-
-
-def _select_matrix(point: Point, alternates: bool) -> Point:
-    linear: Any = point.linearization
-    return replace(point, linearization=linear.alternating) if alternates else point
-
-
-class _Root:
-    """Samples of a test function in a segment, and the two with different signs.
-
-    Attributes
-    ----------
-    segment, test
-        Segment and test function.
-    ends
-        Positions and points on both sides of the root.
-    first, largest
-        Value at the first sample, and largest value at the first ends.
-    has_change
-        True if the signs differ.
-    positions, points
-        Positions of samples by value, and points by position.
-    mode
-        Mode of the last sample.
-    """
-
-    def __init__(self, segment: Segment, test: _Test, low: _Sample, high: _Sample) -> None:
-        self.segment, self.test, self.ends = segment, test, [low[:2], high[:2]]
-        (self.first, _), (last, self.mode) = test(low.point), test(high.point)
-        self.largest = max(abs(self.first), abs(last))
-        self.has_change = self.first * last < 0.0
-        self.positions = {self.first: low.position, last: high.position}
-        self.points = dict(self.ends)
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """Positions on both sides of the root."""
-        return self.ends[0][0], self.ends[1][0]
-
-    def estimate(self) -> float:
-        """Return the position of the root by interpolation."""
-        left, right = self.bounds
-        return min(max(_interpolate_inversely(self.positions), left), right)
-
-    def sample(self, share: float) -> bool:
-        """Add a sample between both ends, which it narrows; return False at a pole."""
-        position, point = _point_between(self.segment, self.ends[0], self.ends[1], share)
-        value, self.mode = self.test(point)
-        self.ends[0 if value * self.first > 0.0 else 1] = position, point
-        self.positions[value], self.points[position] = position, point
-        return abs(value) <= self.largest
-
-    def sample_beside(
-        self, first: tuple[float, Point], last: tuple[float, Point], at: float
-    ) -> None:
-        """Add a sample between two points beside the root, if there is space."""
-        if first[0] < at < last[0]:
-            share = (at - first[0]) / (last[0] - first[0])
-            position, point = _point_between(self.segment, first, last, share)
-            self.positions[self.test(point)[0]], self.points[position] = position, point
-
-    def narrow(self) -> float | None:
-        """Narrow the ends down to where rounding moves points; return half their distance.
-
-        Return None at a pole, or if the samples do not suffice.
-        """
-        for k in range(_MAX_SAMPLES):
-            (left, right), root = self.bounds, self.estimate()
-            # Long steps may pass a critical point at their very beginning.
-            tolerance = REGULAR_DISTANCE * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
-            # Closer to a crossing, rounding moves points along the critical mode.
-            is_left_far, is_right_far = (
-                root - left > 2.0 * tolerance,
-                right - root > 2.0 * tolerance,
-            )
-            if not (is_left_far or is_right_far):
-                return tolerance
-            aimed = root - tolerance if is_left_far else root + tolerance
-            is_wide = right - left > _WIDE * tolerance
-            if k % 3 == 2 and is_wide:
-                aimed = 0.5 * (left + right)  # interpolation may converge slowly
-            aimed = min(max(aimed, left + 0.5 * tolerance), right - 0.5 * tolerance)
-            try:
-                is_regular = self.sample((aimed - left) / (right - left))
-            except CurveError:
-                if not is_wide:
-                    return tolerance
-                is_regular = self.sample(0.5)
-            if not is_regular:
-                return None
-        return None
+    share, width = low.rate / (low.rate - high.rate), high.position - low.position
+    move = high.point.minus(low.point).scale(share)
+    move = Tangent(move.x, 0.5 * low.rate * share * width * segment.reach)
+    point = replace(low.point.plus(move), beside=low.point)
+    return CriticalPoint(low.position + share * width, BRANCH, point, critical_mode(low.point))
 
 
 def _find_root(
@@ -324,45 +201,90 @@ def _find_root(
 ) -> tuple[float, Point, Array] | None:
     """Return position, point and mode where the Jacobian is singular.
 
-    Return None without a sign change, at a pole, or if the samples do not suffice.
+    The root of the test function is interpolated between samples at a distance, because rounding
+    moves points closer to a crossing along the critical mode. The result is None without a sign
+    change, at a pole, or if the samples do not suffice.
     """
+
+    def test(point: Point) -> tuple[float, Array]:
+        return _test_singularity(select(point), border)
+
+    def select(point: Point) -> Point:
+        # Motions alternate where the sum of monodromy matrix and identity is singular.
+        linear = point.linearization
+        return replace(point, linearization=linear.alternating) if alternates else point
+
     for end in (low.point, high.point):
-        test = _Test.at(end, alternates)
-        root = _Root(segment, test, low, high)
-        if root.has_change:
+        border = end.problem.mode_weights**2 * critical_mode(select(end))
+        (first, _), (last, mode) = test(low.point), test(high.point)
+        if first * last < 0.0:
             break
     else:
         return None
-    tolerance = root.narrow()
-    if tolerance is None:
+    values, points = {low.position: first, high.position: last}, dict([low[:2], high[:2]])
+    left, right = low.position, high.position
+
+    def sample(begin: float, end: float, at: float) -> float:
+        """Add a sample near a position between two others; return its position."""
+        nonlocal mode
+        ends = (begin, points[begin]), (end, points[end])
+        position, point = _point_between(segment, *ends, (at - begin) / (end - begin))
+        points[position] = point
+        values[position], mode = test(point)
+        return position
+
+    for k in range(_MAX_SAMPLES):
+        root = _interpolate_root(values, left, right)
+        # Long steps may pass a critical point at their very beginning.
+        distance = REGULAR_DISTANCE * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
+        is_left_far, is_right_far = (abs(x - root) > 2.0 * distance for x in (left, right))
+        if not (is_left_far or is_right_far):
+            break
+        is_wide = right - left > _WIDE * distance
+        aimed = root - distance if is_left_far else root + distance
+        if k % 3 == 2 and is_wide:
+            aimed = 0.5 * (left + right)  # interpolation may converge slowly
+        aimed = min(max(aimed, left + 0.5 * distance), right - 0.5 * distance)
+        try:
+            position = sample(left, right, aimed)
+        except CurveError:
+            if not is_wide:
+                break
+            position = sample(left, right, 0.5 * (left + right))
+        if abs(values[position]) > max(abs(first), abs(last)):
+            return None
+        left, right = (position, right) if values[position] * first > 0.0 else (left, position)
+    else:
         return None
     # Samples on both sides, so that the cubic is that of the neighborhood.
-    (left, first), (right, last) = ends = tuple(root.ends)
-    root.sample_beside(low[:2], ends[0], left - 2.0 * tolerance)
-    root.sample_beside(ends[1], high[:2], right + 2.0 * tolerance)
-    position = root.estimate()
+    critical = mode
+    for begin, end, at in (
+        (low.position, left, left - 2.0 * distance),
+        (right, high.position, right + 2.0 * distance),
+    ):
+        if begin < at < end:
+            sample(begin, end, at)
+    root = _interpolate_root(values, left, right)
     if low.rate * high.rate < 0.0:
-        share = (position - left) / (right - left)
-        return position, segment.part(first, last, left, right).at(share), root.mode
-    point = interpolate(root.points, position)
-    if not alternates and _opposes(point, test.border) > _MAX_IMPERFECTION:
+        part = segment.part(points[left], points[right], left, right)
+        return root, part.at((root - left) / (right - left)), critical
+    point = interpolate(points, root)
+    if not alternates and _opposes(point, border) > _MAX_IMPERFECTION:
         raise CurveError("the stability changes abruptly")
-    return position, point, root.mode
+    return root, point, critical
 
 
-def _interpolate_inversely(samples: dict[float, float]) -> float:
-    """Return the position of the value zero by the cubic through the four smallest values.
+def _interpolate_root(values: dict[float, float], left: float, right: float) -> float:
+    """Return the position of the value zero between two positions with different signs.
 
-    It is that of the line through the values next to zero if the cubic leaves their interval.
+    It is that by the cubic through the four smallest values, or by the line between both positions
+    if the cubic leaves them.
     """
-    values = sorted(samples, key=abs)[:4]
-    weights = (np.prod([y / (y - x) for y in values if y != x]) for x in values)
-    root = sum(float(w) * samples[x] for w, x in zip(weights, values, strict=True))
-    below, above = max(x for x in samples if x < 0.0), min(x for x in samples if x >= 0.0)
-    first, last = samples[below], samples[above]
-    if min(first, last) <= root <= max(first, last):
+    nearest = sorted(values, key=lambda x: abs(values[x]))[:4]
+    root = float(weigh_nodes([values[x] for x in nearest], 0.0) @ nearest)
+    if left <= root <= right:
         return root
-    return first + (last - first) * below / (below - above)
+    return left + (right - left) * values[left] / (values[left] - values[right])
 
 
 def _opposes(point: Point, border: Array) -> float:
@@ -371,8 +293,7 @@ def _opposes(point: Point, border: Array) -> float:
     It vanishes where curves cross. Elsewhere, a curve turns where its Jacobian is singular.
     """
     by_parameter, weights = point.linearization.by_parameter, point.problem.mode_weights
-    right = np.append(by_parameter, 0.0)
-    share = point.bordered(border, border, 0.0).solve(right)[-1]
+    share = point.bordered(border, border, 0.0).solve(np.append(by_parameter, 0.0))[-1]
     sizes = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0.0)
     whole = float(np.linalg.norm(sizes * by_parameter))
     return abs(share) * float(np.linalg.norm(sizes * border)) / whole if whole else 0.0
@@ -383,11 +304,15 @@ def critical_mode(point: Point) -> Array:
 
     Its largest entry is 1 in sizes that make all parts equally stiff.
     """
-    size, weights = len(point.x), point.problem.mode_weights
-    mode = np.cos(np.arange(size) ** 2.0) / np.where(weights > 0.0, weights, 1.0)
+    weights = point.problem.mode_weights
+    mode = np.cos(np.arange(len(weights)) ** 2.0) / np.where(weights > 0.0, weights, 1.0)
     for _ in range(3):
-        border = weights**2 * mode
-        factors = point.bordered(border, border, 0.0)
-        mode = factors.solve(np.append(np.zeros(size), 1.0))[:-1]
+        _, mode = _test_singularity(point, weights**2 * mode)
         mode = mode / np.max(np.abs(weights * mode))
     return mode
+
+
+def _test_singularity(point: Point, border: Array) -> tuple[float, Array]:
+    """Return g and v of [[J, b], [b^T, 0]] (v, g) = (0, 1): g is zero where J is singular."""
+    solution = point.bordered(border, border, 0.0).solve(np.append(np.zeros(len(border)), 1.0))
+    return float(solution[-1]), solution[:-1]

@@ -9,17 +9,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg as la
-import scipy.sparse as sp
 
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.slow_motions import (
-    quadratic_form_rounding,
     solve_damped,
     solve_undamped,
     solve_undamped_without_states,
 )
-from beamdae.equations.formulations.tangents import LinearizedCoordinates, Tangent
 from beamdae.errors import BeamdaeError
 from beamdae.linear.blas_threads import single_threaded
 
@@ -29,10 +25,6 @@ Array = np.ndarray
 RIGID, VIBRATION, DECAY, UNSTABLE = "free motion", "vibration", "decay", "unstable"
 # Real parts below this fraction of the eigenvalue are rounding errors.
 _GROWTH_TOLERANCE = 1e-9
-# Of modes with a damping ratio above the first number, real parts below the second number times
-# this ratio are rounding errors. If the second number is 0.1, Beck's column flutters at 5 % more.
-_MIN_DAMPING_RATIO = 1e-12
-_DAMPED_GROWTH_TOLERANCE = 1e-6
 # Sizes that differ by less than this fraction are equal but for rounding.
 _EQUAL_SIZE_TOLERANCE = 1e-6
 
@@ -103,18 +95,6 @@ def undamped_frequencies(lin: LinearizedEquations, count: int) -> Array:
     return np.sqrt(np.abs(solve_undamped_without_states(lin, count).squares))
 
 
-def massless_error(e: LinearizedCoordinates, tangent: Tangent) -> BeamdaeError:
-    """Return the error for a singular mass matrix; it names the coordinate without inertia."""
-    rows = tangent.acceleration_jacobian(e)
-    states = np.zeros(e.n)
-    states[e.states] = 1.0
-    mass = tangent.mass + sp.diags_array(states)
-    matrix = sp.block_array([[mass, tangent.reactions], [rows, None]]) if e.m else mass
-    motion = la.svd(np.nan_to_num(matrix.toarray()))[2][-1, : e.n]
-    name = e.q_names[int(np.argmax(np.abs(motion)))]
-    return BeamdaeError(f"{name}: this coordinate has no inertia; add mass or a joint.")
-
-
 def _normalize(
     lin: LinearizedEquations, values: Array, shapes: Array, count: int | None
 ) -> EigenSolution:
@@ -147,37 +127,8 @@ def locate_largest(columns: Array) -> Array:
     return np.argmax(is_largest, axis=0)
 
 
-def damping_ratios(lin: LinearizedEquations, modes: EigenSolution) -> Array:
-    """Return x^H C x / (2 |l| x^H M x) (k,) for the shapes x and eigenvalues l of `modes`.
-
-    Unlike -Re(l) / |l|, it does not vanish at the onset of flutter. It is 0 for free motions, if
-    dampers dissipate less energy than rounding, and for equations with first-order states.
-    """
-    shapes, damping, speeds = modes.shapes, lin.tangent.damping, np.abs(modes.values)
-    if len(lin.equations.states):
-        return np.zeros(len(speeds))
-    power, inertia = (
-        np.einsum("ij,ij->j", shapes.conj(), x @ shapes).real for x in (damping, lin.tangent.mass)
-    )
-    is_damped = (np.abs(power) > quadratic_form_rounding(damping, shapes)) & (speeds > 0.0)
-    size = np.where(is_damped, 2.0 * speeds * inertia, 1.0)
-    return np.where(is_damped, power / size, 0.0)
-
-
-def classify_modes(lin: LinearizedEquations, modes: EigenSolution) -> tuple[str, ...]:
-    """Return the kind of each mode."""
-    ratios = np.abs(damping_ratios(lin, modes))
-    tolerances = np.minimum(_DAMPED_GROWTH_TOLERANCE * ratios, _GROWTH_TOLERANCE)
-    tolerances = np.where(ratios > _MIN_DAMPING_RATIO, tolerances, _GROWTH_TOLERANCE)
-    return tuple(
-        _classify_mode(complex(value), tolerance)
-        for value, tolerance in zip(modes.values, tolerances.tolist(), strict=True)
-    )
-
-
-def _classify_mode(value: complex, tolerance: float) -> str:
-    if value == 0.0:
-        return RIGID
-    if value.real > tolerance * abs(value):
-        return UNSTABLE
-    return VIBRATION if value.imag > 0.0 else DECAY
+def classify_modes(values: Array) -> tuple[str, ...]:
+    """Return the kind of the mode of each eigenvalue."""
+    kinds = np.where(values.imag > 0.0, VIBRATION, DECAY)
+    kinds = np.where(values.real > _GROWTH_TOLERANCE * np.abs(values), UNSTABLE, kinds)
+    return tuple(np.where(values == 0.0, RIGID, kinds).tolist())

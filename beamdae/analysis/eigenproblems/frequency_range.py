@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,12 +14,8 @@ from beamdae.equations.formulations.tangents import compute_tangent
 Array = np.ndarray
 
 
-@dataclass(frozen=True)
-class FrequencyRange:
+class FrequencyRange(NamedTuple):
     """Range of the undamped natural frequencies about a state.
-
-    If a coordinate has no inertia, nothing is computed: the frequencies are None, and the other
-    numbers are 0.
 
     Attributes
     ----------
@@ -27,26 +23,17 @@ class FrequencyRange:
         Lowest and highest natural frequency [Hz]; None if nothing vibrates.
     damping_ratio
         Damping ratio of the mode with the highest frequency [-]; 0 if nothing vibrates.
-    loose
-        Number of free motions.
-    growth_rate
-        Largest growth rate of unstable motions [1/s], or 0.
+    growth
+        Clause on the fastest growth from the start, or "".
     massless
-        Name of a coordinate without inertia; "" if there is none.
+        Name of a coordinate without inertia, because of which nothing else is known; or "".
     """
 
-    lowest: float | None
-    highest: float | None
-    damping_ratio: float
-    loose: int
-    growth_rate: float
-    massless: str
-
-    def describe_growth(self) -> str:
-        """Return a clause on the fastest growth from the start, or ""."""
-        if not self.growth_rate > 0.0:
-            return ""
-        return f"a motion grows from the start at a rate of {self.growth_rate:.3g} 1/s"
+    lowest: float | None = None
+    highest: float | None = None
+    damping_ratio: float = 0.0
+    growth: str = ""
+    massless: str = ""
 
 
 def compute_frequency_range(e: EquationsOfMotion, time: Array, state: State) -> FrequencyRange:
@@ -59,18 +46,14 @@ def compute_frequency_range(e: EquationsOfMotion, time: Array, state: State) -> 
     try:
         squares, shapes = solve_undamped_without_states(LinearizedEquations(e, tangent), None)
     except MasslessError as error:
-        return FrequencyRange(None, None, 0.0, 0, 0.0, error.coordinate)
-    rates = np.sqrt(squares[squares > 0.0])
-    ratio = 0.0
-    if len(rates):
-        fastest = shapes[:, -1]
-        ratio = float(fastest @ (tangent.damping @ fastest) / (2.0 * rates[-1]))
-    hertz = rates / (2.0 * np.pi)
-    return FrequencyRange(
-        float(hertz[0]) if len(rates) else None,
-        float(hertz[-1]) if len(rates) else None,
-        ratio,
-        int(np.sum(squares == 0.0)),
-        float(np.sqrt(np.max(-squares, initial=0.0))),
-        "",
-    )
+        return FrequencyRange(massless=error.coordinate)
+    rates, growth = np.sqrt(squares[squares > 0.0]), ""
+    if np.any(squares < 0.0):
+        rate = np.sqrt(np.max(-squares))
+        growth = f"a motion grows from the start at a rate of {rate:.3g} 1/s"
+    if not len(rates):
+        return FrequencyRange(growth=growth)
+    fastest = shapes[:, -1]
+    ratio = float(fastest @ (tangent.damping @ fastest) / (2.0 * rates[-1]))
+    lowest, highest = (rates[[0, -1]] / (2.0 * np.pi)).tolist()
+    return FrequencyRange(lowest, highest, ratio, growth)

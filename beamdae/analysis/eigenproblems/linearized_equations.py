@@ -32,8 +32,9 @@ Array = np.ndarray
 # Bound on the rounding errors of y^T A y, relative to that of all magnitudes, and of the stiffness
 # over the inertia, relative to their largest ratio.
 ROUNDING_RATIO = 2e-14
-# The same without stiff forces, for motions of natural size.
-_HOLDING_RATIO = 1e-12
+# The same without stiff forces, for motions of natural size: below the stiffness of slow modes, but
+# so large that free motions, which its inverse amplifies, are removed without rounding errors.
+_HOLDING_RATIO = 1e-10
 # Asymmetry up to which a matrix is treated as symmetric, relative to its largest entry: of exact
 # matrices, and of matrices with finite differences. The first is small because a follower load is
 # small compared with the axial stiffness of a thin beam.

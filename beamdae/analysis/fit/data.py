@@ -17,11 +17,9 @@ from beamdae.errors import (
     InputWarning,
     as_real,
     as_text,
-    format_distinct,
     is_valid_path,
     list_first,
     path_as_text,
-    require_iterable,
     require_mapping,
     require_positive,
     short_repr,
@@ -30,8 +28,8 @@ from beamdae.errors import (
 )
 from beamdae.model_parameters import (
     conversion_factor,
-    convert_text,
     parse_unit,
+    parse_value,
     split_unit,
     standardize_header,
     suggest_unit,
@@ -44,7 +42,7 @@ Array = np.ndarray
 # Columns of the long table of measured data, and of long tables of users.
 EXPERIMENT, COLUMN, VALUE, SIGMA = "experiment", "column", "value", "sigma"
 _OBSERVABLE = "observable"
-_TIME_NAMES = (TIME, "time [s]", "time", "t")
+ALL_COLUMNS = "*"  # name of all columns
 # Larger tables are probably raw records, whose fit would take hours and gigabytes.
 _MAX_DATA = 1_000_000
 # Squares of larger values, relative to their standard deviations, could overflow.
@@ -60,8 +58,9 @@ class UnmatchedDataError(BeamdaeError):
     """Error of measured data that contain none of the needed columns."""
 
 
-class MeasuredColumn(NamedTuple):
-    """A column of measured data.
+@dataclass(frozen=True)
+class Source:
+    """Origin of the values of a column of the run in an experiment.
 
     Attributes
     ----------
@@ -71,26 +70,32 @@ class MeasuredColumn(NamedTuple):
         Name of the column of the run, with the unit of the data.
     name_in_data
         Name of the column in the data.
-    table
-        "t [s]" (NaN if missing), "value" (may be no number) and "sigma" by row of the data.
-    place
-        Name of the table, for messages.
-    time_header
-        Header of the times in the data.
+    header
+        Header of the column of the run; "" before it is matched.
+    factor
+        Factor from the unit of the data to that of the column.
     """
 
     experiment: str
     name: str
     name_in_data: str
-    table: pd.DataFrame
-    place: str
-    time_header: str
+    header: str = ""
+    factor: float = 1.0
+
+    @property
+    def label(self) -> str:
+        """Name of the column without its unit and, if the data name experiments, of this one."""
+        return label_column(remove_unit(self.header), self.experiment)
 
 
 class Measurements(NamedTuple):
-    """All columns of measured data; `name` is the path of the file, or "data"."""
+    """All columns of measured data: "t [s]", "value" and "sigma" by row of the data.
 
-    columns: tuple[MeasuredColumn, ...]
+    Times are NaN if they are missing, and values may be no numbers. `name` is the path of the
+    file, or "data".
+    """
+
+    columns: tuple[tuple[Source, pd.DataFrame], ...]
     has_sigma: bool
     name: str
     is_file: bool
@@ -98,34 +103,7 @@ class Measurements(NamedTuple):
     @property
     def experiments(self) -> tuple[str, ...]:
         """Names of the experiments, in the order of the data."""
-        return tuple(dict.fromkeys(x.experiment for x in self.columns))
-
-
-@dataclass(frozen=True)
-class Source:
-    """Origin of the values of a column of the run in an experiment.
-
-    Attributes
-    ----------
-    experiment, header
-        Name of the experiment, and header of the column of the run.
-    name, name_in_data, time_header
-        See `MeasuredColumn`.
-    factor
-        Factor from the unit of the data to that of the column.
-    """
-
-    experiment: str
-    header: str
-    name: str
-    name_in_data: str
-    time_header: str
-    factor: float
-
-    @property
-    def label(self) -> str:
-        """Name of the column without its unit and, if the data name experiments, of this one."""
-        return label_column(remove_unit(self.header), self.experiment)
+        return tuple(dict.fromkeys(source.experiment for source, _ in self.columns))
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +162,20 @@ def label_column(column: str, experiment: str) -> str:
     return f"{column} in {experiment}" if experiment else column
 
 
+def find_sources(
+    sources: Sequence[Source], name: str, experiment: str | None = None
+) -> list[Source]:
+    """Return the sources of a column, named as in the run or else as in the data.
+
+    Units may be omitted. All experiments match if `experiment` is None.
+    """
+    own = [x for x in sources if experiment in (None, x.experiment)]
+    header = standardize_header(name)
+    in_run = [x for x in own if name in (ALL_COLUMNS, x.header, remove_unit(x.header))]
+    names = ((x, (x.name, x.name_in_data, remove_unit(x.name_in_data))) for x in own)
+    return in_run or [x for x, known in names if header in known]
+
+
 def match_columns(
     part: str, measured: Measurements, headers: Mapping[str, Sequence[str]]
 ) -> tuple[MeasuredData, list[str]]:
@@ -202,77 +194,95 @@ def match_columns(
     Raises
     ------
     BeamdaeError
-        If such a column contains text, too many values or another unit, or two columns of an
-        experiment are the same one.
+        If such a column contains text, too many values, invalid times or another unit, or two
+        columns of an experiment are the same one.
     UnmatchedDataError
         If the run contains none of the columns, or these have no values.
     """
-    tables: list[pd.DataFrame] = []
-    sources: dict[tuple[str, str], Source] = {}
+    matched: dict[tuple[str, str], tuple[Source, pd.DataFrame]] = {}
     unknown: dict[str, str] = {}
-    for x in measured.columns:
-        known = headers[x.experiment]
-        header = _find_header(x.name, known)
+    for source, table in measured.columns:
+        known = headers[source.experiment]
+        header = _find_header(source.name, known)
         if header is None:
-            unknown[x.name] = _describe_unknown(x.name, known)
-            if x.name != x.name_in_data:
+            unknown[source.name] = _describe_unknown(source.name, known)
+            if source.name != source.name_in_data:
                 raise BeamdaeError(
-                    f"{part}: data_columns maps {x.name_in_data!r} to {unknown[x.name]}, which is "
-                    "not a column of the run; name one of its table."
+                    f"{part}: data_columns maps {source.name_in_data!r} to "
+                    f"{unknown[source.name]}, which is not a column of the run; name one of its "
+                    "table."
                 )
             continue
-        if (other := sources.get((x.experiment, header))) is not None:
+        key = source.experiment, header
+        if key in matched:
             raise BeamdaeError(
-                f"{part}: the columns {other.name_in_data!r} and {x.name_in_data!r} of data are "
-                "the same column of the run; remove one."
+                f"{part}: the columns {matched[key][0].name_in_data!r} and "
+                f"{source.name_in_data!r} of data are the same column of the run; remove one."
             )
-        factor = _convert_unit(part, x, header)
-        names = x.name, x.name_in_data, x.time_header
-        sources[x.experiment, header] = Source(x.experiment, header, *names, factor)
-        table = _read_values(part, x)
-        table[[VALUE, SIGMA]] *= factor
-        tables.append(table.assign(**{EXPERIMENT: x.experiment, COLUMN: header}))
-    if not sources:
+        factor = _convert_unit(part, source, header)
+        values = _read_values(part, measured.name, source, table)
+        values[[VALUE, SIGMA]] *= factor
+        values = values.assign(**{EXPERIMENT: source.experiment, COLUMN: header})
+        matched[key] = replace(source, header=header, factor=factor), values
+    if not matched:
         listed = list_first(list(unknown.values()), _MAX_LISTED_COLUMNS)
-        given = next(iter(unknown))
-        example = _find_example(given, [x for xs in headers.values() for x in xs])
+        example = next((x for xs in headers.values() for x in xs if x != TIME), "tip.y [m]")
         raise UnmatchedDataError(
             f"{part}: {measured.name} must contain values of a column of the run, got {listed}; "
             f"name them as in the table of the run, such as {example!r}, or map them, as with "
-            f"data_columns={{{given!r}: {remove_unit(example)!r}}}."
+            f"data_columns={{{next(iter(unknown))!r}: {remove_unit(example)!r}}}."
         )
-    filled = [(x, y) for x, y in zip(tables, sources.values(), strict=True) if len(x)]
+    filled = [(x, values) for x, values in matched.values() if len(values)]
     if not filled:
         raise UnmatchedDataError(
             f"{part}: {measured.name} contains no values; fill in measured values."
         )
-    whole = pd.concat([x for x, _ in filled], ignore_index=True)
-    if len(whole) > _MAX_DATA:
-        raise BeamdaeError(
-            f"{part}: {len(whole)} data are more than {_MAX_DATA}; average or omit some of them."
-        )
-    data = MeasuredData(whole, tuple(x for _, x in filled), measured.has_sigma)
+    whole = pd.concat([values for _, values in filled], ignore_index=True)
+    data = MeasuredData(whole, tuple(x for x, _ in filled), measured.has_sigma)
     return data, list(unknown.values())
 
 
-def _read_values(part: str, column: MeasuredColumn) -> pd.DataFrame:
-    """Return times, values and standard deviations of the values that are not missing."""
-    values = _as_numbers(part, column.table[VALUE].to_numpy(), column.name_in_data, column.place)
-    table = column.table.assign(value=values).dropna(subset=VALUE)
-    _require_times(part, table[TIME], column.place)
-    return table.sort_values(TIME, kind="stable")
+def _read_values(part: str, name: str, source: Source, table: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows whose value is not missing, after checks of their times and `sigma`."""
+    values = _as_numbers(part, table[VALUE], source.name_in_data, name)
+    table = table.assign(value=values).dropna(subset=VALUE)
+    times, sigma = table[TIME], table[SIGMA]
+    rule = f"{part}: the times of {name} must be finite and ascend, from 0 s or later"
+    checks = (
+        (times.isna(), f"{rule}, but row {{row}} has no time; fill it in, or remove it."),
+        (
+            times < 0.0,
+            f"{rule}, got {{t:g}} s in row {{row}}; remove the rows before the start of the run (t "
+            "< 0), or shift the times.",
+        ),
+        (
+            times.diff() <= 0.0,
+            f"{rule}, got {{t:g}} s after {{last:g}} s in row {{row}}; sort the rows and average "
+            "repeated ones.",
+        ),
+        (
+            ~(sigma > 0.0),
+            f"{part}: sigma of {name} must be positive, got {{sigma:g}} in row {{row}}; fill in "
+            "all rows, or remove the column.",
+        ),
+    )
+    for is_wrong, sentence in checks:
+        for row in table.index[is_wrong]:
+            facts = {"row": row + 1, "t": times[row], "sigma": sigma[row]}
+            raise BeamdaeError(sentence.format(**facts, last=times.shift()[row]))
+    return table
 
 
-def _convert_unit(part: str, column: MeasuredColumn, header: str) -> float:
+def _convert_unit(part: str, source: Source, header: str) -> float:
     """Return the factor from the unit in the name of a column to that of a header."""
-    name, unit = split_unit(column.name)
-    if not unit or column.name in (header, remove_unit(header)):
+    name, unit = split_unit(source.name)
+    if not unit or source.name in (header, remove_unit(header)):
         return 1.0
     unit_in_run = split_unit(header)[1]
     factor = conversion_factor(unit, unit_in_run)
     if factor is None:
         hint = suggest_unit(unit, unit_in_run) if parse_unit(unit) is None else ""
-        shown = name if column.name == column.name_in_data else column.name_in_data
+        shown = name if source.name == source.name_in_data else source.name_in_data
         raise BeamdaeError(
             f"{part}: the column {shown!r} of data is in {unit}{hint}, but the model observes it "
             f"in {unit_in_run}; convert the values and name the column {header!r}."
@@ -291,17 +301,6 @@ def _find_header(column: str, headers: Sequence[str]) -> str | None:
         return None
     # Coordinates follow the observed columns.
     return next(iter(matches or of_observable), None)
-
-
-def _find_example(column: str, headers: Sequence[str]) -> str:
-    """Return a header that an unknown column may mean: a similar name, or the same quantity."""
-    headers = [x for x in headers if x != TIME] or ["tip.y [m]"]
-    name, unit = split_unit(column)
-    hint = suggest(name, map(remove_unit, headers))
-    similar = [x for x in headers if hint == suggest(remove_unit(x), [remove_unit(x)])]
-    units = [(x, split_unit(x)[1]) for x in headers]
-    of_unit = [x for x, y in units if unit and y and conversion_factor(unit, y) is not None]
-    return next(iter(similar or of_unit or headers))
 
 
 def _describe_unknown(column: str, headers: Sequence[str]) -> str:
@@ -343,7 +342,7 @@ def read_fit_data(
     if not measured.has_sigma:
         data = _with_sigma(data, sigma)
     # The energies, which a table of the run contains, are not observed.
-    warn_of_unknown_columns("fit", measured, unknown, "the model does not observe")
+    warn_of_columns("fit", measured, data, unknown, "the model does not observe")
     empty = next((x for x in measured.experiments if x not in data.experiments), None)
     if empty is not None:
         raise BeamdaeError(
@@ -357,69 +356,49 @@ def _with_sigma(data: MeasuredData, sigma: Any) -> MeasuredData:
     """Return data with the standard deviations of the argument `sigma`; 1 if it is None."""
     if sigma is None:
         # The same column may be in different units in different experiments.
-        if len({x.header for x in data.sources}) > 1:
+        if len(data.headers) > 1:
             raise BeamdaeError(
                 "fit: sigma is required for several columns, because it determines their weights; "
                 "pass sigma={name: standard deviation}, or a long table with the column sigma."
             )
         return replace(data, table=data.table.assign(sigma=1.0))
+    entries = {ALL_COLUMNS: sigma}
     if isinstance(sigma, Mapping):
-        sigma = require_mapping("fit", "sigma", sigma, "a number, or numbers by column")
-        given = _sigma_by_name(sigma, data.sources)
-    else:
-        given = {x.name: ("sigma", sigma) for x in data.sources}
-    values = {x: _read_sigma(x, *labeled) for x, labeled in given.items()}
-    factors = [np.full(x.stop - x.start, values[y.name] * y.factor) for y, x in data.rows]
-    return replace(
-        data, table=data.table.assign(sigma=np.concatenate(factors)), is_sigma_known=True
-    )
-
-
-def _sigma_by_name(
-    sigma: Mapping[str, Any], sources: Sequence[Source]
-) -> dict[str, tuple[str, Any]]:
-    """Return the label and the standard deviation of each column by its name.
-
-    Columns are named with or without the units of the data, as in the run or as in the data.
-    """
-    given: dict[str, tuple[str, Any]] = {}
-    is_valid = True
-    for key, value in sigma.items():
-        header = standardize_header(key)
-        names = [{x.name for x in sources if x.name == header}]
-        names += [{x.name for x in sources if split_unit(x.name)[0] == key}]
-        names += [{x.name for x in sources if x.name_in_data == header}]
-        names += [{x.name for x in sources if split_unit(x.name_in_data)[0] == key}]
-        named: set[str] = next(filter(None, names), set())
-        is_valid &= bool(named) and not named & set(given)
-        given |= {x: (f"sigma of {x}", value) for x in named}
-    columns = dict.fromkeys(x.name for x in sources)
-    if not is_valid or set(given) != set(columns):
+        entries = require_mapping("fit", "sigma", sigma, "a number, or numbers by column")
+    named = {key: find_sources(data.sources, key) for key in entries}
+    chosen = {source: key for key, sources in named.items() for source in sources}
+    count = sum(map(len, named.values()))
+    if not all(named.values()) or not count == len(chosen) == len(data.sources):
+        columns = dict.fromkeys(x.name for x in data.sources)
         raise BeamdaeError(
             f"fit: sigma must name the observed columns of data, {', '.join(columns)} (also "
-            f"without units), got {', '.join(sigma) or 'none'}."
+            f"without units), got {', '.join(entries) or 'none'}."
         )
-    return given
+    values = [_read_sigma(x, chosen[x], entries[chosen[x]]) for x in data.sources]
+    counts = [rows.stop - rows.start for _, rows in data.rows]
+    table = data.table.assign(sigma=np.repeat(values, counts))
+    return replace(data, table=table, is_sigma_known=True)
 
 
-def _read_sigma(column: str, label: str, value: Any) -> float:
-    """Return a standard deviation in the unit of its column."""
-    unit, text = split_unit(column)[1], as_text(value)
-    if text is not None and not unit:
-        raise BeamdaeError(
-            f"fit: {label} must be a number in the unit of the column, got {short_repr(value)}; "
-            "for values with units, write a header such as 'tip.y [mm]'."
-        )
-    # In columns of accelerations, g is the standard gravity; columns of masses are not observed.
-    is_gravity = unit in ("g", "mg") and text is not None and not text.strip().endswith(unit)
-    unit = f"{unit}n" if is_gravity else unit
-    return require_positive("fit", label, convert_text("fit", label, value, unit))
+def _read_sigma(source: Source, key: str, value: Any) -> float:
+    """Return a standard deviation in the unit of the column of the run."""
+    label = "sigma" if key == ALL_COLUMNS else f"sigma of {key}"
+    text = as_text(value)
+    if text is not None:
+        unit = split_unit(source.header)[1]
+        number = parse_value("fit", label, text, unit)
+        if number is not None:
+            return require_positive("fit", label, number)
+    return require_positive("fit", label, value if text is None else as_real(text)) * source.factor
 
 
-def warn_of_unknown_columns(
-    part: str, measured: Measurements, unknown: Sequence[str], reason: str
+def warn_of_columns(
+    part: str, measured: Measurements, data: MeasuredData, unknown: Sequence[str], reason: str
 ) -> None:
-    """Warn of unknown columns, see `match_columns`, which are omitted for a reason (a clause)."""
+    """Warn of unknown columns, omitted for a reason (a clause), and of files without units.
+
+    Tables that are not read from files are written in code, where values are in SI units.
+    """
     if unknown:
         warn_user(
             f"{part}: {measured.name} contains {list_first(unknown, _MAX_LISTED_COLUMNS)}, which "
@@ -427,28 +406,16 @@ def warn_of_unknown_columns(
             "data_columns=, or remove them.",
             InputWarning,
         )
-
-
-def warn_of_missing_units(part: str, measured: Measurements, data: MeasuredData) -> None:
-    """Warn of columns of a CSV file that are named without their units.
-
-    Tables that are not read from files are written in code, where values are in SI units.
-    """
-    missing = {
-        source.name_in_data: unit
-        for source in data.sources
-        for unit in [split_unit(source.header)[1]]
-        if not split_unit(source.name)[1] and unit not in ("", "-")
-    }
-    if not (measured.is_file and missing):
-        return
-    name, unit = next(iter(missing.items()))
-    assumed = ", ".join(f"{x!r} in {unit}" for x, unit in missing.items())
-    warn_user(
-        f"{part}: values of {measured.name} without a unit are taken as in the model, {assumed}; "
-        f"write units in the header, such as '{name} [{unit}]'.",
-        InputWarning,
-    )
+    units = {x.name_in_data: split_unit(x.header)[1] for x in data.sources if "[" not in x.name}
+    missing = {name: unit for name, unit in units.items() if unit not in ("", "-")}
+    if measured.is_file and missing:
+        name, unit = next(iter(missing.items()))
+        assumed = ", ".join(f"{x!r} in {unit}" for x, unit in missing.items())
+        warn_user(
+            f"{part}: values of {measured.name} without a unit are taken as in the model, "
+            f"{assumed}; write units in the header, such as '{name} [{unit}]'.",
+            InputWarning,
+        )
 
 
 class _ColumnNames:
@@ -458,6 +425,7 @@ class _ColumnNames:
         given = {} if data_columns is None else data_columns
         what = "a dict of names of columns of the run by names in data"
         self._part, self._names = part, {}
+        self._known: dict[str, None] = {}
         for key, name in require_mapping(part, "data_columns", given, what).items():
             text = as_text(name)
             if not (text and text.strip()):
@@ -466,15 +434,14 @@ class _ColumnNames:
                     f"{short_repr(key)}."
                 )
             self._names[standardize_header(key)] = standardize_header(text)
-        self._unused, self._known = dict(self._names), dict[str, None]()
 
     def in_run(self, header: str) -> str:
         """Return the name in the run of a column of data, by default its own.
 
         The unit in the header of the data precedes that of the name in the run.
         """
-        self._known[header] = None
         name, unit = split_unit(header)
+        self._known |= {header: None, name: None}
         keys = [x for x in dict.fromkeys((header, name)) if x in self._names]
         if not keys:
             return header
@@ -482,19 +449,16 @@ class _ColumnNames:
             raise BeamdaeError(
                 f"{self._part}: data_columns names {header!r} twice, also as {name!r}; remove one."
             )
-        self._unused.pop(keys[0], None)
         in_run, other_unit = split_unit(self._names[keys[0]])
         unit = unit or other_unit
         return f"{in_run} [{unit}]" if unit else in_run
 
     def require_all_used(self, name: str) -> None:
         """Reject names that are not in the data, which are called `name`."""
-        for unused in self._unused:
-            known = list(self._known)
-            hint = suggest(unused, known) or f" ({list_first(known, _MAX_LISTED_COLUMNS)})"
+        for unused in self._names.keys() - self._known:
             raise BeamdaeError(
                 f"{self._part}: data_columns contains {unused!r}, which is not a column of "
-                f"{name}{hint}; correct the name."
+                f"{name}{suggest(unused, self._known)}; correct the name."
             )
 
 
@@ -504,8 +468,8 @@ def read_measurements(part: str, data: Any, data_columns: Any = None) -> Measure
     Raises
     ------
     BeamdaeError
-        If the data are no table, their times are missing or do not ascend, a long table is
-        incomplete, or `data_columns` is invalid or names columns that the data do not contain.
+        If the data are no table, their times are missing, a long table is incomplete, or
+        `data_columns` is invalid or names columns that the data do not contain.
     """
     names = _ColumnNames(part, data_columns)
     path = None if isinstance(data, Mapping) else path_as_text(data)
@@ -513,26 +477,20 @@ def read_measurements(part: str, data: Any, data_columns: Any = None) -> Measure
         raise BeamdaeError(f"{part}: data must be {_ALLOWED}, got {short_repr(data)}.")
     name = "data" if path is None else path
     table = _as_columns(part, data if path is None else _read_file(part, path), name)
-    columns: list[MeasuredColumn] = []
-    has_sigma = False
     if _OBSERVABLE in table and VALUE in table:
-        columns, has_sigma = _read_long_table(part, table, name, names), SIGMA in table
+        columns = _read_long_table(part, table, name, names)
     elif table and all(isinstance(x, (pd.DataFrame, Mapping)) for x in table.values()):
-        for experiment, inner in table.items():
-            if not (experiment.strip() and experiment.isprintable()):
-                raise BeamdaeError(
-                    f"{part}: an experiment cannot have the name {short_repr(experiment)}; use "
-                    "printable characters."
-                )
+        columns = []
+        for experiment in _as_names(part, "experiments", name, list(table)):
             place = f"the experiment {experiment!r}"
-            inner = _as_columns(part, inner, place)
+            inner = _as_columns(part, table[experiment], place)
             columns += _read_wide_table(part, inner, place, names, experiment)
     else:
         columns = _read_wide_table(part, table, name, names, "")
     names.require_all_used(name)
     if not columns:
         raise BeamdaeError(f"{part}: {name} contains no values; fill in measured values.")
-    return Measurements(tuple(columns), has_sigma, name, path is not None)
+    return Measurements(tuple(columns), SIGMA in table, name, path is not None)
 
 
 def _read_file(part: str, path: str) -> dict[str, Any]:
@@ -546,31 +504,31 @@ def _read_file(part: str, path: str) -> dict[str, Any]:
 
 
 def _as_columns(part: str, data: Any, name: str) -> dict[str, Any]:
-    """Return the columns of a table by name."""
+    """Return the columns of a table by their headers in one form, which must differ."""
     if isinstance(data, pd.DataFrame):
-        _require_different(part, list(data.columns), name)
-        data = {column: data[column].to_numpy() for column in data}
-    return require_mapping(part, name, data, _ALLOWED)
-
-
-def _require_different(part: str, names: Sequence[Any], name: str) -> None:
-    repeated = next((x for k, x in enumerate(names) if x in names[:k]), None)
-    if repeated is not None:
-        raise BeamdaeError(
-            f"{part}: {name} contains the column {short_repr(repeated)} twice; remove one."
-        )
+        pairs: list[Any] = [(x, column.to_numpy()) for x, column in data.items()]
+    else:
+        pairs = list(require_mapping(part, name, data, _ALLOWED).items())
+    columns: dict[str, Any] = {}
+    for key, values in pairs:
+        is_table = isinstance(values, (pd.DataFrame, Mapping))
+        header = key if is_table or not isinstance(key, str) else standardize_header(key)
+        if header in columns:
+            raise BeamdaeError(
+                f"{part}: {name} contains the column {short_repr(header)} twice; remove one."
+            )
+        columns[header] = values
+    return require_mapping(part, name, columns, _ALLOWED)
 
 
 def _read_wide_table(
-    part: str, table: Mapping[str, Any], name: str, names: _ColumnNames, experiment: str
-) -> list[MeasuredColumn]:
+    part: str, table: dict[str, Any], name: str, names: _ColumnNames, experiment: str
+) -> list[tuple[Source, pd.DataFrame]]:
     """Return the columns of a table with a column of times and one column per observed column."""
-    table = _standardize(part, table, name)
     in_run = {x: names.in_run(x) for x in table}
-    time = _find_time(part, in_run, (TIME,))
+    time = _find_time(part, in_run)
     if time is None or len(table) == 1:
-        names.require_all_used(name)
-        of_time = (x for x in table if _is_time_unit(split_unit(x)[1]))
+        of_time = (x for x in table if conversion_factor(split_unit(x)[1], "s") is not None)
         other = next(of_time, next(iter(table), ""))
         hint = f"; map times of another name, as with data_columns={{{other!r}: 't'}}"
         raise BeamdaeError(
@@ -578,218 +536,131 @@ def _read_wide_table(
             f"observable, {TIME}, value), got columns {', '.join(map(repr, table)) or 'none'}"
             f"{hint if len(table) > 1 else ''}."
         )
-    times, time_header = _read_times(part, table.pop(time), time, in_run[time], name)
-    # Rows without a time are empty, unless a column has a value there.
-    timed = times.dropna()
-    _require_times(part, timed, name)
-    unsorted = timed.index[timed.diff() <= 0.0]
-    if len(unsorted):
-        later, before = format_distinct(*timed.loc[: unsorted[0]].iloc[[-1, -2]])
-        raise BeamdaeError(
-            f"{part}: the times of {name} must be finite and ascend, got {later} s after "
-            f"{before} s in row {unsorted[0] + 1}; sort the rows and average repeated ones."
-        )
-    cells = {x: _as_cells(part, values, x, name, len(times)) for x, values in table.items()}
-    _warn_of_empty_rows(part, times, pd.DataFrame(cells).notna().any(axis=1), name)
+    times = _read_times(part, table[time], time, in_run[time], name)
     return [
-        MeasuredColumn(
-            experiment,
-            in_run[x],
-            x,
-            pd.DataFrame({TIME: times, VALUE: cells[x], SIGMA: 1.0}),
-            name,
-            time_header,
+        (
+            Source(experiment, in_run[x], x),
+            pd.DataFrame({TIME: times, VALUE: _as_cells(part, cells, x, name, len(times))}).assign(
+                sigma=1.0
+            ),
         )
-        for x in cells
+        for x, cells in table.items()
+        if x != time
     ]
 
 
 def _read_long_table(
-    part: str, table: Mapping[str, Any], name: str, names: _ColumnNames
-) -> list[MeasuredColumn]:
+    part: str, table: dict[str, Any], name: str, names: _ColumnNames
+) -> list[tuple[Source, pd.DataFrame]]:
     """Return the columns of a table with one value per row; its rows may have any order."""
-    table = _standardize(part, table, name)
-    own = (EXPERIMENT, _OBSERVABLE, *_TIME_NAMES, VALUE, SIGMA)
-    in_run = {x: x if x in own else names.in_run(x) for x in table}
-    time = _find_time(part, in_run, _TIME_NAMES)
-    unknown = [x for x in table if x not in own and x != time]
+    own = (EXPERIMENT, _OBSERVABLE, VALUE, SIGMA)
+    in_run = {x: names.in_run(x) for x in table if x not in own}
+    time = _find_time(part, in_run)
+    unknown = [x for x in in_run if x != time]
     if time is None or unknown:
         problem = f"got {short_repr(unknown[0])}" if unknown else "got no times"
         raise BeamdaeError(
             f"{part}: the long table {name} must have the columns experiment, observable, {TIME}, "
             f"value, sigma (the first and the last are optional), {problem}."
         )
-    times, time_header = _read_times(part, table[time], time, in_run[time], name)
-    columns: dict[str, Any] = {TIME: times, VALUE: _as_numbers(part, table[VALUE], VALUE, name)}
-    columns[_OBSERVABLE] = _as_names(part, table[_OBSERVABLE], _OBSERVABLE, name)
-    if EXPERIMENT in table:
-        columns[EXPERIMENT] = _as_names(part, table[EXPERIMENT], EXPERIMENT, name)
-    if SIGMA in table:
-        columns[SIGMA] = _as_numbers(part, table[SIGMA], SIGMA, name)
-    if len({len(x) for x in columns.values()}) > 1:
-        raise BeamdaeError(f"{part}: the columns of {name} must have equal lengths.")
-    frame = pd.DataFrame({EXPERIMENT: "", SIGMA: 1.0, **columns})
-    _warn_of_empty_rows(part, times, frame[VALUE].notna(), name)
-    frame = frame.dropna(subset=VALUE)
-    _require_times(part, frame[TIME], name)
-    if (wrong := frame[~(frame[SIGMA] > 0.0)]).size:
-        raise BeamdaeError(
-            f"{part}: sigma of {name} must be positive, got {wrong[SIGMA].iloc[0]:g} in row "
-            f"{wrong.index[0] + 1}; fill in all rows, or remove the column."
-        )
+    times = _read_times(part, table[time], time, in_run[time], name)
+    cells = {x: _as_cells(part, table[x], x, name, len(times)) for x in own if x in table}
+    frame = pd.DataFrame({EXPERIMENT: "", SIGMA: 1.0, TIME: times, **cells})
+    frame[SIGMA] = _as_numbers(part, frame[SIGMA], SIGMA, name)
+    for key in {EXPERIMENT, _OBSERVABLE} & set(table):
+        frame[key] = _as_names(part, key, name, cells[key])
     frame[_OBSERVABLE] = frame[_OBSERVABLE].map(standardize_header)
-    keys = [EXPERIMENT, _OBSERVABLE]
-    repeated = frame[frame.duplicated([*keys, TIME])]
-    if len(repeated):
-        row = repeated.iloc[0]
-        raise BeamdaeError(
-            f"{part}: {name} contains {label_column(row[_OBSERVABLE], row[EXPERIMENT])} at "
-            f"{row[TIME]:g} s twice, again in row {repeated.index[0] + 1}; average repeated "
-            "values, or name the experiments."
-        )
+    groups = frame.sort_values(TIME, kind="stable").groupby([EXPERIMENT, _OBSERVABLE], sort=False)
+    order = frame.drop_duplicates([EXPERIMENT, _OBSERVABLE])
     return [
-        MeasuredColumn(
-            experiment, names.in_run(column), column, rows[[TIME, VALUE, SIGMA]], name, time_header
+        (
+            Source(experiment, names.in_run(column), column),
+            groups.get_group((experiment, column))[[TIME, VALUE, SIGMA]],
         )
-        for key, rows in frame.groupby(keys, sort=False)
-        for experiment, column in [map(str, key)]
+        for experiment, column in zip(order[EXPERIMENT], order[_OBSERVABLE], strict=True)
     ]
 
 
-def _warn_of_empty_rows(part: str, times: pd.Series, is_filled: pd.Series, name: str) -> None:
-    """Warn if most of the rows with a time have no value, but not all, as after a failed export."""
-    is_timed = times.notna()
-    count, total = int((is_timed & ~is_filled).sum()), int(is_timed.sum())
-    if 0.5 * total < count < total:
-        warn_user(
-            f"{part}: {count} of {total} rows of {name} have a time but no value; fill them in, or "
-            "remove them.",
-            InputWarning,
-        )
+def _find_time(part: str, in_run: Mapping[str, str]) -> str | None:
+    """Return the column of times: "t" or "time", with a unit of time if there are several.
 
-
-def _require_times(part: str, times: pd.Series, name: str) -> None:
-    """Reject missing and negative times of rows."""
-    rule = f"{part}: the times of {name} must be finite and ascend, from 0 s or later"
-    for row in times.index[times.isna()]:
-        raise BeamdaeError(f"{rule}, but row {row + 1} has no time; fill it in, or remove it.")
-    for row in times.index[times < 0.0]:
-        raise BeamdaeError(
-            f"{rule}, got {times[row]:g} s in row {row + 1}; remove the rows before the start of "
-            "the run (t < 0), or shift the times."
-        )
-
-
-def _standardize(part: str, table: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Return columns by their headers in one form; two cannot be the same."""
-    headers = list(map(standardize_header, table))
-    _require_different(part, headers, name)
-    return dict(zip(headers, table.values(), strict=True))
-
-
-def _find_time(part: str, in_run: Mapping[str, str], names: Sequence[str]) -> str | None:
-    """Return the column of times: "t" or "time" with any unit of time, or one of `names`.
-
-    Without such a column, return one named "t" or "time" that has another unit or none. `in_run`
-    contains the names in the run by those in the data.
+    `in_run` contains the names in the run by those in the data.
     """
     # T may be a temperature.
-    times = [x for x, y in in_run.items() if y.startswith("t") or y.casefold().startswith("time")]
-    times = [x for x in times if split_unit(in_run[x])[0].casefold() in ("t", "time")]
-    candidates = [x for x in times if _is_time_unit(split_unit(in_run[x])[1]) or in_run[x] in names]
-    if len(candidates) > 1:
+    names = {x: split_unit(y) for x, y in in_run.items()}
+    times = [x for x, (name, _) in names.items() if name == "t" or name.casefold() == "time"]
+    with_unit = [x for x in times if conversion_factor(names[x][1], "s") is not None]
+    if len(with_unit) > 1:
         raise BeamdaeError(
-            f"{part}: the columns {candidates[0]!r} and {candidates[1]!r} of data are both times; "
+            f"{part}: the columns {with_unit[0]!r} and {with_unit[1]!r} of data are both times; "
             "remove one."
         )
-    return next(iter([*candidates, *times]), None)
+    return next(iter([*with_unit, *times]), None)
 
 
-def _is_time_unit(unit: str) -> bool:
-    return conversion_factor(unit, "s") is not None
-
-
-def _read_times(part: str, values: Any, time: str, in_run: str, name: str) -> tuple[pd.Series, str]:
-    """Return the times [s], from the first one if they are time stamps, and their header."""
-    header = time if split_unit(time)[1] else in_run
-    unit = split_unit(header)[1]
-    if np.asarray(values).dtype.kind in "MOUS":
-        stamps = read_time_stamps(part, f"{time!r} of {name}", map(str, values))
+def _read_times(part: str, values: Any, time: str, in_run: str, name: str) -> pd.Series:
+    """Return the times [s], from the first one if they are time stamps."""
+    unit = split_unit(time)[1] or split_unit(in_run)[1]
+    cells = _as_cells(part, values, time, name)
+    if cells.dtype.kind in "MOUS":
+        stamps = read_time_stamps(part, f"{time!r} of {name}", map(str, cells))
         if stamps is not None:
-            return pd.Series(stamps), header
-    numbers = pd.Series(_as_numbers(part, values, time, name))
+            return pd.Series(stamps)
+    factor: Any = conversion_factor(unit, "s") if unit else 1.0
+    if factor is None:
+        raise BeamdaeError(
+            f"{part}: the times {time!r} of {name} must be in a unit such as s or ms, got {unit}"
+            f"{suggest_unit(unit, 's') if parse_unit(unit) is None else ''}."
+        )
+    numbers = _as_numbers(part, pd.Series(cells), time, name)
     if not unit:
         warn_user(
             f"{part}: the times {time!r} of {name} have no unit and are taken as seconds; name the "
             f"column '{time} [s]'.",
             InputWarning,
         )
-        return numbers, header
-    factor = conversion_factor(unit, "s")
-    if factor is None:
-        raise BeamdaeError(
-            f"{part}: the times {time!r} of {name} must be in a unit such as s or ms, got {unit}"
-            f"{suggest_unit(unit, 's') if parse_unit(unit) is None else ''}."
-        )
-    return numbers * float(factor), header
+    return numbers * float(factor)
 
 
-def _as_cells(part: str, values: Any, column: str, name: str, count: int) -> Array:
-    """Return a column of a wide table as an array (count,) of any type."""
+def _as_cells(part: str, values: Any, column: str, name: str, count: int | None = None) -> Array:
+    """Return a column of a table as an array (n,) of any type, with a given length."""
     try:
         cells = np.asarray(values)
     except Exception:  # Of any kind in conversions of the user's objects.
         cells = np.asarray(None)
-    if cells.shape != (count,):
+    if cells.ndim != 1 or count not in (None, len(cells)):
         got = f"{len(cells)} for {count} times" if cells.ndim == 1 else short_repr(values)
         raise BeamdaeError(
-            f"{part}: the column {column!r} of {name} must have one finite number or NaN per time, "
-            f"got {got}."
+            f"{part}: the column {column!r} of {name} must have one entry per time, got {got}."
         )
     return cells
 
 
-def _as_numbers(part: str, values: Any, column: str, name: str) -> Array:
+def _as_numbers(part: str, cells: pd.Series, column: str, name: str) -> pd.Series:
     """Return a column (n,) as floats; missing values become NaN."""
-    what = f"{part}: the column {column!r} of {name} must contain"
-    try:
-        cells = np.asarray(values)
-        # Durations and dates would become counts of their own unit, such as nanoseconds.
-        numbers = cells.astype(float) if cells.dtype.kind not in "bmM" else None
-    except Exception:  # Of any kind in conversions of the user's objects.
-        numbers = None
-    if numbers is None or numbers.ndim != 1:
-        raise BeamdaeError(f"{what} numbers, got {_find_text(values)}.")
-    is_large = ~(np.abs(np.nan_to_num(numbers, posinf=np.inf)) <= _MAX_MAGNITUDE)
-    if is_large.any():
-        k = int(np.argmax(is_large))
-        raise BeamdaeError(f"{what} finite numbers or NaN, got {numbers[k]:g} in row {k + 1}.")
-    return np.asarray(numbers)
+    numbers = pd.to_numeric(cells, errors="coerce").astype(float)
+    is_wrong = (numbers.isna() & cells.notna()) | (numbers.abs() > _MAX_MAGNITUDE)
+    # Durations and dates would become counts of their own unit, such as nanoseconds.
+    is_wrong |= cells.dtype.kind in "bmM"
+    for row in cells.index[is_wrong]:
+        got = short_repr(cells.astype(object)[row])
+        raise BeamdaeError(
+            f"{part}: the column {column!r} of {name} must contain finite numbers or NaN, got "
+            f"{got} in row {row + 1}; leave missing values empty."
+        )
+    return numbers
 
 
-def _find_text(values: Any) -> str:
-    """Return the first value that is no number, with its row."""
-    try:
-        for k, value in enumerate(values):
-            try:
-                float("nan" if value is None else value)
-            except (TypeError, ValueError):
-                return f"{short_repr(value)} in row {k + 1}; leave missing values empty"
-    except Exception:  # Of any kind in iterations over the user's objects.
-        pass
-    return short_repr(values)
-
-
-def _as_names(part: str, values: Any, column: str, name: str) -> list[str]:
-    """Return a column of texts; numbers become texts."""
-    what = f"the column {column!r} of {name}"
+def _as_names(part: str, column: str, name: str, values: Any) -> list[str]:
+    """Return texts; numbers become texts."""
     texts = []
-    for k, value in enumerate(require_iterable(part, what, values, "names")):
+    for k, value in enumerate(values):
         number = as_real(value)
         text = as_text(value) or ("" if number is None or number != number else f"{number:g}")
         if not (text.strip() and text.isprintable()):
             raise BeamdaeError(
-                f"{part}: {what} must contain names, got {short_repr(value)} in row {k + 1}."
+                f"{part}: the column {column!r} of {name} must contain names of printable "
+                f"characters, got {short_repr(value)} in row {k + 1}."
             )
         texts.append(text.strip())
     return texts

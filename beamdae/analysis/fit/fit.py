@@ -11,14 +11,12 @@ import numpy as np
 
 from beamdae import deferred
 from beamdae.analysis.fit.problem import FitProblem
-from beamdae.analysis.fit.residual_causes import check_ranges
+from beamdae.analysis.fit.residual_checks import warn_of_ranges
 from beamdae.analysis.fit.result import Fit, create_fit
 from beamdae.analysis.fit.search import SearchResult, search
 from beamdae.analysis.fit.variables import Scaling
 from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS, require_start_bounds
-from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
 from beamdae.errors import (
-    kind_of_message,
     require_choice,
     require_count,
     warn_of_incomplete_result,
@@ -35,7 +33,6 @@ from beamdae.interrupts import (
 )
 from beamdae.model_functions import Model
 from beamdae.results.outcome import Status
-from beamdae.simulation import as_equations
 
 
 @interruptible
@@ -159,8 +156,7 @@ def fit(
     ------
     BeamdaeError
         If an argument is invalid, the first run fails, or the model cannot be differentiated (see
-        `sensitivities`), or if the ranges of a column in the first run and in the data differ by a
-        factor above 300 although no parameter scales the model.
+        `sensitivities`).
     Interrupted
         If Ctrl-C ends the fit; `Interrupted.partial` contains the best estimates so far, or None
         during the first run. Finished searches are stored in `folder`.
@@ -171,12 +167,11 @@ def fit(
     -----
     BeamdaeWarning
         Before the search, if columns of the data are not observed, have no unit in a file or have
-        times without a unit, if the data end after the end time of the model or before 1/300 of it,
-        or if the ranges of a column in the first run and in the data differ by a factor above 100;
-        if the search did not converge or explains less than half of the variation of the data, with
-        the reason, for each sentence in `Fit.warnings`, which
-        include those of the runs, if a parameter has no effect on the model, and for each sentence
-        in `Fit.undetermined` if a standard deviation is infinite.
+        times without a unit, or if the ranges of a column in the first run and in the data differ
+        by a factor above 100; if the search did not converge or explains less than half of the
+        variation of the data, with the reason, for each sentence in `Fit.warnings`, which include
+        those of the runs, and for each sentence in `Fit.undetermined` if a standard deviation is
+        infinite.
 
     Examples
     --------
@@ -213,16 +208,15 @@ def fit(
         data_columns,
     )
     scaling = Scaling(problem, bounds, log)
-    first, table, is_interrupted = scaling.first, None, False
     if starts > 1:
         condition = ", above 0 for those in log" if np.any(scaling.is_log) else ""
-        require_start_bounds("fit", problem.variables, *scaling.limits, condition)
-    first_run = None
+        require_start_bounds("fit", problem.variables, *scaling.ranges, condition)
+    first, known, table, is_interrupted = scaling.first, None, None, False
     try:
-        first_run = problem.evaluate(scaling.values(first))
-        check_ranges(problem, scaling, first_run)
+        known = problem.evaluate(scaling.values(first))
+        warn_of_ranges(problem, known)
     except (ValueError, ArithmeticError):
-        if starts == 1 or first_run is not None:
+        if starts == 1:
             raise  # Otherwise, other searches may succeed.
     if starts > 1:
         run_starts: Any = deferred.module("studies.fit_starts").run_starts
@@ -232,20 +226,19 @@ def fit(
     if is_interrupted:
         status = Status("interrupted", "interrupted before the end of all searches")
         best = problem.evaluate(scaling.values(first))
-        end = SearchResult(best, 1, status, np.zeros(len(first), bool))
+        end = SearchResult(best, 1, status, np.zeros(len(first), bool), best)
     else:
         try:
-            known = first_run if table is None else None
-            end = search(problem, scaling, first, max_evaluations, known)
+            end = search(problem, scaling, first, max_evaluations, known if starts == 1 else None)
         except Interrupted as interrupt:
             if not isinstance(interrupt.partial, SearchResult):
                 raise  # Interrupted in the first run.
             acknowledge()
             end = interrupt.partial
-        if table is not None:
-            # Those of the search from the best start, whose end is evaluated again.
-            best = table["chi-square"].astype(float).idxmin()
-            end = replace(end, evaluations=int(table["evaluations"][best]), first=first_run)
+    if table is not None:
+        # Those of the search from the best start, whose end is evaluated again.
+        row = table.loc[table["chi-square"].astype(float).idxmin()]
+        end = replace(end, evaluations=int(row["evaluations"]), first=known or end.first)
     result = create_fit(problem, scaling, end, table)
     if result.status.kind == "interrupted":
         if partial == "raise":
@@ -253,35 +246,10 @@ def fit(
         return result
     if not result.status.success:
         warn_of_incomplete_result(f"fit: {result.status.sentence}.")
-    idle = _warn_of_parameters_without_effect(problem, result)
-    undetermined = np.isinf(result.standard_deviations) & ~np.isin(result.names, idle)
-    for sentence in result.undetermined if undetermined.any() else ():
+    is_arbitrary = np.isinf(result.standard_deviations).any()
+    own = [x for x in result.warnings if x not in result.run_warnings]
+    for sentence in [*own, *(result.undetermined if is_arbitrary else ())]:
         warn_user(f"fit: {sentence}", merges=False)
-    for sentence in result.warnings:
-        if sentence in problem.duration_warnings:
-            continue  # issued before the search
-        if sentence not in result.run_warnings:
-            warn_user(f"fit: {sentence}", merges=False)
-        elif kind_of_message(sentence) not in problem.build_warnings:
-            warn_of_result([sentence])
+    builds = [x for run in result.solutions.values() for x in run.equations.build_warnings]
+    warn_of_result(result.run_warnings, builds)
     return result
-
-
-def _warn_of_parameters_without_effect(problem: FitProblem, result: Fit) -> list[str]:
-    """Warn of parameters that the model does not use, and return their names.
-
-    Warnings of the runs are not issued.
-    """
-    idle = [
-        name
-        for name in problem.names
-        if not any(
-            np.any(run.sensitivity(header, name))
-            for run in result.sensitivities.values()
-            for header in run.solution.columns
-        )
-    ]
-    values = {**problem.parameters, **result.parameters}
-    return warn_of_idle_parameters(
-        problem.model, values, lambda x: as_equations("fit", x, problem.start), idle
-    )

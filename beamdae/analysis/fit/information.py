@@ -8,16 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from beamdae.analysis.fit.problem import MIN_SINGULAR_RATIO, column_lengths
+from beamdae.analysis.fit.problem import MIN_SINGULAR_RATIO
 from beamdae.read_only import read_only_data
 
 Array = np.ndarray
 
 # Combinations of relative changes of parameters with a larger standard deviation are undetermined.
 MAX_RELATIVE_DEVIATION = 1.0
-# Singular values of the Jacobian with columns of unit length at which two estimates have a
-# correlation of 0.99: s^2 = 1 - 0.99.
-_MIN_INDEPENDENCE = 0.1
 # Parameters with smaller shares of a direction are not named.
 _MIN_NAMED_SHARE = 0.05
 
@@ -40,7 +37,9 @@ class Information:
 
     @cached_property
     def _decomposition(self) -> tuple[Array, Array]:
-        _, singular, directions = np.linalg.svd(self.jacobian * self.sizes, full_matrices=False)
+        # Rows of zeros complete the directions of few data.
+        matrix = np.vstack([self.jacobian * self.sizes, np.zeros((len(self.sizes),) * 2)])
+        _, singular, directions = np.linalg.svd(matrix, full_matrices=False)
         return singular, directions
 
     @property
@@ -64,11 +63,10 @@ class Information:
         with np.errstate(divide="ignore"):
             variances = np.where(self.is_dependent, 0.0, 1.0 / self.singular**2)
         covariance = (self.directions.T * variances) @ self.directions
-        # Parameters that take part in a direction without any effect are undetermined.
-        shares = np.abs(self.directions[self.is_dependent]).max(axis=0, initial=0.0)
-        for k in np.flatnonzero((shares > _MIN_NAMED_SHARE) & (self.sizes != 0.0)):
-            covariance[k, k] = np.inf
-        return np.asarray(covariance * np.outer(self.sizes, self.sizes))
+        covariance *= np.outer(self.sizes, self.sizes)
+        deviations = self.standard_deviations(np.eye(len(self.sizes)))
+        covariance[np.diag_indices_from(covariance)] = deviations**2
+        return np.asarray(covariance)
 
     def standard_deviations(self, derivatives: Array) -> Array:
         """Return the standard deviations (j,) of quantities with derivatives (j, k).
@@ -83,79 +81,30 @@ class Information:
         return np.asarray(np.sqrt((terms**2).sum(axis=1)))
 
     def describe_undetermined(
-        self, values: Mapping[str, float], units: Mapping[str, str], free: Information
+        self, values: Mapping[str, float], units: Mapping[str, str]
     ) -> list[str]:
         """Return sentences on combinations of parameters that the data do not determine.
 
         Changes are relative to the values; those of parameters with another size have units.
-        Correlations are those of `free`, in which some parameters are fixed.
         """
-        sentences, named = [], []
-        for s, direction, dependent in zip(
+        sentences = []
+        for s, direction, is_dependent in zip(
             self.singular, self.directions, self.is_dependent, strict=True
         ):
-            if not dependent and s * MAX_RELATIVE_DEVIATION >= 1.0:
+            if not is_dependent and s * MAX_RELATIVE_DEVIATION >= 1.0:
                 continue
             # The largest share is positive.
             largest = direction[np.argmax(np.abs(direction))]
-            change = direction / largest * (0.01 if dependent else abs(largest) / s)
-            is_named = np.abs(direction / largest) > _MIN_NAMED_SHARE
-            named.append(is_named)
+            change = direction / largest * (0.01 if is_dependent else abs(largest) / s)
             shares = [
                 f"{name} by {100.0 * x:+.3g} %"
                 if size == abs(value)
                 else f"{name} by {x * size:+.3g} {units[name]}".rstrip()
-                for (name, value), size, x, is_in in zip(
-                    values.items(), self.sizes, change, is_named, strict=True
-                )
-                if is_in
+                for (name, value), size, x in zip(values.items(), self.sizes, change, strict=True)
+                if abs(x) > _MIN_NAMED_SHARE * np.abs(change).max()
             ]
             subject = "Changes of" if len(shares) == 1 else "Joint changes of"
             effect = "do not change the fitted columns"
-            effect = effect if dependent else "lie within one standard deviation"
+            effect = effect if is_dependent else "lie within one standard deviation"
             sentences.append(f"{subject} {', '.join(shares)} {effect}.")
-        for members, factor in free._correlated():
-            if not any(np.all(x[members]) for x in named):
-                *others, last = (x for x, is_in in zip(values, members, strict=True) if is_in)
-                sentences.append(
-                    f"The data hardly distinguish the effects of {', '.join(others)} and {last}: "
-                    f"their standard deviations are up to {factor:.2g} times as large as if the "
-                    "others were known."
-                )
         return sentences
-
-    def nonlinear(self) -> Array:
-        """Return True (k,) for correlated parameters whose intervals may be far from linear.
-
-        A change by one standard deviation d, relative to the parameter, changes the residuals by
-        the ratio r of d to the deviation with all others known. Their curvature is about d r.
-        """
-        variances = np.diag(self.covariance) / np.where(self.sizes, self.sizes, 1.0) ** 2
-        # Infinite intervals hold.
-        variances = np.where(np.isfinite(variances), variances, 0.0)
-        effects = np.sum((self.jacobian * self.sizes) ** 2, axis=0)
-        is_correlated = np.zeros(len(self.sizes), bool)
-        for members, _ in self._correlated():
-            is_correlated |= members
-        curvature = variances * np.sqrt(effects)
-        return np.asarray(is_correlated & (curvature > MAX_RELATIVE_DEVIATION))
-
-    def _correlated(self) -> list[tuple[Array, float]]:
-        """Return the members (k,) of combinations with nearly dependent effects, and a factor.
-
-        By this factor, at most, the standard deviation of a member with the others unknown is
-        larger than with these known.
-        """
-        jacobian = self.jacobian * self.sizes
-        lengths = column_lengths(jacobian)
-        # The direction of a negligible effect is arbitrary.
-        has_effect = np.linalg.norm(jacobian, axis=0) * MAX_RELATIVE_DEVIATION >= 1.0
-        effects = jacobian / lengths * has_effect
-        _, singular, directions = np.linalg.svd(effects, full_matrices=False)
-        groups = []
-        for s, direction in zip(singular, np.abs(directions), strict=True):
-            members = has_effect & (direction > _MIN_NAMED_SHARE * direction.max())
-            if s < _MIN_INDEPENDENCE and members.sum() > 1:
-                inverse = np.linalg.pinv(effects[:, members], rcond=MIN_SINGULAR_RATIO)
-                groups.append((members, float(np.linalg.norm(inverse, axis=1).max())))
-        return groups

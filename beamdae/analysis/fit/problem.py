@@ -6,7 +6,7 @@ import copy
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,8 @@ from beamdae.analysis.fit.data import (
     MeasuredData,
     read_fit_data,
     read_measurements,
-    warn_of_missing_units,
 )
-from beamdae.analysis.fit.sensors import Sensor, Sensors, read_sensors
+from beamdae.analysis.fit.sensors import SCALE, SHIFT, Sensor, read_sensors
 from beamdae.analysis.sensitivities.differentiable_methods import DERIVATIVE_METHOD
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
 from beamdae.analysis.sensitivities.sensitivity_result import (
@@ -29,18 +28,9 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import TIME
-from beamdae.errors import (
-    BeamdaeError,
-    BeamdaeWarning,
-    InputWarning,
-    kind_of_message,
-    require_mapping,
-    short_repr,
-    warn_user,
-)
+from beamdae.errors import BeamdaeError, BeamdaeWarning, require_mapping, short_repr
 from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import require_integrator
-from beamdae.model_parameters import conversion_factor, split_unit
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate, skip_result_checks
 
@@ -48,10 +38,6 @@ Array = np.ndarray
 
 # Data that end after more than this multiple of the end time of the model are in other units.
 _MAX_DURATION = 10.0
-# Data that end after more or less than these multiples of it cause a warning. Delays of sensors do
-# not exceed the first; times in milliseconds that are labeled as seconds are below the second.
-_MAX_USUAL_DURATION = 1.1
-_MIN_USUAL_DURATION = 1.0 / 300.0
 # Singular values below this ratio to the largest are rounding errors of the derivatives.
 MIN_SINGULAR_RATIO = 1e-9
 # Consecutive residuals with at most this correlation are noise.
@@ -71,8 +57,8 @@ class Evaluation:
     runs
         Run with derivatives by experiment, at the times of the data.
     residuals
-        Weighted residuals (N,): (model - data) / sigma, with the best scales and offsets; 0 for
-        data that are left out.
+        Weighted residuals (N,): (model - data) / sigma, with the best scales and offsets; 0 where
+        reactions of the model grow without bounds.
     coefficients
         Best scales, then offsets, (L,).
     projected_jacobian
@@ -81,8 +67,6 @@ class Evaluation:
     jacobian
         Derivatives (N, K + L) of the weighted residuals with respect to `values` and
         `coefficients` as independent parameters.
-    is_omitted
-        True (N,) for data that are left out: reactions of the runs that grow without bounds there.
     """
 
     values: Array
@@ -91,12 +75,11 @@ class Evaluation:
     coefficients: Array
     projected_jacobian: Array
     jacobian: Array
-    is_omitted: Array
 
     @property
-    def count(self) -> int:
-        """Number of compared data."""
-        return int(np.sum(~self.is_omitted))
+    def estimates(self) -> Array:
+        """The values and the coefficients, (K + L,)."""
+        return np.append(self.values, self.coefficients)
 
     @property
     def chi_square(self) -> float:
@@ -132,11 +115,9 @@ class FitProblem:
     data
         The data.
     sensors
-        Unknown properties of sensors.
+        Unknown properties of sensors: shifts, then scales and offsets.
     first_values
         First values (K,) of the parameters of the model and of the shifts.
-    build_warnings
-        Kinds of the warnings that the first models issued; see `kind_of_message`.
     weights
         Reciprocal standard deviations (N,) of the data.
     """
@@ -164,29 +145,44 @@ class FitProblem:
         self.parameters = complete_parameters("fit", model, parameters)
         measured = read_measurements("fit", data, data_columns)
         self._settings = self._read_experiments(experiments, measured.experiments)
-        self.build_warnings: set[str] = set()
-        self._set_data(read_fit_data(measured, self._observed_headers(), sigma))
-        self.sensors: Sensors = read_sensors(self.data, scale, offset, shift)
-        if not self.sensors.scales:
-            warn_of_missing_units("fit", measured, self.data)
+        headers = {
+            x: as_equations("fit", model(**{**self.parameters, **values}), start).observed_headers
+            for x, values in self._settings.items()
+        }
+        data = read_fit_data(measured, headers, sigma)
+        self._set_data(data, read_sensors(data, scale, offset, shift))
         self.first_values = np.array(
             [self.parameters[name] for name in self.names]
-            + [float(np.clip(0.0, *shift.bounds)) for shift in self.sensors.shifts]
+            + [float(np.clip(0.0, *shift.bounds)) for shift in self.shifts]
         )
-        if self.count < (unknowns := len(self.variables) + len(self.coefficients)):
+        if self.count < (unknowns := len(self.estimated)):
             raise BeamdaeError(
                 f"fit: {self.count} data do not determine {unknowns} parameters; add data or fit "
                 "fewer parameters."
             )
-        self._t_end = self._latest_times()
-        for sentence in self.duration_warnings:
-            warn_user(f"fit: {sentence}", InputWarning, merges=False)
 
-    def _set_data(self, data: MeasuredData) -> None:
-        self.data = data
+    def _set_data(self, data: MeasuredData, sensors: tuple[Sensor, ...]) -> None:
+        self.data, self.sensors = data, sensors
         self._times = data.table[TIME].to_numpy()
         self._values = data.table[VALUE].to_numpy()
         self.weights = 1.0 / data.table[SIGMA].to_numpy()
+        self.shifts = [x for x in sensors if x.kind == SHIFT]
+        self._linear = [x for x in sensors if x.kind != SHIFT]
+        scales = [x.rows for x in sensors if x.kind == SCALE]
+        self._scaled_rows = np.array(scales, float).reshape(len(scales), self.count)
+        # The last time at which the run of each experiment may be compared [s].
+        latest = self._times.copy()
+        for shift in self.shifts:
+            latest[shift.rows] -= shift.bounds[0]
+        self._t_end = {x: float(latest[self._rows_of(x)].max()) for x in data.experiments}
+        limit = _MAX_DURATION * self.model.t_end
+        if not (min(self._t_end.values()) > 0.0 and self._times.max() <= limit):
+            raise BeamdaeError(
+                f"fit: the data end at {self._times.max():g} s, but must end after 0 s and before "
+                f"{limit:g} s, {_MAX_DURATION:g} times the end time of {self.model.name}; check "
+                "the unit of their times, subtract the first time from all times, or change t_end "
+                "of the model."
+            )
 
     def with_first_data(self, share: float, is_calibrated: bool = False) -> FitProblem:
         """Return a problem with the data of the first `share` of the time of each column.
@@ -195,11 +191,8 @@ class FitProblem:
         """
         other = copy.copy(self)
         data, rows = self.data.first(share)
-        other._set_data(data)
-        other.sensors = self.sensors.of_rows(rows)
-        if is_calibrated:
-            other.sensors = Sensors((), (), other.sensors.shifts)
-        other._t_end = other._latest_times()
+        sensors = self.shifts if is_calibrated else self.sensors
+        other._set_data(data, tuple(replace(x, rows=x.rows[rows]) for x in sensors))
         return other
 
     @property
@@ -220,23 +213,18 @@ class FitProblem:
     @property
     def variables(self) -> tuple[str, ...]:
         """Names of the parameters that the search varies: of the model, then shifts."""
-        return (*self.names, *(x.name for x in self.sensors.shifts))
+        return (*self.names, *(x.name for x in self.shifts))
 
     @property
-    def coefficients(self) -> tuple[str, ...]:
-        """Names of the parameters that are solved for linearly: scales, then offsets."""
-        return tuple(x.name for x in self._linear)
-
-    @property
-    def _linear(self) -> tuple[Sensor, ...]:
-        return (*self.sensors.scales, *self.sensors.offsets)
+    def estimated(self) -> tuple[str, ...]:
+        """Names of the variables, and of scales and offsets, which are solved for linearly."""
+        return (*self.variables, *(x.name for x in self._linear))
 
     @property
     def units(self) -> dict[str, str]:
         """Units of parameters and properties of sensors by name; "" if unknown."""
         info = self.model.parameter_info
-        units = {name: info[name].unit for name in self.names}
-        return units | {x.name: x.unit for x in self.sensors}
+        return {x: info[x].unit for x in self.names} | {x.name: x.unit for x in self.sensors}
 
     def _read_experiments(
         self, experiments: Any, known: tuple[str, ...]
@@ -262,55 +250,6 @@ class FitProblem:
             given[name] = {x: self.model.complete({x: values[x]})[x] for x in values}
         return {name: given.get(name, {}) for name in known}
 
-    def _observed_headers(self) -> dict[str, list[str]]:
-        """Return the headers of the observed columns by experiment."""
-        observed: dict[str, list[str]] = {}
-        for experiment, values in self._settings.items():
-            mechanism = self.model(**{**self.parameters, **values})
-            equations = as_equations("fit", mechanism, self.start)
-            self.build_warnings.update(map(kind_of_message, equations.build_warnings))
-            observed[experiment] = equations.observed_headers
-        return observed
-
-    def _latest_times(self) -> dict[str, float]:
-        """Return the last time at which the run of each experiment may be compared [s]."""
-        latest = self._times.copy()
-        for shift in self.sensors.shifts:
-            latest[shift.rows] -= shift.bounds[0]
-        ends = {x: float(latest[self._rows_of(x)].max()) for x in self.data.experiments}
-        if min(ends.values()) <= 0.0:
-            raise BeamdaeError(
-                "fit: the times of data must be finite and ascend, beyond 0 s; add later data."
-            )
-        if self._times.max() > _MAX_DURATION * self.model.t_end:
-            raise BeamdaeError(
-                f"fit: the data end at {self._describe_end()}, far after the end time of "
-                f"{self.model.name}, {self.model.t_end:g} s; check the unit of their times, "
-                "subtract the first time from all times, or change t_end of the model."
-            )
-        return ends
-
-    def _describe_end(self) -> str:
-        """Return the last time of the data, also in their unit."""
-        last = float(self._times.max())
-        source = next(x for x, rows in self.data.rows if self._times[rows][-1] == last)
-        unit = split_unit(source.time_header)[1]
-        factor = float(conversion_factor(unit, "s") or 1.0)
-        return f"{last:g} s" if factor == 1.0 else f"{last / factor:g} {unit} ({last:g} s)"
-
-    @property
-    def duration_warnings(self) -> tuple[str, ...]:
-        """Sentence on data that end after the end time of the model, or long before it."""
-        last, t_end = self._times.max(), self.model.t_end
-        if _MIN_USUAL_DURATION * t_end <= last <= _MAX_USUAL_DURATION * t_end:
-            return ()
-        relation = "long before" if last < t_end else "after"
-        consequence = "" if last < t_end else ", and the runs continue until then"
-        return (
-            f"The data end at {self._describe_end()}, {relation} the end time of "
-            f"{self.model.name}, {t_end:g} s{consequence}; check the unit of their times.",
-        )
-
     def _rows_of(self, experiment: str) -> Array:
         return (self.data.table[EXPERIMENT] == experiment).to_numpy()
 
@@ -324,9 +263,8 @@ class FitProblem:
         """
         times = self._shift_times(values)
         runs = {x: self._run(x, values, times) for x in self.data.experiments}
-        model, is_omitted = self._read({x: run.solution for x, run in runs.items()}, times)
-        derivatives = self._differentiate(runs, times)
-        return self._project(values, runs, model, derivatives, is_omitted)
+        model = self._read({x: run.solution for x, run in runs.items()}, times)
+        return self._project(values, runs, model, self._differentiate(runs, times))
 
     def change_of_residuals(
         self,
@@ -353,11 +291,9 @@ class FitProblem:
                 if other.trajectory.end < t_end:
                     raise BeamdaeError(f"fit: the run was {other.status.sentence}.")
                 solutions[experiment] = other.at_times(self._needed_times(experiment, times))
-        model, is_omitted = self._read(solutions, times)
-        derivatives = np.zeros((len(times), len(self.variables)))
-        compared = self._project(evaluation.values, {}, model, derivatives, is_omitted)
-        is_omitted = is_omitted | evaluation.is_omitted
-        return np.where(is_omitted, 0.0, compared.residuals - evaluation.residuals)
+        model, nothing = self._read(solutions, times), np.zeros((len(times), len(self.variables)))
+        compared = self._project(evaluation.values, {}, model, nothing)
+        return compared.residuals - evaluation.residuals
 
     def start_of(self, equations: EquationsOfMotion) -> Any:
         """Return the start of the runs of a model."""
@@ -365,32 +301,29 @@ class FitProblem:
         return self.start if self.start is not None or mechanism is None else mechanism.start
 
     def recorded_values(self, evaluation: Evaluation) -> Array:
-        """Return the recorded values (N,) that an evaluation predicts, or those left out."""
+        """Return the recorded values (N,) that an evaluation predicts."""
         return self._values + evaluation.residuals / self.weights
 
     def weighted_rates(self, evaluation: Evaluation) -> Array:
         """Return the time derivatives (N,) of the recorded values over the sigma of the data."""
         times = self._shift_times(evaluation.values)
-        result = np.empty(len(times))
+        result = self.weights * self._scale_rows(evaluation.coefficients)
         for source, rows in self.data.rows:
             run = evaluation.runs[source.experiment].solution
-            result[rows] = differentiate_column(run, source.header, times[rows])
-        for sensor, scale in zip(self.sensors.scales, evaluation.coefficients, strict=False):
-            result[sensor.rows] *= scale
-        return np.where(evaluation.is_omitted, 0.0, result * self.weights)
+            result[rows] *= differentiate_column(run, source.header, times[rows])
+        return np.nan_to_num(result)
+
+    def _scale_rows(self, coefficients: Array) -> Array:
+        """Return the scale of each of the data, (N,)."""
+        scales = coefficients[: len(self._scaled_rows)] @ self._scaled_rows
+        return np.where(self._scaled_rows.any(axis=0), scales, 1.0)
 
     def _shift_times(self, values: Array) -> Array:
         """Return the times (N,) of the runs at which they are compared with the data."""
         times = self._times.copy()
-        shifts = values[len(self.names) :]
-        for shift, value in zip(self.sensors.shifts, shifts, strict=True):
+        for shift, value in zip(self.shifts, values[len(self.names) :], strict=True):
             times[shift.rows] -= value
         return times
-
-    def _parameters(self, experiment: str, values: Array) -> dict[str, Any]:
-        """Return all parameters of the model in an experiment."""
-        fitted = dict(zip(self.names, values.tolist(), strict=False))
-        return {**self.parameters, **self._settings[experiment], **fitted}
 
     def _needed_times(self, experiment: str, times: Array) -> Array:
         """Return the ascending times of the rows of an experiment, within its run."""
@@ -398,7 +331,8 @@ class FitProblem:
         return np.unique(np.clip(times[self._rows_of(experiment)], 0.0, self._t_end[experiment]))
 
     def _run(self, experiment: str, values: Array, times: Array) -> Sensitivities:
-        t_end = self._t_end[experiment]
+        t_end, needed = self._t_end[experiment], self._needed_times(experiment, times)
+        fitted = dict(zip(self.names, values.tolist(), strict=False))
         # The result evaluates the warnings of the last run.
         with _without_warnings():
             run = differentiate_run(
@@ -406,11 +340,10 @@ class FitProblem:
                 self.names,
                 self.integrator,
                 t_end,
-                parameters=self._parameters(experiment, values),
+                parameters={**self.parameters, **self._settings[experiment], **fitted},
                 start=self.start,
                 needs_high_order=False,
             )
-            needed = self._needed_times(experiment, times)
             if run.solution.trajectory.end < t_end:
                 raise BeamdaeError(
                     f"fit: the run of {self.model.name} was {run.solution.status.sentence}, before "
@@ -418,16 +351,13 @@ class FitProblem:
                 )
             return run.at_times(needed)
 
-    def _read(self, runs: Mapping[str, Solution], times: Array) -> tuple[Array, Array]:
-        """Return the model at the times of the data, (N,), and True (N,) for data to leave out."""
-        model, is_omitted = np.empty(len(times)), np.zeros(len(times), bool)
-        is_unbounded = {name: np.isnan(run.lam).any(axis=1) for name, run in runs.items()}
+    def _read(self, runs: Mapping[str, Solution], times: Array) -> Array:
+        """Return the model at the times of the data, (N,)."""
+        model = np.empty(len(times))
         for source, rows in self.data.rows:
             run = runs[source.experiment]
-            at = _nearest_rows(run.t, times[rows])
-            model[rows] = run.columns[source.header][at]
-            is_omitted[rows] = np.isnan(model[rows]) & is_unbounded[source.experiment][at]
-        return model, is_omitted
+            model[rows] = run.columns[source.header][_nearest_rows(run.t, times[rows])]
+        return model
 
     def _differentiate(self, runs: Mapping[str, Sensitivities], times: Array) -> Array:
         """Return the derivatives (N, K) of the model at the times of the data."""
@@ -437,47 +367,42 @@ class FitProblem:
             at = _nearest_rows(run.t, times[rows])
             for j, name in enumerate(self.names):
                 derivatives[rows, j] = run.sensitivity(source.header, name).to_numpy()[at]
-            for j, shift in enumerate(self.sensors.shifts, len(self.names)):
+            for j, shift in enumerate(self.shifts, len(self.names)):
                 if shift.rows[rows.start]:
                     rates = differentiate_column(run.solution, source.header, times[rows])
                     derivatives[rows, j] = -rates
         return derivatives
 
     def _project(
-        self,
-        values: Array,
-        runs: Mapping[str, Sensitivities],
-        model: Array,
-        derivatives: Array,
-        is_omitted: Array,
+        self, values: Array, runs: Mapping[str, Sensitivities], model: Array, derivatives: Array
     ) -> Evaluation:
-        """Solve for scales and offsets, and differentiate the remaining residuals."""
-        weights, scales = np.where(is_omitted, 0.0, self.weights), self.sensors.scales
-        model = np.where(is_omitted, 0.0, model)
-        derivatives = np.where(is_omitted[:, None], 0.0, derivatives)
-        matrix = np.zeros((len(model), len(self._linear)))
-        is_scaled = np.zeros(len(model), bool)
-        for j, sensor in enumerate(self._linear):
-            is_scale = j < len(scales)
-            matrix[sensor.rows, j] = ((model if is_scale else 1.0) * weights)[sensor.rows]
-            is_scaled |= sensor.rows & is_scale
-        weighted = derivatives * weights[:, None]
-        remainder = (self._values - np.where(is_scaled, 0.0, model)) * weights
+        """Solve for scales and offsets, and differentiate the remaining residuals.
+
+        Reactions that grow without bounds are left out: their residuals are zero.
+        """
+        is_missing = np.isnan(model)
+        if is_missing.all():
+            raise BeamdaeError(
+                "fit: reactions of the model grow without bounds at all times of the data; choose "
+                "other first values in parameters, or other columns."
+            )
+        weights, model = np.where(is_missing, 0.0, self.weights), np.nan_to_num(model)
+        scaled = self._scaled_rows
+        offsets = [x.rows for x in self._linear[len(scaled) :]]
+        rows = np.vstack([scaled * model, np.reshape(offsets, (len(offsets), self.count))])
+        matrix = (rows * weights).T
+        remainder = (self._values - np.where(scaled.any(axis=0), 0.0, model)) * weights
         # Columns of equal size, so that the rank does not depend on units.
         sizes = column_lengths(matrix)
         inverse = np.linalg.pinv(matrix / sizes) / sizes[:, None]
         coefficients = inverse @ remainder
         residuals = matrix @ coefficients - remainder
-        factors = np.ones(len(model))
-        for sensor, scale in zip(scales, coefficients, strict=False):
-            factors[sensor.rows] = scale
-        scaled = weighted * factors[:, None]
-        projected = scaled - matrix @ (inverse @ scaled)
-        for j, sensor in enumerate(scales):
-            rows = sensor.rows
-            projected -= np.outer(inverse[j], weighted[rows].T @ residuals[rows])
-        jacobian = np.hstack([scaled, matrix])
-        return Evaluation(values, runs, residuals, coefficients, projected, jacobian, is_omitted)
+        weighted = np.where(is_missing[:, None], 0.0, derivatives * weights[:, None])
+        effects = weighted * self._scale_rows(coefficients)[:, None]
+        projected = effects - matrix @ (inverse @ effects)
+        projected -= inverse[: len(scaled)].T @ ((scaled * residuals) @ weighted)
+        jacobian = np.hstack([effects, matrix])
+        return Evaluation(values, runs, residuals, coefficients, projected, jacobian)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ Stat. 37 (1988) 87, doi:10.2307/2347496).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -23,9 +23,8 @@ from beamdae.results.displays import HasTable, Plot, load_views
 
 Array = np.ndarray
 
-# Doublings of the half width for known other parameters until an interval counts as infinite, and
-# the error of the limits, relative to the half width.
-_MAX_DOUBLINGS, _TOLERANCE = 60, 1e-6
+# Doublings of the half width for known other parameters until an interval counts as infinite.
+_MAX_DOUBLINGS = 60
 # Distance between values, relative to the half width of the interval on this side.
 _STEP = 0.35
 # First distance, relative to the value, of parameters without a finite interval. It doubles.
@@ -75,27 +74,23 @@ def bounded_interval(
     # The ends of searches are at bounds up to rounding.
     lower, upper = np.minimum(bounds[0] * lengths, 0.0), np.maximum(bounds[1] * lengths, 0.0)
     is_open = (np.arange(len(lengths)) != k) & (lower < upper)
-    box = lower[is_open], upper[is_open]
 
     def excess(t: float) -> float:
-        target = -(offset + matrix[:, k] * t)
+        left = offset + matrix[:, k] * t
         if is_open.any():
-            others = lsq_linear(matrix[:, is_open], target, box, method="bvls").x
-            target = target - matrix[:, is_open] @ others
-        return float(target @ target - offset @ offset) - quantile**2
+            box = lower[is_open], upper[is_open]
+            left = lsq_linear(matrix[:, is_open], -left, box, method="bvls").fun
+        return float(left @ left - offset @ offset) - quantile**2
 
     limits = []
-    for side, bound in ((-1.0, lower[k]), (1.0, upper[k])):
-        inner, outer = 0.0, 0.0
-        for doubling in range(_MAX_DOUBLINGS):
-            inner, outer = outer, side * min(quantile * 2.0**doubling, abs(float(bound)))
-            if outer == bound or excess(outer) >= 0.0:
-                break
-        else:
-            outer = side * np.inf
-        if np.isfinite(outer) and inner != outer and excess(inner) < 0.0 <= excess(outer):
-            outer = brentq(excess, inner, outer, rtol=_TOLERANCE)
-        limits.append(float(outer / lengths[k]))
+    for side, bound in ((-1.0, abs(lower[k])), (1.0, upper[k])):
+        end = min(quantile, bound)
+        while excess(side * end) < 0.0 and end < min(bound, quantile * 2.0**_MAX_DOUBLINGS):
+            end = min(2.0 * end, bound)
+        limit = side * np.inf if end < bound else side * bound
+        if excess(side * end) >= 0.0:
+            limit = brentq(excess, 0.0, side * end)
+        limits.append(float(limit / lengths[k]))
     return limits[0], limits[1]
 
 
@@ -129,10 +124,8 @@ class ProfileLikelihood(HasTable):
     threshold: float
     interval: tuple[float, float]
     others: Mapping[str, Array]
-    # Message and last accepted value of each side on which the model rejects values.
-    _failures: Mapping[str, str] = field(default_factory=dict)
-    # Reason why the search of the fit ended before a minimum, or "".
-    _fit_failure: str = ""
+    # Reasons why the lower and the upper limit were not found.
+    _reasons: tuple[str, ...]
 
     def __repr__(self) -> str:
         low, high = self.interval
@@ -141,26 +134,19 @@ class ProfileLikelihood(HasTable):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings if the fit is at no minimum, or if a limit of the interval was not found."""
-        sentences = []
+        sides = zip(("lower", "upper"), self.interval, self._reasons, strict=True)
+        sentences = [
+            f"profile: no {side} limit of {self.name} was found{reason}."
+            for side, limit, reason in sides
+            if np.isinf(limit)
+        ]
         best = int(np.argmin(self.increases))
-        if self._fit_failure:
-            sentences.append(
-                f"profile: the fit did not converge ({self._fit_failure}), so that increases are "
-                "not those over a minimum and the interval is unreliable; repeat the fit first."
-            )
-        elif self.increases[best] < -_MAX_DECREASE:
+        if self.increases[best] < -_MAX_DECREASE:
             sentences.append(
                 f"profile: the sum of squares at {self.name} = {self.values[best]:.6g} is lower "
                 "than that of the fit, so that the interval is unreliable; repeat the fit from "
                 "there (parameters=)."
             )
-        for side, limit in zip(("lower", "upper"), self.interval, strict=True):
-            if np.isinf(limit):
-                remedy = "; increase max_points, or measure more"
-                sentences.append(
-                    f"profile: no {side} limit of {self.name} was found"
-                    f"{self._failures.get(side, remedy)}."
-                )
         return tuple(sentences)
 
     def table(self) -> pd.DataFrame:
@@ -213,63 +199,53 @@ def trace_profile(
         Maximum number of values on each side, at most 1000.
     """
     max_points = require_count("profile", "max_points", max_points, most=_MAX_POINTS)
-    k = problem.variables.index(name)
-    threshold = quantile**2
-    increases = {float(best.evaluation.values[k]): (0.0, best)}
-    limits: list[float] = []
-    failures: dict[str, str] = {}
-    for j, label in enumerate(("lower", "upper")):
-        side, bound = (-1.0, 1.0)[j], float(scaling.bounds[j][k])
-        half_width, halvings = float(half_widths[j]), 0
-        last = best.evaluation.values
-        change, limit, count = np.zeros_like(last), side * np.inf, 0
-        step = half_width * _STEP
-        if not np.isfinite(step) or step == 0.0:
-            step = _FIRST_RELATIVE_STEP * (abs(last[k]) or 1.0)
+    k, start = problem.variables.index(name), best.evaluation.values
+    points = {float(start[k]): (0.0, best.evaluation)}
+    limits, reasons = [], []
+    for side, half_width, bounds in zip((-1.0, 1.0), half_widths, scaling.bounds, strict=True):
+        last, change, count, halvings = start, np.zeros_like(start), 0, 0
+        is_finite = np.isfinite(half_width) and half_width > 0.0
+        step = half_width * _STEP if is_finite else _FIRST_RELATIVE_STEP * (abs(last[k]) or 1.0)
+        limit, reason = side * np.inf, "; increase max_points, or measure more"
         while count < max_points and np.isinf(limit):
             value = float(np.clip(last[k] + side * step, *(x[k] for x in scaling.bounds)))
             if value == last[k]:
-                limit = bound  # It limits the interval.
+                limit = float(bounds[k])  # It limits the interval.
                 break
             # Extrapolated, because the best values of the others depend almost linearly on it.
             first = np.clip(last + change, *scaling.bounds)
             first[k] = value
+            increase, message = np.inf, ""
             try:
-                end = _fit_others(problem, scaling, first, k)
+                end = _fit_others(problem, scaling, first, k).evaluation
+                increase = (end.chi_square - best.chi_square) / variance
             except (ValueError, ArithmeticError) as rejection:
-                # The model rejects the value.
-                end, message = None, format_message(rejection)
-            increase = np.inf if end is None else (end.chi_square - best.chi_square) / variance
-            if increase > _MAX_OVERSHOOT * threshold and halvings < _MAX_HALVINGS:
+                message = format_message(rejection)
+            if increase > _MAX_OVERSHOOT * quantile**2 and halvings < _MAX_HALVINGS:
                 # The best values of others reach bounds, or the sum of squares is no parabola.
                 halvings, step = halvings + 1, 0.5 * step
                 continue
-            if end is None:
-                failures[label] = (
+            if message:
+                reason = (
                     f" before runs fail next to {last[k]:.6g} ({message}); the interval reaches at "
                     "least there"
                 )
                 break
-            if increase >= threshold:
+            if increase >= quantile**2:
                 # The root of the increase, which is linear for a linear model, is interpolated.
-                roots = np.sqrt(np.maximum([increases[float(last[k])][0], increase], 0.0))
+                roots = np.sqrt(np.maximum([points[float(last[k])][0], increase], 0.0))
                 limit = float(np.interp(quantile, roots, [last[k], value]))
-            change, last, count = end.evaluation.values - last, end.evaluation.values, count + 1
-            increases[float(last[k])] = increase, end
-            step *= 1.0 if np.isfinite(half_width) else 2.0
-        limits.append(float(limit))
-    ends = [increases[x][1].evaluation for x in sorted(increases)]
-    table = np.array([np.append(x.values, x.coefficients) for x in ends])
-    names = (*problem.variables, *problem.coefficients)
+            change, last, count = end.values - last, end.values, count + 1
+            points[float(last[k])] = increase, end
+            step *= 1.0 if is_finite else 2.0
+        limits.append(limit)
+        reasons.append(reason)
+    increases, ends = zip(*(points[x] for x in sorted(points)), strict=True)
+    table = np.array([x.estimates for x in ends])
+    others = {x: table[:, j] for j, x in enumerate(problem.estimated) if j != k}
+    interval = limits[0], limits[1]
     return ProfileLikelihood(
-        name,
-        table[:, k],
-        np.array([increases[x][0] for x in sorted(increases)]),
-        threshold,
-        (limits[0], limits[1]),
-        {other: table[:, j] for j, other in enumerate(names) if j != k},
-        failures,
-        "" if best.status.success else best.status.sentence,
+        name, table[:, k], np.array(increases), quantile**2, interval, others, tuple(reasons)
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,9 @@ from beamdae.analysis.fit.information import MAX_RELATIVE_DEVIATION, Information
 from beamdae.analysis.fit.problem import FitProblem
 from beamdae.analysis.fit.profile import ProfileLikelihood, bounded_interval, trace_profile
 from beamdae.analysis.fit.residual_causes import suggest_causes
-from beamdae.analysis.fit.residual_checks import check_end, check_errors, check_residuals
+from beamdae.analysis.fit.residual_checks import check_bounds, check_errors, check_residuals
 from beamdae.analysis.fit.search import MIN_RELATIVE_RESIDUAL, SearchResult
+from beamdae.analysis.fit.sensors import OFFSET, SCALE, SHIFT
 from beamdae.analysis.fit.variables import Scaling
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.equations.measures import TIME
@@ -42,8 +43,6 @@ _UPPER_PROBABILITY = 0.975
 _MIN_RELATIVE_VALUE = 1e-3
 # Searches with a larger difference of their sums of squares, in variances, have other minima.
 _MAX_SUM_DIFFERENCE = 0.1
-# Data with smaller errors, relative to their size, are computed: the runs are as accurate.
-_MIN_RELATIVE_SIGMA = 1e-6
 
 
 @read_only_data
@@ -61,15 +60,14 @@ class Fit:
         Covariance matrix (k, k) of the estimates in the order of `names`, in their units: the
         inverse of J^T J, where J is the Jacobian of `residuals`. Variances of parameters that can
         change without an effect on the fitted columns are infinite. Those of the others hold fixed
-        the estimates at a bound, the parameters whose intervals reach both of their bounds, and
-        those that keep their first values because the data do not determine them.
+        the estimates at a bound, and those that keep their first values because the data do not
+        determine them.
     sensitivities
         Run with the estimates and its derivatives by experiment, at the times of the data. The
         experiment of data without names of experiments is "".
     residuals
         (model - data) / sigma of all data that are not missing, in the order of
-        `residual_table`; 0 where reactions of the model grow without bounds, which leaves these
-        data out.
+        `residual_table`; 0 where reactions of the model grow without bounds.
     sigma
         Standard deviation of the errors of each fitted column, by header: as given, its root mean
         square if it varies, or estimated from the residuals if it was not given.
@@ -85,7 +83,7 @@ class Fit:
     undetermined
         Sentences that name combinations of parameters which the data do not determine: those with a
         relative standard deviation above 100 %, in which the estimates stay close to the first
-        values, and those with correlations above 0.99.
+        values.
     at_bounds
         Names of parameters at a bound, which have no standard deviations.
     """
@@ -109,14 +107,12 @@ class Fit:
     _scaling: Scaling
     _search: SearchResult
     _starts: Any
-    _errors: Any = field(default=None)
 
     def __repr__(self) -> str:
+        estimates = zip(self.names, self.values, self.standard_deviations, strict=True)
         values = ", ".join(
             f"{name} = {value:.6g}" + ("" if np.isnan(deviation) else f" +- {deviation:.2g}")
-            for name, value, deviation in zip(
-                self.names, self.values, self.standard_deviations, strict=True
-            )
+            for name, value, deviation in estimates
         )
         bounds = f"; at a bound: {', '.join(self.at_bounds)}" if self.at_bounds else ""
         chi_square = self.describe_chi_square()
@@ -125,13 +121,10 @@ class Fit:
         return " ".join([end, *self.warnings, *self.undetermined])
 
     def _repr_html_(self) -> str:
-        chi_square = self.describe_chi_square()
-        chi_square = chi_square and f"; chi-square {chi_square}"
-        end = f"Fit of {self.model_name}: {self.status.sentence}{chi_square}"
-        lines = [end, *self.warnings, *self.undetermined]
-        return "<br>".join(map(html.escape, lines)) + self.table().to_html(
-            float_format="{:.5g}".format
-        )
+        lines = [f"Fit of {self.model_name}", self.status.sentence, self.describe_chi_square()]
+        lines += [*self.warnings, *self.undetermined]
+        table = self.table().to_html(float_format="{:.5g}".format)
+        return "<br>".join(map(html.escape, filter(None, lines))) + table
 
     def describe_chi_square(self) -> str:
         """Return chi-square, the degrees of freedom and `probability`; "" if sigma is estimated.
@@ -193,22 +186,17 @@ class Fit:
         Errors of estimates are relative to their values, those of columns to half the range of the
         data.
         """
-        if self._errors is not None:
-            return self._errors
         return deferred.module("accuracy.fits").measure_fit(self._problem, self._search.evaluation)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the estimates, followed by `run_warnings`.
 
-        Sentences on estimates that refined runs would change by more than 0.4 standard deviations
-        (see `errors`), on models that do not explain the data (`sigma` is known, and larger values
-        of chi-square have a probability below 1e-3), on a given `sigma` of more than 1.4 times the
-        residuals of its column (if smaller residuals have a probability below 1e-6), on residuals
-        that are no white noise (consecutive ones have a correlation above 0.5, single ones are
-        outliers, or, without `sigma`, columns or experiments scatter differently), on estimates at
-        a bound, on intervals of correlated parameters whose linear approximation may fail
-        (`profile` does without it), or on data that end after the end time of the model.
+        Sentences on estimates at a bound, on estimates that refined runs would change by more than
+        0.4 standard deviations (see `errors`), and on residuals: the model does not explain the
+        data (`sigma` is known, and larger values of chi-square have a probability below 1e-6),
+        `sigma` is more than 1.4 times the residuals (smaller ones have a probability below 1e-6),
+        consecutive residuals have a correlation above 0.5, or single ones are outliers.
         """
         return (*self._own_warnings, *self.run_warnings)
 
@@ -216,19 +204,16 @@ class Fit:
     def run_warnings(self) -> tuple[str, ...]:
         """Warnings of the runs with the estimates, none if the search ended before a minimum.
 
-        Warnings that not all experiments have begin with the name of the first one. Those
+        With several experiments, they begin with the name of the first one that has them. Those
         about the output rows are omitted, because a fit compares values at the times of the data.
         """
-        kinds: dict[str, dict[str, str]] = {}
+        kinds: dict[str, str] = {}
         for experiment, run in self.solutions.items() if self.status.kind != "limited" else ():
             for sentence in run.model_warnings:
                 if sentence not in run.row_warnings:
-                    kinds.setdefault(kind_of_message(sentence), {}).setdefault(experiment, sentence)
-        rows = ((x, *next(iter(x.items()))) for x in kinds.values())
-        return tuple(
-            sentence if len(x) == len(self.solutions) else f"{experiment}: {sentence}"
-            for x, experiment, sentence in rows
-        )
+                    text = sentence if len(self.solutions) == 1 else f"{experiment}: {sentence}"
+                    kinds.setdefault(kind_of_message(sentence), text)
+        return tuple(kinds.values())
 
     @property
     def standard_deviations(self) -> Array:
@@ -243,7 +228,7 @@ class Fit:
     @property
     def degrees_of_freedom(self) -> int:
         """Number of compared data minus number of estimates."""
-        return self._search.evaluation.count - len(self.names)
+        return self._problem.count - len(self.names)
 
     @property
     def quantile(self) -> float:
@@ -332,24 +317,26 @@ class Fit:
     @cached_property
     def _limits(self) -> Array:
         """Lower and upper limits (k, 2) of the 95 % intervals."""
-        values, deviations = self.values, self.standard_deviations
-        is_log = np.zeros(len(values), bool)
-        is_log[: len(self._scaling.is_log)] = self._scaling.is_log
+        scaling, values = self._scaling, self.values
+        # Scales and offsets have no bounds.
+        others = np.full(len(values) - len(scaling.is_log), np.inf)
+        bounds = np.append(scaling.bounds[0], -others), np.append(scaling.bounds[1], others)
+        is_log = np.append(scaling.is_log, others < 0.0)
         slopes = np.where(is_log, values, 1.0)
-        half = self.quantile * deviations / slopes
+        half = self.quantile * self.standard_deviations / slopes
         changes = np.stack([-half, half], axis=1)
-        below, above = _distances_to_bounds(self._scaling, values)
-        if self.status.success and (self.at_bounds or np.any((half > below) | (half > above))):
-            jacobian, bounds = self._whole.jacobian * slopes, (-below, above)
-            changes = np.array(
-                [
-                    bounded_interval(jacobian, self.residuals, bounds, k, self.quantile)
-                    for k in range(len(values))
-                ]
-            )
-        with np.errstate(over="ignore"):
-            factors = np.exp(np.where(is_log[:, None], changes, 0.0))
-        return np.where(is_log[:, None], values[:, None] * factors, values[:, None] + changes)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            below, above = (np.where(is_log, np.log(x / values), x - values) for x in bounds)
+            if self.status.success and (self.at_bounds or np.any((half > -below) | (half > above))):
+                jacobian, box = self._whole.jacobian * slopes, (below, above)
+                changes = np.array(
+                    [
+                        bounded_interval(jacobian, self.residuals, box, k, self.quantile)
+                        for k in range(len(values))
+                    ]
+                )
+            values = values[:, None]
+            return np.where(is_log[:, None], values * np.exp(changes), values + changes)
 
     def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
         """Write `table` and the units of the estimates as CSV and return the path.
@@ -384,16 +371,15 @@ class Fit:
         """Return a long table of data, model and residuals, one row per measured value.
 
         "model" contains the recorded values that the model and the sensors predict; "residual" is
-        (model - value) / sigma. Both are NaN for data that are left out.
+        (model - value) / sigma.
         """
         # Estimated standard deviations are the given ones, 1, times the estimate.
         estimate = 1.0 if self.is_sigma_known else next(iter(self.sigma.values()))
         data = self._problem.data.table.rename(columns={COLUMN: "observable"})
-        residuals = np.where(self._search.evaluation.is_omitted, np.nan, self.residuals)
         sigma = data[SIGMA] * estimate
-        model = data[VALUE] + residuals * sigma
+        model = data[VALUE] + self.residuals * sigma
         data = data[["experiment", "observable", TIME, VALUE]]
-        return data.assign(sigma=sigma, model=model, residual=residuals)
+        return data.assign(sigma=sigma, model=model, residual=self.residuals)
 
     def prediction(self, column: str, experiment: str | None = None) -> pd.DataFrame:
         """Return an observed column of the model with its uncertainty, over time.
@@ -459,7 +445,7 @@ class Fit:
         Raises
         ------
         BeamdaeError
-            If there is no such parameter, or a count is invalid.
+            If there is no such parameter, a count is invalid, or the fit did not converge.
 
         Warns
         -----
@@ -468,10 +454,11 @@ class Fit:
         """
         name = require_choice("profile", "name", name, self._problem.variables)
         index = self._problem.variables.index(name)
-        half_widths = np.abs(self._limits[index] - self.values[index])
         if not self.status.success:
-            deviations = self._whole.standard_deviations(np.eye(len(self.names)))
-            half_widths = np.full(2, self.quantile * deviations[index])
+            raise BeamdaeError(
+                f"profile: the fit did not converge ({self.status.sentence}); repeat the fit first."
+            )
+        half_widths = np.abs(self._limits[index] - self.values[index])
         variance = 1.0 if self.is_sigma_known else next(iter(self.sigma.values())) ** 2
         result = trace_profile(
             self._problem,
@@ -521,41 +508,32 @@ class Fit:
 
         They are 0, 1 and 0 unless they were fitted.
         """
-        sensors = self._problem.sensors
-        shift, scale, offset = (
-            next((self.sensors[x.name] for x in kind if x.rows[number]), default)
-            for kind, default in (
-                (sensors.shifts, 0.0),
-                (sensors.scales, 1.0),
-                (sensors.offsets, 0.0),
-            )
-        )
-        return shift, scale, offset
+        found = {SHIFT: 0.0, SCALE: 1.0, OFFSET: 0.0}
+        found |= {x.kind: self.sensors[x.name] for x in self._problem.sensors if x.rows[number]}
+        return found[SHIFT], found[SCALE], found[OFFSET]
 
 
 def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, starts: Any) -> Fit:
     """Return the result at the last values of a search."""
-    end, names = search.evaluation, (*problem.variables, *problem.coefficients)
-    estimates = np.concatenate([end.values, end.coefficients])
-    values = dict(zip(names, estimates.tolist(), strict=True))
-    freedom = end.count - len(names)
-    estimate, data = 1.0, problem.data.table
+    end, data = search.evaluation, problem.data.table
+    values = dict(zip(problem.estimated, end.estimates.tolist(), strict=True))
+    freedom, estimate = problem.count - len(values), 1.0
     if not problem.data.is_sigma_known:
         # Data computed by the model itself have no residuals, but rounding errors.
         rounding = float(np.finfo(float).eps) * (float(data[VALUE].abs().max()) or 1.0)
         estimate = max(float(np.sqrt(end.chi_square / max(freedom, 1))), rounding)
     residuals = end.residuals / estimate
     whole = Information(end.jacobian / estimate, _sizes(problem, values))
-    is_fixed = _find_fixed(scaling, search, estimates, whole)
+    is_fixed = _find_fixed(scaling, search, whole)
     free = Information(whole.jacobian, np.where(is_fixed, 0.0, whole.sizes))
     covariance = free.covariance
     # Fixed estimates keep the variances of the complete fit.
     variances = np.where(is_fixed, np.diag(whole.covariance), np.diag(covariance))
     np.fill_diagonal(covariance, variances)
-    status, own_warnings, errors = _check(problem, scaling, search, free, estimate)
-    undetermined = whole.describe_undetermined(values, problem.units, free)
     mean_squares = (data[SIGMA] ** 2).groupby(data[COLUMN], sort=False).mean()
-    return Fit(
+    undetermined = whole.describe_undetermined(values, problem.units) if search.explains else ()
+    status, warnings, errors = _check(problem, scaling, search, residuals, estimate)
+    fit = Fit(
         parameters={x: values[x] for x in problem.names},
         sensors={x: y for x, y in values.items() if x not in problem.names},
         covariance=covariance,
@@ -565,48 +543,50 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         is_sigma_known=problem.data.is_sigma_known,
         evaluations=search.evaluations,
         status=status,
-        undetermined=tuple(undetermined) if search.explains else (),
-        at_bounds=tuple(x for x, is_at in zip(names, search.at_bounds, strict=False) if is_at),
-        _own_warnings=tuple(own_warnings),
+        undetermined=tuple(undetermined),
+        at_bounds=tuple(np.array(problem.variables)[search.at_bounds].tolist()),
+        _own_warnings=tuple(warnings),
         _whole=whole,
         _free=free,
         _problem=problem,
         _scaling=scaling,
         _search=search,
         _starts=starts,
-        _errors=errors,
     )
+    if errors is not None:
+        vars(fit)["errors"] = errors
+    return fit
 
 
 def _check(
-    problem: FitProblem, scaling: Scaling, search: SearchResult, free: Information, estimate: float
+    problem: FitProblem, scaling: Scaling, search: SearchResult, residuals: Array, estimate: float
 ) -> tuple[Status, list[str], Any]:
     """Return the status of a fit, its warnings, and its errors by runs, None if not measured.
 
     `estimate` is the estimated factor of the standard deviations of the data.
     """
-    end, status, errors, data = search.evaluation, search.status, None, problem.data.table
-    residuals = end.residuals / estimate
-    sentences = [*problem.duration_warnings, *check_end(problem, scaling, search, free)]
+    end, status = search.evaluation, search.status
+    sentences = list(check_bounds(problem, scaling, search))
     if not search.explains:
         causes = suggest_causes(problem, end, search.first)
         advice = "check signs, units and times of the data and start=, or start from other values"
         return Status("limited", f"{status.sentence}; {causes}{advice}"), sentences, None
     if status.success or not search.failures:
-        freedom = end.count - len(free.sizes)
+        freedom = problem.count - len(problem.estimated)
         sentences += check_residuals(problem, search, residuals, freedom)
+    # Data without noise are computed by runs that are as accurate.
+    is_computed = end.chi_square <= MIN_RELATIVE_RESIDUAL**2 * problem.weighted_square
+    if status.kind == "interrupted" or (is_computed and not problem.data.is_sigma_known):
+        return status, sentences, None
+    try:
+        errors = deferred.module("accuracy.fits").measure_fit(problem, end)
+    except KeyboardInterrupt:
+        acknowledge()
+        status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
+        return status, sentences, None
     # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
     scatter = max(1.0, float(np.sqrt(np.mean(residuals**2))))
-    largest = float((data[VALUE] / data[SIGMA]).abs().max())
-    is_computed = estimate * scatter <= _MIN_RELATIVE_SIGMA * largest
-    if status.kind != "interrupted" and (problem.data.is_sigma_known or not is_computed):
-        try:
-            errors = deferred.module("accuracy.fits").measure_fit(problem, end)
-            sentences += check_errors(end, errors, estimate, scatter)
-        except KeyboardInterrupt:
-            acknowledge()
-            status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
-    return status, sentences, errors
+    return status, [*sentences, *check_errors(end, errors, estimate, scatter)], errors
 
 
 def _sizes(problem: FitProblem, values: Mapping[str, float]) -> Array:
@@ -617,42 +597,20 @@ def _sizes(problem: FitProblem, values: Mapping[str, float]) -> Array:
     sizes = {x: abs(value) for x, value in values.items()}
     firsts = zip(problem.names, np.abs(problem.first_values).tolist(), strict=False)
     sizes |= {x: first for x, first in firsts if sizes[x] < _MIN_RELATIVE_VALUE * first}
-    sizes |= {x.name: x.size for x in (*problem.sensors.shifts, *problem.sensors.offsets)}
+    sizes |= {x.name: x.size for x in problem.sensors if x.kind != SCALE}
     return np.array([x or 1.0 for x in sizes.values()])
 
 
-def _distances_to_bounds(scaling: Scaling, estimates: Array) -> tuple[Array, Array]:
-    """Return the distances (k,) of all estimates from their lower and upper bounds.
-
-    They are infinite without bounds, and differences of logarithms for parameters in `log`.
-    """
-    count = len(scaling.is_log)
-    with np.errstate(divide="ignore"):
-        values, lower, upper = (
-            np.where(scaling.is_log, np.log(np.abs(x)), x)
-            for x in (estimates[:count], *scaling.bounds)
-        )
-    others = np.full(len(estimates) - count, np.inf)
-    return np.append(values - lower, others), np.append(upper - values, others)
-
-
-def _find_fixed(
-    scaling: Scaling, search: SearchResult, estimates: Array, information: Information
-) -> Array:
+def _find_fixed(scaling: Scaling, search: SearchResult, information: Information) -> Array:
     """Return True (k,) for estimates that the covariance of the others holds fixed.
 
-    They are at a bound, or have intervals that exceed both bounds, or relative standard deviations
-    above 100 % even if all others are known.
+    They are at a bound, or have relative standard deviations above 100 % even if all others are
+    known.
     """
-    count = len(scaling.is_log)
-    below, above = _distances_to_bounds(scaling, estimates)
-    slopes = np.ones(len(estimates))
-    slopes[:count][scaling.is_log] = estimates[:count][scaling.is_log]
-    half = _NORMAL_QUANTILE * np.sqrt(np.diag(information.covariance)) / slopes
-    is_fixed = np.asarray(half > np.maximum(below, above))
-    is_fixed[:count] |= search.at_bounds
     # Near zero, changes are relative to the first value.
-    sizes = information.sizes.copy()
+    sizes, count = information.sizes.copy(), len(scaling.sizes)
     sizes[:count] = np.maximum(sizes[:count], scaling.sizes)
     effects = np.linalg.norm(information.jacobian * sizes, axis=0)
-    return is_fixed | (effects * MAX_RELATIVE_DEVIATION < 1.0)
+    is_fixed = effects * MAX_RELATIVE_DEVIATION < 1.0
+    is_fixed[:count] |= search.at_bounds
+    return np.asarray(is_fixed)

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
 
-from beamdae.analysis.fit.information import MAX_RELATIVE_DEVIATION
+from beamdae.analysis.fit.information import MAX_RELATIVE_DEVIATION, Information
 from beamdae.analysis.fit.problem import (
     MIN_SINGULAR_RATIO,
     Evaluation,
     FitProblem,
+    column_lengths,
     is_noise,
     unexplained_share,
 )
@@ -33,8 +34,6 @@ _ZERO_GRADIENT = 1e-15
 # e^3 costs one variance of the data, whose standard deviation is guessed, relative to that of the
 # motion, while it is unknown.
 _PRIOR_WEIGHT, _GUESSED_SIGMA = 1.0 / 3.0, 0.01
-# Distance from a bound, in first values or logarithms, up to which an estimate may be at the bound.
-_MAX_BOUND_DISTANCE = 1e-2
 # Length of the next Gauss-Newton step, in standard deviations of the estimates, up to which the end
 # of a search is a minimum.
 _MAX_NEXT_STEP = 0.1
@@ -75,8 +74,6 @@ class SearchResult:
         The first evaluation.
     failures
         Sentence on runs that failed during the search, or "".
-    is_stalled
-        True if the search ended without progress before it explained the data.
     explains
         False if the end leaves most of the variation of the data.
     """
@@ -85,9 +82,8 @@ class SearchResult:
     evaluations: int
     status: Status
     at_bounds: Array
-    first: Evaluation | None = None
+    first: Evaluation
     failures: str = ""
-    is_stalled: bool = False
     explains: bool = True
 
     @property
@@ -109,28 +105,26 @@ class _Evaluations:
     ) -> None:
         self.problem, self.scaling, self.limit = problem, scaling, limit
         self.failures: list[str] = []
-        self._sums: list[float] = []
         # The first run must succeed.
-        self.first = self.best = problem.evaluate(scaling.values(first)) if known is None else known
-        self.count = 1
+        self.first = self.best = known or problem.evaluate(scaling.values(first))
+        self._sums = [self.first.chi_square]
         self._accepted = first.tobytes()
         self._cache = {self._accepted: self.first}
-        if not self.best.count:
-            raise BeamdaeError(
-                "fit: reactions of the model grow without bounds at all times of the data; choose "
-                "other first values in parameters, or other columns."
-            )
-        if not np.isfinite(self.best.chi_square):
+        if not np.isfinite(self.first.chi_square):
             raise BeamdaeError(
                 "fit: the first run has no finite sum of squared residuals; choose other first "
                 "values in parameters, or check the data."
             )
 
+    @property
+    def count(self) -> int:
+        """Number of evaluations."""
+        return len(self._sums)
+
     def at(self, x: Array) -> Evaluation:
         """Return the evaluation at variables (K,)."""
         key = x.tobytes()
         if key not in self._cache:
-            self.count += 1
             evaluation = self.problem.evaluate(self.scaling.values(x))
             kept = {x: y for x, y in self._cache.items() if x == self._accepted}
             self._cache = kept | {key: evaluation}
@@ -193,50 +187,51 @@ def local_search(
     """
     free = np.ones(len(first), bool) if free is None else free
     record = _Evaluations(problem, scaling, first, max_evaluations, known)
-    at_bounds = np.zeros(len(first), bool)
+    nowhere = np.zeros(len(first), bool)
     if not free.any():
         status = Status("ok", "all parameters are fixed")
-        return SearchResult(record.best, 1, status, at_bounds, record.first)
-    sigma, is_stalled = 1.0, False
+        return SearchResult(record.best, 1, status, nowhere, record.first)
+    sigma, is_stalled, ending = 1.0, False, ""
     if not problem.data.is_sigma_known:
         sigma = float(_GUESSED_SIGMA * np.sqrt(problem.data.variation / problem.count))
+    attraction = _PRIOR_WEIGHT * sigma * np.eye(len(first))
     try:
-        attraction = _PRIOR_WEIGHT * sigma * np.eye(len(first))
         x, result = _minimize(record, first, free, attraction, _ROUGH_TOLERANCE)
         if not is_rough and result.success:
             x = np.where(free, scaling.inside(x), x)
             attraction = _attract_undetermined(record, x, free)
             x, result = _minimize(record, x, free, attraction, _TOLERANCE)
-        last, ending = record.at(x), ""
+        end = record.at(x)
         if not result.success:
             count = format_count(max_evaluations, "evaluation")
             ending = f"stopped after {count}; increase max_evaluations="
     except _StalledError:
-        last, ending, is_stalled = record.best, "stopped without progress", True
+        end, is_stalled = record.best, True
+        count = format_count(record.count, "evaluation")
+        ending = f"stopped without progress after {count}"
     except KeyboardInterrupt:
-        reason = f"interrupted after {format_count(record.count, 'evaluation')}"
-        status = Status("interrupted", reason)
-        partial = SearchResult(record.best, record.count, status, at_bounds, record.first)
-        raise Interrupted(reason, partial) from None
-    at_bounds, next_step = _find_next_step(record, last, attraction, free)
-    status = Status("ok", "converged")
+        status = Status(
+            "interrupted", f"interrupted after {format_count(record.count, 'evaluation')}"
+        )
+        partial = SearchResult(record.best, record.count, status, nowhere, record.first)
+        raise Interrupted(status.sentence, partial) from None
+    at_bounds, next_step = _find_next_step(record, end, attraction, free)
+    status, failures = Status("ok", "converged"), ""
     if next_step > _MAX_NEXT_STEP:
         cause = "runs fail" if record.failures else "the columns jump or have a kink"
-        status = Status(
-            "limited",
-            ending
-            or f"the search ended next to values at which {cause}, {next_step:.2g} standard "
-            "deviations before a minimum",
+        ended = (
+            f"the search ended next to values at which {cause}, {next_step:.2g} standard "
+            "deviations before a minimum"
         )
-    failures = ""
+        status = Status("limited", ending or ended)
     if record.failures:
         count, last_one = format_count(len(record.failures), "run"), record.failures[-1]
         failures = (
             f"{count} failed, the last one: {last_one.removesuffix('.')}; pass bounds= that "
             "exclude such values"
         )
-    is_stalled &= not status.success
-    return SearchResult(last, record.count, status, at_bounds, record.first, failures, is_stalled)
+    result = SearchResult(end, record.count, status, at_bounds, record.first, failures)
+    return replace(result, explains=False) if is_stalled and not status.success else result
 
 
 def _minimize(
@@ -258,11 +253,10 @@ def _minimize(
 
     def residuals(x: Array) -> Array:
         evaluation = record.at_or_none(whole(x))
-        count = record.problem.count + len(attraction)
-        if evaluation is None:
-            return np.full(count, np.nan)  # The search continues with a shorter step.
         distance = attraction @ (whole(x) - scaling.first)
-        return np.append(evaluation.residuals, distance) / size
+        # The search continues with a shorter step from NaN.
+        left = np.full(record.problem.count, np.nan) if evaluation is None else evaluation.residuals
+        return np.append(left, distance) / size
 
     def jacobian(x: Array) -> Array:
         rows = record.accept(whole(x)).projected_jacobian * scaling.derivatives(whole(x))
@@ -284,19 +278,42 @@ def _minimize(
 
 def _attract_undetermined(record: _Evaluations, x: Array, free: Array) -> Array:
     """Return the attraction (j, K) of the combinations that the data do not determine at `x`."""
-    evaluation = record.at(x)
+    evaluation, slopes = record.at(x), record.scaling.derivatives(x)
     sigma = _standard_deviation(record.problem, evaluation)
     # Near zero, changes are relative to the first value.
-    sizes = np.maximum(record.scaling.derivatives(x), record.scaling.sizes)
-    jacobian = evaluation.projected_jacobian * sizes * free
-    _, singular, directions = np.linalg.svd(jacobian)
-    singular = np.append(singular, np.zeros(len(x) - len(singular)))
+    sizes = np.maximum(slopes, record.scaling.sizes)
+    information = Information(evaluation.projected_jacobian, sizes * free)
+    singular = information.singular
     limit = max(sigma / MAX_RELATIVE_DEVIATION, MIN_SINGULAR_RATIO * singular[0])
-    is_undetermined = singular < (limit or np.inf)
+    directions = information.directions[singular < (limit or np.inf)]
     # Orthonormal directions in the variables.
-    ratios = sizes / record.scaling.derivatives(x)
-    basis, _ = np.linalg.qr((directions[is_undetermined] * ratios).T)
+    basis, _ = np.linalg.qr((directions * sizes / slopes).T)
     return np.asarray(_PRIOR_WEIGHT * sigma * basis.T)
+
+
+def _find_next_step(
+    record: _Evaluations, end: Evaluation, attraction: Array, free: Array
+) -> tuple[Array, float]:
+    """Return which variables (K,) are at a bound, and the length of the next Gauss-Newton step.
+
+    The step minimizes the linearized problem within the bounds. The length is that of the variables
+    inside the bounds in standard deviations; searches end in front of bounds, and in front of
+    values at which runs fail or columns jump.
+    """
+    x, at_bounds = record.scaling.variables(end.values), np.zeros(len(free), bool)
+    jacobian = np.vstack([end.projected_jacobian * record.scaling.derivatives(x), attraction])
+    residuals = np.append(end.residuals, attraction @ (x - record.scaling.first))
+    if end.chi_square <= MIN_RELATIVE_RESIDUAL**2 * record.problem.weighted_square:
+        return at_bounds, 0.0
+    lengths = column_lengths(jacobian)[free]
+    effects = jacobian[:, free] / lengths
+    lower, upper = ((limit - x)[free] * lengths for limit in record.scaling.limits)
+    box = np.minimum(lower, 0.0), np.maximum(upper, 0.0)
+    step = lsq_linear(effects, -residuals, box, method="bvls")
+    at_bounds[free] = step.active_mask != 0
+    change = effects @ np.where(step.active_mask, 0.0, step.x)
+    freedom = max(record.problem.count - int(np.sum(free & ~at_bounds)), 1)
+    return at_bounds, float(np.linalg.norm(change) * np.sqrt(freedom / end.chi_square))
 
 
 def search(
@@ -314,14 +331,13 @@ def search(
         See `local_search`.
     """
     end = local_search(problem, scaling, first, max_evaluations, known=known)
-    if not is_explained(problem, end.evaluation) and end.evaluations < max_evaluations:
-        count = problem.count
+    if not is_explained(problem, end.evaluation):
         try:
             end = _repeat_from_first_data(problem, scaling, first, end, max_evaluations)
         except KeyboardInterrupt as interrupt:
             best = getattr(interrupt, "partial", None)
             # Those of first parts of the data are no ends of the fit.
-            if isinstance(best, SearchResult) and len(best.evaluation.residuals) == count:
+            if isinstance(best, SearchResult) and len(best.evaluation.residuals) == problem.count:
                 end = min(end, best, key=lambda x: x.chi_square)
             reason = f"interrupted after {format_count(end.evaluations, 'evaluation')}"
             partial = replace(end, status=Status("interrupted", reason))
@@ -342,44 +358,42 @@ def _repeat_from_first_data(
     squares has no local minimum between them. The search therefore begins with a short part of the
     data and continues with longer ones.
     """
-    count = end.evaluations
+    spent = end.evaluations
     for share in _FIRST_SHARES:
-        if (
-            problem.with_first_data(share).data.variation
-            < _MIN_PART_VARIATION * problem.data.variation
-        ):
+        parts = [problem.with_first_data(share)]
+        if parts[0].data.variation < _MIN_PART_VARIATION * problem.data.variation:
             continue
-        # Short parts hardly determine scales and offsets, which most sensors have near 1 and 0.
-        for is_calibrated in (True, False) if problem.coefficients else (False,):
-            part = problem.with_first_data(share, is_calibrated)
-            limit = min(_MAX_PART_EVALUATIONS, max_evaluations - count)
+        if len(problem.estimated) > len(problem.variables):
+            # Short parts hardly determine scales and offsets, which most sensors have near 1 and 0.
+            parts.insert(0, problem.with_first_data(share, is_calibrated=True))
+        for part in parts:
+            limit = min(_MAX_PART_EVALUATIONS, max_evaluations - spent)
             if limit < 1:
-                return replace(end, evaluations=count)
+                return replace(end, evaluations=spent)
             try:
                 other = local_search(part, scaling, first, limit, is_rough=True)
             except (ValueError, ArithmeticError):
                 # BeamdaeError, or an error of the model function at extreme values.
-                return replace(end, evaluations=count)
-            count += other.evaluations
+                return replace(end, evaluations=spent)
+            spent += other.evaluations
             if is_explained(part, other.evaluation):
                 first = scaling.start(other.evaluation.values)
                 break
         else:
-            return replace(end, evaluations=count)
-    if count < max_evaluations:
+            return replace(end, evaluations=spent)
+    best = end
+    if spent < max_evaluations:
         with suppress(ValueError, ArithmeticError):
-            other = local_search(problem, scaling, first, max_evaluations - count)
-            count += other.evaluations
-            if other.chi_square < end.chi_square:
-                return replace(other, evaluations=count, first=end.first)
-    return replace(end, evaluations=count)
+            other = local_search(problem, scaling, first, max_evaluations - spent)
+            spent += other.evaluations
+            best = min(end, other, key=lambda x: x.chi_square)
+    return replace(best, evaluations=spent, first=end.first)
 
 
 def is_explained(problem: FitProblem, evaluation: Evaluation) -> bool:
     """Return True if little of the variation of the data is left, or noise."""
-    return unexplained_share(problem, evaluation) <= _MAX_UNEXPLAINED_SHARE or is_noise(
-        evaluation.residuals
-    )
+    share = unexplained_share(problem, evaluation)
+    return share <= _MAX_UNEXPLAINED_SHARE or is_noise(evaluation.residuals)
 
 
 def _standard_deviation(problem: FitProblem, evaluation: Evaluation) -> float:
@@ -387,7 +401,7 @@ def _standard_deviation(problem: FitProblem, evaluation: Evaluation) -> float:
 
     It is that of the residuals, or that of a given sigma if it is smaller.
     """
-    freedom = evaluation.count - len(problem.variables) - len(problem.coefficients)
+    freedom = problem.count - len(problem.estimated)
     deviation = float(np.sqrt(evaluation.chi_square / max(freedom, 1)))
     return min(deviation, 1.0) if problem.data.is_sigma_known else deviation
 
@@ -396,43 +410,10 @@ def _judge_explanation(problem: FitProblem, end: SearchResult) -> SearchResult:
     """Return an end with the status "limited" if it leaves most of the variation of the data."""
     share = unexplained_share(problem, end.evaluation)
     is_poor = share > _MAX_ACCEPTED_SHARE and not is_noise(end.evaluation.residuals)
-    if not (is_poor or end.is_stalled):
+    if end.explains and not is_poor:
         return end
     amount = f"only {100.0 * (1.0 - share):.2g} % of the variation of the data"
     if share >= 1.0:
         amount = "the data less well than their mean does"
-    ending = end.status.sentence
-    if end.is_stalled:
-        ending = f"stopped without progress after {format_count(end.evaluations, 'evaluation')}"
-    status = Status("limited", f"{ending}, but the model explains {amount}")
+    status = Status("limited", f"{end.status.sentence}, but the model explains {amount}")
     return replace(end, status=status, explains=False)
-
-
-def _find_next_step(
-    record: _Evaluations, end: Evaluation, attraction: Array, free: Array
-) -> tuple[Array, float]:
-    """Return which variables (K,) are at a bound, and the length of the next Gauss-Newton step.
-
-    The length is that of the other variables in standard deviations. Searches stay inside the
-    bounds and may end at a distance from one that the step of a variable crosses. They also end in
-    front of values at which runs fail or columns jump.
-    """
-    scaling = record.scaling
-    x, (lower, upper) = scaling.variables(end.values), scaling.limits
-    jacobian = np.vstack([end.projected_jacobian * scaling.derivatives(x), attraction])
-    residuals = np.append(end.residuals, attraction @ (x - scaling.first))
-    curvature, gradient = np.sum(jacobian**2, axis=0), residuals @ jacobian
-    steps = np.divide(-gradient, curvature, out=np.zeros(len(x)), where=curvature > 0.0)
-    below, above = scaling.distances(end.values)
-    is_low = (below < _MAX_BOUND_DISTANCE) & (steps < lower - x)
-    is_high = (above < _MAX_BOUND_DISTANCE) & (steps > upper - x)
-    at_bounds = free & (is_low | is_high)
-    rounding = MIN_RELATIVE_RESIDUAL * np.sqrt(record.problem.weighted_square)
-    left = free & ~at_bounds
-    if np.sqrt(end.chi_square) <= rounding or not left.any():
-        return at_bounds, 0.0
-    directions, singular, _ = np.linalg.svd(jacobian[:, left], full_matrices=False)
-    is_determined = singular > MIN_SINGULAR_RATIO * singular[0]
-    freedom = max(end.count - int(np.sum(left)), 1)
-    step = np.linalg.norm((residuals @ directions)[is_determined])
-    return at_bounds, float(step * np.sqrt(freedom / end.chi_square))

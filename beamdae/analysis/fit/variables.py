@@ -12,19 +12,19 @@ from beamdae.errors import BeamdaeError, require_names, short_repr
 
 Array = np.ndarray
 
-# Logarithm of the ratio of the first value of a parameter to those about zero where its variable is
-# linear.
-_LOG_ORIGIN = 5.3
+# Logarithms of the ratios of the first value of a parameter to those about zero where its variable
+# is linear, without `log` and with it.
+_ORIGIN, _LOG_ORIGIN = 5.3, 30.0
 # Distance from bounds at which a search begins, relative to their distance or to the first value.
 _START_DISTANCE = 0.01
 
 
 class Scaling:
-    """Map between the variables x of the search and the values of the parameters.
+    """Map between the variables x of the search and the values v of the parameters.
 
-    Variables are 1 at first values v0. They are 1 + log(v / v0) for parameters in `log`,
-    1 + (v - v0) / size for shifts and first values of zero, and otherwise like logarithms, but
-    linear through zero: 1 + asinh(v / v0 sinh(c)) - c.
+    Variables are 1 at first values v0. They are like logarithms, but linear through zero,
+    1 + asinh(v / v0 sinh(c)) - c, within 1e-12 of v0 for parameters in `log`. Shifts and first
+    values of zero are linear, 1 + (v - v0) / size.
 
     Attributes
     ----------
@@ -51,33 +51,27 @@ class Scaling:
         first_values = dict(zip(names, values.tolist(), strict=False))
         limits = read_bounds("fit", bounds, first_values, problem.units)
         self.is_log = np.array([name in logarithmic for name in problem.variables])
-        shifts = problem.sensors.shifts
-        lower, upper = np.full((2, len(values)), [[-np.inf], [np.inf]])
-        for k, shift in enumerate(shifts, len(names)):
-            lower[k], upper[k] = shift.bounds
-        for k, name in enumerate(names):
-            first = float(values[k])
-            if self.is_log[k]:
-                lower[k] = 0.0
-                if not first > 0.0:
-                    raise BeamdaeError(
-                        f"fit: the first value of {name} must be positive because it is in log, "
-                        f"got {first:g}; pass parameters={{{name!r}: value}}."
-                    )
-            if name not in limits:
-                continue
-            least, most = (float(x[0]) for x in limits[name])
-            if self.is_log[k] and -np.inf < least < 0.0:
+        ends = [limits.get(x, (-np.inf, np.inf)) for x in names]
+        ends += [x.bounds for x in problem.shifts]
+        lower, upper = np.array([np.ravel(x) for x in ends]).T
+        for k in np.flatnonzero(self.is_log):
+            if not values[k] > 0.0:
                 raise BeamdaeError(
-                    f"fit: the lower bound of {name} must not be negative because it is in log, "
-                    f"got {least:g}; raise the bound, or remove {name} from log."
+                    f"fit: the first value of {names[k]} must be positive because it is in log, "
+                    f"got {values[k]:g}; pass parameters={{{names[k]!r}: value}}."
                 )
-            lower[k], upper[k] = max(lower[k], least), most
+            if -np.inf < lower[k] < 0.0:
+                raise BeamdaeError(
+                    f"fit: the lower bound of {names[k]} must not be negative because it is in "
+                    f"log, got {lower[k]:g}; raise the bound, or remove {names[k]} from log."
+                )
+        lower = np.where(self.is_log, np.maximum(lower, 0.0), lower)
         self.bounds = lower, upper
         self._values = values
         self._is_linear = (values == 0.0) | (np.arange(len(values)) >= len(names))
-        sizes = [*np.ones(len(names)), *(x.size for x in shifts)]
+        sizes = [*np.ones(len(names)), *(x.size for x in problem.shifts)]
         self.sizes = np.where(self._is_linear, sizes, np.abs(values))
+        self._origins = np.where(self.is_log, _LOG_ORIGIN, _ORIGIN)
         self.limits = self.variables(lower), self.variables(upper)
         self.first = self.start(values)
 
@@ -91,34 +85,31 @@ class Scaling:
         distance = _START_DISTANCE * np.minimum(upper - lower, 1.0)
         return np.clip(x, lower + distance, upper - distance)
 
-    def distances(self, values: Array) -> tuple[Array, Array]:
-        """Return the distances (K,) of values from their bounds, in first values or variables."""
-        x = self.variables(values)
-        below, above = (np.abs(values - bound) / self.sizes for bound in self.bounds)
-        return np.minimum(below, x - self.limits[0]), np.minimum(above, self.limits[1] - x)
-
     def spread(self, count: int, seed: int) -> Array:
         """Return values (count, K) distributed evenly between bounds, or between their logarithms.
 
         See `spread_starts`.
         """
-        with np.errstate(divide="ignore"):
-            lower, upper = (np.where(self.is_log, np.log(np.abs(x)), x) for x in self.bounds)
-        points = spread_starts(lower, upper, count, seed)
+        points = spread_starts(*self.ranges, count, seed)
         return np.where(self.is_log, np.exp(np.where(self.is_log, points, 0.0)), points)
+
+    @property
+    def ranges(self) -> list[Array]:
+        """Ends (K,) between which starts are distributed: bounds, or their logarithms in `log`."""
+        with np.errstate(divide="ignore"):
+            return [np.where(self.is_log, np.log(np.abs(x)), x) for x in self.bounds]
 
     def variables(self, values: Array) -> Array:
         """Return the variables of values (K,)."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(self._is_linear, values - self._values, values) / self.sizes
-            logarithm = np.log(ratio)
-        signed = np.arcsinh(np.sinh(_LOG_ORIGIN) * ratio) - np.sign(self._values) * _LOG_ORIGIN
-        return 1.0 + np.where(self._is_linear, ratio, np.where(self.is_log, logarithm, signed))
+        ratio = np.sinh(self._origins) * values / self.sizes
+        logarithm = np.arcsinh(ratio) - np.sign(self._values) * self._origins
+        linear = (values - self._values) / self.sizes
+        return 1.0 + np.where(self._is_linear, linear, logarithm)
 
     def values(self, x: Array) -> Array:
         """Return the values of the parameters at x."""
-        ratio, _ = self._ratio(x)
-        values = np.where(self._is_linear, self._values, 0.0) + self.sizes * ratio
+        values = self._values + self.sizes * (x - 1.0)
+        values = np.where(self._is_linear, values, self.sizes * self._ratio(np.sinh, x))
         # Bounds are exact, as values at which profiles end.
         for limit, bound in zip(self.limits, self.bounds, strict=True):
             values = np.where(x == limit, bound, values)
@@ -126,16 +117,10 @@ class Scaling:
 
     def derivatives(self, x: Array) -> Array:
         """Return the derivatives of the values with respect to x, (K,)."""
-        return self.sizes * self._ratio(x)[1]
+        return self.sizes * np.where(self._is_linear, 1.0, self._ratio(np.cosh, x))
 
-    def _ratio(self, x: Array) -> tuple[Array, Array]:
-        """Return ratios of values to their sizes, and the derivatives of these."""
-        change = x - 1.0
+    def _ratio(self, function: Any, x: Array) -> Array:
         # Long steps overflow: models reject infinite values.
         with np.errstate(over="ignore"):
-            logarithm = np.exp(np.where(self.is_log, change, 0.0))
-            shifted = change + np.sign(self._values) * _LOG_ORIGIN
-            signed, slope = (f(shifted) / np.sinh(_LOG_ORIGIN) for f in (np.sinh, np.cosh))
-        ratio = np.where(self._is_linear, change, np.where(self.is_log, logarithm, signed))
-        slope = np.where(self._is_linear, 1.0, np.where(self.is_log, logarithm, slope))
-        return ratio, slope
+            changed = function(x - 1.0 + np.sign(self._values) * self._origins)
+            return np.asarray(changed / np.sinh(self._origins))

@@ -11,16 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdae.analysis.gradients.alpha_adjoint import transpose_alpha_steps
 from beamdae.analysis.gradients.column_seeds import ColumnSeeds, differentiate_objective
 from beamdae.analysis.gradients.objectives import Objective
-from beamdae.analysis.gradients.radau_adjoint import transpose_radau_steps
+from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_steps
 from beamdae.analysis.sensitivities.run_derivatives import node_state
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators import GeneralizedAlpha, Radau
-from beamdae.integrators.compiled_run import FactorizedMatrix
 from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.results.solution import Solution
 
@@ -63,13 +61,10 @@ def transpose_run(
     equations, intervals = solution.equations, solution.trajectory.intervals
     start, n = StartDerivatives(ConsistencySolver(equations)), equations.n
     seeds = differentiate_objective(objective, solution)
-    numbers, matrices = np.zeros(len(equations.p)), dict[int, FactorizedMatrix]()
+    numbers, matrices = np.zeros(len(equations.p)), Matrices()
     for k in reversed(range(len(intervals))):
         interval, by_nodes = intervals[k], seeds.states[k]
-        if isinstance(method, Radau):
-            steps = transpose_radau_steps(start, interval, by_nodes)
-        else:
-            steps = transpose_alpha_steps(method, start, interval, by_nodes[1:], matrices)
+        steps = transpose_steps(method, start, interval, by_nodes[1:], matrices)
         time, at = node_state(interval, 0)
         before = intervals[k - 1] if k else interval
         record = start.start_map(time, at, before.rows.v[-1 if k else 0])

@@ -10,7 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.linear_dynamics.linear_model import LinearModel, compute_linear_model
+from beamdae.analysis.linear_dynamics.linear_model import (
+    LinearModel,
+    compute_linear_model,
+    require_linear_model,
+)
 from beamdae.analysis.linear_dynamics.linearization import searched_start
 from beamdae.errors import (
     BeamdaeError,
@@ -33,15 +37,12 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-NOISE_RANGE = 1e-9  # smaller values, relative to those with which they are compared, are rounding
 # Transfer functions below this share of the bound by the norms of matrices are rounding noise.
 _TRANSFER_ROUNDING = 10.0 * np.finfo(float).eps
 _QUARTILES = (0.25, 0.5, 0.75)
-_MAX_POLES = 24  # that are listed
-_MAX_REAL_POLES = 8  # of these; overdamped axial vibrations of beams have many
-_MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller imaginary parts are rounding errors
+_MAX_VIBRATIONS = 24  # in the default range
 MIN_POLE = 1e-4  # [1/s]; smaller poles, of free motions and integrators, are zero
-_FREQUENCY_MARGIN = 10.0  # of the range, below the slowest and above the listed poles
+_FREQUENCY_MARGIN = 10.0  # of the range, below the slowest pole and above the fastest vibration
 _MIN_RANGE = 3.0  # of the range above the lowest resonance, also if its error is large
 _MAX_PEAK_DAMPING = 0.7  # damping ratio above which a pole has no peak
 _MAX_FREQUENCY_RATIO = 1e6  # of the range
@@ -49,20 +50,12 @@ _MAX_FREQUENCIES, _MIN_FREQUENCIES = 600, 60
 _FREQUENCY_WORK = 1e10  # frequencies times number of states cubed; about ten seconds
 # Frequencies beside poles, in half widths of their peaks: at 1, the response has half of the power
 # of the peak. The half width is at least this share of the frequency.
-_PEAK_POSITIONS = np.outer([-1.0, 1.0], [0.0, 0.3, 0.7, 1.0, 1.5, 3.0, 6.0]).ravel()
+_PEAK_POSITIONS = np.outer([-1.0, 1.0], [0.3, 0.7, 1.0, 1.5, 3.0, 6.0]).ravel()
 _MIN_WIDTH = 1e-6
-_UNDAMPED_POSITION = 0.1  # in place of 0 beside undamped poles, where the response is infinite
 # Minimum ratio of listed peaks to the response beside them. Rounding errors cause lower ones, most
 # of all at undamped modes that the input does not excite; those that it excites are far higher.
 _MIN_PEAK_RATIO, _MIN_UNDAMPED_RATIO = 1.01, 2.0**0.5
-
-
-class PoleDescription(NamedTuple):
-    """Frequency [Hz], damping ratio [-] and growth rate [1/s] of a pole."""
-
-    frequency: float
-    damping_ratio: float
-    growth_rate: float
+_MIN_PEAK_SHARE = 1e-9  # of listed peaks, in the largest magnitude
 
 
 class TransferFunction(NamedTuple):
@@ -91,10 +84,8 @@ class TransferFunction(NamedTuple):
 
     @property
     def phase(self) -> Array:
-        """Continuous phase [deg], NaN where the response is zero but for rounding errors."""
-        magnitude = np.abs(self.response)
-        is_zero = magnitude <= NOISE_RANGE * np.median(magnitude)
-        return np.where(is_zero, np.nan, np.degrees(np.unwrap(np.angle(self.response))))
+        """Continuous phase [deg]."""
+        return np.degrees(np.unwrap(np.angle(self.response)))
 
 
 @read_only_data
@@ -144,33 +135,27 @@ class Bode(HasTable, HasPage):
     @single_threaded
     def transfer_functions(self) -> tuple[TransferFunction, ...]:
         """Transfer functions between different quantities; those with one unit are adjacent."""
-        model, sizes = self.model, np.median(np.abs(self.response), axis=0)
-        pairs = [
-            (i, j)
+        model = self.model
+        # Medians, because peaks of undamped modes have any magnitude.
+        noise = _TRANSFER_ROUNDING * model.bound_magnitudes(
+            np.quantile(self.frequencies, _QUARTILES)
+        )
+        is_noise = np.median(np.abs(self.response), axis=0) <= noise
+        functions = [
+            TransferFunction(
+                f"{output.header} / {source.header}",
+                i,
+                j,
+                divide_units(output, source),
+                self.response[:, i, j],
+                bool(is_noise[i, j]),
+            )
             for j, source in enumerate(model.inputs)
             for i, output in enumerate(model.outputs)
             if output.name != source.name  # The response of an input to itself is 1.
         ]
-        units = {(i, j): divide_units(model.outputs[i], model.inputs[j]) for i, j in pairs}
-        scales = {unit: max(sizes[x] for x in pairs if units[x] == unit) for unit in units.values()}
-        order = list(dict.fromkeys(units.values()))
-        pairs.sort(key=lambda x: order.index(units[x]))
-        noise = _TRANSFER_ROUNDING * model.bound_magnitudes(
-            np.quantile(self.frequencies, _QUARTILES)
-        )
-        return tuple(
-            TransferFunction(
-                f"{model.outputs[i].header} / {model.inputs[j].header}",
-                i,
-                j,
-                units[i, j],
-                self.response[:, i, j],
-                # Rounding errors are compared to medians, because peaks of undamped modes have any
-                # magnitude.
-                bool(sizes[i, j] <= max(NOISE_RANGE * scales[units[i, j]], noise[i, j])),
-            )
-            for i, j in pairs
-        )
+        units = [x.unit for x in functions]
+        return tuple(sorted(functions, key=lambda x: units.index(x.unit)))
 
     def table(self) -> pd.DataFrame:
         """Return magnitudes, in output per input, and phases [deg] over the frequency [Hz]."""
@@ -195,29 +180,25 @@ class Bode(HasTable, HasPage):
         # Imported here because importing scipy.signal takes as long as a short run.
         from scipy.signal import find_peaks
 
-        undamped = _find_undamped(self.model.poles)
-        rows = []
+        f, poles = self.frequencies, self.model.poles
+        undamped = np.abs(poles.imag[_are_undamped(poles)]) / (2.0 * np.pi)
+        rows = {}
         for x in self.transfer_functions:
             if x.is_noise:
                 continue
-            size, name, f, phase = (
-                np.abs(x.response),
-                self._short_name(x),
-                self.frequencies,
-                x.phase,
-            )
-            logarithms = np.log(np.maximum(size, NOISE_RANGE * size.max()))
-            peaks, found = find_peaks(logarithms, prominence=0.0)
+            size, name = np.abs(x.response), self._short_name(x)
+            levels = np.log(np.maximum(size, _MIN_PEAK_SHARE * size.max()))
+            peaks, found = find_peaks(levels, prominence=np.log(_MIN_PEAK_RATIO))
             ratios = dict(zip(peaks.tolist(), np.exp(found["prominences"]).tolist(), strict=True))
             ratios[int(np.argmax(size))] = np.inf
             for k in sorted(ratios):
-                if np.any(np.abs(f[k] - undamped) <= _MIN_WIDTH * f[k]):
-                    if ratios[k] >= _MIN_UNDAMPED_RATIO:
-                        rows.append((name, f[k], np.inf, x.unit, np.nan))
-                elif ratios[k] >= _MIN_PEAK_RATIO:
-                    rows.append((name, f[k], size[k], x.unit, phase[k]))
+                near = undamped[np.abs(f[k] - undamped) <= _MIN_WIDTH * f[k]]
+                if not len(near):
+                    rows[name, f[k]] = (name, f[k], size[k], x.unit, x.phase[k])
+                elif ratios[k] >= _MIN_UNDAMPED_RATIO:
+                    rows[name, near[0]] = (name, near[0], np.inf, x.unit, np.nan)
         names = ["output / input", "frequency [Hz]", "magnitude", "unit", "phase [deg]"]
-        return pd.DataFrame(rows, columns=names)
+        return pd.DataFrame(list(rows.values()), columns=names)
 
     def plot(self) -> Plot:
         """Draw magnitudes and phases over the frequency, of up to six transfer functions."""
@@ -297,11 +278,7 @@ def bode(
     >>> print(f"{peak['magnitude']:.4f} {peak['unit']} at {peak['frequency [Hz]']:.3f} Hz")
     0.1000 m/N at 1.591 Hz
     """
-    if not isinstance(model, LinearModel):
-        raise BeamdaeError(
-            f"bode: model must be a result of linearize, got {short_repr(model)}; pass "
-            "linearize(model)."
-        )
+    require_linear_model("bode", model)
     if frequencies is not None and between is not None:
         raise BeamdaeError("bode: frequencies and between are mutually exclusive; omit one.")
     values, ends = None, None
@@ -317,20 +294,20 @@ def bode(
         if not first < last:
             raise BeamdaeError(f"bode: between must ascend, got {short_repr(between)}.")
         ends = first, last
-    until, mechanism = deferred.module("accuracy.until"), None
-    analysis = until.Analysis("bode", lambda *_: _compute_bode(model, values, ends))
-    if accuracy is not None:
-        lin, request = model._linearization, model._request
-        if lin is None or request is None:
-            raise BeamdaeError("bode: accuracy requires a linearized mechanism.")
+    lin, request = model._linearization, model._request
+    if accuracy is not None and request is None:
+        raise BeamdaeError("bode: accuracy requires a linearized mechanism.")
+    mechanism = None if lin is None else lin.full_equations.mechanism
 
-        def repeat(refined: Any, _: Any) -> Bode:
-            linear = model if refined is mechanism else compute_linear_model(refined, request)
-            return _compute_bode(linear, values, ends)
+    def analyze(refined: Any, _: Any) -> Bode:
+        linear = model
+        if refined is not mechanism and request is not None:
+            linear = compute_linear_model(refined, request)
+        return _compute_bode(linear, values, ends)
 
-        mechanism = lin.full_equations.mechanism
-        start = searched_start("bode", request.about, accuracy)
-        analysis = until.Analysis("bode", repeat, start=start)
+    until = deferred.module("accuracy.until")
+    start = searched_start("bode", None if request is None else request.about, accuracy)
+    analysis = until.Analysis("bode", analyze, start=start)
     diagram = until.reach_accuracy(analysis, mechanism, accuracy, accuracy_columns)
     if not warnings_are_ignored():
         warn_of_result((*diagram._remarks, *diagram.errors.sentences()))
@@ -356,57 +333,30 @@ def _compute_bode(
     return Bode(model, values, response, tuple(remarks))
 
 
-def describe_poles(poles: Array) -> list[PoleDescription]:
-    """Return frequency, damping ratio and growth rate of poles [1/s] above the real axis."""
-    rates = np.where(_oscillate(poles), np.abs(poles.imag), 0.0) / (2.0 * np.pi)
-    # Adding zero changes -0 to 0.
-    ratios = -poles.real / np.where(poles == 0.0, 1.0, np.abs(poles)) + 0.0
-    rows = zip(rates.tolist(), ratios.tolist(), (poles.real + 0.0).tolist(), strict=True)
-    return [PoleDescription(*row) for row in rows]
-
-
-def select_poles(poles: Array) -> list[int]:
-    """Return the positions of the listed poles: growing ones, and the slowest others.
-
-    Of the others, at most eight are real. Poles are above the real axis.
-    """
-    is_oscillating = _oscillate(poles)
-    is_candidate = is_oscillating | (np.cumsum(~is_oscillating) <= _MAX_REAL_POLES)
-    is_listed = is_candidate & (np.cumsum(is_candidate) <= _MAX_POLES)
-    return np.flatnonzero(is_listed | (poles.real > 0.0)).tolist()
-
-
 def _choose_frequencies(model: LinearModel, ends: tuple[float, float] | None) -> Array:
-    """Return frequencies [Hz] around the listed poles, or between `ends` [Hz].
+    """Return frequencies [Hz] around the slow poles, or between `ends` [Hz].
 
     They contain all natural frequencies and half-power frequencies.
     """
     poles = model.poles[model.poles.imag >= 0.0]
-    oscillates = _oscillate(poles)
+    vibrations = poles[poles.imag > 0.0]
     if ends is None:
-        sizes = np.abs(poles) / (2.0 * np.pi)
-        slowest = float(np.min(sizes[np.abs(poles) > MIN_POLE], initial=np.inf))
-        slowest = slowest if np.isfinite(slowest) else 1.0
-        is_peak = oscillates & (np.abs(poles.real) < _MAX_PEAK_DAMPING * np.abs(poles))
-        is_peak &= np.isin(np.arange(len(poles)), select_poles(poles))
-        peaks = np.append(sizes[is_peak], [] if is_peak.any() else slowest)
-        low = slowest / _FREQUENCY_MARGIN
-        high = _FREQUENCY_MARGIN * max(slowest, float(np.max(peaks)))
-        high = min(high, low * _MAX_FREQUENCY_RATIO)
-        accuracy = deferred.module("accuracy.linear_models")
-        resolved = accuracy.find_resolved_frequency(model, high)
-        ends = low, min(high, max(resolved, _MIN_RANGE * float(np.min(peaks))))
+        sizes = np.abs(poles[np.abs(poles) > MIN_POLE]) / (2.0 * np.pi)
+        slowest = float(sizes[0]) if len(sizes) else 1.0
+        is_peak = np.abs(vibrations.real) < _MAX_PEAK_DAMPING * np.abs(vibrations)
+        peaks = (np.abs(vibrations[is_peak]) / (2.0 * np.pi)).tolist()[:_MAX_VIBRATIONS]
+        low, first = slowest / _FREQUENCY_MARGIN, min(peaks, default=slowest)
+        high = min(_FREQUENCY_MARGIN * max([slowest, *peaks[-1:]]), low * _MAX_FREQUENCY_RATIO)
+        resolved = deferred.module("accuracy.linear_models").find_resolved_frequency(model, high)
+        ends = low, min(high, max(resolved, _MIN_RANGE * first))
     low, high = ends
     work = _FREQUENCY_WORK / max(len(model.states), 1) ** 3
     count = int(np.clip(work, _MIN_FREQUENCIES, _MAX_FREQUENCIES))
-    near = frequencies_beside(poles[oscillates])
+    damped = vibrations[~_are_undamped(vibrations)]
+    near = np.append(frequencies_beside(vibrations), damped.imag / (2.0 * np.pi))
     near = near[(near > low) & (near < high)]
     grid = np.geomspace(low, high, max(count - len(near), _MIN_FREQUENCIES // 2))
-    frequencies = np.concatenate([grid, near])
-    for resonance in _find_undamped(poles):
-        distance = _UNDAMPED_POSITION * _MIN_WIDTH * resonance
-        frequencies[np.abs(frequencies - resonance) < distance] = resonance + distance
-    return np.unique(frequencies)
+    return np.unique(np.append(grid, near))
 
 
 def frequencies_beside(poles: Array, positions: Array = _PEAK_POSITIONS) -> Array:
@@ -416,14 +366,9 @@ def frequencies_beside(poles: Array, positions: Array = _PEAK_POSITIONS) -> Arra
     return np.ravel(centers[:, None] + widths[:, None] * positions)
 
 
-def _find_undamped(poles: Array) -> Array:
-    """Return the frequencies [Hz] at which responses are infinite."""
-    is_undamped = np.abs(poles.real) <= _MIN_WIDTH * np.abs(poles)
-    return np.asarray(np.abs(poles.imag[is_undamped]) / (2.0 * np.pi))
-
-
-def _oscillate(poles: Array) -> Array:
-    return np.asarray(np.abs(poles.imag) > _MIN_IMAGINARY_SHARE * np.abs(poles))
+def _are_undamped(poles: Array) -> Array:
+    """Return the mask of poles at whose frequencies responses are infinite."""
+    return np.asarray(np.abs(poles.real) <= _MIN_WIDTH * np.abs(poles))
 
 
 def divide_units(output: Variable, source: Variable) -> str:

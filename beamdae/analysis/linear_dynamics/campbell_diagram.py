@@ -60,15 +60,14 @@ class _ModeSolver:
     """Function that returns the modes at a speed, and computes those of each speed once."""
 
     def __init__(self, diagram: Campbell) -> None:
-        self.equations = diagram.modes[0]._linearization.full_equations
-        self.center, self.damping = diagram.center, diagram.damping
-        self.count = max(map(len, diagram.modes))
-        self.known = dict(zip(diagram.speeds.tolist(), diagram.modes, strict=True))
+        self.known = {x.speed: x.modes for x in diagram._stops}
+        self.equations, self.center = diagram.modes[0].equations, diagram.center
+        self.options = max(map(len, diagram.modes)), diagram.damping
 
     def __call__(self, speed: float) -> Modes:
         if speed not in self.known:
             about = rotation(speed, self.center)
-            self.known[speed] = compute_modes(self.equations, about, self.count, self.damping)
+            self.known[speed] = compute_modes(self.equations, about, *self.options)
         return self.known[speed]
 
 
@@ -99,7 +98,7 @@ class Campbell(HasTable, HasPage):
     Attributes
     ----------
     speeds
-        Rotation speeds [rad/s], (s,).
+        Rotation speeds [rad/s], (s,), ascending.
     eigenvalues
         Complex eigenvalues [1/s], (s, k); each column follows one mode from speed to speed by its
         shape.
@@ -147,39 +146,27 @@ class Campbell(HasTable, HasPage):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the model, the modes at the speeds, and modes that were not followed."""
-        return tuple(text for _, text in self._describe_states()) + self._describe_lost_modes()
+        return self._merge_warnings([x.warnings for x in self.modes])
 
-    def _describe_states(self) -> list[tuple[str, str]]:
-        """Return each warning of the modes, without and with the fastest speed at which it holds.
+    def _merge_warnings(self, by_speed: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+        """Return the warnings at each speed, and those of lost modes.
 
-        Of warnings that differ only in numbers, the one at this speed is returned.
+        Of warnings that differ only in numbers, the one at the fastest speed is returned.
         """
-        by_speed = sorted(
-            zip(self.speeds.tolist(), self.modes, strict=True), key=lambda x: -abs(x[0])
-        )
-        found: dict[str, tuple[str, str]] = {}
-        common = set.intersection(*(set(x.warnings) for x in self.modes))
-        for speed, modes in by_speed:
-            for sentence in modes.warnings:
+        merged: dict[str, str] = {}
+        common = set.intersection(*map(set, by_speed))
+        for k in np.argsort(-np.abs(self.speeds), kind="stable").tolist():
+            for text in by_speed[k]:
                 # Warnings of the model do not depend on the speed.
-                text = sentence if sentence in common else f"at {speed:g} rad/s, {sentence}"
-                found.setdefault(kind_of_message(sentence), (sentence, text))
-        return list(found.values())
-
-    def _describe_lost_modes(self) -> tuple[str, ...]:
-        return tuple(
+                place = "" if text in common else f"at {self.speeds[k]:g} rad/s, "
+                merged.setdefault(kind_of_message(text), place + text)
+        lost = [
             f"mode {k + 1} was not followed from {before.speed:g} to {after.speed:g} rad/s, "
             "where its shape changes, and its resonances there are not listed; add speeds"
             for before, after in pairwise(self._stops)
             for k in np.flatnonzero(after.lost).tolist()
-        )
-
-    def _issue_warnings(self) -> None:
-        """Issue the warnings that `modes` issues, and those of lost modes."""
-        remarks = {x for at_speed in self.modes for x in at_speed._remarks}
-        states = [text for sentence, text in self._describe_states() if sentence not in remarks]
-        built = self.modes[0]._linearization.equations.build_warnings
-        warn_of_result((*states, *self._describe_lost_modes()), built)
+        ]
+        return (*merged.values(), *lost)
 
     def plot(self, multiples: Sequence[int] | None = None) -> Plot:
         """Plot natural frequencies and multiples of the rotation speed over the rotation speed.
@@ -263,62 +250,53 @@ class Campbell(HasTable, HasPage):
         """
         import pandas as pd
 
-        numbers = self.with_multiples(multiples).multiples
-        rows = []
-        for before, after in pairwise(sorted(self._stops, key=lambda stop: stop.speed)):
-            # Given speeds may not ascend: modes are not necessarily followed from `before`.
-            lost = [
-                b.lost
-                for a, b in pairwise(self._stops)
-                if min(a.speed, b.speed) < after.speed and before.speed < max(a.speed, b.speed)
-            ]
-            rows += [
-                (speed, multiple * abs(speed) / (2.0 * np.pi), mode + 1, multiple)
-                for mode in (np.flatnonzero(~np.any(lost, axis=0)).tolist() if lost else ())
-                for multiple in numbers
-                for speed in self._find_resonances(before, after, mode, multiple)
-            ]
+        rows = [
+            (speed, multiple * abs(speed) / (2.0 * np.pi), mode + 1, multiple)
+            for before, after in pairwise(self._stops)
+            for mode in np.flatnonzero(~after.lost).tolist()
+            for multiple in self.with_multiples(multiples).multiples
+            for speed in self._find_resonance(before, after, mode, multiple)
+        ]
         rows.sort(key=lambda row: abs(row[0]))
         names = ["speed [rad/s]", "frequency [Hz]", "mode", "multiple"]
         return pd.DataFrame(rows, columns=names)
 
     @cached_property
-    def _solver(self) -> _ModeSolver:
+    def _modes_at(self) -> _ModeSolver:
         return _ModeSolver(self)
 
-    def _find_resonances(
+    def _find_resonance(
         self, before: _Stop, after: _Stop, mode: int, multiple: int
     ) -> Iterator[float]:
         """Yield the speeds between two stops at which a frequency is a multiple of the speed.
 
-        The mode is followed by its shape. Roots are those of the difference between the squares of
-        frequency and excitation over the square of the speed, between which centrifugal stiffening
-        gives a linear relation (R. Southwell).
+        The mode is followed by its shape. Speeds are roots of the difference between the squares
+        of frequency and excitation over the square of the speed, between which centrifugal
+        stiffening gives a linear relation (R. Southwell).
         """
         ends = [(x.modes, int(x.order[mode])) for x in (before, after)]
 
-        def find_rate(speed: float) -> float:
-            modes = self._solver(speed)
-            mac = np.sum([other.mac(modes)[k] for other, k in ends], axis=0)
-            return abs(float(modes.eigenvalues[int(np.argmax(mac))].imag))
+        def speed_of(square: float) -> float:
+            return float(np.copysign(np.sqrt(abs(square)), square))
 
         def difference(square: float) -> float:
-            speed = float(np.copysign(np.sqrt(abs(square)), square))
-            return find_rate(speed) ** 2 - multiple**2 * abs(square)
+            modes = self._modes_at(speed_of(square))
+            mac = np.sum([other.mac(modes)[k] for other, k in ends], axis=0)
+            rate = float(modes.eigenvalues[int(np.argmax(mac))].imag)
+            return rate**2 - multiple**2 * abs(square)
 
-        speeds = [before.speed, *[0.0] * (before.speed < 0.0 < after.speed), after.speed]
-        for pair in pairwise(np.sign(speeds) * np.square(speeds)):
-            values = [difference(x) for x in pair]
+        # At rest, whirls in both directions have the same frequency, and any shape.
+        speeds = np.unique(np.clip([before.speed, 0.0, after.speed], before.speed, after.speed))
+        for pair in pairwise((np.sign(speeds) * speeds**2).tolist()):
+            values = np.array([difference(x) for x in pair])
             excitations = multiple**2 * np.abs(pair)
-            if values[0] * values[1] >= 0.0 or np.all(np.abs(values) <= 2.0 * _EQUAL * excitations):
+            if np.prod(values) >= 0.0 or np.all(np.abs(values) <= 2.0 * _EQUAL * excitations):
                 continue
-            tolerance = 2.0 * _SPEED_TOLERANCE
-            square = scipy.optimize.brentq(
-                difference, *pair, xtol=1e-16 * max(excitations), rtol=tolerance
-            )
+            tolerances = {"xtol": 1e-16 * max(excitations), "rtol": 2.0 * _SPEED_TOLERANCE}
+            square = scipy.optimize.brentq(difference, *pair, **tolerances)
             # At rest, motions without stiffness have the frequency of an excitation: zero.
             if abs(difference(square)) < 2.0 * _MAX_DEVIATION * multiple**2 * abs(square):
-                yield float(np.copysign(np.sqrt(abs(square)), square))
+                yield speed_of(square)
 
 
 @interruptible
@@ -340,9 +318,9 @@ def campbell(
     model
         A model function (with its defaults), a mechanism, a constrained system or equations.
     speeds
-        Rotation speeds [rad/s]; modes are followed in this order.
+        Rotation speeds [rad/s], in any order; modes are followed in ascending order.
     n
-        Number of modes to follow: those with the smallest |eigenvalue| at the first speed.
+        Number of modes to follow: those with the smallest |eigenvalue| at the lowest speed.
     center
         Center of rotation (x, y) in the reference configuration [m].
     damping
@@ -390,6 +368,7 @@ def campbell(
     ]
     if not values:
         raise BeamdaeError("campbell: speeds must contain at least one value [rad/s], got none.")
+    values = np.unique(values).tolist()
     count = require_count("campbell", "n", n)
     numbers = _require_multiples("campbell", multiples)
     if isinstance(model, Model):
@@ -398,11 +377,11 @@ def campbell(
     # Errors change little with the speed.
     ends = {min(values, key=abs), max(values, key=abs)}
 
-    def solve(speed: float, assessed: int = 0) -> Modes:
+    def solve(speed: float) -> Modes:
         about, total = rotation(speed, center), count + _EXTRA_MODES
-        return compute_modes(model, about, total, damping, assessed=assessed)
+        return compute_modes(model, about, total, damping, assessed=count * (speed in ends))
 
-    all_modes = [solve(speed, count if speed in ends else 0) for speed in values]
+    all_modes = [solve(speed) for speed in values]
     order = np.arange(min(count, *map(len, all_modes)))
     stops = [_Stop(values[0], all_modes[0], order, np.zeros(len(order), bool))]
     rows = [all_modes[0].eigenvalues[order]]
@@ -414,7 +393,8 @@ def campbell(
         np.array(values), np.array(rows), tuple(all_modes), place, damping, numbers, tuple(stops)
     )
     if not warnings_are_ignored():
-        diagram._issue_warnings()
+        built = diagram.modes[0]._linearization.equations.build_warnings
+        warn_of_result(diagram._merge_warnings([x._issued for x in diagram.modes]), built)
     return diagram
 
 

@@ -6,37 +6,23 @@ the motion of the mechanism itself, such as the decreasing inertia of a retracte
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg as la
 import scipy.sparse as sp
 
-from beamdae.analysis.linear_dynamics.linear_model import LinearModel, reduce_to_states
+from beamdae.analysis.linear_dynamics.linear_model import reduce_to_states
 from beamdae.analysis.linear_dynamics.linearization import Linearization, linearize_motion
-from beamdae.equations.controller_reads import evaluate_reads
-from beamdae.equations.equations_of_motion import ControllerTerm, EquationsOfMotion, Observable
 from beamdae.equations.formulations.tangents import compute_tangent
-from beamdae.model_checks.load_derivatives import LoadDerivatives, RunState, differentiate_loads
-from beamdae.results.trajectory import Instant, Trajectory
+from beamdae.model_checks.load_derivatives import LoadDerivatives, RunState
+from beamdae.results.trajectory import Instant
 
 Array = np.ndarray
 
 # Growth rates that remain without the loads that cause a growth, relative to it
 _MAX_OPEN_RATIO = 0.5
-_ROUNDING = 1e-9  # of numbers of samples
-# Samples at which a law is evaluated, and those at which its derivatives are tried: those whose
-# commands are farthest from their extremes, which may be limits.
-_MAX_SAMPLES, _MAX_TRIED_SAMPLES = 60, 12
-# Steps of finite differences, relative to the ranges of the arguments in the run, and largest
-# relative deviation of those of two adjacent steps, which agree unless the law has a limit or a
-# switch there. Means of differences follow laws that round their readings, as those of encoders.
-_STEPS, _MEANS, _MAX_DEVIATION = np.geomspace(3e-2, 1e-6, 10), np.linspace(1.0, 1.5, 9), 3e-2
-# Between two samples, the point at which a command is in the middle of its range.
-_BISECTIONS, _MIDDLE = 40, (0.25, 0.75)
 
 
 class Modes(NamedTuple):
@@ -71,22 +57,16 @@ class LinearizedState:
         """Mass matrix (n, n)."""
         return self.lin.tangent.mass
 
-    def reduce(
-        self, without: Collection[str] = (), reads: Sequence[Observable] = ()
-    ) -> LinearModel:
-        """Return the state-space model, with `reads` as outputs, without derivatives of loads."""
+    def find_growing(self, min_rate: float, without: Collection[str] = ()) -> Modes:
+        """Return the modes that grow faster than a rate [1/s], one of each conjugate pair."""
         tangent = self.lin.tangent
         for name in self.loads.keys() & set(without):
-            stiffness, damping, _ = self.loads[name]
+            stiffness, damping = self.loads[name]
             tangent = tangent._replace(
                 stiffness=sp.csc_array(tangent.stiffness - stiffness),
                 damping=sp.csc_array(tangent.damping - damping),
             )
-        return reduce_to_states(replace(self.lin, tangent=tangent), (), reads)
-
-    def find_growing(self, min_rate: float, without: Collection[str] = ()) -> Modes:
-        """Return the modes that grow faster than a rate [1/s], one of each conjugate pair."""
-        model = self.reduce(without)
+        model = reduce_to_states(replace(self.lin, tangent=tangent), (), ())
         # Shift and invert: of stiff structures, rounding errors of A reach the slow modes.
         shifted = model.A - min_rate * np.eye(len(model.A))
         inverses, vectors = np.linalg.eig(np.linalg.inv(shifted))
@@ -96,165 +76,9 @@ class LinearizedState:
 
     def find_cause(self, rate: float) -> str:
         """Return the names of loads without which no vibration grows at half of a rate [1/s]."""
-        names = sorted(name for name, x in self.loads.items() if x.is_source)
+        names = sorted(self.loads)
         for loads in (*([x] for x in names), names):
             values = self.find_growing(_MAX_OPEN_RATIO * rate, loads).values
             if not np.any(values.imag > 0.0):
                 return ", ".join(loads)
         return ""
-
-
-def find_loop_mode(
-    at: RunState, trajectory: Trajectory, commanded: Collection[str], min_rate: float
-) -> complex | None:
-    """Return the fastest eigenvalue of control loops that grows faster than a rate, or None.
-
-    Growth that remains with constant commands belongs to no loop. Sampled loops are linearized
-    exactly: by the motion between two samples, and the derivatives of the laws.
-
-    Parameters
-    ----------
-    at
-        State about which the equations are linearized, with commands between their limits.
-    trajectory
-        The steps of the run, at whose samples laws are differentiated.
-    commanded
-        Names of the loads that depend on continuous controllers.
-    min_rate
-        Growth rate [1/s].
-    """
-    run = LinearizedState(at, differentiate_loads(at, commanded))
-    if at.whole.controllers:
-        values, open_values = (_sampled_poles(run, trajectory, x) for x in (None, commanded))
-    else:
-        values, open_values = (run.find_growing(min_rate, x).values for x in ((), commanded))
-    if not len(values):
-        return None
-    fastest = complex(values[np.argmax(values.real)])
-    is_of_loop = np.max(open_values.real, initial=0.0) <= _MAX_OPEN_RATIO * fastest.real
-    return fastest if is_of_loop and fastest.real > min_rate else None
-
-
-def _sampled_poles(
-    run: LinearizedState, trajectory: Trajectory, opened: Collection[str] | None
-) -> Array:
-    """Return the poles [1/s] of sampled loops; none if a law or the samples have no linear model.
-
-    If `opened` is not None, commands of sampled loops and of these loads are constant.
-    The sampling intervals must be multiples of the shortest one, and divisors of the longest one.
-    """
-    equations = run.lin.full_equations
-    terms = equations.controllers
-    intervals = np.array([x.controller.every for x in terms])
-    ratios = np.round(intervals / np.min(intervals)).astype(int)
-    is_regular = np.abs(intervals / np.min(intervals) - ratios) < _ROUNDING
-    found = [_differentiate_law(equations, trajectory, x, k) for k, x in enumerate(terms)]
-    laws = [x for x in found if x is not None]
-    if len(laws) < len(found) or not is_regular.all() or np.any(np.max(ratios) % ratios):
-        return np.zeros(0, complex)
-    model = run.reduce(opened or (), [read for term in terms for read in term.reads])
-    place = {state.name: k for k, state in enumerate(model.states)}
-    step, total = la.expm(np.min(intervals) * model.A), np.eye(len(model.A))
-    for k in range(int(np.max(ratios))):
-        sample, first = np.eye(len(model.A)), 0
-        for term, law, ratio in zip(terms, laws, ratios, strict=True):
-            by_reads, by_values = law
-            own = [place[x.name] for x in equations.coordinates[term.rows]]
-            outputs = model.C[first : first + by_reads.shape[1]]
-            first += by_reads.shape[1]
-            if k % ratio == 0:
-                sample[own] = by_reads @ outputs if opened is None else 0.0
-                sample[np.ix_(own, own)] += by_values
-        total = step @ sample @ total
-    multipliers = la.eigvals(total).astype(complex)
-    # Delays have multipliers of zero.
-    multipliers = np.where(multipliers == 0.0, np.finfo(float).tiny, multipliers)
-    return np.log(multipliers) / np.max(intervals)
-
-
-def _differentiate_law(
-    equations: EquationsOfMotion, trajectory: Trajectory, term: ControllerTerm, stream: int
-) -> tuple[Array, Array] | None:
-    """Return the derivatives of a sampled law by its reads and by its values before a sample.
-
-    A law is a function of the user, which may have limits, switches, delays and rounding. The
-    derivatives are those at a sample, or between two samples with commands at opposite limits, at
-    which the commands depend on the reads and the law has no limit or jump nearby; None if there is
-    no such point, as for relays. `stream` is the number of the controller.
-    """
-    controller = term.controller
-    every, n_driven = controller.every, len(controller.drives)
-    first, last = np.ceil(trajectory.start / every) + 1, np.floor(trajectory.end / every)
-    if not controller.reads or last - first < 1:
-        return None
-    samples = first - 1 + np.geomspace(1, last - first + 1, _MAX_SAMPLES)
-    indices = np.unique(np.minimum(samples, last).astype(int))
-    reads = evaluate_reads(term, equations.p, *trajectory.at(every * indices))
-    before = trajectory.positions_at(every * (indices - 0.5))[:, term.rows]
-    arguments, n_reads = np.hstack([reads, before]), reads.shape[1]
-    # The new commands among the values, which delays hold back.
-    newest = slice(n_driven * controller.delay, n_driven * (1 + controller.delay))
-
-    def evaluate(index: int, x: Array) -> Array:
-        return controller.next_values(every * index, index, x[:n_reads], x[n_reads:], stream)
-
-    ranges = np.ptp(arguments, axis=0)
-    scales = np.where(ranges > 0.0, ranges, 1.0 + np.abs(arguments[0]))
-    for index, x in _list_points(lambda *at: evaluate(*at)[newest], indices.tolist(), arguments):
-        derivatives = _difference(partial(evaluate, index), x, scales)
-        if derivatives is not None and np.any(derivatives[newest, :n_reads]):
-            by_reads, by_values = np.split(derivatives / scales, [n_reads], axis=1)
-            return by_reads, by_values
-    return None
-
-
-def _list_points(
-    command: Callable[[int, Array], Array], indices: Sequence[int], arguments: Array
-) -> Iterator[tuple[int, Array]]:
-    """Yield samples, those with the most central commands first, and a point between limits.
-
-    It is between the samples where a command jumps most: if all commands are at limits, a law
-    depends on the reads there.
-    """
-    commands = np.array([command(*x) for x in zip(indices, arguments, strict=True)])
-    low, high = np.min(commands, axis=0), np.max(commands, axis=0)
-    half_range = np.maximum(0.5 * (high - low), np.finfo(float).tiny)
-    extremity = np.max(np.abs(commands - 0.5 * (low + high)) / half_range, axis=1)
-    for k in np.argsort(extremity, kind="stable")[:_MAX_TRIED_SAMPLES]:
-        yield indices[k], arguments[k]
-    jumps = np.abs(np.diff(commands, axis=0))
-    k, drive = map(int, np.unravel_index(np.argmax(jumps), jumps.shape))
-    begin, end = arguments[k : k + 2]
-    first, last = commands[k : k + 2, drive]
-    for _ in range(_BISECTIONS if first != last else 0):
-        middle = 0.5 * (begin + end)
-        share = (command(indices[k], middle)[drive] - first) / (last - first)
-        if _MIDDLE[0] < share < _MIDDLE[1]:
-            yield indices[k], middle
-            return
-        begin, end = (middle, end) if share <= _MIDDLE[0] else (begin, middle)
-
-
-def _difference(law: Callable[[Array], Array], x: Array, scales: Array) -> Array | None:
-    """Return the derivatives (values, arguments) of a law, times scales, or None at a jump.
-
-    Means of backward and forward differences with two adjacent steps agree.
-    """
-    at, coarse, derivatives = law(x), None, np.array(np.nan)
-    for step in _STEPS:
-        sides = step * _MEANS * np.array([[-1.0], [1.0]])
-        slopes = [
-            [np.mean([(law(x + h * dx) - at) / h for h in side], axis=0) for side in sides]
-            for dx in np.diag(scales)
-        ]
-        fine = np.array(slopes)
-        if coarse is not None:
-            # Values have different units.
-            sizes = np.max(np.abs(fine), axis=(0, 1))
-            agrees = np.ptp(np.hstack([coarse, fine]), axis=1) <= _MAX_DEVIATION * sizes
-            is_new = agrees & np.isnan(derivatives)
-            derivatives = np.where(is_new, np.mean(fine, axis=1), derivatives)
-        if np.isfinite(derivatives).all():
-            return derivatives.T
-        coarse = fine
-    return None

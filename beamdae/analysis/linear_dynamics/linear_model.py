@@ -24,7 +24,7 @@ from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.assembly.statement_checks import collect_statements
 from beamdae.equations.equations_of_motion import EquationsOfMotion, InputTerm, Observable
 from beamdae.equations.formulations.tangents import compute_tangent, differentiate_residual
-from beamdae.equations.starts.rank import RANK_TOLERANCE
+from beamdae.equations.starts.rank import normalize_rows, select_independent_rows
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
     BeamdaeError,
@@ -46,6 +46,7 @@ from beamdae.model_parameters import split_unit
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.read_only import read_only_data
+from beamdae.results.columns import select_observed_columns
 from beamdae.results.displays import HasPage
 from beamdae.symbolic.statements import Variable
 
@@ -63,6 +64,7 @@ _MAX_COORDINATES = 2000
 _POLE_SHIFT = 0.618034
 # Smaller damping ratios and relative growth rates are rounding errors.
 _MIN_DAMPING_RATIO = 1e-9
+_MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller ones are rounding errors of double real poles
 # Fewer frequencies are single values rather than a curve whose peaks are read.
 _MIN_GRID_SIZE = 20
 # A resonance is missed if the response at the frequencies beside it is below this fraction of its
@@ -267,20 +269,23 @@ class LinearModel(HasPage):
     def find_missed_peaks(self, frequencies: Array, response: Array) -> list[str]:
         """Return a warning if peaks at poles exceed the response at both adjacent frequencies."""
         grid, rows = np.unique(np.abs(frequencies), return_index=True)
-        shares = {}
-        for f in np.unique(self.poles.imag / (2.0 * np.pi)).tolist():
-            if len(grid) >= _MIN_GRID_SIZE and grid[0] < f < grid[-1] and f not in grid:
-                after = int(np.searchsorted(grid, f))
-                nearest = np.max(np.abs(response[rows[after - 1 : after + 1]]), axis=0)
-                peak = np.abs(self.evaluate_response([f * (1.0 + _PEAK_DISTANCE)])[0])
-                shares[f] = float(np.min(nearest[peak > 0.0] / peak[peak > 0.0], initial=1.0))
-        f = min(shares, key=lambda f: shares[f], default=0.0)
-        if shares.get(f, 1.0) >= _MIN_PEAK_SHARE:
+        poles = np.unique(self.poles.imag) / (2.0 * np.pi)
+        if len(grid) >= _MIN_GRID_SIZE:
+            poles = poles[(poles > grid[0]) & (poles < grid[-1])]
+        if len(grid) < _MIN_GRID_SIZE or not len(poles):
+            return []
+        after, sizes = np.searchsorted(grid, poles), np.abs(response[rows])
+        nearest = np.maximum(sizes[after - 1], sizes[after])
+        peaks = np.abs(self.evaluate_response((poles * (1.0 + _PEAK_DISTANCE)).tolist()))
+        ratios = np.where(peaks > 0.0, nearest / np.where(peaks > 0.0, peaks, 1.0), 1.0)
+        shares = np.min(ratios, axis=(1, 2), initial=1.0)
+        worst = int(np.argmin(shares))
+        if shares[worst] >= _MIN_PEAK_SHARE:
             return []
         return [
-            f"frequency_response: the resonance at {f:.6g} Hz lies between frequencies that reach "
-            f"{format_percent(shares[f])} of its peak; add the frequencies abs(model.poles.imag) / "
-            "(2 * np.pi), or damping, without which peaks are infinite."
+            f"frequency_response: the resonance at {poles[worst]:.6g} Hz lies between frequencies "
+            f"that reach {format_percent(float(shares[worst]))} of its peak; add the frequencies "
+            "abs(model.poles.imag) / (2 * np.pi), or damping, without which peaks are infinite."
         ]
 
     def evaluate_response(self, values: Sequence[float]) -> Array:
@@ -291,14 +296,17 @@ class LinearModel(HasPage):
         BeamdaeError
             If it is infinite at one of them.
         """
-        response = np.zeros((len(values), *self.D.shape), complex)
-        for row, f in zip(response, values, strict=True):
-            row[:] = transfer_matrix((self.A, self.B, self.C, self.D), 2j * np.pi * f)
-            if not np.isfinite(row).all():
-                raise BeamdaeError(
-                    f"frequency_response: the response at {f:g} Hz is infinite because an undamped "
-                    "mode or a free motion has this frequency; choose other frequencies."
-                )
+        responses = [
+            transfer_matrix((self.A, self.B, self.C, self.D), 2j * np.pi * f) for f in values
+        ]
+        response = np.reshape(responses, (len(values), *self.D.shape)).astype(complex)
+        is_finite = np.isfinite(response).all(axis=(1, 2))
+        if not is_finite.all():
+            raise BeamdaeError(
+                f"frequency_response: the response at {values[int(np.argmin(is_finite))]:g} Hz is "
+                "infinite because an undamped mode or a free motion has this frequency; choose "
+                "other frequencies."
+            )
         return response
 
 
@@ -339,6 +347,7 @@ def compute_poles(matrix: Array) -> Array:
     errors = np.where(is_single, np.finfo(float).eps * sizes, 0.0)
     errors = errors + _MIN_DAMPING_RATIO * np.abs(poles)
     poles.real[np.abs(poles.real) <= errors] = 0.0
+    poles.imag[np.abs(poles.imag) <= _MIN_IMAGINARY_SHARE * np.abs(poles)] = 0.0
     return poles[np.argsort(np.abs(poles), kind="stable")]
 
 
@@ -433,6 +442,15 @@ def linearize(
     return linear
 
 
+def require_linear_model(name: str, model: Any) -> None:
+    """Reject models that `linearize` did not return; `name` is that of the calling function."""
+    if not isinstance(model, LinearModel):
+        raise BeamdaeError(
+            f"{name}: model must be a result of linearize, got {short_repr(model)}; pass "
+            "linearize(model)."
+        )
+
+
 class _Request(NamedTuple):
     """Arguments of `linearize`."""
 
@@ -451,25 +469,30 @@ def compute_linear_model(model: Any, request: _Request) -> LinearModel:
 
 def build_linear_model(model: Any, lin: Linearization, request: _Request) -> LinearModel:
     """Return the state-space model of a linearization with the requested inputs and outputs."""
-    model_inputs = _resolve_inputs(model, lin, request.inputs)
-    undefined = [x.quantity.name for x in model_inputs if not np.all(np.isfinite(x.force))]
+    inputs = _resolve_inputs(model, lin, request.inputs)
+    undefined = [x.quantity.name for x in inputs if not np.all(np.isfinite(x.force))]
     warnings = _report_undefined(undefined, "inputs", request.inputs)
-    model_inputs = [x for x in model_inputs if x.quantity.name not in undefined]
+    inputs = [x for x in inputs if x.quantity.name not in undefined]
     observables, columns = _resolve_outputs(lin, request.outputs)
     if lin.equations.n > _MAX_COORDINATES:
         raise BeamdaeError(
             f"linearize: the model has {lin.equations.n} coordinates, more than the "
             f"maximum of {_MAX_COORDINATES}; use fewer elements."
         )
-    linear = reduce_to_states(lin, model_inputs, observables)
+    linear = reduce_to_states(lin, inputs, observables)
+    place = {output.header: k for k, output in enumerate(linear.outputs)}
     is_finite = np.isfinite(np.hstack([linear.C, linear.D])).all(axis=1)
-    undefined = [
-        x.header for x, finite in zip(linear.outputs, is_finite, strict=True) if not finite
-    ]
-    undefined = [x for x in columns if x in undefined]
+    undefined = [x for x in columns if not is_finite[place[x]]]
     warnings += _report_undefined(undefined, "outputs", request.outputs)
-    linear = replace(linear, warnings=(*linear.warnings, *warnings))
-    return _select_outputs(linear, [x for x in columns if x not in undefined])
+    rows = [place[x] for x in columns if is_finite[place[x]]]
+    return replace(
+        linear,
+        C=linear.C[rows],
+        D=linear.D[rows],
+        outputs=tuple(linear.outputs[k] for k in rows),
+        output_values=linear.output_values[rows],
+        warnings=(*linear.warnings, *warnings),
+    )
 
 
 def _report_undefined(
@@ -501,6 +524,8 @@ class ModelInput(NamedTuple):
 
     Attributes
     ----------
+    owner
+        Name of the input, the load or the driver.
     quantity
         Name and unit, such as "push.Fy" [N]; for drivers, the prescribed acceleration.
     force
@@ -513,6 +538,7 @@ class ModelInput(NamedTuple):
         laws of parts.
     """
 
+    owner: str
     quantity: Variable
     force: Array
     constraints: dict[str, float]
@@ -520,43 +546,32 @@ class ModelInput(NamedTuple):
 
 
 def _resolve_inputs(
-    mechanism: Any, lin: Linearization, part_names: Sequence[str] | None
+    mechanism: Any, lin: Linearization, names: Sequence[str] | None
 ) -> list[ModelInput]:
     parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
     terms = {term.name: term for term in lin.full_equations.inputs}
     candidates = {name: part for name, part in parts.items() if part.inputs} | terms
-    if part_names is None:
-        part_names = list(candidates)
+    names = list(candidates) if names is None else names
     inputs: list[ModelInput] = []
-    for name in require_sequence("linearize", "inputs", part_names, "names"):
-        text = name if isinstance(name, str) else ""
-        owners = [text] if text in candidates else [x for x in candidates if text.startswith(x)]
+    for name in require_sequence("linearize", "inputs", names, "names"):
         columns: list[ModelInput] = []
-        for owner in owners:
+        for owner in candidates:
+            if not isinstance(name, str) or not name.startswith(owner):
+                continue
             if owner in terms:
                 columns.append(_differentiate_input(terms[owner], lin))
             else:
                 columns += differentiate_part_laws(mechanism, parts[owner], lin)
-        quantities, selected = [x.quantity for x in columns], columns
-        if text not in candidates:
-            selected = [columns[k] for k in find_inputs(quantities, text)]
-        if not selected:
-            names = [*candidates, *(x.name for x in quantities)]
+        found = [x for x in columns if name in (x.owner, x.quantity.name, x.quantity.header)]
+        if not found:
+            choices = [*candidates, *(x.quantity.name for x in columns)]
             raise BeamdaeError(
                 "linearize: there is no input "
-                f"{short_repr(name)}{suggest(name, names)}; use the name of an input, force, "
+                f"{short_repr(name)}{suggest(name, choices)}; use the name of an input, force, "
                 "moment or driver of the mechanism, or of a column."
             )
-        inputs += selected
+        inputs += found
     return inputs
-
-
-def find_inputs(inputs: Sequence[Variable], name: Any) -> list[int]:
-    """Return the indices of the inputs with this name or header, or else of those of this part."""
-    if not isinstance(name, str):
-        return []
-    same = [k for k, x in enumerate(inputs) if name in (x.name, x.header)]
-    return same or [k for k, x in enumerate(inputs) if x.name.startswith(f"{name}.")]
 
 
 def _differentiate_input(term: InputTerm, lin: Linearization) -> ModelInput:
@@ -564,45 +579,36 @@ def _differentiate_input(term: InputTerm, lin: Linearization) -> ModelInput:
     e, dp = lin.equations, np.zeros(len(lin.equations.p))
     dp[[k for x in e.inputs if x.name == term.name for k in x.indices]] = 1.0
     change = differentiate_residual(e, lin.time, lin.state, dp)
-    force, constraints = change[: e.n], _name_constraints(e, change[e.n :])
+    return _create_input(term.name, Variable(*term[:2]), e, change, term.indices)
+
+
+def _create_input(
+    owner: str, law: Variable, e: EquationsOfMotion, change: Array, indices: tuple[int, ...] = ()
+) -> ModelInput:
+    """Return an input whose law changes the residual of equations by `change`, (n + m,)."""
+    force, by_constraint = np.split(change, [e.n])
+    names = zip(e.lam_names, by_constraint.tolist(), strict=True)
+    constraints = {name: x for name, x in names if x != 0.0}
     if constraints and np.any(force):
         raise BeamdaeError(
-            f"linearize: the input {term.name} is used both by a driver and by a force; use "
+            f"linearize: the input {owner} is used both by a driver and by a force; use "
             "different inputs."
         )
-    quantity = _driver_input(term.name, term.unit) if constraints else Variable(*term[:2])
-    return ModelInput(quantity, force, constraints, term.indices)
-
-
-def _name_constraints(e: EquationsOfMotion, change: Array) -> dict[str, float]:
-    return {name: float(x) for name, x in zip(e.lam_names, change, strict=True) if x != 0.0}
-
-
-def _driver_input(name: str, unit: str) -> Variable:
-    return Variable(f"{name}_ddot", f"{unit}/s^2")
+    quantity = Variable(f"{law.name}_ddot", f"{law.unit}/s^2") if constraints else law
+    return ModelInput(owner, quantity, force, constraints, indices)
 
 
 def differentiate_part_laws(
     mechanism: Mechanism, part: Part, lin: Linearization
 ) -> list[ModelInput]:
-    """Return an input for each law of a load or a driver."""
-    t = float(lin.time[0])
-    values = [law.at(t) for law in part.laws]
+    """Return an input for each law of a load or a driver, which depend linearly on their laws."""
+    count = len(part.inputs)
+    e, at_zero = _part_residual(mechanism, part.with_constant_laws([0.0] * count), lin)
     inputs = []
-    for k, law_quantity in enumerate(part.inputs):
-        # Loads and drivers depend linearly on their laws, so the difference is exact for any step.
-        step = max(1.0, abs(values[k]))
-        ends = []
-        for sign in (1.0, -1.0):
-            shifted = [x + (sign * step if j == k else 0.0) for j, x in enumerate(values)]
-            ends.append(_part_residual(mechanism, part.with_constant_laws(shifted), lin))
-        (equations, forward), (_, backward) = ends
-        force, by_constraint = np.split((forward - backward) / (2.0 * step), [lin.equations.n])
-        constraints = _name_constraints(equations, by_constraint)
-        quantity = Variable(f"{part.name}.{law_quantity.name}", law_quantity.unit)
-        if constraints:
-            quantity = _driver_input(*quantity)
-        inputs.append(ModelInput(quantity, force, constraints))
+    for law, values in zip(part.inputs, np.eye(count).tolist(), strict=True):
+        _, at_one = _part_residual(mechanism, part.with_constant_laws(values), lin)
+        quantity = Variable(f"{part.name}.{law.name}", law.unit)
+        inputs.append(_create_input(part.name, quantity, e, at_one - at_zero))
     return inputs
 
 
@@ -633,44 +639,18 @@ def _resolve_outputs(
     lin: Linearization, names: Sequence[str] | None
 ) -> tuple[list[Observable], list[str]]:
     """Return the observables to which the named outputs belong, and the headers of the outputs."""
-    observables = lin.full_equations.observables
-    owners = {header: o for o in observables for header in o.headers}
-    selected: dict[str, list[str]] = {o.name: o.headers for o in observables}
-    for header in owners:
-        selected.setdefault(header, [header])
-        selected.setdefault(split_unit(header)[0], [header])
-    if names is None:
-        names = [o.name for o in observables if not o.is_magnitude]
-    headers: list[str] = []
-    for name in require_sequence("linearize", "outputs", names, "names"):
-        if not isinstance(name, str) or name not in selected:
+    owners = {header: o for o in lin.full_equations.observables for header in o.headers}
+    headers = [header for header, o in owners.items() if not o.is_magnitude]
+    if names is not None:
+        given = require_sequence("linearize", "outputs", names, "names")
+        headers = select_observed_columns("linearize", given, list(owners))
+    for header in headers:
+        if owners[header].is_magnitude:
             raise BeamdaeError(
-                "linearize: there is no output "
-                f"{short_repr(name)}{suggest(name, selected)}; use the name of an "
-                "observable or of a column."
+                f"linearize: the output {header} is a largest magnitude, whose derivatives jump; "
+                "use outputs with a sign, such as beam.stress(...) at one section."
             )
-        if any(owners[header].is_magnitude for header in selected[name]):
-            raise BeamdaeError(
-                f"linearize: the output {name} is a largest magnitude, whose derivatives jump; use "
-                "outputs with a sign, such as beam.stress(...) at one section."
-            )
-        headers += selected[name]
-    return list({id(owners[x]): owners[x] for x in headers}.values()), headers
-
-
-def _select_outputs(model: LinearModel, headers: Sequence[str]) -> LinearModel:
-    """Return a linear model with these outputs, in this order."""
-    available = [output.header for output in model.outputs]
-    if list(headers) == available:
-        return model
-    rows = [available.index(header) for header in headers]
-    return replace(
-        model,
-        C=model.C[rows],
-        D=model.D[rows],
-        outputs=tuple(model.outputs[k] for k in rows),
-        output_values=model.output_values[rows],
-    )
+    return list({owners[x].name: owners[x] for x in headers}.values()), headers
 
 
 def reduce_to_states(
@@ -685,22 +665,22 @@ def reduce_to_states(
     these constraints (see `linearization`). The outputs are the columns of `observables`.
     """
     e, tangent = lin.equations, lin.tangent
+    row_of = {name: k for k, name in enumerate(e.lam_names)}
     driven = [name for one in inputs for name in one.constraints]
-    missing = [name for name in driven if name not in e.lam_names]
-    if missing:
+    if missing := [name for name in driven if name not in row_of]:
         raise BeamdaeError(
             f"linearize: {missing[0]} is inactive or redundant and cannot be an input; "
             "choose other inputs."
         )
-    scales, nonholonomic = e.position_scales, lin.linearized_equations.nonholonomic
     by_q, by_v = tangent.position_jacobian.toarray(), tangent.velocity_jacobian.toarray()
-    remains = np.array([name not in driven for name in e.lam_names], bool)
-    places, z = _independent_coordinates(by_q[remains & ~nonholonomic], scales)
-    velocity_rows = np.where(nonholonomic[:, None], by_v, by_q)[remains]
-    rates, y = _independent_coordinates(velocity_rows, scales)
+    rolling = np.isin(np.arange(e.m), e.nonholonomic_rows)
+    remains = np.isin(e.lam_names, driven, invert=True)
+    places, z = _independent_coordinates(by_q[remains & ~rolling], e.position_scales)
+    velocity_rows = np.where(rolling[:, None], by_v, by_q)[remains]
+    rates, y = _independent_coordinates(velocity_rows, e.position_scales)
     w = np.zeros_like(z)
-    if nonholonomic.any():
-        right = np.where(nonholonomic[:, None], -by_q @ z, 0.0)[remains]
+    if rolling.any():
+        right = np.where(rolling[:, None], -by_q @ z, 0.0)[remains]
         w = la.lstsq(velocity_rows, right)[0]
     w = w - y @ w[rates]
     # The rates of first-order states are not independent.
@@ -708,42 +688,36 @@ def reduce_to_states(
     rates, y = rates[has_inertia], y[:, has_inertia]
     # Derivatives with respect to (x, w, u), by columns.
     n_states = len(places) + len(rates)
-    dq = np.hstack([z, np.zeros((e.n, len(rates) + len(inputs)))])
+    size = n_states + len(inputs)
+    dq = np.hstack([z, np.zeros((e.n, size - len(places)))])
     dv = np.hstack([w, y, np.zeros((e.n, len(inputs)))])
-    by_inputs = np.zeros((e.n + e.m, dq.shape[1]))
+    by_inputs, dp = np.zeros((e.n + e.m, size)), np.zeros((len(lin.full_equations.p), size))
     for k, one in enumerate(inputs, n_states):
-        by_inputs[: e.n, k] = one.force
-        for name, size in one.constraints.items():
-            by_inputs[e.n + e.lam_names.index(name), k] = size
+        by_inputs[: e.n, k], change = one.force, np.eye(size)[k]
+        for name, slope in one.constraints.items():
+            by_inputs[e.n + row_of[name], k] = slope
+            # The displacement of a driver depends on the states.
+            change = -by_q[row_of[name]] @ dq / slope
+        dp[list(one.indices)] = change
     # The rows of first-order states are x' - f.
     forces = tangent.stiffness @ dq + tangent.damping @ dv + by_inputs[: e.n]
     dv[e.states] -= forces[e.states]
     right = -by_inputs
     right[: e.n] -= tangent.stiffness @ dq + tangent.damping @ dv
-    right[e.n :][nonholonomic] -= by_q[nonholonomic] @ dv
-    solve = solve_for_accelerations(e, tangent)
-    solution = np.stack([solve(column) for column in right.T], axis=1)
-    da, dlam = solution[: e.n], solution[e.n :]
+    right[e.n :][rolling] -= by_q[rolling] @ dv
+    da, dlam = np.split(solve_for_accelerations(e, tangent)(right), [e.n])
     derivatives = np.vstack([dv[places], da[rates]])
     if lin.rotation is not None:
         # Observables are functions of velocities in the inertial frame.
         generator = RotatingCoordinates.from_equations(e).generator
         dv = dv + lin.rotation.speed * (generator @ dq)
-    dp = np.zeros((len(lin.full_equations.p), dq.shape[1]))
-    for k, one in enumerate(inputs, n_states):
-        change = np.eye(dq.shape[1])[k]
-        for name, size in one.constraints.items():
-            # The displacement of a driver depends on the states.
-            change = -by_q[e.lam_names.index(name)] @ dq / size
-        dp[list(one.indices)] = change
     outputs, values, names = _differentiate_outputs(lin, observables, dq, dv, da, dlam, dp)
-    coordinates = [e.coordinates[k] for k in places]
     return LinearModel(
         derivatives[:, :n_states],
         derivatives[:, n_states:],
         outputs[:, :n_states],
         outputs[:, n_states:],
-        (*coordinates, *(e.coordinates[k].rate for k in rates)),
+        (*(e.coordinates[k] for k in places), *(e.coordinates[k].rate for k in rates)),
         tuple(one.quantity for one in inputs),
         names,
         np.concatenate([lin.state.q[places], lin.state.v[rates]]),
@@ -771,8 +745,8 @@ def _differentiate_outputs(
     """
     e, full = lin.equations, lin.full_equations
     # Multipliers of inactive or redundant constraints are zero: row -1 is the appended zero.
-    known = {name: k for k, name in enumerate(e.lam_names)}
-    rows = np.array([known.get(name, -1) for name in full.lam_names], int)
+    row_of = {name: k for k, name in enumerate(e.lam_names)}
+    rows = np.array([row_of.get(name, -1) for name in full.lam_names], int)
     lam = np.append(lin.state.lam, 0.0)[rows]
     dlam = np.vstack([dlam, np.zeros((1, dlam.shape[1]))])[rows]
     # The changes of accelerations omit those of the constraints along a motion.
@@ -797,9 +771,7 @@ def _differentiate_outputs(
         pairs = zip(jacobians, changes, strict=False)
         derivatives.append(np.sum([_apply_derivative(*pair) for pair in pairs], axis=0))
         values.append(o.function(*(x[None] for x in arguments))[0])
-        for column in o.columns:
-            name = ".".join(filter(None, (o.name, column.name)))
-            names.append(Variable(name, column.unit))
+        names += [Variable(*split_unit(header)) for header in o.headers]
     return np.vstack(derivatives), np.concatenate(values), tuple(names)
 
 
@@ -819,18 +791,11 @@ def _independent_coordinates(rows: Array, scales: Array) -> tuple[Array, Array]:
     Every dq with rows @ dq = 0 equals Z @ dq[indices]. The indices are chosen by QR factorization
     with column pivoting of the scaled rows.
     """
-    n = rows.shape[1]
-    matrix = rows * scales
-    lengths = np.linalg.norm(matrix, axis=1)
-    matrix = matrix / np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    triangle, order = la.qr(matrix, mode="r", pivoting=True)
-    diagonal = np.abs(np.diag(triangle))
-    rank = int(np.sum(diagonal > RANK_TOLERANCE * np.max(diagonal, initial=0.0)))
-    dependent, independent = order[:rank], np.sort(order[rank:])
-    by_index = np.argsort(order[rank:])
-    z = np.zeros((n, n - rank))
-    z[independent, np.arange(n - rank)] = 1.0
-    if rank:
-        shares = la.solve_triangular(triangle[:rank, :rank], triangle[:rank, rank:])
-        z[dependent] = -(scales[dependent, None] * shares / scales[order[rank:]])[:, by_index]
+    if not len(rows):
+        return np.arange(len(scales)), np.eye(len(scales))
+    columns = select_independent_rows(normalize_rows(rows * scales)[0].T)
+    dependent, independent = columns.independent, columns.dependent
+    z = np.zeros((len(scales), len(independent)))
+    z[independent, np.arange(len(independent))] = 1.0
+    z[dependent] = -scales[dependent, None] * columns.coefficients.T / scales[independent]
     return independent, z

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.eigenproblems.eigensolution import massless_error
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.eigenproblems.slow_motions import MasslessError
 from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import (
     LoadedEquations,
@@ -164,24 +164,21 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     BeamdaeError
         If `about` is invalid, no such state exists, or a coordinate has no inertia.
     """
-    lin = _linearize(name, model, about, t)
-    turning = () if isinstance(about, (Instant, Rotation)) else _turning_warnings(lin)
-    rotations: list[str] = []
-    if isinstance(about, Rotation):
-        speed = about.speed
-        unit = f"speeds are in rad/s ({speed:g} rpm are {speed * _RPM:.4g} rad/s)"
-        rotations = [
-            *filter(None, [center_warning(lin.full_equations, about)]),
-            *strain_warnings(lin.equations, lin.state.q[None], unit),
-        ]
-    lin = replace(lin, warnings=(*lin.warnings, *turning, *rotations))
-    q, v = (x[None] for x in lin.state[:2])
+    about, full_equations = plain_text(about), as_equations(name, model, AS_DRAWN)
+    if isinstance(about, Instant):
+        lin = linearize_motion(full_equations, about)
+    elif isinstance(about, Rotation):
+        lin = _linearize_rotation(full_equations, about, t)
+    else:
+        lin = _linearize_rest(name, model, full_equations, about, t)
+    q, v = lin.state[:2]
     # The slope of a table is zero where its value is held.
-    outside = list_arguments_outside(lin.equations, lin.time, q, v, includes_held=True)
+    outside = list_arguments_outside(lin.equations, lin.time, q[None], v[None], includes_held=True)
     limits = limit_warnings(
         lin.equations,
         lin.time,
-        *lin.state[:2],
+        q,
+        v,
         f"so the linear model contains no feedback through it; {_NO_LIMIT}",
         f"so the linear model contains half of the feedback through it; {_NO_LIMIT}",
     )
@@ -210,25 +207,29 @@ def searched_start(name: str, about: Any, accuracy: Any) -> Any:
     return about if isinstance(about, Mapping) else AS_DRAWN
 
 
-def _turning_warnings(lin: Linearization) -> tuple[str, ...]:
-    """Return a warning if the mechanism turns although the state is at rest, or nothing."""
-    turning = find_turning(lin.equations, lin.time, lin.state.q, lambda: lin.linearized_equations)
-    if turning is None:
-        return ()
-    return (
-        f"{turning.cause} at {turning.speed:.6g} rad/s, but the linearized state is at rest, "
-        f"without centrifugal forces; use about=bd.rotation({turning.speed:.10g}) for a steady "
-        "rotation (--speed), or solution.at(t) for another motion.",
+def _linearize_rotation(
+    full_equations: EquationsOfMotion, rotation: Rotation, t: float
+) -> Linearization:
+    e, time, tangent_at, _ = frame_of(full_equations, rotation, t)
+    state, speed = find_steady_rotation(e, time, rotation), rotation.speed
+    description = f"rotation at {speed:g} rad/s about {rotation.center}"
+    center = center_warning(full_equations, rotation)
+    unit = f"speeds are in rad/s ({speed:g} rpm are {speed * _RPM:.4g} rad/s)"
+    warnings = (
+        *drawing_warnings(e, time, state.q, description),
+        *([center] if center else []),
+        *strain_warnings(e, state.q[None], unit),
+    )
+    tangent = tangent_at(state)
+    return Linearization(
+        e, full_equations, description, time, state, tangent, warnings, 0.0, tangent_at, rotation
     )
 
 
-def _linearize(name: str, model: Any, about: Any, t: float) -> Linearization:
-    about, full_equations = plain_text(about), as_equations(name, model, AS_DRAWN)
-    if isinstance(about, Instant):
-        return linearize_motion(full_equations, about)
-    if isinstance(about, Rotation):
-        description = f"rotation at {about.speed:g} rad/s about {about.center}"
-    elif isinstance(about, Equilibrium):
+def _linearize_rest(
+    name: str, model: Any, full_equations: EquationsOfMotion, about: Any, t: float
+) -> Linearization:
+    if isinstance(about, Equilibrium):
         full_equations = about.to_checkpoint().start_equations(full_equations)
         description = f"equilibrium at load factor {about.factor:g}" if about.loads else EQUILIBRIUM
     elif isinstance(about, Mapping) or about == EQUILIBRIUM:
@@ -246,16 +247,7 @@ def _linearize(name: str, model: Any, about: Any, t: float) -> Linearization:
             "name, bd.rotation(...), solution.at(t) or a result of bd.equilibrium, "
             f"got {short_repr(about)}{hint}."
         )
-    frame = frame_of(full_equations, about, t, model)
-    e, time, tangent_at, rotation = frame
-    if rotation is not None:
-        state = find_steady_rotation(e, time, rotation)
-        notes = drawing_warnings(e, time, state.q, description)
-        tangent = tangent_at(state)
-        return Linearization(
-            e, full_equations, description, time, state, tangent, notes, 0.0, tangent_at, rotation
-        )
-    lin = Linearization(e, full_equations, description, time, *linearize_at_rest(frame))
+    lin = linearize_at_rest(frame_of(full_equations, about, t, model), full_equations, description)
     note = ""
     if isinstance(about, Equilibrium):
         note = about.end_warning
@@ -265,7 +257,15 @@ def _linearize(name: str, model: Any, about: Any, t: float) -> Linearization:
             # Given velocities have no effect on a state at rest.
             requested = replace(requested, v0=np.zeros(requested.n))
         note = compare_start(requested, lin.state).warning
-    return replace(lin, warnings=(*filter(None, (note,)), *lin.warnings))
+    warnings = [*filter(None, (note,)), *lin.warnings]
+    turning = find_turning(lin.equations, lin.time, lin.state.q, lambda: lin.linearized_equations)
+    if turning is not None:
+        warnings.append(
+            f"{turning.cause} at {turning.speed:.6g} rad/s, but the linearized state is at rest, "
+            f"without centrifugal forces; use about=bd.rotation({turning.speed:.10g}) for a steady "
+            "rotation (--speed), or solution.at(t) for another motion."
+        )
+    return replace(lin, warnings=tuple(warnings))
 
 
 def active_equations(
@@ -366,16 +366,8 @@ def frame_of(full_equations: EquationsOfMotion, about: Any, t: float, model: Any
     return Frame(equations, time, partial(tangent_of, equations, time))
 
 
-def linearize_at_rest(
-    frame: Frame,
-) -> tuple[State, Tangent, tuple[str, ...], float, TangentFunction]:
+def linearize_at_rest(frame: Frame, full_equations: EquationsOfMotion, about: str) -> Linearization:
     """Linearize at rest at the start positions of a frame, corrected to close the joints.
-
-    Returns
-    -------
-    tuple
-        State, matrices, warnings, the bound [1/s^2] up to which squared frequencies are treated as
-        zero, and the function of the matrices.
 
     Raises
     ------
@@ -388,10 +380,11 @@ def linearize_at_rest(
     q = solver.state(time, e.q0, np.zeros(e.n)).q
     state = _release(e, tangent_at, solver.rest_state(q))
     rest = state._replace(a=np.zeros(e.n))
-    unaccelerated = tangent_at(rest)
-    if not _is_unbalanced(e, unaccelerated, state):
-        return rest, unaccelerated, (), 0.0, tangent_at
-    inertial_stiffness = tangent_at(state).stiffness - unaccelerated.stiffness
+    tangent = tangent_at(rest)
+    lin = Linearization(e, full_equations, about, time, rest, tangent, tangent_at=tangent_at)
+    if not _is_unbalanced(e, tangent, state):
+        return lin
+    inertial_stiffness = tangent_at(state).stiffness - tangent.stiffness
     change = _covariant_change(e, tangent_at, state, inertial_stiffness)
     tangent_at = partial(_subtract_stiffness, tangent_at, change)
     acceleration = np.abs(state.a) / e.position_scales
@@ -402,8 +395,14 @@ def linearize_at_rest(
         "equilibrium; use about='equilibrium' unless the frequencies are meant to "
         "follow from the second derivatives of the potential at this state."
     )
-    zero_square = _ZERO_SQUARE_RATIO * float(acceleration[worst])
-    return state, tangent_at(state), (warning,), zero_square, tangent_at
+    return replace(
+        lin,
+        state=state,
+        tangent=tangent_at(state),
+        warnings=(warning,),
+        zero_square=_ZERO_SQUARE_RATIO * float(acceleration[worst]),
+        tangent_at=tangent_at,
+    )
 
 
 def _subtract_stiffness(
@@ -423,12 +422,13 @@ def solve_for_accelerations(e: EquationsOfMotion, tangent: Tangent) -> Callable[
     BeamdaeError
         If another coordinate has no inertia.
     """
-    states = np.zeros(e.n)
-    states[e.states] = 1.0
-    mass = sp.csc_array(tangent.mass + sp.diags_array(states))
-    solve = factorize_saddle_point(mass, tangent.reactions, tangent.acceleration_jacobian(e))
+    states = sp.diags_array(np.isin(np.arange(e.n), e.states).astype(float))
+    mass, rows = sp.csc_array(tangent.mass + states), tangent.acceleration_jacobian(e)
+    solve = factorize_saddle_point(mass, tangent.reactions, rows)
     if solve is None:
-        raise massless_error(e, tangent)
+        matrix = sp.block_array([[mass, tangent.reactions], [rows, None]]) if e.m else mass
+        motion = np.linalg.svd(np.nan_to_num(matrix.toarray()))[2][-1, : e.n]
+        raise MasslessError(e.q_names[int(np.argmax(np.abs(motion)))])
     return solve
 
 

@@ -15,11 +15,9 @@ from beamdae.analysis.eigenproblems.eigensolution import (
     RIGID,
     UNSTABLE,
     VIBRATION,
-    EigenSolution,
     classify_modes,
     solve_eigenproblem,
 )
-from beamdae.analysis.eigenproblems.slow_motions import quadratic_form_rounding
 from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
@@ -58,9 +56,6 @@ Array = np.ndarray
 _MIN_NAMED_SHARE = 0.005
 # Effective masses below this fraction of the moving mass are rounding errors.
 _MASS_ROUNDING = 1e-20
-# Largest bound on the rounding error of a squared frequency, relative to the square, without a
-# warning. Actual errors are below a tenth of the bound, as for free strips with L/h = 1e6.
-_MAX_SQUARE_ROUNDING = 0.05
 # Smallest share of the kinetic energy, without rigid motions of the bodies, of a motion that
 # deforms beams. Clamped beams have 3 %, rounding errors of free strips with L/h = 1e6 0.003 %.
 _MIN_DEFORMATION_SHARE = 1e-3
@@ -153,19 +148,21 @@ class Modes(HasModeShapes):
         there are no modes, that rounding errors of the stiffness hide slow modes, that nothing
         holds a body, or that `errors` of eigenvalues exceed 4 %.
         """
-        if self._request is None or not self._request.is_checked:
-            return self._state_warnings
-        return (*self._state_warnings, *self.errors.sentences())
+        is_checked = self._request is not None and self._request.is_checked
+        return (*self._state_warnings, *(self.errors.sentences() if is_checked else ()))
 
     @property
     def _state_warnings(self) -> tuple[str, ...]:
         return self._linearization.warnings + self._remarks
 
+    @property
+    def _issued(self) -> tuple[str, ...]:
+        """All warnings except unstable states and missing modes."""
+        return tuple(x for x in self.warnings if x not in self._remarks)
+
     def _issue_warnings(self) -> None:
-        """Issue all warnings except unstable states and missing modes."""
         if not warnings_are_ignored():
-            issued = (x for x in self.warnings if x not in self._remarks)
-            warn_of_result(issued, self._linearization.equations.build_warnings)
+            warn_of_result(self._issued, self._linearization.equations.build_warnings)
 
     def describe(self, k: int) -> str:
         """Return a label of mode `k`, counted from 0: number k + 1, frequency, damping ratio.
@@ -266,12 +263,11 @@ class Modes(HasModeShapes):
                 f"mac: other must be modes of the same mechanism, got {short_repr(other)}."
             )
         mass = self._linearization.tangent.mass
-        modal_masses, other_masses = (
-            np.real(np.einsum("ij,ji->i", x.conj(), mass @ x.T))
-            for x in (self.shapes, other.shapes)
-        )
         products = np.abs(self.shapes.conj() @ (mass @ other.shapes.T)) ** 2
-        return products / np.outer(modal_masses, other_masses)
+        masses = (
+            np.einsum("ij,ji->i", x.conj(), mass @ x.T).real for x in (self.shapes, other.shapes)
+        )
+        return products / np.outer(*masses)
 
     def _describe_shares(self, k: int) -> str:
         shares = {name: float(share[k]) for name, share in self.shares.items()}
@@ -379,53 +375,49 @@ def compute_modes(
 ) -> Modes:
     """Compute natural modes as `modes` does, without issuing the warnings of the result.
 
-    Errors are measured for the first `assessed` modes; None means all.
+    Errors are measured for the first `assessed` modes; None means all, or ten if `n` is None.
     """
-    if accuracy is not None or accuracy_columns is not None:
-        until = deferred.module("accuracy.until")
-        start = searched_start("modes", about, accuracy)
-
-        def solve(model: Any, _: Any) -> Modes:
-            return compute_modes(model, about, n, damping, t, assessed)
-
-        analysis = until.Analysis("modes", solve, start=start, states=until.list_shapes)
-        resolved = model_of_modes(model, about)
-        accurate: Modes = until.reach_accuracy(analysis, resolved, accuracy, accuracy_columns)
-        return accurate
+    until = deferred.module("accuracy.until")
     count = None if n is None else require_count("modes", "n", n)
     is_damped = require_choice("modes", "damping", damping, (True, False))
-    model = model_of_modes(model, about)
     time = require_finite("modes", "t", t)
-    lin = linearize_about("modes", model, about, time)
-    solution = solve_eigenproblem(lin.linearized_equations, count, is_damped)
-    kinds = classify_modes(lin.linearized_equations, solution)
-    mechanism = model if isinstance(model, Mechanism) else None
-    doubts = [
-        *_describe_rounding(lin, solution),
-        *_describe_decays(kinds, count),
-        *_describe_free_bodies(lin, kinds),
-    ]
-    lin = replace(lin, warnings=(*lin.warnings, *doubts))
+    if assessed is None:
+        assessed = _ASSESSED if count is None else count
+
+    def solve(model: Any, _: Any) -> Modes:
+        is_checked = assessed > 0 and not skips_result_checks()
+        request = _Request(about, time, is_damped, assessed, is_checked)
+        return _solve(model, linearize_about("modes", model, about, time), count, request)
+
+    start = searched_start("modes", about, accuracy)
+    analysis = until.Analysis("modes", solve, start=start, states=until.list_shapes)
+    result: Modes = until.reach_accuracy(
+        analysis, model_of_modes(model, about), accuracy, accuracy_columns
+    )
+    return result
+
+
+def _solve(model: Any, lin: Linearization, count: int | None, request: _Request) -> Modes:
+    """Return the modes of a linearized model."""
+    solution = solve_eigenproblem(lin.linearized_equations, count, request.damping)
+    kinds = classify_modes(solution.values)
+    doubts = _describe_hidden_modes(lin, kinds, solution.shapes) + _describe_free_bodies(lin, kinds)
+    if len(kinds) == count and set(kinds) == {DECAY}:
+        doubts.append(
+            "all modes decay without oscillation, as fast modes with material damping do at the "
+            "rate 1 / damping; vibrations with a larger |eigenvalue| are not among the modes. Set "
+            "damping=False, or use a larger n."
+        )
     remarks = []
     if lin.equations.n <= lin.equations.m:
         remarks.append("there are no modes because joints and drivers fix every coordinate.")
-    growing = [
-        float(value.real)
-        for value, kind in zip(solution.values, kinds, strict=True)
-        if kind == UNSTABLE
-    ]
-    if growing:
-        number = "one mode grows" if len(growing) == 1 else f"{len(growing)} modes grow"
+    if growing := kinds.count(UNSTABLE):
+        number = "one mode grows" if growing == 1 else f"{growing} modes grow"
         remarks.append(
             f"the state is unstable: {number}, and the fastest growth is by a factor of e in "
-            f"{1.0 / max(growing):.3g} s."
+            f"{1.0 / np.max(solution.values.real):.3g} s."
         )
-    request = None
-    if mechanism is not None:
-        most = (_ASSESSED if count is None else count) if assessed is None else assessed
-        number_assessed = min(most, len(kinds))
-        is_checked = number_assessed > 0 and not skips_result_checks()
-        request = _Request(about, time, is_damped, number_assessed, is_checked)
+    mechanism = model if isinstance(model, Mechanism) else None
     return Modes(
         lin.about,
         solution.values,
@@ -433,52 +425,29 @@ def compute_modes(
         kinds,
         lin.state.q,
         mechanism,
-        lin,
+        replace(lin, warnings=(*lin.warnings, *doubts)),
         tuple(remarks),
-        request,
+        None if mechanism is None else request,
     )
 
 
-def _describe_rounding(lin: Linearization, solution: EigenSolution) -> list[str]:
-    """Return a warning if rounding errors of the stiffness hide slow modes, or none.
+def _describe_hidden_modes(lin: Linearization, kinds: tuple[str, ...], shapes: Array) -> list[str]:
+    """Return a warning if a free motion deforms a beam, or none.
 
-    The stiffest parts determine these errors. A mode whose frequency they hide is found as a free
-    motion: it deforms a beam, or its bound is not small compared with the slowest of the other
-    modes.
+    It is a slow vibration that rounding errors of stiffer parts hide.
     """
-    squares = np.abs(solution.values) ** 2
-    bounds = quadratic_form_rounding(lin.linearized_equations.stiffness, solution.shapes)
-    references = np.where(squares > 0.0, squares, np.min(squares[squares > 0.0], initial=np.inf))
-    is_hidden = bounds > _MAX_SQUARE_ROUNDING * references
-    is_hidden |= (squares == 0.0) & _are_deforming(lin, solution.shapes)
-    if not np.any(is_hidden):
-        return []
-    limit = np.sqrt(np.max(bounds[is_hidden]) / _MAX_SQUARE_ROUNDING) / (2.0 * np.pi)
-    return [
-        f"frequencies below {limit:.2g} Hz can be inaccurate, and free motions can be slow "
-        "vibrations, because rounding errors of the stiffest parts reach the stiffness of the "
-        "softest ones; replace very stiff beams by rigid bodies, or very thin ones by thicker ones."
-    ]
-
-
-def _are_deforming(lin: Linearization, shapes: Array) -> Array:
-    """Return a mask (k,) of the shapes, (n, k), that are not rigid motions of the bodies."""
     e, mass = lin.equations, lin.tangent.mass
+    free = shapes[:, [kind == RIGID for kind in kinds]]
     rigid = e.position_scales[:, None] * compute_rigid_motions(e, lin.state.q)
     momenta = mass @ rigid
-    motions = shapes - rigid @ (np.linalg.pinv(rigid.T @ momenta) @ (momenta.T @ shapes))
-    energies, totals = (np.einsum("ij,ij->j", x.conj(), mass @ x).real for x in (motions, shapes))
-    return np.asarray(energies > _MIN_DEFORMATION_SHARE * totals)
-
-
-def _describe_decays(kinds: tuple[str, ...], count: int | None) -> list[str]:
-    """Return a warning if all modes decay, although more modes exist, or none."""
-    if len(kinds) != count or set(kinds) != {DECAY}:
+    motions = free - rigid @ (np.linalg.pinv(rigid.T @ momenta) @ (momenta.T @ free))
+    energies, totals = (np.einsum("ij,ij->j", x.conj(), mass @ x).real for x in (motions, free))
+    if not np.any(energies > _MIN_DEFORMATION_SHARE * totals):
         return []
     return [
-        "all modes decay without oscillation, as fast modes with material damping do at the rate "
-        "1 / damping; vibrations with a larger |eigenvalue| are not among the modes. Set "
-        "damping=False, or use a larger n."
+        "free motions deform beams and can be slow vibrations, because rounding errors of the "
+        "stiffest parts reach the stiffness of the softest ones; replace very stiff beams by rigid "
+        "bodies, or very thin ones by thicker ones."
     ]
 
 

@@ -22,8 +22,8 @@ from beamdae.analysis.linear_dynamics.linear_model import (
     ModelInput,
     compute_poles,
     differentiate_part_laws,
-    find_inputs,
     reduce_to_states,
+    require_linear_model,
     transfer_matrix,
 )
 from beamdae.analysis.linear_dynamics.linearization import Linearization
@@ -63,6 +63,7 @@ _MAX_CHANGE = 0.3
 _MAX_FREQUENCIES = 20_000
 # Magnitudes of listed phase crossovers: smaller ones do not matter, larger ones are those of poles.
 _MIN_MAGNITUDE, _MAX_MAGNITUDE = 1e-3, 1e9
+_MIN_SIZE = math.log(0.5 * _MIN_MAGNITUDE)  # logarithm of the magnitude of samples
 # Phases [turns] closer to -180 degrees are those of loops without damping, not crossovers.
 _PHASE_ROUNDING = 1e-9
 _MULTIPLIER_ROUNDING = 1e-7  # of multipliers of stiff structures, and of double ones at 1
@@ -177,7 +178,8 @@ class StabilityMargins(HasTable):
 class _Loop:
     """Loop transfer function L of x' = A x + b u, -u = c x + d u (or x_k+1), with a delay [s].
 
-    `every` is None in continuous time; otherwise, there is no `delay`.
+    `every` is None in continuous time; otherwise, there is no `delay`. `known` contains the values
+    that were computed, by frequency.
     """
 
     a: Array
@@ -186,13 +188,20 @@ class _Loop:
     d: float
     every: float | None = None
     delay: float = 0.0
+    known: dict[float, complex] = field(default_factory=dict)
 
     def at(self, f: float) -> complex:
         """Return L without its delay at a frequency [Hz]; not finite at a pole."""
-        w = _FULL_TURN * f
-        point = 1j * w if self.every is None else np.exp(1j * w * self.every)
-        system = self.a, self.b[:, None], self.c[None], np.array([[self.d]])
-        return complex(transfer_matrix(system, point)[0, 0])
+        if f not in self.known:
+            w = _FULL_TURN * f
+            point = 1j * w if self.every is None else np.exp(1j * w * self.every)
+            system = self.a, self.b[:, None], self.c[None], np.array([[self.d]])
+            self.known[f] = complex(transfer_matrix(system, point)[0, 0])
+        return self.known[f]
+
+    def lag(self, f: float) -> float:
+        """Return the phase above -180 degrees without the delay [rad], from 0 to a full turn."""
+        return float(np.angle(-self.at(f))) % _FULL_TURN
 
     @cached_property
     def poles(self) -> Array:
@@ -298,11 +307,7 @@ def margins(
     >>> print(f"{loop.gain_margin:.4f}, {loop.phase_margin:.2f} deg, {loop.delay_margin:.4f} s")
     3.1416, 61.35 deg, 0.5354 s
     """
-    if not isinstance(model, LinearModel):
-        raise BeamdaeError(
-            f"margins: model must be a result of linearize, got {short_repr(model)}; pass "
-            "linearize(model)."
-        )
+    require_linear_model("margins", model)
     loop = _build_loop(model, at, controller, every, delay)
     crossovers = _find_crossovers(loop)
     gains = [x for x in crossovers if x.kind == "phase"]
@@ -359,7 +364,11 @@ def _build_loop(model: LinearModel, at: Any, controller: Any, every: Any, delay:
         # x' = A x + b (w - u), u = c x: without the feedback through w = u + disturbance.
         b, c = closed.B[:, 0], closed.C[0]
         return _Loop(closed.A - np.outer(b, c), b, -c, 0.0, None, dead_time)
-    columns = find_inputs(model.inputs, name)
+    columns = [
+        k
+        for k, x in enumerate(model.inputs)
+        if name in (x.name, x.header) or x.name.startswith(f"{name}.")
+    ]
     if len(columns) != 1:
         raise BeamdaeError(
             f"margins: there is no input or pid {short_repr(name)}"
@@ -393,7 +402,7 @@ def _inject_at_command(lin: Linearization, mechanism: Mechanism, name: str) -> L
     All loops are closed. The first output of the model is the command before the disturbance.
     """
     commands = compile_commands(lin.equations)
-    command = next((x for x in commands if x.is_output and x.name.startswith(f"{name}: ")), None)
+    command = next((x for x in commands if x.name.startswith(f"{name}: ")), None)
     if command is None:
         raise BeamdaeError(
             f"margins: the command of {name} does not depend on the motion, so there is no loop; "
@@ -429,7 +438,7 @@ def _inject_at_command(lin: Linearization, mechanism: Mechanism, name: str) -> L
     full, data = lin.full_equations, command.observable.data
     shifted = slice(len(full.p) + data.start, len(full.p) + data.stop)
     extended = replace(full, p=np.concatenate([full.p, command.numbers]))
-    disturbance = ModelInput(Variable(name, "-"), force, {})
+    disturbance = ModelInput(name, Variable(name, "-"), force, {})
     observable = replace(command.observable, data=shifted)
     return reduce_to_states(replace(lin, full_equations=extended), [disturbance], [observable])
 
@@ -447,83 +456,69 @@ def _as_system(controller: Any, count: int, every: Any) -> tuple[Matrices, float
     from scipy.signal import dlti, lti
 
     interval = None if every is None else require_positive("margins", "every", every)
-    if not isinstance(controller, (lti, dlti)):
+    if isinstance(controller, (lti, dlti)):
+        system = controller.to_ss()
+        matrices, own = (system.A, system.B, system.C, system.D), getattr(system, "dt", None)
+        if own is not None and (isinstance(own, bool) or not own > 0.0):
+            raise BeamdaeError(
+                f"margins: the discrete controller must have an interval dt in s, got {own!r}."
+            )
+        if interval is not None and own != interval:
+            raise BeamdaeError(
+                f"margins: every = {interval:g} s differs from the interval dt of the controller, "
+                f"{own if own is None else format(own, 'g')}; pass a discrete controller with this "
+                "dt and omit every."
+            )
+        interval = None if own is None else float(own)
+    else:
         gains = [controller]
         if not np.isscalar(controller):
             gains = require_sequence(
                 "margins", "controller", controller, "a gain, gains or a system of scipy.signal"
             )
         row = np.array([[require_finite("margins", "controller", x) for x in gains]])
-        if row.shape[1] != count:
-            raise BeamdaeError(
-                f"margins: controller must have one gain per output of the linear model ({count}), "
-                f"got {short_repr(controller)}; select outputs with linearize(outputs=...)."
-            )
-        return (np.zeros((0, 0)), np.zeros((0, count)), np.zeros((1, 0)), row), interval
-    system = controller.to_ss()
-    d = np.atleast_2d(np.asarray(system.D, float))
-    size = int(np.sqrt(np.size(system.A)))
-    a, b = np.reshape(system.A, (size, size)), np.reshape(system.B, (size, d.shape[1]))
-    own = getattr(system, "dt", None)
-    if own is not None and (isinstance(own, bool) or not own > 0.0):
+        matrices = np.zeros((0, 0)), np.zeros((0, len(gains))), np.zeros((1, 0)), row
+    if matrices[3].shape != (1, count):
         raise BeamdaeError(
-            f"margins: the discrete controller must have an interval dt in s, got {own!r}."
+            "margins: controller must have one command, and one gain or input per output of the "
+            f"linear model ({count}), got {short_repr(controller)}; select outputs with "
+            "linearize(outputs=...)."
         )
-    if d.shape != (1, count):
-        raise BeamdaeError(
-            f"margins: controller must have {format_count(count, 'input')} (the outputs of the "
-            f"linear model) and 1 output, got {d.shape[1]} and {d.shape[0]}."
-        )
-    if interval is not None and own != interval:
-        raise BeamdaeError(
-            f"margins: every = {interval:g} s differs from the interval dt of the controller, "
-            f"{own if own is None else format(own, 'g')}; pass a discrete controller with this "
-            "dt and omit every."
-        )
-    return (a, b, np.reshape(system.C, (1, size)), d), None if own is None else float(own)
+    return matrices, interval
 
 
 def _find_crossovers(loop: _Loop) -> list[Crossover]:
     """Return all crossovers in ascending order of their frequencies."""
-    crossovers, critical = [], _list_ends(loop)
-    for (first, begin), (last, end) in pairwise(_sample(loop)):
-        sizes = math.log(abs(begin)), math.log(abs(end))
-        if sizes[0] * sizes[1] < 0.0 or sizes[0] == 0.0:
-            f = _find_root(lambda f: math.log(abs(loop.at(f))), first, last)
-            # From 0 to 360 degrees.
-            lag = (float(np.angle(-loop.at(f))) - _FULL_TURN * f * loop.delay) % _FULL_TURN
-            margin = math.degrees(lag if lag <= np.pi else lag - _FULL_TURN)
-            crossovers.append(Crossover("gain", f, math.nan, margin, lag / (_FULL_TURN * f)))
-        is_large = max(abs(begin), abs(end)) > 0.5 * _MIN_MAGNITUDE
-        if is_large and len(critical) < _MAX_CROSSOVERS:
-            roots = _find_phase_crossovers(loop, first, last, begin, end)
-            critical += [(f, abs(loop.at(f))) for f in roots]
-    crossovers += [
-        Crossover("phase", f, 1.0 / size, math.nan, math.nan)
-        for f, size in critical
-        if _MIN_MAGNITUDE < size < _MAX_MAGNITUDE
-    ]
-    return sorted(crossovers, key=lambda x: x.frequency)
 
+    def size(f: float) -> float:
+        return math.log(abs(loop.at(f)))
 
-def _find_phase_crossovers(
-    loop: _Loop, first: float, last: float, begin: complex, end: complex
-) -> list[float]:
-    """Return the frequencies with a phase of -180 degrees between two samples.
-
-    In between, the phase without the delay changes by less than half a turn.
-    """
-
-    def phase(f: float, value: complex) -> float:
-        """Return the phase above -180 degrees [turns], continuous from the first sample."""
-        change = np.angle(-begin) + np.angle(value / begin)
+    def turns(first: float, f: float) -> float:
+        """Return the phase above -180 degrees [turns], continuous from a sample on."""
+        begin = loop.at(first)
+        change = np.angle(-begin) + np.angle(loop.at(f) / begin)
         return float(change) / _FULL_TURN - f * loop.delay
 
-    low, high = sorted((phase(first, begin), phase(last, end)))
-    turns = np.arange(np.ceil(low), np.ceil(high))[:_MAX_CROSSOVERS]
-    turns = turns[np.maximum(turns - low, high - turns) > _PHASE_ROUNDING]
-    differences = [partial(lambda k, f: phase(f, loop.at(f)) - k, k) for k in turns.tolist()]
-    return [_find_root(x, first, last) for x in differences]
+    crossovers, critical = [], _list_ends(loop)
+    for first, last in pairwise(_sample(loop)):
+        if size(first) * size(last) < 0.0 or size(first) == 0.0:
+            f = _find_root(size, first, last)
+            lag = (loop.lag(f) - _FULL_TURN * f * loop.delay) % _FULL_TURN
+            margin = math.degrees(lag if lag <= np.pi else lag - _FULL_TURN)
+            crossovers.append(Crossover("gain", f, math.nan, margin, lag / (_FULL_TURN * f)))
+        if max(size(first), size(last)) > _MIN_SIZE and len(critical) < _MAX_CROSSOVERS:
+            low, high = sorted((turns(first, first), turns(first, last)))
+            levels = np.arange(np.ceil(low), np.ceil(high))[:_MAX_CROSSOVERS]
+            levels = levels[np.maximum(levels - low, high - levels) > _PHASE_ROUNDING]
+            for level in levels.tolist():
+                f = _find_root(partial(lambda k, a, f: turns(a, f) - k, level, first), first, last)
+                critical.append((f, abs(loop.at(f))))
+    crossovers += [
+        Crossover("phase", f, 1.0 / magnitude, math.nan, math.nan)
+        for f, magnitude in critical
+        if _MIN_MAGNITUDE < magnitude < _MAX_MAGNITUDE
+    ]
+    return sorted(crossovers, key=lambda x: x.frequency)
 
 
 def _find_root(function: Callable[[float], float], low: float, high: float) -> float:
@@ -540,8 +535,8 @@ def _list_ends(loop: _Loop) -> list[tuple[float, float]]:
     return [(f, abs(x)) for f, x in ends if np.isfinite(x) and x.real < 0.0]
 
 
-def _sample(loop: _Loop) -> list[tuple[float, complex]]:
-    """Return frequencies [Hz] between which magnitude and phase change little, and the values."""
+def _sample(loop: _Loop) -> list[float]:
+    """Return frequencies [Hz] between which magnitude and phase change little."""
     poles = np.concatenate([loop.poles, loop.closed_poles])
     poles = poles[np.isfinite(poles) & (np.abs(poles) > MIN_POLE)]
     scales = [*(np.abs(poles) / _FULL_TURN).tolist(), *([1.0 / loop.delay] if loop.delay else [])]
@@ -555,23 +550,20 @@ def _sample(loop: _Loop) -> list[tuple[float, complex]]:
     count = int(_POINTS_PER_DECADE * math.log10(high / low)) + 2
     near = frequencies_beside(poles, np.array([-1.0, 0.0, 1.0]))
     near = near[(near > low) & (near < high)]
-    grid = np.unique(np.concatenate([np.geomspace(low, high, count), near]))
-    known = {f: loop.at(f) for f in grid.tolist()}
-    pending = list(pairwise(known))
-    while pending and len(known) < _MAX_FREQUENCIES:
-        divided = []
-        for first, last in pending:
-            begin, end = known[first], known[last]
-            is_small = max(abs(begin), abs(end)) < 0.5 * _MIN_MAGNITUDE
-            if is_small or last < (1.0 + _MIN_SPACING) * first:
-                continue
-            change = np.log(end / begin) if begin and end else complex("nan")
-            if not max(abs(change.real), abs(change.imag)) < _MAX_CHANGE:
-                middle = math.sqrt(first * last)
-                known[middle] = loop.at(middle)
-                divided += [(first, middle), (middle, last)]
-        pending = divided
-    return [(f, x) for f, x in sorted(known.items()) if np.isfinite(x) and x]
+    grid = np.unique(np.append(np.geomspace(low, high, count), near)).tolist()
+    pending, frequencies = list(pairwise(grid)), set(grid)
+    while pending and len(frequencies) < _MAX_FREQUENCIES:
+        first, last = pending.pop()
+        begin, end = loop.at(first), loop.at(last)
+        is_small = max(abs(begin), abs(end)) < math.exp(_MIN_SIZE)
+        if is_small or last < (1.0 + _MIN_SPACING) * first:
+            continue
+        change = np.log(end / begin) if begin and end else complex("nan")
+        if not max(abs(change.real), abs(change.imag)) < _MAX_CHANGE:
+            middle = math.sqrt(first * last)
+            frequencies.add(middle)
+            pending += [(first, middle), (middle, last)]
+    return [f for f in sorted(frequencies) if np.isfinite(loop.at(f)) and loop.at(f)]
 
 
 def _count_unstable_poles(loop: _Loop, crossovers: Sequence[float]) -> int:
@@ -581,7 +573,6 @@ def _count_unstable_poles(loop: _Loop, crossovers: Sequence[float]) -> int:
     count = int(np.sum((np.abs(poles) > MIN_POLE) & (poles.real > 0.0)))
     for f in crossovers if loop.delay else ():
         is_falling = abs(loop.at((1.0 + 1e-6) * f)) < abs(loop.at((1.0 - 1e-6) * f))
-        lag = float(np.angle(-loop.at(f))) % _FULL_TURN
-        n_crossings = max(math.floor(f * loop.delay - lag / _FULL_TURN) + 1, 0)
+        n_crossings = max(math.floor(f * loop.delay - loop.lag(f) / _FULL_TURN) + 1, 0)
         count += (2 if is_falling else -2) * n_crossings
     return max(count, 0)

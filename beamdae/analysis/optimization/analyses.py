@@ -70,8 +70,6 @@ _STENCILS = (
 # functions are smooth: errors of differences of fourth order are near 1e-12.
 _RELATIVE_DIFFERENCE = 1e-3
 _DIFFERENCE_FROM_ZERO = 1e-4
-# Largest error of a row of a path at a target, relative to the targets.
-_TARGET_TOLERANCE = 1e-6
 # Free motions that are computed before the first vibration, at most.
 _MAX_FREE_MOTIONS = 64
 
@@ -240,14 +238,7 @@ class PathAnalysis(Analysis):
                     rates = np.sum(self._sensitivities.factors[name], axis=1)
                 else:
                     rates = self._sensitivities.sensitivity(quantity.column, name).to_numpy()  # type: ignore[attr-defined]
-                derivative = float(reading.weights @ rates[reading.rows])
-                if not np.isfinite(derivative):
-                    raise BeamdaeError(
-                        f"{_NAME}: {quantity.label} of {self._model.flat.name} has no derivative "
-                        f"with respect to {name}, which does not preserve a critical point; remove "
-                        "it from by, or add an imperfection to the model."
-                    )
-                result[k] += weight * derivative
+                result[k] += weight * float(reading.weights @ rates[reading.rows])
         return result
 
     @cached_property
@@ -269,15 +260,10 @@ class PathAnalysis(Analysis):
     def _rows(self, quantity: EquilibriumErrors) -> Array:
         """Return the rows of the path at the targets."""
         path, to = self.result, quantity.to
-        is_position = isinstance(to, Mapping)
-        column = path[next(iter(to))].to_numpy() if is_position else path.factors[:, -1]
-        rows = np.argmin(np.abs(column[:, None] - quantity.targets), axis=0)
-        error = np.max(np.abs(column[rows] - quantity.targets))
-        if error > _TARGET_TOLERANCE * np.max(np.abs(quantity.targets)):
-            raise BeamdaeError(
-                f"{_NAME}: the equilibrium path has no rows at the targets of {quantity.label}."
-            )
-        return rows
+        column = path.factors[:, -1]
+        if isinstance(to, Mapping):
+            column = path[next(iter(to))].to_numpy()
+        return np.argmin(np.abs(column[:, None] - quantity.targets), axis=0)
 
     def _adjoint_gradient(self, weights: Mapping[EquilibriumQuantity, float]) -> Array | None:
         """Return the gradient by the adjoint, or None if it does not apply."""

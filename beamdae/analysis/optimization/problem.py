@@ -100,13 +100,10 @@ class Design:
             labels = list_first([x.label for x in weights], _MAX_NAMES)
             raise BeamdaeError(
                 f"{_NAME}: the gradient of {labels} of {self.flat.name} is not finite; check "
-                "the model and its functions near these values of the parameters."
+                "the model and its functions near these values of the parameters (a branch point "
+                "needs an imperfection)."
             )
         return gradient
-
-    def maxima(self, quantity: Quantity) -> dict[AnalysisQuantity, float]:
-        """Return the values of the leaves of a quantity, maxima instead of smooth maxima."""
-        return {leaf: self.analyses[leaf.analysis].maximum(leaf) for leaf in quantity.leaves}
 
     def maximum_ratio(self, limit: Limit, value: float) -> float:
         """Return the ratio of a quantity of maxima to that of smooth maxima, the value; at least 1.
@@ -115,7 +112,9 @@ class Design:
         """
         if min(limit.sign * value, limit.sign * limit.bound) <= 0.0:
             return 1.0
-        return max(1.0, limit.quantity.evaluate(self.maxima(limit.quantity))[0] / value)
+        quantity = limit.quantity
+        maxima = {leaf: self.analyses[leaf.analysis].maximum(leaf) for leaf in quantity.leaves}
+        return max(1.0, quantity.evaluate(maxima)[0] / value)
 
 
 @dataclass(frozen=True)

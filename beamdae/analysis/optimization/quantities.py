@@ -162,10 +162,6 @@ class LargestOf(Quantity):
         norm = float(np.sum(ratios**self.exponent)) ** (1.0 / self.exponent)
         return largest * norm, (ratios / norm) ** (self.exponent - 1.0) * np.sign(values)
 
-    def largest(self, values: Values) -> float:
-        """Return the largest magnitude of the quantities, given the values of the leaves."""
-        return max(abs(x.evaluate(values)[0]) for x in self.parts)
-
 
 class AnalysisQuantity(Quantity):
     """Result of one analysis of the model.

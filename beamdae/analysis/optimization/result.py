@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from types import NoneType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.gradients.objectives import SmoothMaximum
-from beamdae.analysis.optimization.problem import Design, DesignProblem
-from beamdae.analysis.optimization.quantities import (
-    EquilibriumErrors,
-    EquilibriumValue,
-    LargestOf,
-    Quantity,
-    RunQuantity,
-)
+from beamdae.analysis.optimization.problem import DesignProblem
+from beamdae.analysis.optimization.quantities import EquilibriumErrors, EquilibriumValue
 from beamdae.analysis.optimization.search import SearchResult
-from beamdae.analysis.optimization.verdict import FAR_RATIO, find_active
+from beamdae.analysis.optimization.verdict import find_active
 from beamdae.errors import format_count, format_percent, list_first
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import format_with_unit
@@ -32,7 +24,6 @@ from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import require_file_path, write_escaped_table
-from beamdae.symbolic.statements import Variable
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
@@ -40,8 +31,6 @@ if TYPE_CHECKING:
 
     from beamdae.parts.mechanism import Mechanism
 
-# Relative excess of the smooth bound of `LargestOf` from which the largest quantity is stated.
-_MAX_BOUND_EXCESS = 5e-3
 # Relative difference of objectives up to which several searches end at the same one.
 _EQUAL_OBJECTIVES = 1e-3
 _MAX_NOTES = 3  # on bounds in the short form of a result
@@ -69,9 +58,6 @@ class Constraint(NamedTuple):
         1e-6, and NaN if the limit is 0 and the value is not.
     unit
         Unit of the value, the limit and the margin; "" if it is unknown.
-    largest
-        Largest magnitude of the quantities of a `LargestOf`, or of the stresses of a
-        `Beam.largest_stress`, whose smooth upper bound is the value; NaN for other quantities.
     """
 
     name: str
@@ -81,25 +67,16 @@ class Constraint(NamedTuple):
     multiplier: float
     relative_margin: float
     unit: str
-    largest: float = float("nan")
 
     @property
     def comparison(self) -> str:
-        """Comparison of the value with the limit: "at its limit" or the margin.
-
-        The largest of several quantities is added if their smooth bound is over 0.5 % larger.
-        """
-        size, word = abs(self.margin), "margin" if self.margin > 0.0 else "violated by"
+        """Comparison of the value with the limit: "at its limit" or the margin."""
         if self.relative_margin == 0.0:
-            text = "at its limit"
-        elif self.limit == 0.0:
-            text = f"{word} {format_with_unit(float(f'{size:.3g}'), self.unit)}"
-        else:
-            text = f"{word} {format_percent(abs(self.relative_margin), 3)} of the limit"
-        if self.value > (1.0 + _MAX_BOUND_EXCESS) * self.largest:
-            largest = format_with_unit(float(f"{self.largest:.4g}"), self.unit)
-            text += f"; the largest quantity itself is {largest}"
-        return text
+            return "at its limit"
+        word = "margin" if self.margin > 0.0 else "violated by"
+        if self.limit == 0.0:
+            return f"{word} {format_with_unit(float(f'{abs(self.margin):.3g}'), self.unit)}"
+        return f"{word} {format_percent(abs(self.relative_margin), 3)} of the limit"
 
 
 @read_only_data
@@ -135,8 +112,7 @@ class Optimization:
     model
         Name and all parameters of the model of the best design.
     warnings
-        Sentences on `errors` above 4 %, on limits that no design comes near, and the warnings of
-        `analyses`.
+        Sentences on `errors` above 4 %, and the warnings of `analyses`.
     """
 
     parameters: Mapping[str, Any]
@@ -207,14 +183,10 @@ class Optimization:
         return pd.DataFrame(columns, index=problem.names)
 
     def constraint_table(self) -> pd.DataFrame:
-        """Return the constraints, one row each.
-
-        The column "largest" exists only if there is a smooth bound.
-        """
+        """Return the constraints, one row each."""
         import pandas as pd
 
-        table = pd.DataFrame(self.constraints, columns=list(Constraint._fields))
-        return table if table["largest"].notna().any() else table.drop(columns="largest")
+        return pd.DataFrame(self.constraints, columns=list(Constraint._fields))
 
     def history(self) -> pd.DataFrame:
         """Return all evaluated designs in their order.
@@ -226,11 +198,12 @@ class Optimization:
         """
         import pandas as pd
 
-        search, problem = self._search, self._problem
+        search, measure = self._search, self._search.scaled.violation
         values = np.array([x.values for x in search.trials])
         limited = pd.DataFrame(values[:, 1:] * search.scaled.ratios, columns=self._limit_names)
-        numbers = pd.DataFrame([x.numbers for x in search.trials], columns=problem.names)
-        first = pd.DataFrame({"objective": values[:, 0], "violation": self._violations})
+        numbers = pd.DataFrame([x.numbers for x in search.trials], columns=self._problem.names)
+        violations = [math.nan if x.failure else measure(x.values) for x in search.trials]
+        first = pd.DataFrame({"objective": values[:, 0], "violation": violations})
         failures = [x.failure for x in search.trials]
         return pd.concat([first, limited, numbers], axis=1).assign(failure=failures)
 
@@ -300,10 +273,6 @@ class Optimization:
         rows = [np.array_equal(x.numbers, best) for x in self._search.trials]
         return len(rows) - rows[::-1].index(True)
 
-    def is_feasible(self, number: int) -> bool:
-        """Return True if a design, by its number from 1, satisfies the constraints."""
-        return self._violations[number - 1] == 0.0
-
     def mechanism(self, is_best: bool = True) -> Mechanism:
         """Return the mechanism of the best or of the first design."""
         trial = self._search.best if is_best else self._search.trials[0]
@@ -351,12 +320,6 @@ class Optimization:
         return self._search.problem
 
     @property
-    def _violations(self) -> list[float]:
-        """Largest violation of each design, NaN if an analysis failed."""
-        measure = self._search.scaled.violation
-        return [math.nan if x.failure else measure(x.values) for x in self._search.trials]
-
-    @property
     def _limit_names(self) -> list[str]:
         return [f"{k}: {x.quantity.label}" for k, x in enumerate(self._problem.limits, 1)]
 
@@ -370,11 +333,10 @@ def create_optimization(
     """
     problem, best = search.problem, search.best
     design = problem.design(best.numbers)
-    constraints = _list_constraints(search, design)
     optimization = Optimization(
         problem.varied_parameters(best.numbers),
         float(best.values[0]),
-        constraints,
+        _list_constraints(search),
         search.status,
         tuple(find_active(problem, best.numbers)),
         len(search.trials),
@@ -396,8 +358,8 @@ def create_optimization(
         acknowledge()
         status = Status("interrupted", "interrupted while the best design was checked")
         return replace(optimization, status=status)
-    own = [*errors.sentences(), *_list_distant_limits(search, constraints)]
-    sentences = dict.fromkeys([*own, *_list_warnings(problem, results, messages)])
+    warnings = _list_warnings(problem, results, messages)
+    sentences = dict.fromkeys([*errors.sentences(), *warnings])
     optimization = replace(optimization, analyses=results, warnings=tuple(sentences))
     vars(optimization)["errors"] = errors
     return optimization
@@ -423,62 +385,14 @@ def _list_warnings(
     return [x for x in messages if x not in omitted]
 
 
-def _list_constraints(search: SearchResult, design: Design) -> tuple[Constraint, ...]:
+def _list_constraints(search: SearchResult) -> tuple[Constraint, ...]:
     scaled = search.scaled
-    margins = scaled.margins(search.best.values)
-    is_active = np.abs(margins) <= scaled.tolerances
+    is_active = np.abs(scaled.margins(search.best.values)) <= scaled.tolerances
     values = (scaled.ratios * search.best.values[1:]).tolist()
     constraints = []
     for k, (limit, value) in enumerate(zip(search.problem.limits, values, strict=True)):
         margin, size = limit.margin(value), abs(limit.bound)
         relative = 0.0 if is_active[k] else margin / size if size else math.nan
         numbers = value, limit.bound, margin, float(search.multipliers[k]), relative
-        largest = _find_largest(limit.quantity, value, design)
-        constraints.append(Constraint(limit.label, *numbers, search.units[1 + k], largest))
+        constraints.append(Constraint(limit.label, *numbers, search.units[1 + k]))
     return tuple(constraints)
-
-
-def _find_largest(quantity: Quantity, value: float, design: Design) -> float:
-    """Return the largest magnitude of which the value is a smooth bound; NaN if it is none."""
-    if isinstance(quantity, LargestOf):
-        maxima = design.maxima(quantity)
-        # The value has the ratio of the maximum to the smooth maximum of the search, within 0.1 %.
-        return value * quantity.largest(maxima) / (quantity.evaluate(maxima)[0] or 1.0)
-    if not isinstance(quantity, (RunQuantity, EquilibriumValue)):
-        return math.nan
-    objective = getattr(quantity, "objective", None)
-    if not isinstance(objective, (SmoothMaximum, NoneType)):
-        return math.nan
-    name, _, kind = quantity.column.partition(" [")[0].rpartition(".")
-    result = design.analyses[quantity.analysis].result
-    largest = result.columns.get(Variable(f"{name}.largest", "Pa").header)
-    if kind != "bound" or largest is None:
-        return math.nan
-    return float(np.max(largest) if objective else largest[len(result.q) - 1])
-
-
-def _list_distant_limits(search: SearchResult, constraints: Sequence[Constraint]) -> Iterator[str]:
-    """Yield a warning for each limit that no design comes near, as in another unit.
-
-    Of quantities with limits on both sides, the sign does not matter.
-    """
-    limits = search.problem.limits
-    sides = [(limit.quantity.label, limit.sign) for limit in limits]
-    trials = np.array([x.values[1:] for x in search.trials if not x.failure])
-    rows = zip(limits, sides, constraints, (trials * search.scaled.ratios).T, strict=True)
-    for limit, (label, sign), constraint, values in rows:
-        if not limit.bound:
-            continue
-        # Positive up to an upper limit of a magnitude, and from a lower limit on.
-        sizes = values / limit.bound
-        if (label, -sign) in sides:
-            sizes = np.abs(sizes)
-        is_upper = limit.sign * limit.bound > 0.0
-        if np.max(sizes) * FAR_RATIO < 1.0 if is_upper else np.min(sizes) > FAR_RATIO:
-            ends = (float(f"{x:.3g}") for x in (limit.bound, np.min(values), np.max(values)))
-            bound, least, most = (format_with_unit(x, constraint.unit) for x in ends)
-            yield (
-                f"{label}: the limit of {bound} has no effect, values of all designs are {least} "
-                f"to {most}; check its unit and sign (LargestOf([quantity]) limits magnitudes), "
-                "the loads and t=."
-            )

@@ -13,7 +13,7 @@ from beamdae.analysis.optimization.optimality import (
     find_blocking,
     measure_decrease,
 )
-from beamdae.analysis.optimization.problem import Design, DesignProblem, require_units
+from beamdae.analysis.optimization.problem import DesignProblem, require_units
 from beamdae.analysis.optimization.scaling import FEASIBILITY_TOLERANCE, ScaledProblem
 from beamdae.analysis.optimization.solvers import (
     Method,
@@ -36,7 +36,7 @@ Array = np.ndarray
 # Smallest decrease without constraints and bounds to which the possible decrease is relative, of
 # the scaled objective: gradients of minima in the interior vanish.
 _MIN_DECREASE = 0.1
-# A search ends if this number of designs in a row failed or brought no progress.
+# A search ends if this number of designs in a row failed or were not better than the best one.
 _MAX_IDLE_DESIGNS = 20
 # Relative decrease of the violation that is progress.
 _MIN_PROGRESS = 1e-3
@@ -158,10 +158,9 @@ class Search:
         self._trials: list[Trial] = []
         # Designs with the present stress sections, by the variables of the search.
         self._known: dict[bytes, Trial] = {}
-        # Violations and objectives of designs that were progress of the present solver, and the
-        # number of designs since the last one.
-        self._progress: list[tuple[float, float]] = []
-        self._idle = 0
+        # Violation and objective of the best design of the present solver, and the number of
+        # designs since then.
+        self._progress, self._idle = (np.inf, np.inf), 0
         self._end: Trial | None = None  # design at which the present solver converged
         self._minimizes_violation = False
 
@@ -224,8 +223,8 @@ class Search:
         """Minimize the objective or the violation from the best design; return why it ended."""
         problem, settings = self._scaled.problem, self._settings
         best = self._best()
-        self._minimizes_violation, self._progress, self._idle = minimizes_violation, [], 0
-        self._end = None
+        self._minimizes_violation, self._end = minimizes_violation, None
+        self._progress, self._idle = (np.inf, np.inf), 0
         points = (problem.variables(x) for x in (best.numbers, problem.lower, problem.upper))
         smooth = SmoothProblem(self._values, self._gradients, len(problem.limits), *points)
         if minimizes_violation:
@@ -243,52 +242,35 @@ class Search:
         Return False if these are the present ones. If `adds`, sections are added to the present
         ones, so that two designs with different sections cannot follow each other without end.
         """
-        best = self._best()
+        scaled, best = self._scaled, self._best()
+        problem, limits = scaled.problem, scaled.problem.limits
         try:
-            design = self._find_sections(best, adds)
-            is_changed = design is not None
-            if design is not None:
-                trial = replace(best, values=design.values)
-                self._trials = [trial if x is best else x for x in self._trials]
-                self._known = {self._key(trial): trial}
-            else:
-                design = self._scaled.problem.design(best.numbers)
-            is_changed |= self._update_ratios(design)
+            own = replace(problem, sections={}) if problem.sections else problem
+            design = own.design(best.numbers)
+            rows = zip(limits, design.values[1:].tolist(), strict=True)
+            ratios = np.array([design.maximum_ratio(limit, value) for limit, value in rows])
         except (BeamdaeError, ArithmeticError) as failure:
             raise _SearchEndError("failed", describe_failure(failure)) from failure
-        self._end = None if is_changed else self._end
-        return is_changed
-
-    def _find_sections(self, best: Trial, adds: bool) -> Design | None:
-        """Return the best design with its own stress sections, which the problem then has, too.
-
-        Return None if these change its values by no more than the tolerance.
-        """
-        scaled = self._scaled
-        if not scaled.problem.sections:
-            return None
-        own = replace(scaled.problem, sections={}).design(best.numbers)
         one, other = (
-            np.append(scaled.objective(x), -scaled.margins(x)) for x in (own.values, best.values)
+            np.append(scaled.objective(x), -scaled.margins(x)) for x in (design.values, best.values)
         )
         # Additional sections only increase the values.
-        if np.max(one - other if adds else np.abs(one - other)) <= FEASIBILITY_TOLERANCE:
-            return None
-        self._scaled = replace(scaled, problem=scaled.problem.with_sections_of(own, adds))
-        return own
-
-    def _update_ratios(self, design: Design) -> bool:
-        """Update the ratios of maxima by a design; return True if these limit designs."""
-        scaled, values = self._scaled, design.values[1:]
-        limits = scaled.problem.limits
-        rows = zip(limits, values.tolist(), strict=True)
-        ratios = np.array([design.maximum_ratio(limit, value) for limit, value in rows])
+        has_changed = np.max(one - other if adds else np.abs(one - other)) > FEASIBILITY_TOLERANCE
+        if has_changed:
+            problem = problem.with_sections_of(design, adds)
+            trial = replace(best, values=design.values)
+            self._trials = [trial if x is best else x for x in self._trials]
+            self._known = {self._key(trial): trial}
         is_off = np.abs(ratios - scaled.ratios) > _RATIO_TOLERANCE * scaled.ratios
         # Maxima that do not reach their limit need no further search.
-        largest = np.maximum(ratios, scaled.ratios) * np.abs(values)
-        bounds = np.abs([limit.bound for limit in limits])
-        self._scaled = replace(scaled, ratios=np.where(is_off, ratios, scaled.ratios))
-        return bool(np.any(is_off & (largest * (1.0 + _RATIO_TOLERANCE) > bounds)))
+        largest = np.maximum(ratios, scaled.ratios) * np.abs(design.values[1:])
+        reaches = largest * (1.0 + _RATIO_TOLERANCE) > np.abs([limit.bound for limit in limits])
+        self._scaled = replace(
+            scaled, problem=problem, ratios=np.where(is_off, ratios, scaled.ratios)
+        )
+        has_changed |= bool(np.any(is_off & reaches))
+        self._end = None if has_changed else self._end
+        return bool(has_changed)
 
     def _judge(self) -> dict[str, Any]:
         """Return the conditions of first order at the best design; see `SearchResult`."""
@@ -361,28 +343,15 @@ class Search:
         self._known[x.tobytes()] = trial
         self._idle += 1
         if not trial.failure:
-            self._rate(trial)
+            violation, objective = self._violation(trial), scaled.objective(trial.values)
+            least, lowest = self._progress
+            change = max(float(scaled.problem.noise[0]), _MIN_PROGRESS * abs(lowest))
+            if violation < (1.0 - _MIN_PROGRESS) * least or (
+                violation <= least and objective < lowest - change
+            ):
+                self._progress, self._idle = (violation, objective), 0
             self._report(trial)
         return trial
-
-    def _rate(self, trial: Trial) -> None:
-        """Note a design if none of the solver is better in the objective and the violation.
-
-        This is the filter of Fletcher & Leyffer, Math. Program. 91 (2002) 239,
-        doi:10.1007/s101070100244.
-        """
-        least = max(self._settings.tolerance, float(self._scaled.problem.noise[0]))
-        violation, objective = self._violation(trial), self._scaled.objective(trial.values)
-        if all(
-            violation < (1.0 - _MIN_PROGRESS) * other_violation
-            or (
-                not self._minimizes_violation
-                and objective < other_objective - max(least, _MIN_PROGRESS * other_violation)
-            )
-            for other_violation, other_objective in self._progress
-        ):
-            self._progress.append((violation, objective))
-            self._idle = 0
 
     def _report(self, trial: Trial) -> None:
         if self._settings.progress is not None:

@@ -18,8 +18,6 @@ from beamdae.errors import BeamdaeError
 from beamdae.interrupts import acknowledge
 from beamdae.results.outcome import Status
 
-# Relative difference of the objectives of two searches up to which they are equal.
-_EQUAL_OBJECTIVES = 1e-6
 _INTERRUPTED = Status("interrupted", "interrupted before the end of all searches")
 
 
@@ -41,62 +39,46 @@ def search_from_starts(
     points = [problem.first, *spread_starts(problem.lower, problem.upper, starts - 1, seed)]
     searches: list[SearchResult] = []
     rows: list[dict[str, Any]] = []
-    failures: list[Exception] = []
-    is_interrupted = False
+    status = None
     for point in points:
         earlier = replace(settings, earlier_designs=sum(len(x.trials) for x in searches))
-        row = {f"first {x}": y for x, y in zip(problem.names, point, strict=True)}
+        rows.append({f"first {x}": y for x, y in zip(problem.names, point, strict=True)})
         try:
             search = conclude(Search(problem.starting_at(point), earlier).run())
         except KeyboardInterrupt:
             if not searches:
                 raise
             acknowledge()
-            is_interrupted = True
+            rows.pop()
+            status = _INTERRUPTED
             break
         except (ValueError, ArithmeticError) as failure:
             # BeamdaeError, or an error of the model function at extreme values.
-            failures.append(failure)
-            end = {"status": "failed", "reason": describe_failure(failure), "evaluations": 1}
-            rows.append(row | end)
+            reason = describe_failure(failure)
+            rows[-1] |= {"status": "failed", "reason": reason, "evaluations": 1}
             continue
-        rows.append(row | _describe_end(search))
         searches.append(search)
+        rows[-1] |= {
+            "status": search.status.kind,
+            "reason": search.status.sentence,
+            "objective": float(search.best.values[0]),
+            "violation": search.violation,
+            "evaluations": len(search.trials),
+            **dict(zip(problem.names, search.best.numbers.tolist(), strict=True)),
+        }
         if search.was_ended:
-            is_interrupted = search.progress_error is None
+            status = _INTERRUPTED if search.progress_error is None else search.status
             break
     if not searches:
         raise BeamdaeError(
             f"optimize: the first designs of all {starts} searches failed; the first one: "
-            f"{describe_failure(failures[0])}."
-        ) from failures[0]
-    best, last = searches[0], searches[-1]
-    for search in searches[1:]:
-        best = search if _is_better(search, best) else best
-    if is_interrupted:
-        best = replace(best, status=_INTERRUPTED)
-    elif last.progress_error is not None:
-        best = replace(best, status=last.status, progress_error=last.progress_error)
-    return best, rows
+            f"{rows[0]['reason']}."
+        )
+    best, error = min(searches, key=_rank), searches[-1].progress_error
+    return replace(best, status=status or best.status, progress_error=error), rows
 
 
-def _describe_end(search: SearchResult) -> dict[str, Any]:
-    best = search.best
-    return {
-        "status": search.status.kind,
-        "reason": search.status.sentence,
-        "objective": float(best.values[0]),
-        "violation": search.violation,
-        "evaluations": len(search.trials),
-        **dict(zip(search.problem.names, best.numbers.tolist(), strict=True)),
-    }
-
-
-def _is_better(search: SearchResult, other: SearchResult) -> bool:
-    """Return True if a search found a better design, or the same one and only it converged."""
-    if search.violation or other.violation:
-        return search.violation < other.violation
-    first, second = (float(x.best.values[0]) for x in (search, other))
-    if abs(first - second) <= _EQUAL_OBJECTIVES * max(abs(first), abs(second)):
-        return search.status.success and not other.status.success
-    return first < second
+def _rank(search: SearchResult) -> tuple[float, float, bool, float]:
+    """Return a key that is smallest for the best design; of equal ones, for one that converged."""
+    objective = float(search.best.values[0])
+    return search.violation, float(f"{objective:.6g}"), not search.status.success, objective

@@ -20,9 +20,6 @@ _OPTIMALITY_TOLERANCE = 0.05
 # Distances from a bound, in sizes of the number and relative to the bound, up to which a number is
 # at it.
 _BOUND_DISTANCE, _RELATIVE_DISTANCE = 1e-4, 1e-3
-# Ratio of a limit and a value from which they are far apart: mm and degrees are 1000 and 57 times
-# smaller than m and rad.
-FAR_RATIO = 20.0
 _MAX_NAMES = 3  # in a sentence
 
 
@@ -49,15 +46,11 @@ def _describe_violation(search: SearchResult) -> str:
     value = float(scaled.ratios[worst] * best.values[1 + worst])
     numbers = format_distinct(limit.bound, value, digits=4)
     allowed, actual = (format_with_unit(x, search.units[1 + worst]) for x in numbers)
-    names = list_first(list(find_active(search.problem, best.numbers)), _MAX_NAMES)
-    where = f", with {names} at a bound," if names else ""
+    side = "most" if limit.sign > 0 else "least"
     sentence = (
-        f"no evaluated design satisfies the constraints; in the best one{where} "
-        f"{limit.quantity.label} is {actual}, but the limit is at "
-        f"{'most' if limit.sign > 0 else 'least'} {allowed}"
+        f"no evaluated design satisfies the constraints; in the best one {limit.quantity.label} is "
+        f"{actual}, but the limit is at {side} {allowed}"
     )
-    if not limit.unit and limit.bound and abs(value / limit.bound) > FAR_RATIO:
-        sentence += "; check the unit of the limit"
     if not search.status.success:
         sentence += f"; {search.status.sentence}"
     if search.blocking:

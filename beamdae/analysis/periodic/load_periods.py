@@ -9,9 +9,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.errors import BeamdaeError
-from beamdae.parts.joints.drivers import DrivenJoint, Driver
-from beamdae.symbolic.signals import find_signals
-from beamdae.symbolic.statements import SX
+from beamdae.parts.joints.drivers import Driver
 
 Array = np.ndarray
 
@@ -111,7 +109,8 @@ class Loads:
         Raises
         ------
         BeamdaeError
-            If one is not periodic; the message names the part, and the period of a full turn.
+            If one is not periodic; the message names the driver or the coordinate on which loads
+            act, and the period of a full turn.
         """
         e, (k, row, ratio) = self.equations, self._find_mismatch(self.period)
         if ratio <= _TOLERANCE:
@@ -123,31 +122,18 @@ class Loads:
         if is_constraint:
             unit = "rad" if np.tile(e.constraint_is_angle, 2)[row - 2 * e.n] else "m"
             difference = f"{ratio * self._sizes[row]:.3g} {unit}{'/s' * is_rate}"
-        parts = e.mechanism.parts if e.mechanism else {}
-        part = parts.get(name.rpartition(".")[0]) if is_constraint else None
-        if isinstance(part, Driver):
+            part = e.mechanism.parts.get(name.rpartition(".")[0]) if e.mechanism else None
+            name = part.name if part else name
             drifts = self._at(self._times + self.period) - self._at(self._times)
             rate = abs(float(np.mean(drifts[:, row]))) / self.period
-            if rate > _TOLERANCE / self.period:
+            if isinstance(part, Driver) and rate > _TOLERANCE / self.period:
                 advice = (
                     f": a full turn takes {FULL_TURN / rate:.9g} s, use a multiple of it; for "
                     "small vibrations about the rotation, use bd.linearize(..., "
                     f"about=bd.rotation({rate:.6g})) and its frequency_response"
                 )
         raise BeamdaeError(
-            f"{part.name if part else self._find_load(name)}: loads or drivers at t = {time:.6g} s "
-            f"differ by {difference} and do not repeat after the period of {self.period:g} s; set "
-            f"period to the period of the loads and drivers{advice}."
+            f"{name}: loads or drivers at t = {time:.6g} s differ by {difference} and do not "
+            f"repeat after the period of {self.period:g} s; set period to the period of the loads "
+            f"and drivers{advice}."
         )
-
-    def _find_load(self, name: str) -> str:
-        """Return the name of the part whose law changes most after the period, or `name`."""
-        mechanism, found = self.equations.mechanism, {name: _TOLERANCE}
-        for other, part in mechanism.parts.items() if mechanism else ():
-            for law in () if isinstance(part, DrivenJoint) else part.laws:
-                if not find_signals(law(SX.zeros(2))):
-                    values = [[law.at(t), law.at(t + self.period)] for t in self._times.tolist()]
-                    size = max(float(np.max(np.abs(values))), np.finfo(float).tiny)
-                    change = float(np.max(np.abs(np.diff(values)))) / size
-                    found[other] = max(found.get(other, 0.0), change)
-        return max(found, key=lambda x: found[x])

@@ -24,7 +24,6 @@ from beamdae.analysis.periodic.variational_loop import (
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import (
-    FirstOrderBuffers,
     FirstOrderForm,
     evaluate_jacobian_parts,
     formulate_first_order,
@@ -50,7 +49,7 @@ _STAGES = 3
 # Number of steps per call of the compiled loop, which limits the memory of its stages.
 _STEPS_PER_CALL = 64
 # Maximum number of times a step of the variational equations is halved.
-MAX_HALVINGS = 10
+_MAX_HALVINGS = 10
 # Rows of the constraint Jacobian whose length is below this fraction of the longest are zero.
 _ZERO_ROW_RATIO = 1e-10
 # Energy of a disturbance of natural size, relative to that of the motion, which is added because
@@ -87,17 +86,45 @@ class VariationalEquations:
         real = FactorizedMatrix.from_pattern(pattern, in_lanes=True)
         complex_ = FactorizedMatrix.from_pattern(pattern, complex, real, in_lanes=True)
 
+        n, size, reduced_size = form.equations.n, form.size, pattern.shape[0]
+        parts = _arrange_parts(pattern, jacobian, n)
+        rows, blocks = _STAGES * _STEPS_PER_CALL, -(-2 * n // LANES)
+        vectors = ("y", "yp", "real_change", "complex_real", "complex_imaginary")
+
         def make_workspace(native: bool) -> VariationalWorkspace:
             buffers = form.buffers(native)
             buffers.jacobian = jacobian.sum(native, form.equations.p)
-            return _make_workspace(
-                form,
-                buffers,
-                pattern,
-                _arrange_parts(pattern, jacobian, form.equations.n),
-                reduction,
-                (real.make_solver(native, "auto"), real.nonzeros),
-                (complex_.make_solver(native, "auto"), complex_.nonzeros),
+            return VariationalWorkspace(
+                form=buffers,
+                real_solver=real.make_solver(native, "auto"),
+                complex_solver=complex_.make_solver(native, "auto"),
+                reduction=KinematicReduction(*map(index_lanes, reduction)),
+                step_size=StepSizeState(math.inf),
+                times=np.zeros(rows),
+                states=np.zeros((rows, size)),
+                state_rates=np.zeros((rows, size)),
+                h=np.zeros(_STEPS_PER_CALL),
+                disturbances=_lane_zeros(size, blocks),
+                ends=_lane_zeros(size, blocks),
+                disturbances_w=_lane_zeros(size, _STAGES * blocks),
+                ends_w=_lane_zeros(size, _STAGES * blocks),
+                scales=np.zeros(2 * n),
+                weights=_lane_zeros(2 * n)[0],
+                jacobians=np.zeros((_STAGES, 3 * pattern.nnz + 1)),
+                real_nonzeros=real.nonzeros,
+                complex_nonzeros=complex_.nonzeros,
+                row_starts=parts.indptr.astype(np.uint32),
+                entry_columns=parts.indices.astype(np.uint32),
+                entry_sources=parts.data.astype(np.uint32),
+                right=_lane_zeros(reduced_size)[0],
+                complex_right=_lane_zeros(reduced_size, dtype=complex)[0],
+                extrapolation=np.zeros((_STAGES, _STAGES)),
+                velocities=_lane_zeros(n)[0],
+                complex_change=_lane_zeros(size, dtype=complex)[0],
+                residuals=_lane_zeros(reduced_size, _STAGES),
+                unknowns=_lane_zeros(parts.shape[1])[0],
+                **{name: _lane_zeros(size)[0] for name in vectors},
+                **{name: _lane_zeros(size, _STAGES) for name in ("w", "last_w", "stages", "rates")},
             )
 
         def matrices(run: VariationalWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
@@ -132,36 +159,31 @@ class VariationalEquations:
         rows = self._constraint_rows(time, state, scales)
         admissible = la.solve_triangular(factors, rows.T, lower=True)
         lengths = np.linalg.norm(admissible, axis=0)
-        nonzero = admissible[:, lengths > 0.0] / lengths[lengths > 0.0]
-        directions = la.null_space(nonzero.T) if nonzero.size else np.eye(2 * n)
+        is_nonzero = lengths > _ZERO_ROW_RATIO * np.max(lengths, initial=_TINY)
+        unit = admissible[:, is_nonzero] / lengths[is_nonzero]
+        directions = la.null_space(unit.T) if unit.size else np.eye(2 * n)
         return (
             scales[:, None] * la.solve_triangular(factors.T, directions, lower=False),
             (factors @ directions).T / scales,
         )
 
     def _constraint_rows(self, time: Array, state: State, scales: Array) -> Array:
-        """Return the scaled derivatives of the constraints with respect to (q, v).
-
-        Rows of zeros are omitted.
-        """
+        """Return the scaled derivatives of the constraints with respect to (q, v)."""
         form, n, m = self.form, self.equations.n, self.equations.m
         y, yp = form.pack(state)
         nonzeros = np.zeros(2 * form.pattern.nnz)
         evaluate_jacobian_parts(form.buffers(), time[0], time[1], y, yp, nonzeros)
         by_y = np.zeros((form.size, form.size))
         by_y[form.pattern.indices, column_indices(form.pattern)] = nonzeros[: form.pattern.nnz]
-        rows = by_y[2 * n : 2 * (n + m), : 2 * n] * scales
-        size = np.linalg.norm(rows, axis=1)
-        return rows[size > _ZERO_ROW_RATIO * np.max(size, initial=_TINY)]
+        return by_y[2 * n : 2 * (n + m), : 2 * n] * scales
 
     def propagate(
         self,
         trajectory: Trajectory,
         disturbances: Array,
         scales: Array,
-        steps_per_node: float = 1,
         tolerance: float = EXACT_RANK,
-        max_halvings: int = MAX_HALVINGS,
+        refinement: int = 0,
     ) -> Array:
         """Propagate initial `disturbances` (2 n, k) of (q, v) to the end of a run.
 
@@ -175,57 +197,54 @@ class VariationalEquations:
             Disturbances (2 n, k) at the start.
         scales
             Natural sizes (2 n,) of (q, v).
-        steps_per_node
-            Number of steps of the run in each step of the variational equations: a power of two,
-            also below 1.
         tolerance
             Error of the stages, relative to the disturbance.
-        max_halvings
-            Maximum number of times a step is halved.
+        refinement
+            Number of times the steps of the run are halved; -1 to join two steps.
 
         Raises
         ------
         LinearizationError
             If the iteration of the stages does not converge in steps that were halved this often.
         """
-        work, (n_state, count) = self._loop.work, disturbances.shape
-        work.count, work.tolerance = -(-count // LANES), tolerance
+        work, (n_state, columns) = self._loop.work, disturbances.shape
+        work.count, work.tolerance = -(-columns // LANES), tolerance
         work.scales[:] = 1.0 / scales
         # Blocks, state, lanes.
         blocks = work.disturbances[: work.count].reshape(work.count, -1, LANES)
         by_column = np.zeros((work.count * LANES, n_state))
-        by_column[:count] = disturbances.T
+        by_column[:columns] = disturbances.T
         blocks[:] = 0.0
         blocks[:, :n_state] = by_column.reshape(work.count, LANES, n_state).transpose(0, 2, 1)
         for interval in trajectory.intervals:
             work.step_size.last_step = 0.0
-            nodes = _step_nodes(interval.t, steps_per_node)
-            halvings = np.zeros(len(nodes) - 1, int)
-            first = 0
-            while first < len(nodes) - 1:
-                stop = min(first + _STEPS_PER_CALL, len(nodes) - 1)
-                first += self._take_steps(interval, nodes[first : stop + 1])
-                if first < stop:
-                    if halvings[first] == max_halvings:
+            numbers, done = np.arange(len(interval.t)), 0
+            count = max(round(numbers[-1] * 2.0**refinement), 1)
+            nodes = np.interp(np.linspace(0.0, numbers[-1], count + 1), numbers, interval.t)
+            shortest = 2.0**-_MAX_HALVINGS * np.min(np.diff(nodes))
+            while done < len(nodes) - 1:
+                stop = min(done + _STEPS_PER_CALL, len(nodes) - 1)
+                done += self._take_steps(interval, nodes[done : stop + 1])
+                if done < stop:
+                    middle = np.mean(nodes[done : done + 2])
+                    if middle - nodes[done] < shortest:
                         raise LinearizationError(
-                            f"periodic: the equations linearized at t = {nodes[first]:.6g} s "
+                            f"periodic: the equations linearized at t = {nodes[done]:.6g} s "
                             "cannot be solved; use a smaller rtol."
                         )
-                    halvings[first] += 1
-                    halvings = np.insert(halvings, first, halvings[first])
-                    nodes = np.insert(nodes, first + 1, np.mean(nodes[first : first + 2]))
+                    nodes = np.insert(nodes, done + 1, middle)
         by_column = blocks[:, :n_state].transpose(0, 2, 1).reshape(-1, n_state)
-        return by_column[:count].T.copy()
+        return by_column[:columns].T.copy()
 
     def _take_steps(self, interval: Interval, nodes: Array) -> int:
         """Propagate the disturbances through steps with these ends; return the number of steps.
 
         It is smaller if the next step fails.
         """
-        loop, h = self._loop, np.diff(nodes)
-        work = loop.work
-        times, state = _stage_states(interval, nodes)
-        n = self.equations.n
+        work, h, n = self._loop.work, np.diff(nodes), self.equations.n
+        # Rounding may put the last stage beyond the end.
+        times = np.minimum((nodes[:-1, None] + h[:, None] * C).ravel(), interval.t[-1])
+        state = interval.at(times)
         lam = slice(2 * n, 2 * n + self.equations.m)
         work.times[: len(times)], work.h[: len(h)] = times, h
         stages = slice(0, len(times))
@@ -233,66 +252,8 @@ class VariationalEquations:
         work.state_rates[stages, :n], work.state_rates[stages, n : 2 * n] = state.v, state.a
         work.state_rates[stages, lam] = state.lam
         work.branch, work.steps, work.next = interval.branch, len(h), 0
-        loop()
+        self._loop()
         return work.next
-
-
-def _make_workspace(
-    form: FirstOrderForm,
-    buffers: FirstOrderBuffers,
-    pattern: sp.csc_array,
-    parts: sp.csr_array,
-    reduction: KinematicReduction,
-    real: tuple[Any, Array],
-    complex_: tuple[Any, Array],
-) -> VariationalWorkspace:
-    """Return the work arrays.
-
-    `parts` are those of `_arrange_parts`; `real` and `complex_` are pairs (solver, non-zeros).
-    """
-    n, size, reduced_size = form.equations.n, form.size, pattern.shape[0]
-    rows, blocks = _STAGES * _STEPS_PER_CALL, -(-2 * n // LANES)
-    lanes = KinematicReduction(*map(index_lanes, reduction))
-    return VariationalWorkspace(
-        form=buffers,
-        real_solver=real[0],
-        complex_solver=complex_[0],
-        reduction=lanes,
-        step_size=StepSizeState(math.inf),
-        times=np.zeros(rows),
-        states=np.zeros((rows, size)),
-        state_rates=np.zeros((rows, size)),
-        h=np.zeros(_STEPS_PER_CALL),
-        disturbances=_lane_zeros(size, blocks),
-        ends=_lane_zeros(size, blocks),
-        disturbances_w=_lane_zeros(size, _STAGES * blocks),
-        ends_w=_lane_zeros(size, _STAGES * blocks),
-        scales=np.zeros(2 * n),
-        weights=_lane_zeros(2 * n)[0],
-        jacobians=np.zeros((_STAGES, 3 * pattern.nnz + 1)),
-        differences=np.zeros((_STAGES, 3 * pattern.nnz + 1)),
-        real_nonzeros=real[1],
-        complex_nonzeros=complex_[1],
-        row_starts=parts.indptr.astype(np.uint32),
-        entry_columns=parts.indices.astype(np.uint32),
-        entry_sources=parts.data.astype(np.uint32),
-        y=_lane_zeros(size)[0],
-        yp=_lane_zeros(size)[0],
-        w=_lane_zeros(size, _STAGES),
-        last_w=_lane_zeros(size, _STAGES),
-        stages=_lane_zeros(size, _STAGES),
-        rates=_lane_zeros(size, _STAGES),
-        right=_lane_zeros(reduced_size)[0],
-        complex_right=_lane_zeros(reduced_size, dtype=complex)[0],
-        extrapolation=np.zeros((_STAGES, _STAGES)),
-        velocities=_lane_zeros(n)[0],
-        real_change=_lane_zeros(size)[0],
-        complex_change=_lane_zeros(size, dtype=complex)[0],
-        complex_real=_lane_zeros(size)[0],
-        complex_imaginary=_lane_zeros(size)[0],
-        residuals=_lane_zeros(reduced_size, _STAGES),
-        unknowns=_lane_zeros(parts.shape[1])[0],
-    )
 
 
 def _arrange_parts(pattern: sp.csc_array, plan: SumPlan, n: int) -> sp.csr_array:
@@ -324,13 +285,9 @@ def _symmetrize(matrix: sp.csc_array, scales: Array) -> Array:
 
 
 def assemble_monodromy(
-    propagate: Callable[[Array], Array],
-    size: int,
-    directions: Array,
-    tolerance: float = EXACT_RANK,
-    expected_range: Array | None = None,
+    propagate: Callable[[Array], Array], directions: Array, tolerance: float = EXACT_RANK
 ) -> Array:
-    """Return the monodromy matrix (size, size), exact on its range and on `directions`.
+    """Return the monodromy matrix (k, k), exact on its range and on `directions`.
 
     Most disturbances of a damped beam vanish within a period, so that the matrix has a low rank.
     Random disturbances reveal its range (Halko, Martinsson & Tropp, SIAM Review 53 (2011) 217); the
@@ -341,29 +298,22 @@ def assemble_monodromy(
     Parameters
     ----------
     propagate
-        Function that maps disturbances (size, j) at the start of a period to those at its end.
-    size
-        Number of independent disturbances.
+        Function that maps disturbances (k, j) at the start of a period to those at its end.
     directions
-        Disturbances (size, d).
+        Disturbances (k, d).
     tolerance
         Singular values of the propagated disturbances below this fraction of the largest are zero.
-    expected_range
-        Approximate range (size, r), for example from `dominant_range`, or None. With it, most of
-        the range is propagated only once.
     """
-    known = np.zeros((size, 0)) if expected_range is None else expected_range
-    start = np.column_stack([_normalize(directions), known])
-    start = _extend_basis(np.zeros((size, 0)), start, tolerance)
+    size = len(directions)
+    lengths = np.maximum(np.linalg.norm(directions, axis=0), _TINY)
+    start = _extend_basis(np.zeros((size, 0)), directions / lengths, tolerance)
     random = np.random.default_rng(0).standard_normal((size, size))
     inputs = la.qr(np.column_stack([start, random]), mode="economic")[0]
-    first = start.shape[1] + _OVERSAMPLING if known.size else LANES
     outputs, count = np.zeros((size, 0)), 0
     while count < size:
         # Disturbances are propagated in blocks of lanes; those that would fill a block are free.
-        end = -(-max(first, 2 * count) // LANES) * LANES
-        block = inputs[:, count:end]
-        outputs = np.column_stack([outputs, propagate(block)])
+        end = -(-max(start.shape[1] + _OVERSAMPLING, 2 * count) // LANES) * LANES
+        outputs = np.column_stack([outputs, propagate(inputs[:, count:end])])
         count = outputs.shape[1]
         vectors, values, _ = la.svd(outputs, full_matrices=False)
         largest = max(float(values[0]), _TINY)
@@ -378,21 +328,7 @@ def assemble_monodromy(
     return outputs @ inputs.T
 
 
-def dominant_range(monodromy: Array, tolerance: float = EXACT_RANK) -> Array:
-    """Return orthogonal vectors (size, r) that span the range of a monodromy matrix.
-
-    Their norms are the singular values relative to the largest one.
-    """
-    vectors, values, _ = la.svd(monodromy)
-    lengths = values / max(float(np.max(values, initial=0.0)), _TINY)
-    return (vectors * lengths)[:, lengths > tolerance]
-
-
-def _normalize(columns: Array) -> Array:
-    return columns / np.maximum(np.linalg.norm(columns, axis=0), _TINY)
-
-
-def _extend_basis(basis: Array, columns: Array, tolerance: float = EXACT_RANK) -> Array:
+def _extend_basis(basis: Array, columns: Array, tolerance: float) -> Array:
     """Return an orthonormal basis of the part of the span of `columns` outside that of `basis`.
 
     Directions in which the columns are at most `tolerance` long are omitted.
@@ -402,29 +338,3 @@ def _extend_basis(basis: Array, columns: Array, tolerance: float = EXACT_RANK) -
         columns = columns - basis @ (basis.T @ columns)
     vectors, values, _ = la.svd(columns, full_matrices=False)
     return vectors[:, values > tolerance]
-
-
-def _stage_states(interval: Interval, nodes: Array) -> tuple[Array, State]:
-    """Return times and states at the stages of steps with these ends, three rows per step."""
-    # Rounding may put the last stage beyond the end.
-    times = nodes[:-1, None] + np.diff(nodes)[:, None] * C
-    times = np.minimum(times, interval.t[-1]).ravel()
-    first = int(np.searchsorted(interval.nodes, nodes[0])) + 1
-    stages = slice(first, first + len(times))
-    is_step_of_run = interval.nodes_per_step == _STAGES and np.array_equal(
-        interval.nodes[first - 1 : stages.stop : _STAGES], nodes
-    )
-    if is_step_of_run:
-        return times, State(*(x[stages] for x in interval.rows))
-    return times, interval.at(times)
-
-
-def _step_nodes(t: Array, steps_per_node: float) -> Array:
-    """Return the times `t` at every `steps_per_node`-th step, and the last one.
-
-    Below 1, steps are divided into 1 / `steps_per_node` parts.
-    """
-    stride, parts = max(int(steps_per_node), 1), max(int(1.0 / steps_per_node), 1)
-    nodes = t[np.unique(np.append(np.arange(0, len(t), stride), len(t) - 1))]
-    share = np.arange(parts) / parts
-    return np.append((nodes[:-1, None] + np.diff(nodes)[:, None] * share).ravel(), nodes[-1])

@@ -12,10 +12,8 @@ from beamdae.analysis.continuation.engine import CurveError
 from beamdae.analysis.periodic.load_periods import FULL_TURN
 from beamdae.analysis.periodic.monodromy import (
     EXACT_RANK,
-    MAX_HALVINGS,
     VariationalEquations,
     assemble_monodromy,
-    dominant_range,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
@@ -26,16 +24,14 @@ from beamdae.integrators.redundant_constraints import remove_redundant
 from beamdae.integrators.step_thinning import keep_all_steps
 from beamdae.interrupts import Interrupted
 from beamdae.results.solution import Solution
-from beamdae.results.trajectory import Trajectory
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
 
 # Relative tolerance of the runs that settle and of the first iterations. Vibrations that are not
 # part of the periodic motion take most of the time of accurate runs, and more with every
-# disturbance of the variational equations. At most this fraction of it is more accurate.
-_COARSE_RTOL = 1e-4
-_COARSENING_RATIO = 1e-1
+# disturbance of the variational equations. Runs with more than this fraction of it are not refined.
+_COARSE_RTOL, _COARSENING_RATIO = 1e-4, 1e-1
 # Settings of an integrator that Radau adopts in its place.
 _LIMITS = ("max_step", "max_steps", "time_limit")
 _OUTPUT_TIMES = 201  # in a period, including both ends
@@ -43,11 +39,6 @@ _OUTPUT_TIMES = 201  # in a period, including both ends
 # linearization: Newton's method leaves them to the run (Lust, Roose, Spence & Champneys, SIAM J.
 # Sci. Comput. 19 (1998) 1188). With 1e-2, kept matrices do not reduce the deviation of stiff beams.
 _NEWTON_RANK_TOLERANCE = 1e-4
-# Disturbances with smaller singular values, relative to the largest, are not expected in the next
-# matrix.
-_EXPECTED_RANK_TOLERANCE = 1e-6
-# Number of steps of runs without stages in each step of the variational equations.
-_STEPS_PER_NODE = 4.0
 # Error of the stages of the variational equations, relative to the rank tolerance of a matrix.
 _STAGE_TOLERANCE_RATIO = 1e-2
 
@@ -56,10 +47,7 @@ class IncompleteRunError(BeamdaeError, CurveError):
     """Raised if a run ends early; `solution` is the incomplete run."""
 
     def __init__(self, run: str, solution: Solution) -> None:
-        reason = solution.status.sentence
-        if "loosen rtol" in reason:
-            reason += "; rtol is that of integrator=, such as bd.Radau(1e-6)"
-        super().__init__(f"periodic: {run} was not finished: {reason}.")
+        super().__init__(f"periodic: {run} was not finished: {solution.status.sentence}.")
         self.solution = solution
 
 
@@ -80,11 +68,15 @@ def build_periodic_equations(function: str, model: Any, start: Any = None) -> Eq
     return equations
 
 
-def as_radau(integrator: Integrator, max_rtol: float = np.inf) -> Radau | None:
-    """Return `Radau` with the same rtol, at most `max_rtol`, and limits; None for fixed steps."""
+def adopt_radau(integrator: Integrator, max_rtol: float = np.inf) -> Integrator:
+    """Return `Radau` with the same limits and rtol, at most `max_rtol`, for adaptive steps.
+
+    Other methods resolve undamped fast vibrations, which are not part of the motion, with up to a
+    hundred times as many steps.
+    """
     name, value = integrator.accuracy
     if name != "rtol":
-        return None
+        return integrator
     if isinstance(integrator, Radau):
         return integrator if value <= max_rtol else replace(integrator, rtol=max_rtol)
     limits: dict[str, Any] = {name: getattr(integrator, name, None) for name in _LIMITS}
@@ -100,13 +92,11 @@ class PeriodMap:
     equations
         Equations of motion without redundant constraints.
     integrator
-        Integrator of the runs.
+        `Radau`, or an integrator with fixed steps.
     begin, period
         Start and duration of the period [s].
     variational
         Equations linearized along runs.
-    is_coarse
-        Whether deformations of a beam are resolved relative to the largest one with the same unit.
     """
 
     equations: EquationsOfMotion
@@ -114,7 +104,6 @@ class PeriodMap:
     begin: float
     period: float
     variational: VariationalEquations
-    is_coarse: bool = False
 
     @classmethod
     def from_equations(
@@ -126,33 +115,12 @@ class PeriodMap:
         return cls(independent, integrator, begin, period, VariationalEquations(independent))
 
     @property
-    def radau(self) -> Radau | None:
-        """`Radau` with the same rtol, or None for fixed steps.
-
-        Other methods resolve undamped fast vibrations, which are not part of the motion, with up to
-        a hundred times as many steps.
-        """
-        return as_radau(self.integrator)
-
-    @property
-    def stages(self) -> list[PeriodMap]:
-        """The maps by which a motion is approached: coarse Radau, accurate Radau, and this one.
-
-        Corrections of large deflections disturb axial deformations, whose vibrations would take
-        thousands of steps of a run that resolves them relative to their small amplitudes.
-        """
-        radau = self.radau
-        if radau is None:
-            return [self]
-        is_radau, rtol = radau is self.integrator, max(radau.rtol, _COARSE_RTOL)
-        is_large = radau.rtol > _COARSENING_RATIO * _COARSE_RTOL
-        coarse = replace(self, integrator=replace(radau, rtol=rtol), is_coarse=True)
-        accurate = replace(self, integrator=radau)
-        return [
-            *[coarse] * (not (is_radau and is_large)),
-            *[accurate] * (not (is_radau or is_large)),
-            self,
-        ]
+    def coarse(self) -> PeriodMap | None:
+        """The map by coarse runs, by which a motion is approached; None if runs are coarse."""
+        radau = self.integrator
+        if not isinstance(radau, Radau) or radau.rtol > _COARSENING_RATIO * _COARSE_RTOL:
+            return None
+        return replace(self, integrator=replace(radau, rtol=_COARSE_RTOL))
 
     def run(self, q: Array, v: Array, scales: Array | None = None, periods: int = 1) -> Solution:
         """Integrate over `periods` periods from (q, v); `scales` are known amplitudes, or None.
@@ -162,8 +130,6 @@ class PeriodMap:
         IncompleteRunError
             If the run ends early.
         """
-        if self.is_coarse and scales is not None:
-            scales = equalize_deformations(self.equations, scales)
         equations = replace(self.equations, q0=q, v0=v, scales=scales)
         count = periods * (_OUTPUT_TIMES - 1) + 1
         times = self.begin + self.period * np.linspace(0.0, periods, count)
@@ -179,24 +145,20 @@ class PeriodMap:
     def settle(self, periods: int) -> tuple[Array, Array, Array | None]:
         """Return the consistent state (q, v) after `periods` periods from the initial conditions.
 
-        Full revolutions of angles are removed. The third value is the amplitudes of the last run,
-        (n,), or None. Coarse runs continue with those of the first period, relative to which they
-        do not resolve fast vibrations after the start.
+        Full revolutions of angles are removed. The third value is the amplitudes of the run, (n,),
+        or None.
 
         Raises
         ------
         IncompleteRunError
-            If a run ends early.
+            If the run ends early.
         """
         e = self.equations
         state = ConsistencySolver(e).start_state(self._begin_on_branch, e.q0, e.v0)
-        q, v, amplitudes = state.q, state.v, None
-        first = min(periods, 1) if self.is_coarse else periods
-        for count in (first, periods - first):
-            if count:
-                run = PeriodRun(self, self.run(q, v, amplitudes, count))
-                amplitudes, (q, v) = run.amplitudes, run.end_state()
-        return q, v, amplitudes
+        if not periods:
+            return state.q, state.v, None
+        run = PeriodRun(self, self.run(state.q, state.v, periods=periods))
+        return *run.end_state(), run.amplitudes
 
     def make_consistent(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the consistent state nearest to (q, v) at the start of a period."""
@@ -230,32 +192,10 @@ class PeriodRun:
         Map from the start to the end of the period.
     solution
         Run over the period.
-    persistent
-        Disturbances (2 n, r) that are expected to persist over the period, known from a similar
-        run, or None.
     """
 
     period_map: PeriodMap
     solution: Solution
-    persistent: Array | None = None
-
-    @classmethod
-    def from_state(
-        cls,
-        period_map: PeriodMap,
-        q: Array,
-        v: Array,
-        persistent: Array | None = None,
-        amplitudes: Array | None = None,
-    ) -> PeriodRun:
-        """Run one period from a consistent state (q, v), with known `amplitudes` (n,) or None.
-
-        Raises
-        ------
-        IncompleteRunError
-            If the run ends early.
-        """
-        return cls(period_map, period_map.run(q, v, amplitudes), persistent)
 
     @cached_property
     def scales(self) -> Array:
@@ -281,13 +221,6 @@ class PeriodRun:
         first = self.solution.trajectory.intervals[0].state
         return np.concatenate([first.q[0], first.v[0]])
 
-    def end_state(self) -> tuple[Array, Array]:
-        """Return the consistent state (q, v) at the end of the run, without full revolutions."""
-        last = self.solution.trajectory.intervals[-1].state
-        turns = FULL_TURN * np.round((last.q[-1] - self.state[: last.q.shape[1]]) / FULL_TURN)
-        q = last.q[-1] - np.where(self.period_map.equations.is_angle, turns, 0.0)
-        return self.period_map.make_consistent(q, last.v[-1])
-
     @cached_property
     def difference(self) -> Array:
         """State at the end of the period minus the state at its start, (2 n,).
@@ -304,6 +237,10 @@ class PeriodRun:
             end = self.period_map.make_consistent(*np.split(self.state + difference, 2))
             return np.concatenate(end) - self.state
         return difference
+
+    def end_state(self) -> tuple[Array, Array]:
+        """Return the consistent state (q, v) at the end of the run, without full revolutions."""
+        return self.period_map.make_consistent(*np.split(self.state + self.difference, 2))
 
     @cached_property
     def relative_deviation(self) -> float:
@@ -329,17 +266,8 @@ class PeriodRun:
         """Matrix (k, 2 n) that expresses disturbances of (q, v) in terms of `basis`."""
         return self._disturbance_basis[1]
 
-    @cached_property
-    def deviation(self) -> Array:
-        """Difference of the states at the end and at the start in terms of `basis`, (k,)."""
-        return np.asarray(self.projection @ self.difference)
-
     def propagate(
-        self,
-        disturbances: Array,
-        steps_per_node: float,
-        tolerance: float = EXACT_RANK,
-        max_halvings: int = MAX_HALVINGS,
+        self, disturbances: Array, tolerance: float = EXACT_RANK, refinement: int = 0
     ) -> Array:
         """Propagate disturbances (k, j) over the period; both are in terms of `basis`.
 
@@ -348,79 +276,37 @@ class PeriodRun:
         LinearizationError
             As `VariationalEquations.propagate`.
         """
-        columns = self.basis @ disturbances
         return self.projection @ self.period_map.variational.propagate(
-            self._linearized_trajectory,
-            columns,
+            self.solution.trajectory,
+            self.basis @ disturbances,
             self.scales,
-            steps_per_node,
             tolerance,
-            max_halvings,
+            refinement,
         )
-
-    @cached_property
-    def _linearized_trajectory(self) -> Trajectory:
-        """The run or, with other adaptive methods, a run by Radau from the same state."""
-        radau = self.period_map.radau
-        if radau is None or radau is self.period_map.integrator:
-            return self.solution.trajectory
-        coarse = replace(self.period_map, integrator=radau, is_coarse=True)
-        q, v = np.split(self.state, 2)
-        return coarse.run(q, v, self.amplitudes).trajectory
 
     def monodromy(
         self,
         *directions: Array,
-        steps_per_node: float,
-        tolerance: float = EXACT_RANK,
-        persistent: Array | None = None,
+        tolerance: float = _NEWTON_RANK_TOLERANCE,
+        refinement: int = 0,
     ) -> Array:
         """Return the monodromy matrix (k, k), in terms of `basis`.
 
         It maps disturbances at the start of the period to those at its end, and is exact on its
-        range and `directions`, (k,) each; see `assemble_monodromy`. `persistent` are disturbances
-        that are expected to persist; they default to those of the run.
-        """
-        size = len(self.deviation)
-        persistent = self.persistent if persistent is None else persistent
-        stage_tolerance = max(EXACT_RANK, _STAGE_TOLERANCE_RATIO * tolerance)
-        return assemble_monodromy(
-            lambda columns: self.propagate(columns, steps_per_node, stage_tolerance),
-            size,
-            np.column_stack([np.zeros((size, 0)), *directions]),
-            tolerance,
-            None if persistent is None else self.projection @ persistent,
-        )
-
-    def resolved_monodromy(
-        self, *directions: Array, tolerance: float = _NEWTON_RANK_TOLERANCE
-    ) -> Array:
-        """Return the monodromy matrix for Newton's method, on steps of the run.
-
-        It is exact on the deviation and `directions`. For runs of `Radau`, this is the derivative
-        of the discrete solution. Other adaptive steps are replaced by those of `Radau`.
+        range, the deviation and `directions`, (k,) each; see `assemble_monodromy`. With the
+        steps of a run of `Radau`, this is the derivative of the discrete solution; `refinement` is
+        the number of times the steps are halved.
 
         Raises
         ------
         LinearizationError
             As `VariationalEquations.propagate`.
         """
-        return self.monodromy(
-            self.deviation, *directions, steps_per_node=self.steps_per_node, tolerance=tolerance
+        stage_tolerance = max(EXACT_RANK, _STAGE_TOLERANCE_RATIO * tolerance)
+        columns = np.column_stack([self.projection @ self.difference, *directions])
+        return assemble_monodromy(
+            lambda x: self.propagate(x, stage_tolerance, refinement), columns, tolerance
         )
-
-    def persistent_disturbances(self, monodromy: Array) -> Array:
-        """Return the disturbances (2 n, r) that persist according to a monodromy matrix."""
-        return self.basis @ dominant_range(monodromy, _EXPECTED_RANK_TOLERANCE)
-
-    @property
-    def steps_per_node(self) -> float:
-        """Number of steps of the run in each step of the variational equations.
-
-        1 for adaptive steps; more for fixed steps, whose methods are of lower order.
-        """
-        has_stages = self._linearized_trajectory.intervals[0].nodes_per_step > 1
-        return 1.0 if has_stages else _STEPS_PER_NODE
 
     @property
     def rates(self) -> tuple[Array, Array]:

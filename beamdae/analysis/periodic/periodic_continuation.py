@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,8 +26,9 @@ from beamdae.analysis.continuation.engine import (
     follow,
     prescribe_parameter,
 )
+from beamdae.analysis.parameter_range import ParameterRange
 from beamdae.analysis.periodic.load_periods import Loads
-from beamdae.analysis.periodic.period_map import PeriodMap, as_radau, build_periodic_equations
+from beamdae.analysis.periodic.period_map import PeriodMap, adopt_radau, build_periodic_equations
 from beamdae.analysis.periodic.shooting import (
     DAMPING_REMEDY,
     MAX_SETTLING_PERIODS,
@@ -36,7 +37,6 @@ from beamdae.analysis.periodic.shooting import (
     linearization_at,
     settle_and_solve,
 )
-from beamdae.analysis.sensitivities.sensitivity_result import configure_model
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
@@ -44,10 +44,8 @@ from beamdae.errors import (
     require_choice,
     require_count,
     require_finite,
-    require_pair,
     require_positive,
     require_progress,
-    short_repr,
     warn_of_incomplete_result,
     warn_of_result,
     warnings_are_ignored,
@@ -62,7 +60,7 @@ from beamdae.interrupts import (
     interruptible,
 )
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.model_functions import Model, require_model_function
+from beamdae.model_functions import Model
 from beamdae.results.frequency_response import (
     FrequencyResponse,
     ResponsePoint,
@@ -179,50 +177,66 @@ def frequency_response(
         If no first motion is found, or the curve ends inside the range; and for each of
         `FrequencyResponse.warnings`.
     """
-    require_model_function(_NAME, model)
-    first, last = require_pair(_NAME, "between", between, "a pair of values of the parameter")
-    ends = require_finite(_NAME, "between", first), require_finite(_NAME, "between", last)
-    if ends[0] == ends[1]:
-        raise BeamdaeError(
-            f"{_NAME}: between must be two different values, got {short_repr(between)}."
-        )
-    require_choice(_NAME, "parameter", parameter, tuple(model.parameters))
-    model = configure_model(_NAME, model, parameters, parameter)
-    model.complete({parameter: ends[0]})
+    span = ParameterRange.of(
+        _NAME, model, ("parameter", parameter), ("between", between), parameters
+    )
+    span.model.complete({parameter: span.first})
     method = Radau(_MAX_RTOL) if integrator is None else integrator
     require_integrator(_NAME, method)
-    method = as_radau(method, _MAX_RTOL) or method
-    period_at = (lambda frequency: 1.0 / frequency) if period is None else period
+    method = adopt_radau(method, _MAX_RTOL)
     begin = require_finite(_NAME, "t_start", t_start)
     first_step = require_positive(_NAME, "step", step)
-    max_step = require_positive(_NAME, "max_step", max_step)
+    largest = max(first_step, require_positive(_NAME, "max_step", max_step))
+    ratio = first_step / largest
+    steps = Steps(largest, True, 1.0, largest, first=ratio, smallest=_MIN_STEP_RATIO * ratio)
     settle = require_count(_NAME, "settle", settle, 0, MAX_SETTLING_PERIODS)
     max_points = require_count(_NAME, "max_points", max_points, least=2)
     require_choice(_NAME, "partial", partial, PARTIAL_RESULTS)
     require_progress(_NAME, progress)
     # By default, the parameter is a frequency in Hz.
-    unit = (model.parameter_info[parameter].unit or ("Hz" if period is None else "")).strip("-")
+    unit = span.model.parameter_info[parameter].unit or ("Hz" if period is None else "")
 
-    def follow(model: Model, method: Integrator) -> FrequencyResponse:
-        tolerances = Tolerance.for_integrator(_NAME, tolerance, method)
-        curve = ResponseCurve(model, parameter, ends, period_at, method, begin, tolerances, start)
+    def trace(model: Model, method: Integrator) -> FrequencyResponse:
+        limits = Tolerance.for_integrator(_NAME, tolerance, method)
+        curve = ResponseCurve(replace(span, model=model), period, method, begin, limits, start)
         points: list[ResponsePoint] = []
         critical: list[tuple[str, float]] = []
-        sizes = settle, first_step, max_step, max_points
+        status, share = Status("ok", "reached the end of the range"), 0.0
         try:
-            status = _follow_curve(curve, points, critical, sizes, progress)
+            for point, share, found in curve.follow(settle, steps):
+                critical += found
+                points.append(point)
+                if progress is not None:
+                    progress(point)
+                if share < 0.0 and point.forward != points[0].forward:
+                    folds = [value for kind, value in critical if kind == _FOLD]
+                    raise CurveError(
+                        f"the curve folds back at {parameter} = {folds[-1]:.6g} and returned to "
+                        "the start of the range; begin on another branch, with another start= or "
+                        "value of between="
+                    )
+                if len(points) == max_points and share != 1.0:
+                    sentence = f"stopped at the maximum of {max_points} points at "
+                    sentence += f"{span.describe(share)}; increase max_points"
+                    status = Status("limited", sentence)
+                    break
+        except CurveError as error:
+            reason = re.sub("^(periodic|frequency_response): ", "", str(error)).rstrip(".")
+            status = Status("failed", f"{span.describe(share)}: {reason}")
         except KeyboardInterrupt:
             acknowledge()
-            last = f"at {parameter} = {points[-1].parameter:.6g}" if points else ""
-            status = Status("interrupted", f"interrupted {last or 'before the first point'}")
-        first = points[0].solution.equations if points else curve.build(0.0)
-        headers = tuple(x for y in first.observables for x in y.headers)
-        return FrequencyResponse(parameter, tuple(points), status, unit, tuple(critical), headers)
+            where = f"at {span.describe(share)}" if points else "before the first point"
+            status = Status("interrupted", f"interrupted {where}")
+        equations = points[0].solution.equations if points else curve.build(0.0)
+        headers = tuple(x for y in equations.observables for x in y.headers)
+        return FrequencyResponse(
+            parameter, tuple(points), status, unit.strip("-"), tuple(critical), headers
+        )
 
     until = deferred.module("accuracy.until")
     analysis = until.Analysis(
         _NAME,
-        follow,
+        trace,
         method,
         start,
         lambda response: response.errors.headers,
@@ -230,7 +244,7 @@ def frequency_response(
             (x.solution.equations, x.solution.q, None) for x in response.points
         ],
     )
-    response = until.reach_accuracy(analysis, model, accuracy, accuracy_columns)
+    response = until.reach_accuracy(analysis, span.model, accuracy, accuracy_columns)
     status = response.status
     if status.kind == "interrupted" and partial == "raise":
         raise Interrupted(status.sentence, response, _NAME)
@@ -243,54 +257,41 @@ def frequency_response(
 
 @dataclass(frozen=True, eq=False)
 class ResponseCurve:
-    """Curve of periodic motions as a function of one model parameter.
+    """Curve of periodic motions over the range of a parameter.
 
     Attributes
     ----------
-    model, parameter
-        Model function, and name of its parameter.
-    ends
-        Values of the parameter at which the curve begins and ends.
+    span
+        Model and range of its parameter; points of the curve have shares of it as parameters.
     period
-        Function that returns the period [s] for a value of the parameter.
+        Function that returns the period [s] for a value of the parameter; None for its reciprocal.
     integrator, t_start, tolerance, start
         See `periodic`; `start` applies to the first motion.
     """
 
-    model: Model
-    parameter: str
-    ends: tuple[float, float]
-    period: Callable[[float], float]
+    span: ParameterRange
+    period: Callable[[float], float] | None
     integrator: Integrator
     t_start: float
     tolerance: Tolerance
     start: Any = None
 
-    def value(self, position: float) -> float:
-        """Return the value of the parameter at a position from 0 to 1 of its range."""
-        first, last = self.ends
-        return last if position == 1.0 else float(first + position * (last - first))
-
-    def describe(self, position: float) -> str:
-        """Return the text "parameter = value" for messages."""
-        return f"{self.parameter} = {self.value(position):.6g}"
-
-    def build(self, position: float, start: Any = None) -> EquationsOfMotion:
+    def build(self, share: float, start: Any = None) -> EquationsOfMotion:
         """Return the equations of the model."""
-        mechanism = self.model(**{self.parameter: self.value(position)})
-        return build_periodic_equations(_NAME, mechanism, start)
+        return build_periodic_equations(_NAME, self.span.build(share), start)
 
-    def map_at(self, position: float, start: Any = None) -> PeriodMap:
+    def map_at(self, share: float, start: Any = None) -> PeriodMap:
         """Return the map over a period."""
+        value = self.span.value(share)
         try:
-            period = self.period(self.value(position))
+            period = self.period(value) if self.period else 1.0 / value
         except Exception as error:
             raise BeamdaeError(
-                f"{_NAME}: the function period= failed at {self.describe(position)}: "
+                f"{_NAME}: the function period= failed at {self.span.describe(share)}: "
                 f"{format_exception(error)}."
             ) from error
         period = require_positive(_NAME, "period", period)
-        equations = self.build(position, start)
+        equations = self.build(share, start)
         return PeriodMap.from_equations(equations, self.integrator, self.t_start, period)
 
     def first_motion(self, settle: int) -> Point:
@@ -304,89 +305,47 @@ class ResponseCurve:
         period_map = self.map_at(0.0, self.start)
         Loads(period_map.equations, self.t_start, period_map.period).require_repeating()
         linear = settle_and_solve(period_map, settle, self.tolerance)
-        run = linear.run
-        if run.relative_deviation > self.tolerance.accepted:
+        if linear.run.relative_deviation > self.tolerance.accepted:
             raise CurveError(
-                f"no periodic motion was found at {self.describe(0.0)}; change start=, increase "
-                f"settle=, or {DAMPING_REMEDY}"
+                "no periodic motion was found; change start=, increase settle=, or "
+                f"{DAMPING_REMEDY}"
             )
         problem = PeriodProblem(self.map_at, self.tolerance, varies=True)
-        return problem.complete(Point(problem, run.state, 0.0, linear), np.zeros(0))
+        return problem.complete(Point(problem, linear.run.state, 0.0, linear), np.zeros(0))
 
-    def as_response_point(self, point: Point, rate: float) -> ResponsePoint:
-        """Return a motion, at this derivative of the position along the curve, for the result."""
-        run = linearization_at(point).run
-        forward = rate * (self.ends[1] - self.ends[0]) > 0.0
-        period = run.period_map.period
-        return ResponsePoint(
-            self.value(point.p), period, run.solution, _multipliers(point), forward
-        )
+    def follow(
+        self, settle: int, steps: Steps
+    ) -> Iterator[tuple[ResponsePoint, float, list[tuple[str, float]]]]:
+        """Yield motions, shares of the range, and kinds and values of critical points before.
 
-
-def _multipliers(point: Point) -> Array:
-    return floquet_multipliers(linearization_at(point).matrix.monodromy)
-
-
-def _follow_curve(
-    curve: ResponseCurve,
-    points: list[ResponsePoint],
-    critical: list[tuple[str, float]],
-    sizes: tuple[int, float, float, int],
-    progress: Callable[[ResponsePoint], None] | None = None,
-) -> Status:
-    """Append the points of the curve to `points`, and return the reason for its end."""
-    settle, step, max_step, max_points = sizes
-
-    def append(point: Point, rate: float) -> None:
-        points.append(curve.as_response_point(point, rate))
-        if progress is not None:
-            progress(points[-1])
-
-    try:
-        point = curve.first_motion(settle)
-    except CurveError as error:
-        is_run = isinstance(error, BeamdaeError)
-        reason = f"{curve.describe(0.0)}: {_failure_reason(error)}" if is_run else str(error)
-        return Status("failed", reason)
-    append(point, 1.0)
-    largest = max(step, max_step)
-    steps = Steps(
-        largest, True, 1.0, largest, first=step / largest, smallest=_MIN_STEP_RATIO * step / largest
-    )
-    segments = follow(point, prescribe_parameter, 1.0, steps, _explain)
-    while len(points) < max_points:
+        Raises
+        ------
+        CurveError
+            If the first or the next motion is not found.
+        """
+        first = self.first_motion(settle)
+        yield self._describe(first, 1.0), 0.0, []
         try:
-            segment, found = next(segments)
-        except StopIteration:
-            return Status("ok", "reached the end of the range")
+            for segment, found in follow(first, prescribe_parameter, 1.0, steps, _explain):
+                point = self._describe(segment.end, segment.tangent.p)
+                critical = [(_KINDS[x.kind], self.span.value(x.point.p)) for x in found]
+                yield point, segment.end.p, critical
         except CurveError as error:
-            reason = _failure_reason(error)
-            if not isinstance(error, BeamdaeError):
-                reason = f"{reason}; reduce step=, or {DAMPING_REMEDY}"
-            return Status("failed", f"{curve.describe(point.p)}: {reason}")
-        critical += [(_KINDS[x.kind], curve.value(x.point.p)) for x in found]
-        point = segment.end
-        append(point, segment.tangent_at(point).p)
-        folds = [value for kind, value in critical if kind == _FOLD]
-        if point.p < 0.0 and points[-1].forward != points[0].forward:
-            return Status(
-                "failed",
-                f"the curve folds back at {curve.parameter} = {folds[-1]:.6g} and returned to the "
-                "start of the range; begin on another branch, with another start= or value of "
-                "between=",
-            )
-    if point.p == 1.0:
-        return Status("ok", "reached the end of the range")
-    sentence = (
-        f"stopped at the maximum of {max_points} points at {curve.describe(point.p)}; "
-        "increase max_points"
-    )
-    return Status("limited", sentence)
+            if isinstance(error, BeamdaeError):
+                raise
+            raise CurveError(f"{error}; reduce step=, or {DAMPING_REMEDY}") from None
+
+    def _describe(self, point: Point, rate: float) -> ResponsePoint:
+        """Return a motion, at this derivative of the share along the curve, for the result."""
+        linear = linearization_at(point)
+        return ResponsePoint(
+            self.span.value(point.p),
+            linear.run.period_map.period,
+            linear.run.solution,
+            floquet_multipliers(linear.matrix.monodromy),
+            rate * (self.span.last - self.span.first) > 0.0,
+        )
 
 
 def _explain(segment: Segment) -> list[CriticalPoint]:
     return explain_counts(segment, _RESOLUTION)
-
-
-def _failure_reason(error: Exception) -> str:
-    return re.sub("^(periodic|frequency_response): ", "", str(error)).rstrip(".")

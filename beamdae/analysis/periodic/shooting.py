@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, cast
 
@@ -20,7 +20,6 @@ from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.engine import (
     Control,
     CurveError,
-    Factors,
     Point,
     Problem,
     Row,
@@ -47,8 +46,8 @@ _FIXED_STEP_TOLERANCE = 1e-6
 # Adaptive steps change with the start, and with them the errors of a run. An iteration that
 # stagnates at them succeeds up to this multiple of the default tolerance.
 _STAGNATION_ALLOWANCE = 10.0
-# Corrections of a solution are below this fraction of the tolerance, unless deviations stagnate: if
-# they no longer halve, they are errors of the runs.
+# Corrections of a solution are below this fraction of the tolerance, and those of a period below
+# its square, unless deviations stagnate: if they no longer halve, they are errors of the runs.
 _CORRECTION_RATIO = 0.1
 _STAGNATION_RATIO = 0.5
 
@@ -67,9 +66,8 @@ _NEUTRAL_RATIO = 1e-9
 _DAMPING_RATIO = 0.1  # of corrections with a free period, relative to the deviation
 # A run has returned to its final state where it differs by at most this fraction of the range of
 # each coordinate and velocity; coordinates with a far smaller range than others are at rest. Number
-# of times at which states are compared, and around the nearest of these times.
-_RETURN_DISTANCE, _REST_RATIO = 0.2, 1e-6
-_RETURN_SAMPLES, _REFINED_RETURN_SAMPLES = 4001, 201
+# of times at which states are compared.
+_RETURN_DISTANCE, _REST_RATIO, _RETURN_SAMPLES = 0.2, 1e-6, 4001
 # Errors of runs are amplified at resonances without damping.
 DAMPING_REMEDY = (
     "add damping, such as damping= of the sections, or, for small motions, use "
@@ -134,7 +132,7 @@ class ShootingMatrix:
         """
         shift, change = (np.broadcast_to(x, len(run.scales)) for x in (shift, change))
         inner, change = run.projection @ shift, run.projection @ change
-        matrix = run.resolved_monodromy(change, inner, *directions, **options)
+        matrix = run.monodromy(change, inner, *directions, **options)
         matrix = matrix - np.eye(len(matrix))
         # The derivative at a constant state in terms of the basis.
         values = np.column_stack([matrix, change - matrix @ inner])
@@ -151,11 +149,6 @@ class ShootingMatrix:
     def monodromy(self) -> Array:
         """Monodromy matrix (k, k)."""
         return self.values[:, :-1] + np.eye(len(self.values))
-
-    @cached_property
-    def persistent(self) -> Array:
-        """Disturbances (2 n, r) that persist over the period."""
-        return self.run.persistent_disturbances(self.monodromy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,8 +170,6 @@ class PeriodLinearization:
         Matrix of a similar run, or None for that of the run.
     iterations
         Number of runs before this one.
-    best
-        The run with the smallest deviation among these, or None.
     """
 
     problem: PeriodProblem
@@ -187,17 +178,11 @@ class PeriodLinearization:
     run: PeriodRun
     kept: ShootingMatrix | None = None
     iterations: int = 0
-    best: PeriodRun | None = None
 
     @cached_property
     def matrix(self) -> ShootingMatrix:
         """Derivatives of the deviation."""
         return self.kept or self.problem.differentiate(self.run, self.p)
-
-    @property
-    def best_run(self) -> PeriodRun:
-        """The run with the smallest deviation so far."""
-        return min((self.run, self.best or self.run), key=lambda x: x.relative_deviation)
 
     @property
     def residual(self) -> Array:
@@ -218,7 +203,7 @@ class PeriodLinearization:
         values = self.matrix.values + 2.0 * np.eye(*self.matrix.values.shape)
         return replace(self, kept=replace(self.matrix, values=values))
 
-    def bordered(self, column: Array, row: Array, corner: float) -> Factors:
+    def bordered(self, column: Array, row: Array, corner: float) -> _Factors:
         """Return the factors of the bordered Jacobian; states that are all periodic remain.
 
         Motions without damping belong to families, in which the period changes with the size: if
@@ -277,6 +262,8 @@ class PeriodProblem(Problem):
     base
         A similar motion, which gives the sizes of changes and the first matrix; None before the
         first run.
+    iterates
+        Linearizations of the last search for a motion.
     """
 
     map_at: Callable[[float], PeriodMap]
@@ -284,6 +271,7 @@ class PeriodProblem(Problem):
     is_free: bool = False
     varies: bool = False
     base: PeriodLinearization | None = None
+    iterates: list[PeriodLinearization] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
     def weights(self) -> Array:
@@ -320,6 +308,13 @@ class PeriodProblem(Problem):
         self, x: Array, p: float, last: PeriodLinearization | None = None
     ) -> PeriodLinearization:
         """Return the equations, linearized about a run; the last matrix is kept if it suffices."""
+        linear = self._linearize(x, p, last)
+        self.iterates[:] = [linear] if last is None else [*self.iterates, linear]
+        return linear
+
+    def _linearize(
+        self, x: Array, p: float, last: PeriodLinearization | None
+    ) -> PeriodLinearization:
         base = self.base
         assert base is not None
         if last is None and p == base.p and np.array_equal(x, base.x):
@@ -327,11 +322,10 @@ class PeriodProblem(Problem):
         if self.is_free and last is not None and abs(p - last.p) > _MAX_PERIOD_CHANGE:
             raise CurveError("the period changes too much in a step")
         before = last or base
-        matrix = before.matrix
-        run = self.shoot(x, p, matrix.persistent, before.run.amplitudes)
+        matrix, run = before.matrix, self.shoot(x, p, before.run.amplitudes)
         if last is None:
             return PeriodLinearization(self, x, p, run, matrix)
-        linear = PeriodLinearization(self, x, p, run, None, last.iterations + 1, last.best_run)
+        linear = PeriodLinearization(self, x, p, run, None, last.iterations + 1)
         projection = matrix.run.projection
         step = np.append(projection @ (run.state - last.run.state), p - last.p)
         predicted = matrix.values @ step
@@ -344,10 +338,8 @@ class PeriodProblem(Problem):
             return replace(linear, kept=replace(matrix, values=matrix.values + update))
         return linear
 
-    def shoot(
-        self, x: Array, p: float, persistent: Array | None, amplitudes: Array | None
-    ) -> PeriodRun:
-        """Run one period from the nearest consistent state.
+    def shoot(self, x: Array, p: float, amplitudes: Array | None) -> PeriodRun:
+        """Run one period from the nearest consistent state, with known `amplitudes` or None.
 
         Raises
         ------
@@ -357,7 +349,7 @@ class PeriodProblem(Problem):
         try:
             period_map = self.map_at(p)
             q, v = period_map.make_consistent(*np.split(x, 2))
-            return PeriodRun.from_state(period_map, q, v, persistent, amplitudes)
+            return PeriodRun(period_map, period_map.run(q, v, amplitudes))
         except CurveError:
             raise
         except (BeamdaeError, la.LinAlgError) as error:
@@ -385,20 +377,20 @@ class PeriodProblem(Problem):
         shift, change = other.state - run.state, other.difference - run.difference
         return ShootingMatrix.of(run, shift / step, change / step)
 
-    def is_solved(self, linear: PeriodLinearization, size: float, last: float) -> bool:
+    def is_solved(self, linear: PeriodLinearization, step: Array, size: float, last: float) -> bool:
         """Return True if the deviation is within the tolerance, and so is the next correction.
 
         If disturbances decay slowly, a motion is off by a multiple of its deviation.
         """
         target, accepted = self.tolerance
         deviation = linear.run.relative_deviation
-        best = linear.best.relative_deviation if linear.best else np.inf
-        stagnates = deviation > _STAGNATION_RATIO * best
-        if not linear.run.period_map.is_coarse:
-            stagnates &= size > _STAGNATION_RATIO * last
+        least = min((x.run.relative_deviation for x in self.iterates[:-1]), default=np.inf)
+        stagnates = deviation > _STAGNATION_RATIO * least and size > _STAGNATION_RATIO * last
         if deviation <= target:
             # The largest change of a coordinate is at most this multiple of their mean square.
             largest = size * np.sqrt(len(linear.x))
+            if self.is_free:
+                largest = max(largest, abs(step[-1]) / _CORRECTION_RATIO)
             return stagnates or bool(largest <= _CORRECTION_RATIO * target)
         return deviation <= accepted and stagnates and linear.kept is None
 
@@ -407,6 +399,7 @@ class PeriodProblem(Problem):
         linear = linearization_at(point)
         linear = replace(linear, kept=None, problem=self, x=linear.run.state)
         problem = replace(self, base=linear)
+        self.iterates.clear()
         return replace(point, problem=problem, x=linear.x, linearization=linear)
 
 
@@ -444,23 +437,22 @@ def solve_shooting(
         return replace(period_map, period=float(np.exp(p))) if free_period else period_map
 
     problem = PeriodProblem(map_at, tolerance, free_period)
-    kept = None if before is None else before.matrix
-    run = problem.shoot(x, p, None if kept is None else kept.persistent, amplitudes)
+    run = problem.shoot(x, p, amplitudes)
     if free_period:
         # Corrections are orthogonal to the time derivative at the start.
         rate = run.rates[0] / max(float(np.linalg.norm(run.rates[0])), _TINY)
         row = rate @ run.projection
         control = lambda y, _: Row(float(row @ (y - x)), row, 0.0)  # noqa: E731
 
-    base = PeriodLinearization(problem, x, p, run, kept)
+    base = PeriodLinearization(problem, x, p, run, before and before.matrix)
+    problem = replace(problem, base=base)
     try:
-        target = control(x, p).value
-        return linearization_at(replace(problem, base=base).correct(control, target, x, p))
+        return linearization_at(problem.correct(control, control(x, p).value, x, p))
     except CurveError as error:
-        nearest = error.nearest
-        if isinstance(error, BeamdaeError) or not isinstance(nearest, PeriodLinearization):
+        if isinstance(error, BeamdaeError):
             raise
-        return replace(nearest, run=nearest.best_run, kept=nearest.matrix)
+        best = min(problem.iterates, key=lambda x: x.run.relative_deviation)
+        return replace(best, iterations=problem.iterates[-1].iterations)
 
 
 def settle_and_solve(
@@ -469,31 +461,26 @@ def settle_and_solve(
     """Return the result of `solve_shooting` after a run of `periods` periods.
 
     Both begin with coarse runs; accurate runs continue with the last matrix. If these do not lead
-    to the motion, all runs are accurate.
+    to the motion, all runs are accurate. Corrections excite fast vibrations, which take accurate
+    runs thousands of steps; they decay within the long steps of a coarse run.
 
     Raises
     ------
     IncompleteRunError, BeamdaeError
         As `solve_shooting`.
     """
-    first, *others = period_map.stages
-    with suppress(CurveError):
-        q, v, amplitudes = first.settle(periods)
-        limits = (
-            Tolerance.for_integrator("periodic", None, first.integrator) if others else tolerance
-        )
-        linear = solve_shooting(first, q, v, limits, False, amplitudes)
-        for stage in others:
-            if linear.run.relative_deviation > limits.accepted:
-                break
-            # Corrections excite fast vibrations, which take accurate runs thousands of steps; they
-            # decay within the long steps of a coarse run.
-            q, v = linear.run.end_state()
-            count, limits = linear.iterations, tolerance
-            linear = solve_shooting(stage, q, v, limits, False, linear.run.amplitudes, linear)
-            linear = replace(linear, iterations=linear.iterations + count)
-        if linear.run.relative_deviation <= limits.accepted or not others:
-            return linear
+    coarse = period_map.coarse
+    if coarse is not None:
+        with suppress(CurveError):
+            q, v, amplitudes = coarse.settle(periods)
+            limits = Tolerance.for_integrator("periodic", None, coarse.integrator)
+            first = solve_shooting(coarse, q, v, limits, False, amplitudes)
+            if first.run.relative_deviation <= limits.accepted:
+                q, v = first.run.end_state()
+                amplitudes = first.run.amplitudes
+                last = solve_shooting(period_map, q, v, tolerance, False, amplitudes, first)
+                if last.run.relative_deviation <= tolerance.accepted:
+                    return replace(last, iterations=first.iterations + last.iterations)
     q, v, amplitudes = period_map.settle(periods)
     return solve_shooting(period_map, q, v, tolerance, False, amplitudes)
 
@@ -503,6 +490,10 @@ def estimate_period(solution: Solution) -> float | None:
 
     Differences are measured relative to the ranges of (q, v) in the second half of the run.
     """
+    # Imported here because importing scipy.signal takes as long as a short run.
+    from scipy.optimize import minimize_scalar
+    from scipy.signal import find_peaks
+
     trajectory, is_angle = solution.trajectory, solution.equations.is_angle
     last = trajectory.intervals[-1].state
 
@@ -512,19 +503,19 @@ def estimate_period(solution: Solution) -> float | None:
         q -= np.where(is_angle, FULL_TURN * np.round(q / FULL_TURN), 0.0)
         return np.concatenate([q, state.v - last.v[-1]], axis=1)
 
-    times = np.linspace(trajectory.start, trajectory.end, _RETURN_SAMPLES)
+    # From the end backward.
+    times = np.linspace(trajectory.end, trajectory.start, _RETURN_SAMPLES)
     changes = differences(times)
-    ranges = np.ptp(changes[_RETURN_SAMPLES // 2 :], axis=0)
+    ranges = np.ptp(changes[: _RETURN_SAMPLES // 2], axis=0)
     largest = np.repeat([np.max(x) for x in np.split(ranges, 2)], len(is_angle))
     ranges[ranges <= _REST_RATIO * largest] = np.inf
-    # From the end backward.
-    distance = np.max(np.abs(changes / ranges), axis=1)[::-1]
-    departed = int(np.argmax(distance > 2.0 * _RETURN_DISTANCE))
-    near = departed + np.flatnonzero(distance[departed:] < _RETURN_DISTANCE)
-    if not departed or not len(near):
+    distance = np.max(np.abs(changes / ranges), axis=1)
+    returns, _ = find_peaks(-distance, height=-_RETURN_DISTANCE, prominence=_RETURN_DISTANCE)
+    if not len(returns):
         return None
-    near = near[: int(np.argmax(np.append(np.diff(near) > 1, True))) + 1]
-    nearest = len(times) - 1 - int(near[np.argmin(distance[near])])
-    around = np.linspace(times[max(nearest - 1, 0)], times[nearest + 1], _REFINED_RETURN_SAMPLES)
-    distance = np.linalg.norm(differences(around) / ranges, axis=1)
-    return float(trajectory.end - around[np.argmin(distance)])
+    found = minimize_scalar(
+        lambda t: float(np.linalg.norm(differences(np.array([t])) / ranges)),
+        bounds=(times[returns[0] + 1], times[returns[0] - 1]),
+        method="bounded",
+    )
+    return float(trajectory.end - found.x)

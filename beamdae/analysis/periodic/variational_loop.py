@@ -19,7 +19,6 @@ from beamdae.equations.formulations.first_order import FirstOrderBuffers, evalua
 from beamdae.equations.formulations.kinematic_reduction import KinematicReduction, reduce_unknowns
 from beamdae.integrators.radau.coefficients import (
     COMPLEX_EIGENVALUE,
-    RATES,
     REAL_EIGENVALUE,
     T_INVERSE,
     TO_COMPLEX,
@@ -39,11 +38,6 @@ from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE
 Array = np.ndarray
 
 _MAX_ITERATIONS = 20
-# Iterations that evaluate the residual completely. Later residuals consist of the differences of
-# the matrices, which have the effect of the rounding errors of a solution on the last residual.
-_REFINING_ITERATIONS = 2
-# From this iteration on, the rate of convergence must suffice for the remaining iterations.
-_FIRST_TESTED_ITERATION = 4
 # The iteration stagnates at its rounding errors if a correction shrinks by less than this factor;
 # corrections below this multiple of the tolerance are then accepted.
 _STAGNATION_RATE = 0.5
@@ -85,8 +79,6 @@ class VariationalWorkspace:
         Reciprocal errors of the stages of the current block.
     jacobians
         Parts of the reduced matrices, one row per stage.
-    differences
-        Parts at the second stage minus those at each stage.
     real_nonzeros, complex_nonzeros
         Non-zeros of the real and the complex matrix.
     row_starts, entry_columns, entry_sources
@@ -126,7 +118,6 @@ class VariationalWorkspace:
     scales: Array
     weights: Array
     jacobians: Array
-    differences: Array
     real_nonzeros: Array
     complex_nonzeros: Array
     row_starts: Array
@@ -191,8 +182,6 @@ def _factorize_step(run: VariationalWorkspace, h: float) -> int:
     rate, complex_rate = REAL_EIGENVALUE / h, COMPLEX_EIGENVALUE / h
     combine(run.real_nonzeros, (1.0, rate, rate * rate), parts)
     combine(run.complex_nonzeros, (1.0, complex_rate, complex_rate * complex_rate), parts)
-    for i in range(3):
-        combine(run.differences[i], (1.0, -1.0), (middle, run.jacobians[i]))
     return factorize_both(run)
 
 
@@ -200,8 +189,7 @@ def _propagate(run: VariationalWorkspace, h: float, k: int) -> int:
     """Write block `k` of the disturbances at the end of the step to `ends`.
 
     The linear stage equations are solved by the simplified Newton iteration of `radau.stages`. It
-    begins with the extrapolation of the last step. Its first two iterations are an iterative
-    refinement of the linear solutions.
+    begins with the extrapolation of the last step.
     """
     w, weights, residuals = run.w, run.weights, run.residuals
     combine(run.y, (1.0,), (run.disturbances[k],))
@@ -212,16 +200,9 @@ def _propagate(run: VariationalWorkspace, h: float, k: int) -> int:
     # All disturbances have the same iteration matrix.
     previous, rate = math.inf, (run.rate if run.rate > 0.0 else _FIRST_RATE)
     for iteration in range(_MAX_ITERATIONS):
-        if iteration < _REFINING_ITERATIONS:
-            set_stages(run, h)
-            for i in range(3):
-                _multiply_parts(run, i, run.jacobians[i])
-        else:
-            # The last corrections solve the equations with the matrix of the second stage.
-            _set_corrections(run, h)
-            _multiply_parts(run, 0, run.differences[0])
-            fill(residuals[1], 0.0)
-            _multiply_parts(run, 2, run.differences[2])
+        set_stages(run, h)
+        for i in range(3):
+            _multiply_parts(run, i)
         stage_residuals = (residuals[0], residuals[1], residuals[2])
         factors = (T_INVERSE[0, 0], T_INVERSE[0, 1], T_INVERSE[0, 2])
         combine(run.right, factors, stage_residuals)
@@ -249,9 +230,6 @@ def _propagate(run: VariationalWorkspace, h: float, k: int) -> int:
             for i in range(3):
                 combine(run.ends_w[3 * k + i], (1.0,), (w[i],))
             return DONE
-        is_tested = iteration >= _FIRST_TESTED_ITERATION
-        if is_tested and size * rate ** (_MAX_ITERATIONS - iteration) > 1.0:
-            return NOT_CONVERGED
         previous = size
     return NOT_CONVERGED
 
@@ -267,16 +245,7 @@ def _set_weights(run: VariationalWorkspace) -> None:
         combine(run.weights[lane::LANES], (factor,), (run.scales,))
 
 
-def _set_corrections(run: VariationalWorkspace, h: float) -> None:
-    """Compute the last corrections of the stages Y and Y'."""
-    corrections = (run.real_change, run.complex_real, run.complex_imaginary)
-    for i in range(3):
-        combine(run.stages[i], (T[i, 0], T[i, 1], T[i, 2]), corrections)
-        factors = (RATES[i, 0] / h, RATES[i, 1] / h, RATES[i, 2] / h)
-        combine(run.rates[i], factors, corrections)
-
-
-def _multiply_parts(run: VariationalWorkspace, i: int, parts: Array) -> None:
+def _multiply_parts(run: VariationalWorkspace, i: int) -> None:
     """Set the residual of stage `i` to the sum of all parts times their unknowns.
 
     The parts act on the stage, on its rates, and on accelerations; q' = v holds for defined
@@ -287,4 +256,4 @@ def _multiply_parts(run: VariationalWorkspace, i: int, parts: Array) -> None:
     reduce_unknowns(at, n, run.rates[i], unknowns[size : 2 * size])
     combine(unknowns[2 * size :], (1.0,), (run.rates[i, n : 2 * n],))
     starts, columns, sources = run.row_starts, run.entry_columns, run.entry_sources
-    multiply_rows(run.residuals[i], starts, columns, parts, sources, unknowns)
+    multiply_rows(run.residuals[i], starts, columns, run.jacobians[i], sources, unknowns)

@@ -225,7 +225,7 @@ def mode_sensitivities(
     for name in names:
         difference = difference_model(model, name, values, base, assemble)
         frames = [frame_of(e, about, t) for e in difference.equations]
-        if follows_start and linearize_at_rest(frames[-1])[2]:
+        if follows_start and linearize_at_rest(frames[-1], base, "").warnings:
             raise BeamdaeError(
                 f"{_NAME}: {name} of {model.name} moves the state out of equilibrium, so its modes "
                 "cannot be differentiated; use about='equilibrium'."

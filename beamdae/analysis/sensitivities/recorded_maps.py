@@ -53,9 +53,10 @@ def _plan_direction(
 
 
 @cache_on_owner
-def _plan_transpose(
-    structure: Structure, plan: PlanFunction, n_inputs: int, min_base: float
+def plan_transpose(
+    structure: Structure, plan: PlanFunction, n_inputs: int, min_base: float = 0.0
 ) -> SumPlan:
+    """Return `transposed_plan` of a sum; `plan` is a function of a module."""
     return transposed_plan(plan(structure), n_inputs, min_base)
 
 
@@ -91,7 +92,7 @@ class DifferentiableSum:
     @cached_property
     def _transposed(self) -> SumEvaluator:
         e = self.equations
-        plan = _plan_transpose(e.structure, self.plan, self.n_inputs, self.min_base)
+        plan = plan_transpose(e.structure, self.plan, self.n_inputs, self.min_base)
         return SumEvaluator.borrow(plan, e.p, self)
 
     @cached_property

@@ -13,23 +13,20 @@ doi:10.1016/S0168-9274(98)00125-1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.alpha_replay import differentiate_alpha_steps
 from beamdae.analysis.sensitivities.directions import (
-    GROUPS_PER_SWEEP,
     Directions,
     derive_states,
-    differentiate_map,
     group_directions,
 )
+from beamdae.analysis.sensitivities.linear_steps import Matrices, differentiate_steps
 from beamdae.analysis.sensitivities.model_differences import Difference, derivative_call
 from beamdae.analysis.sensitivities.phases import Phase
-from beamdae.analysis.sensitivities.radau_replay import differentiate_radau_steps
 from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints
 from beamdae.analysis.sensitivities.requested_starts import differentiate_start
 from beamdae.analysis.sensitivities.restart_times import (
@@ -40,7 +37,6 @@ from beamdae.analysis.sensitivities.restart_times import (
     require_inner_breakpoints,
     time_rounding,
 )
-from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators import GeneralizedAlpha, Radau
@@ -146,6 +142,7 @@ class _Chain:
     ) -> None:
         self._solution, self._method, self._starts = solution, method, starts
         self._differences, self._equations = differences, solution.equations
+        self._matrices = Matrices()
 
     def differentiate(self) -> dict[str, RunDerivative]:
         """Return the derivatives by parameter."""
@@ -172,43 +169,35 @@ class _Chain:
     def _differentiate_interval(self, crossing: _Crossing, interval: Interval) -> list[Interval]:
         """Return the derivatives of an interval at fixed times, by parameter."""
         active, n = with_active_multipliers(interval), self._equations.n
-        groups = group_directions([x.active for x in crossing.phases])
         result = [interval] * len(crossing.phases)
-        for k in range(0, len(groups), GROUPS_PER_SWEEP):
-            sweep = groups[k : k + GROUPS_PER_SWEEP]
-            members = np.concatenate([x.members for x in sweep])
-            nodes = self._sweep(crossing, sweep, members, active)
-            for member, rows in zip(members.tolist(), nodes.swapaxes(0, 1), strict=True):
+        for directions in group_directions([x.active for x in crossing.phases]):
+            nodes = self._sweep(crossing, directions, active)
+            for member, rows in zip(directions.members, nodes.swapaxes(0, 1), strict=True):
                 q, v, a, lam = np.split(rows, [n, 2 * n, 3 * n], axis=1)
                 if interval.configuration is not None:
                     lam = interval.configuration.expand_multipliers(lam, self._equations.m)
                 result[member] = replace(interval, rows=State(q, v, a, lam))
         return result
 
-    def _sweep(
-        self,
-        crossing: _Crossing,
-        groups: Sequence[Directions],
-        members: Array,
-        interval: Interval,
-    ) -> Array:
-        """Return the derivatives along the directions of some groups, (nodes, k, size)."""
+    def _sweep(self, crossing: _Crossing, directions: Directions, interval: Interval) -> Array:
+        """Return the derivatives along some directions, (nodes, k, size)."""
+        members, maps = directions.members, directions.maps
         shifts = crossing.shifts[members]
         changes = crossing.dq[members], crossing.dv[members]
         time, at = node_state(interval, 0)
         request = time, at, crossing.v
         if shifts.any():
             h = float(interval.t[1] - interval.t[0])
-            restart = StartDerivatives.restart_map
-            states = differentiate_map(groups, changes, shifts, restart, *request, h)
+            states = directions.along(maps.restart_map(*request, h), changes, shifts)
             moved, fixed = states[:4], states[4:]
         else:
-            start = StartDerivatives.start_map
-            moved = fixed = differentiate_map(groups, changes, None, start, *request)
+            moved = fixed = directions.along(maps.start_map(*request), changes)
         equations = interval.active_equations(self._equations)
         if isinstance(self._method, Radau):
-            return differentiate_radau_steps(groups, equations, interval, fixed)
-        nodes = differentiate_alpha_steps(self._method, groups, equations, interval, moved, shifts)
+            moved, shifts = fixed, np.zeros_like(shifts)
+        nodes = differentiate_steps(
+            self._method, directions, equations, interval, moved, shifts, self._matrices
+        )
         nodes[0] = np.hstack(fixed)
         if shifts.any():
             nodes[1:] -= _rates_at_steps(interval)[1:, None] * shifts[:, None]

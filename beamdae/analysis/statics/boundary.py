@@ -17,7 +17,7 @@ from beamdae.analysis.continuation.engine import (
     follow,
     prescribe_parameter,
 )
-from beamdae.analysis.sensitivities.sensitivity_result import configure_model
+from beamdae.analysis.parameter_range import ParameterRange
 from beamdae.analysis.statics.critical_curves import CHANGE_SIZE, CriticalCurve, Family
 from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
 from beamdae.analysis.statics.paths import stability_of
@@ -26,22 +26,18 @@ from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.errors import (
     BeamdaeError,
-    as_real,
     as_text,
     record_warnings,
     require_choice,
     require_count,
-    require_finite,
     require_pair,
     require_positive,
     short_repr,
-    suggest,
     warn_of_incomplete_result,
     warn_user,
 )
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.model_functions import Model, require_model_function
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 from beamdae.results.equilibrium import UNSTABLE, Equilibrium
@@ -241,15 +237,16 @@ def boundary(
     >>> round(float(curve.factors[-1]), 3)
     22.844
     """
-    require_model_function(_NAME, model)
     require_choice(_NAME, "kind", kind, (LIMIT, BRANCH, FLUTTER))
-    name = _parse_parameter(model, by)
-    model = configure_model(_NAME, model, parameters, name)
-    limits = _parse_limits(values)
+    expected = f"(name of a parameter, {LOAD!r})"
+    name, load = require_pair(_NAME, "by", by, expected)
+    if as_text(load) != LOAD:
+        raise BeamdaeError(f"{_NAME}: by must be {expected}, got {short_repr(by)}.")
+    span = ParameterRange.of(_NAME, model, ("by", name), ("values", values), parameters)
     number = require_count(_NAME, "number", number, 1)
     step = require_positive(_NAME, "step", step)
     max_points = require_count(_NAME, "max_points", max_points, 2)
-    path, messages = trace_critical_points(model(**{name: limits[0]}), settings)
+    path, messages = trace_critical_points(span.build(0.0), settings)
     for message in messages:
         warn_user(message)
     if len(path.loads) != 1:
@@ -262,18 +259,18 @@ def boundary(
         remedy = "; choose a farther target to=, or another kind"
         end = remedy if path.status.success else f": {path.status.sentence}"
         raise BeamdaeError(
-            f"{_NAME}: the path for {name} = {limits[0]:g} has {len(rows)} of {number} points of "
+            f"{_NAME}: the path for {name} = {span.first:g} has {len(rows)} of {number} points of "
             f"the kind {kind!r}{end}."
         )
 
-    def build(value: float) -> LoadedEquations:
-        mechanism = model(**{name: value})
+    def load_model(share: float) -> LoadedEquations:
+        mechanism = span.build(share)
         equations = equations_of_motion(mechanism, AS_DRAWN)
         return build_loading(mechanism, equations, list(path.loads[0]), path.t).systems[0]
 
     points, special, status = list[_CurvePoint](), list[BoundaryPoint](), REACHED_END
     with single_threaded:
-        family = Family(build, *limits)
+        family = Family(load_model)
         first = _first_point(family, path, rows[number - 1])
         follow_points = _follow_flutter if kind == FLUTTER else _follow_curve
         try:
@@ -285,63 +282,39 @@ def boundary(
                     )
                     break
                 points.append(point)
-                special += passed
+                special += [
+                    BoundaryPoint(x, span.value(one.share), one.factor) for x, one in passed
+                ]
         except CurveError as error:
             status = Status("failed", str(error))
-            points = points or [_CurvePoint(limits[0], first.p, first.x, -1)]
+            points = points or [_CurvePoint(0.0, first.p, first.x, -1)]
     if not status.success:
         warn_of_incomplete_result(f"{_NAME}: {status.sentence}.")
-    unstable = np.array([point.unstable for point in points])
-    if np.any(unstable > 0):
-        k = int(np.argmax(unstable > 0))
+    unstable = [point for point in points if point.unstable > 0]
+    if unstable:
         warn_user(
-            f"{_NAME}: {np.sum(unstable > 0)} of {len(points)} {kind}s lie on unstable paths "
-            f"(unstable directions above 0), the first one at {name} = {points[k].value:.6g} with "
-            f"the load factor {points[k].factor:.6g}; the structure leaves such a path at another "
+            f"{_NAME}: {len(unstable)} of {len(points)} {kind}s lie on unstable paths (unstable "
+            f"directions above 0), the first one at {span.describe(unstable[0].share)} with the "
+            f"load factor {unstable[0].factor:.6g}; the structure leaves such a path at another "
             "critical point, so also follow other kinds and numbers."
         )
     return Boundary(
         kind,
         name,
-        np.array([one.value for one in points]),
+        np.array([span.value(one.share) for one in points]),
         np.array([one.factor for one in points]),
         tuple(special),
-        unstable,
+        np.array([one.unstable for one in points]),
         np.array([one.x for one in points])[:, : path.equations.n],
         status,
         path.loads[0],
     )
 
 
-def _parse_parameter(model: Model, by: Any) -> str:
-    """Return the name of the parameter."""
-    expected = f"(name of a parameter, {LOAD!r})"
-    name, load = (as_text(entry) for entry in require_pair(_NAME, "by", by, expected))
-    if name is None or load != LOAD:
-        raise BeamdaeError(f"{_NAME}: by must be {expected}, got {short_repr(by)}.")
-    if as_real(model.parameters.get(name)) is None:
-        numbers = [key for key, value in model.parameters.items() if as_real(value) is not None]
-        raise BeamdaeError(
-            f"{_NAME}: by names {short_repr(name)}, which is not a numeric parameter of "
-            f"{model.name}{suggest(name, numbers)}; use one of its parameters "
-            f"({', '.join(numbers) or 'none'})."
-        )
-    return name
-
-
-def _parse_limits(values: Any) -> tuple[float, float]:
-    expected = "(first, last) value of the parameter"
-    pair = require_pair(_NAME, "values", values, expected)
-    first, last = (require_finite(_NAME, "values", number) for number in pair)
-    if first == last:
-        raise BeamdaeError(f"{_NAME}: values must be {expected}, got {short_repr(values)}.")
-    return first, last
-
-
 class _CurvePoint(NamedTuple):
-    """Point of a boundary: parameter, load factor, static unknowns, other unstable directions."""
+    """Share of the range of the parameter, load factor, static unknowns, unstable directions."""
 
-    value: float
+    share: float
     factor: float
     x: Array
     unstable: int
@@ -358,7 +331,8 @@ def _first_point(family: Family, path: Equilibrium, row: int) -> Point:
     return Point(problem, x, mu, problem.linearize(x, mu))
 
 
-_Points = Iterator[tuple[_CurvePoint, list[BoundaryPoint]]]
+# Points of a curve, and kinds and places of the special points before them.
+_Points = Iterator[tuple[_CurvePoint, list[tuple[str, _CurvePoint]]]]
 
 
 def _follow_curve(family: Family, kind: str, first: Point, step: float) -> _Points:
@@ -367,9 +341,9 @@ def _follow_curve(family: Family, kind: str, first: Point, step: float) -> _Poin
 
     def at(point: Point) -> _CurvePoint:
         x, factor = curve.state(point.x, point.p)
-        return _CurvePoint(family.value(point.p), factor, x, point.monitor.divergent)
+        return _CurvePoint(point.p, factor, x, point.monitor.divergent)
 
-    def explain(segment: Segment) -> list[BoundaryPoint]:
+    def explain(segment: Segment) -> list[tuple[str, _CurvePoint]]:
         if not 0.0 <= segment.end.p <= 1.0:
             raise CurveError("the curve leaves the range of the parameter")
         found = []
@@ -378,7 +352,7 @@ def _follow_curve(family: Family, kind: str, first: Point, step: float) -> _Poin
             if one.kind == BRANCH:
                 is_hilltop = kind == LIMIT or curve.has_limit(one.point)
                 special = HILLTOP if is_hilltop else DOUBLE
-            found.append(BoundaryPoint(special, *at(one.point)[:2]))
+            found.append((special, at(one.point)))
         return found
 
     end = curve.correct(prescribe_parameter, 0.0, curve.first, 0.0)
@@ -399,12 +373,9 @@ def _follow_flutter(family: Family, kind: str, first: Point, step: float) -> _Po
     """Yield flutter points for values of the parameter in equal steps."""
     near, (_, last) = first, family.at(0.0)
     for share in np.linspace(0.0, 1.0, int(np.ceil(1.0 / step)) + 1).tolist():
-        value, (problem, reference) = family.value(share), family.at(share)
-        try:
-            near, count = _locate_flutter(problem, reference + near.x - last, near.p)
-        except CurveError as error:
-            raise CurveError(f"at the value {value:g} of the parameter, {error}") from None
-        yield _CurvePoint(value, near.p, near.x, count), []
+        problem, reference = family.at(share)
+        near, count = _locate_flutter(problem, reference + near.x - last, near.p)
+        yield _CurvePoint(share, near.p, near.x, count), []
         last = reference
 
 

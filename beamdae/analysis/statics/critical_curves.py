@@ -64,25 +64,17 @@ class _Equations(NamedTuple):
 
 
 class Family:
-    """Static equations for shares of the range of a parameter, in natural sizes of the first one.
+    """Static equations for shares of the range of a parameter.
 
     Parameters
     ----------
     build
-        Function of the parameter that returns the equations.
-    first, last
-        Range of the parameter.
+        Function of the share that returns the equations.
     """
 
-    def __init__(
-        self, build: Callable[[float], LoadedEquations], first: float, last: float
-    ) -> None:
-        self._build, self._range, self._size = build, (first, last), 0
+    def __init__(self, build: Callable[[float], LoadedEquations]) -> None:
+        self._build, self._size = build, 0
         self.at = lru_cache(_MAX_MODELS)(self._resolve)
-
-    def value(self, share: float) -> float:
-        """Return the parameter at a share of its range."""
-        return (1.0 - share) * self._range[0] + share * self._range[1]
 
     def _resolve(self, share: float) -> tuple[StaticProblem, Array]:
         """Return the equations, and the unknowns (n + m,) of the drawing.
@@ -93,7 +85,7 @@ class Family:
             If the model cannot be built, or has another number of unknowns.
         """
         try:
-            problem = StaticProblem(self._build(self.value(share)))
+            problem = StaticProblem(self._build(share))
         except BeamdaeError as error:
             raise CurveError(f"the model cannot be built ({error})") from None
         reference = problem.start(problem.system.equations.q0)
@@ -164,8 +156,8 @@ class CriticalCurve(Problem):
     def linearize(self, x: Array, p: float, last: Any = None) -> SparseLinearization:
         """Return the equations, linearized about a point."""
         here, n, is_branch = self._evaluate(x, p), self._size, self.kind == BRANCH
-        cell = min(np.floor(p / _GRID), 1.0 / _GRID - 1.0) * _GRID
-        beside = cell if p - cell >= 0.5 * _GRID else cell + _GRID
+        # Toward the middle, because no model may exist beyond the ends of the range.
+        beside = _GRID * float(np.round(p / _GRID + np.copysign(0.75, 0.5 - p)))
         near, shift = self._evaluate(x, beside), beside - p
         unit = np.zeros_like(x)
         unit[n] = 1.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from beamdae.analysis.statics.static_equilibrium import trace_critical_points
 from beamdae.beams.beam import CUSTOM_FORMULATION, Beam, beams_of
 from beamdae.beams.remeshing import replace_beams
 from beamdae.curves.intrinsic_curve import IntrinsicCurve
-from beamdae.curves.plane_curves import PlaneCurve, require_curve
+from beamdae.curves.plane_curves import require_curve
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.errors import (
     BeamdaeError,
@@ -30,7 +30,6 @@ from beamdae.errors import (
 from beamdae.interrupts import interruptible
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
-from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.section_forces.section_motions import (
     evaluate_sections,
     position_and_angle,
@@ -59,31 +58,62 @@ class _Deviation:
 
     Attributes
     ----------
-    curvature
-        Change of the section rotation per arc length of the reference curve [1/m], as a function of
-        the arc length s [m].
-    length
-        Function of the amplitude that returns the change of the length [m].
-    size
-        Largest distance from the reference curve [m].
+    beam
+        The beam.
+    slope
+        Derivatives of the displacement (x, y) and of the section rotation [rad] of the reference
+        curve by its arc length s, as a function of s [m] that returns (..., 3).
     """
 
-    curvature: Callable[[Array], Array]
-    length: Callable[[float], float]
-    size: float
+    beam: Beam
+    slope: Callable[[Array], Array]
 
-    def free_curve(self, beam: Beam, amplitude: float) -> IntrinsicCurve:
-        """Return the stress-free shape of the beam for an amplitude."""
-        before = beam.free_curve
-        length = before.length + self.length(amplitude)
-        ratio, ratio_before = length / beam.length, before.length / beam.length
+    @classmethod
+    def of(cls, beam: Beam, s: Array, motion: Array) -> _Deviation:
+        """Return the deviation for displacements and rotations (3, k) at the arc lengths s (k,)."""
+        # Imported here because the import takes as long as a short run, and few models need it.
+        from scipy.interpolate import make_interp_spline
+
+        degree = min(_SPLINE_DEGREE, len(s) - 1)
+        return cls(beam, make_interp_spline(s, motion.T, degree).derivative())
+
+    def with_amplitude(self, amplitude: float) -> Beam:
+        """Return the beam with the stress-free shape of an amplitude."""
+        s = np.linspace(0.0, self.beam.length, _SAMPLES)
+        angle = self.beam.curve.tangent_angle(s)
+        axis = np.stack([np.cos(angle), np.sin(angle)]) + amplitude * self.slope(s).T[:2]
+        stretch = np.linalg.norm(axis, axis=0)
+        before = self.beam.free_curve
+        length = before.length + float(np.trapezoid(stretch - 1.0, s))
+        ratio, ratio_before = length / self.beam.length, before.length / self.beam.length
 
         def curvature(s: float) -> float:
             at = s / ratio
-            change = amplitude * float(self.curvature(np.array(at)))
+            change = amplitude * float(self.slope(np.array(at))[2])
             return (ratio_before * float(before.curvature(ratio_before * at)) + change) / ratio
 
-        return IntrinsicCurve(curvature, length, angle=float(before.tangent_angle(0.0)))
+        angle_before = float(before.tangent_angle(0.0))
+        return self.beam.with_free_curve(IntrinsicCurve(curvature, length, angle=angle_before))
+
+
+class _Deviations(NamedTuple):
+    """Deviations of beams by name, and their largest distance from the reference curves [m]."""
+
+    beams: dict[str, _Deviation]
+    size: float
+
+    def change(self, argument: str, mechanism: Mechanism, amplitude: float | None) -> Mechanism:
+        """Return a copy of the mechanism with an amplitude [m], or unscaled if it is None."""
+        scale, changed = 1.0 if amplitude is None else amplitude / self.size, {}
+        for name, deviation in self.beams.items():
+            try:
+                changed[name] = deviation.with_amplitude(scale)
+            except BeamdaeError as problem:
+                raise BeamdaeError(
+                    f"{argument} {scale * self.size:.3g} m is too large for {name} ({problem}); "
+                    "reduce it."
+                ) from problem
+        return replace_beams(mechanism, changed, _NAME)
 
 
 def imperfect(model: Any, shape: Any, amplitude: float | None = None) -> Mechanism:
@@ -136,42 +166,35 @@ def imperfect(model: Any, shape: Any, amplitude: float | None = None) -> Mechani
         amplitude = require_finite(_NAME, "amplitude", amplitude)
     elif not isinstance(shape, Mapping):
         raise BeamdaeError(f"{_NAME}: a mode has no size; pass amplitude= [m].")
-    return _deviate(f"{_NAME}: amplitude", model, deviations, amplitude)
+    return deviations.change(f"{_NAME}: amplitude", model, amplitude)
 
 
-def _find_deviations(call: str, mechanism: Mechanism, shape: Any) -> dict[str, _Deviation]:
-    """Return the deviations of the beams that a mode or measured curves bend, by name."""
+def _find_deviations(call: str, mechanism: Mechanism, shape: Any) -> _Deviations:
+    """Return the deviations of the beams that a mode or measured curves bend.
+
+    All beams of a mode share its amplitude, that of its largest displacement.
+    """
     beams = {beam.name: beam for beam in beams_of(mechanism)}
-    if isinstance(shape, Mapping):
+    is_measured = isinstance(shape, Mapping)
+    if is_measured:
         curves = require_mapping(call, "shape", shape, "measured curves by name of a beam")
-        deviations = {name: _measured_deviation(call, beams, name, x) for name, x in curves.items()}
+        motions = {name: _measure_motion(call, beams, name, x) for name, x in curves.items()}
     else:
-        deviations = _modal_deviations(call, mechanism, beams, shape)
-    if not any(one.size > 0.0 for one in deviations.values()):
+        motions = _modal_motions(call, mechanism, beams, shape)
+    size = max((np.max(np.hypot(*motion[:2])) for _, motion in motions.values()), default=0.0)
+    bending = {name: float(np.ptp(motion[2])) for name, (_, motion) in motions.items()}
+    least = _MIN_BENDING * max(bending.values(), default=0.0)
+    bent = {
+        name: _Deviation.of(beams[name], *motion)
+        for name, motion in motions.items()
+        if is_measured or bending[name] > least
+    }
+    if not (bent and size > 0.0):
         raise BeamdaeError(
             f"{call}: the shape bends no beam; choose another mode or other curves, because only "
             "beams have imperfections."
         )
-    return deviations
-
-
-def _deviate(
-    argument: str, mechanism: Mechanism, deviations: dict[str, _Deviation], amplitude: float | None
-) -> Mechanism:
-    """Return a copy of the mechanism with deviations of an amplitude [m], or unscaled if None."""
-    size = max(one.size for one in deviations.values())
-    scale = 1.0 if amplitude is None else amplitude / size
-    changed = {}
-    for name, deviation in deviations.items():
-        beam = mechanism.parts[name]
-        assert isinstance(beam, Beam)
-        try:
-            changed[name] = beam.with_free_curve(deviation.free_curve(beam, scale))
-        except BeamdaeError as problem:
-            raise BeamdaeError(
-                f"{argument} {scale * size:.3g} m is too large for {name} ({problem}); reduce it."
-            ) from problem
-    return replace_beams(mechanism, changed, _NAME)
+    return _Deviations(bent, float(size))
 
 
 @dataclass(frozen=True, repr=False)
@@ -261,56 +284,43 @@ def knock_down(model: Any, shape: Any, amplitudes: Any, **settings: Any) -> Knoc
     sizes = [require_finite("knock_down", "amplitudes", value) for value in values]
     kinds, factors = [], []
     messages: dict[str, str] = {}
-
-    def trace(mechanism: Mechanism) -> Equilibrium:
+    argument = "knock_down: an entry of amplitudes,"
+    for mechanism in [*(deviations.change(argument, model, size) for size in sizes), model]:
         path, sentences = trace_critical_points(mechanism, settings)
         for sentence in sentences:
             messages.setdefault(kind_of_message(sentence), sentence)
-        return path
-
-    for size in sizes:
-        path = trace(_deviate("knock_down: an entry of amplitudes,", model, deviations, size))
         kinds.append(path.critical[0].kind if path.critical else "")
         factors.append(float(path.critical[0].factor) if path.critical else np.nan)
-        if not path.critical:
+        if not path.critical and mechanism is not model:
+            size = sizes[len(kinds) - 1]
             what = f"knock_down: the path of the amplitude {size:g} m has no critical point"
             is_short = path.status.success
             end = "; choose a farther target to=" if is_short else f": {path.status.sentence}"
             warn_of_incomplete_result(f"{what}{end}.")
-    perfect = trace(model).critical
     warn_of_result(messages.values())
-    factor = float(perfect[0].factor) if perfect else np.nan
-    return KnockDown(np.array(sizes), np.array(factors), tuple(kinds), factor)
+    return KnockDown(np.array(sizes), np.array(factors[:-1]), tuple(kinds[:-1]), factors[-1])
 
 
-def _measured_deviation(
+def _measure_motion(
     call: str, beams: Mapping[str, Beam], name: Any, measured: Any
-) -> _Deviation:
-    """Return the deviation of a measured curve from the reference curve of a beam."""
+) -> tuple[Array, Array]:
+    """Return arc lengths (k,), and displacements and rotations (3, k) to a measured curve."""
     if name not in beams:
         raise BeamdaeError(
             f"{call}: shape names {short_repr(name)}, but no beam has this name"
             f"{suggest(str(name), beams)}; use the name of a beam."
         )
-    beam = beams[name]
-    curve: PlaneCurve = require_curve(f"{call}: {name}", measured)
-    ratio = curve.length / beam.length
+    beam, curve = beams[name], require_curve(f"{call}: {name}", measured)
     s = np.linspace(0.0, beam.length, _SAMPLES)
-    distances = np.linalg.norm(curve.point(ratio * s) - beam.curve.point(s), axis=-1)
-    return _Deviation(
-        lambda s: ratio * curve.curvature(ratio * s) - beam.curve.curvature(s),
-        lambda amplitude: amplitude * (curve.length - beam.length),
-        float(np.max(distances)),
-    )
+    at = curve.length / beam.length * s
+    rotation = curve.tangent_angle(at) - beam.curve.tangent_angle(s)
+    return s, np.vstack([(curve.point(at) - beam.curve.point(s)).T, rotation])
 
 
-def _modal_deviations(
+def _modal_motions(
     call: str, mechanism: Mechanism, beams: Mapping[str, Beam], shape: Any
-) -> dict[str, _Deviation]:
-    """Return the deviations of all beams that a mode bends.
-
-    All have the size of the largest displacement of the mode, because they share one amplitude.
-    """
+) -> dict[str, tuple[Array, Array]]:
+    """Return arc lengths, and displacements and rotations (3, nodes), of all beams in a mode."""
     equations = equations_of_motion(mechanism, AS_DRAWN)
     expected = (
         f"the {equations.n} real coordinates of a mode of this mechanism, a Buckling with a mode, "
@@ -330,43 +340,13 @@ def _modal_deviations(
                 f"{call}: {name} has custom kinematics, which have no free_curve; use a built-in "
                 "formulation."
             )
-        motions[name] = _nodal_motion(beam, change)
-    size = max((np.max(np.hypot(*motion[:2])) for motion in motions.values()), default=0.0)
-    bending = {name: float(np.ptp(motion[2])) for name, motion in motions.items()}
-    least = _MIN_BENDING * max(bending.values(), default=0.0)
-    return {
-        name: _modal_deviation(beams[name], motion, float(size))
-        for name, motion in motions.items()
-        if bending[name] > least
-    }
-
-
-def _nodal_motion(beam: Beam, change: Array) -> Array:
-    """Return displacements [m] and rotations [rad] (3, nodes) of a small change of coordinates.
-
-    The change is scaled to a rotation small enough for a linear result.
-    """
-    points = [beam.kinematics.material_point(s) for s in beam.mesh.node_arc_lengths.tolist()]
-    at = [(point.operator, point.motion) for point in points]
-    step = _DIFFERENCE / (np.max(np.abs(change), initial=0.0) or 1.0)
-    q = beam.initial_position + step * np.stack([change, -change])
-    at_rest = np.zeros_like(q)
-    motion = evaluate_sections(position_and_angle, at, q, at_rest, at_rest)
-    return (motion[0] - motion[1]).T / (2.0 * step)
-
-
-def _modal_deviation(beam: Beam, motion: Array, size: float) -> _Deviation:
-    # Imported here because the import takes as long as a short run, and few models need it.
-    from scipy.interpolate import make_interp_spline
-
-    nodes = beam.mesh.node_arc_lengths
-    slope = make_interp_spline(nodes, motion.T, min(_SPLINE_DEGREE, len(nodes) - 1)).derivative()
-    s = np.linspace(0.0, beam.length, _SAMPLES)
-    angle = beam.curve.tangent_angle(s)
-    tangent, strain = np.stack([np.cos(angle), np.sin(angle)]), slope(s).T[:2]
-
-    def length(amplitude: float) -> float:
-        stretch = np.linalg.norm(tangent + amplitude * strain, axis=0)
-        return float(np.trapezoid(stretch - 1.0, s))
-
-    return _Deviation(lambda at: slope(at)[..., 2], length, size)
+        nodes = beam.mesh.node_arc_lengths
+        points = [beam.kinematics.material_point(s) for s in nodes.tolist()]
+        at = [(point.operator, point.motion) for point in points]
+        # Scaled to a rotation small enough for a linear result.
+        step = _DIFFERENCE / (np.max(np.abs(change), initial=0.0) or 1.0)
+        q = beam.initial_position + step * np.stack([change, -change])
+        at_rest = np.zeros_like(q)
+        ends = evaluate_sections(position_and_angle, at, q, at_rest, at_rest)
+        motions[name] = nodes, (ends[0] - ends[1]).T / (2.0 * step)
+    return motions

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
 
 from beamdae import deferred
 from beamdae.analysis.continuation.engine import CurveError, Point, Tangent, prescribe_parameter
@@ -36,7 +38,6 @@ from beamdae.errors import (
 )
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.linear.factorizations import SingularMatrixError, create_factorization
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.displays import HasModeShapes
@@ -155,7 +156,7 @@ class _Solution(NamedTuple):
     Attributes
     ----------
     factors, vectors
-        Positive factors (k,), ascending, and their vectors (n + m, k) in natural sizes.
+        Positive factors (k,), ascending, and their modes (n, k).
     reversed_factor
         Negative factor nearest to zero; -inf if there is none.
     response, motion
@@ -274,41 +275,31 @@ def _compute_buckling(model: Any, count: int, loads: Any, t: float, start: Any) 
             f"{_NAME}: loads must be one list of names, got {len(loading.stages)} stages; name the "
             "loads to scale, and add a load if there is none."
         )
-    problem = StaticProblem(loading.systems[0])
-    begin = find_unloaded_equilibrium(problem, q)
+    begin = find_unloaded_equilibrium(StaticProblem(loading.systems[0]), q)
     if stability_of(begin).free:
         raise BeamdaeError(
             f"{_NAME}: {free_coordinate(begin)} can move without stiffness; add "
             "a joint or a spring."
         )
     with _name_singular_response():
-        solution = _solve(problem, begin, count)
-        factors, vectors, reversed_factor, response, motion, has_potential = solution
-        warnings = []
-        is_checked = len(factors) > 0 and (
-            has_potential or motion * float(factors[0]) <= _MAX_CHECKED_MOTION
-        )
-        if is_checked:
-            warnings = _check_prebuckling(begin, response, float(factors[0]), has_potential)
-    e = problem.system.equations
-    shapes = problem.scales[: e.n, None] * vectors[: e.n] / e.position_scales[:, None]
-    largest = shapes[locate_largest(shapes), np.arange(shapes.shape[1])]
-    shapes = shapes * e.position_scales[:, None] / largest
-    if not has_potential and not is_checked:
-        warnings.append(
-            f"{_NAME}: the loads have no potential, so the structure may flutter, which linear "
-            "buckling does not show; use equilibrium with a target load factor."
-        )
+        solution = _solve(begin, count)
+        warnings = _check_prebuckling(begin, solution)
+    e, factors = problem_of(begin).system.equations, solution.factors
+    motions = solution.vectors / e.position_scales[:, None]
+    motions /= motions[locate_largest(motions), np.arange(len(factors))]
+    shapes = (motions * e.position_scales[:, None]).T
     fewer = []
-    if has_potential and len(factors) < count:
+    if solution.has_potential and len(factors) < count:
         text = f"{_NAME}: the structure has {len(factors)} of {count} buckling loads"
-        if np.isfinite(reversed_factor):
-            text += f"; under reversed loads, it buckles at the factor {-reversed_factor:g}"
+        if np.isfinite(solution.reversed_factor):
+            text += (
+                f"; under reversed loads, it buckles at the factor {-solution.reversed_factor:g}"
+            )
         fewer.append(text + ".")
     return Buckling(
         factors,
-        shapes.T,
-        tuple(dominant_coordinate(e, shape) for shape in shapes.T),
+        shapes,
+        tuple(dominant_coordinate(e, shape) for shape in shapes),
         loading.stages[0],
         begin.x[: e.n],
         equations,
@@ -322,30 +313,24 @@ def repeat_buckling(result: Buckling, equations: EquationsOfMotion, q: Array) ->
     """Return the load factors (k,) of a refined mechanism, whose equilibrium is near `q` (n,)."""
     loads = list(result.loads)
     loading = build_loading(equations.mechanism, equations, loads, result.t, _NAME)
-    problem = StaticProblem(loading.systems[0])
     with _name_singular_response():
-        begin = find_unloaded_equilibrium(problem, q)
-        return _solve(problem, begin, len(result)).factors
+        begin = find_unloaded_equilibrium(StaticProblem(loading.systems[0]), q)
+        return _solve(begin, len(result)).factors
 
 
 @contextmanager
 def _name_singular_response() -> Iterator[None]:
     try:
         yield
-    except (CurveError, SingularMatrixError, la.LinAlgError) as error:
+    except (CurveError, RuntimeError, la.LinAlgError) as error:
         raise BeamdaeError(
             f"{_NAME}: the unloaded equilibrium has no unique linear response ({error}); check "
             "joints and supports."
         ) from None
 
 
-def _check_prebuckling(
-    begin: Point,
-    response: Tangent,
-    first: float,
-    has_potential: bool,
-) -> list[str]:
-    """Return warnings if the equilibrium path differs from its linearization.
+def _check_prebuckling(begin: Point, solution: _Solution) -> list[str]:
+    """Return warnings if the equilibrium path differs from its linearization, or if it may.
 
     There is none if the points of the linearization are in equilibrium, as those of columns whose
     imperfections are rounding errors of the drawing. Otherwise, there is one if the first critical
@@ -354,11 +339,18 @@ def _check_prebuckling(
     the linearized stiffness of a slender beam useless; nor by the factor from an equilibrium on the
     way, because its difference from the first factor changes sign with the rise of an arch.
     """
+    has_potential, motion = solution.has_potential, solution.motion
+    first = float(np.min(solution.factors, initial=np.inf))
+    if has_potential and not np.isfinite(first):
+        return []
+    if not has_potential and not motion * first <= _MAX_CHECKED_MOTION:
+        return [
+            f"{_NAME}: the loads have no potential, so the structure may flutter, which linear "
+            "buckling does not show; use equilibrium with a target load factor."
+        ]
     if has_potential:
-        problem, ends = begin.problem, []
-        for mu in ((1.0 - _MAX_ERROR) * first, (1.0 + _MAX_ERROR) * first):
-            x = begin.x + mu * response.x
-            ends.append(Point(problem, x, mu, problem.linearize(x, mu)))
+        factors = (1.0 - _MAX_ERROR) * first, (1.0 + _MAX_ERROR) * first
+        ends = [problem_of(begin).point(begin.x + mu * solution.response.x, mu) for mu in factors]
         count, before, after = (stability_of(x).divergent for x in (begin, *ends))
         if before == count < after and max(map(_imbalance, ends)) < _MAX_IMBALANCE:
             return []
@@ -366,11 +358,10 @@ def _check_prebuckling(
     targets = ((1.0 + _MAX_ERROR) * first, _SEARCH_RATIO * first)
     path = follow_to_critical_point(begin, targets)
     if path.critical:
-        critical = path.critical[0]
-        point = path.points[critical.row]
-        if abs(point.p - first) <= _MAX_ERROR * point.p:
+        kind, factor = path.critical[0].kind, path.critical[0].point.p
+        if abs(factor - first) <= _MAX_ERROR * factor:
             return []
-        reason = f"the first critical point of the path is a {critical.kind} at {point.p:.5g}"
+        reason = f"the first critical point of the path is a {kind} at {factor:.5g}"
     elif path.status.success or path.end.p > (1.0 + _MAX_ERROR) * first:
         reason = f"the path has no critical point up to the load factor {path.end.p:.5g}"
     else:
@@ -393,45 +384,40 @@ def _imbalance(point: Point) -> float:
     return residual / abs(point.p * load)
 
 
-def _solve(problem: StaticProblem, begin: Point, count: int) -> _Solution:
+def _solve(begin: Point, count: int) -> _Solution:
     """Return at most `count` factors: inverse eigenvalues of -K_0^-1 K_1.
 
     Raises
     ------
     CurveError
         If the response is not unique.
-    SingularMatrixError
+    RuntimeError
         If K_0 is singular.
     """
-    e, response = problem.system.equations, begin.tangent(prescribe_parameter(begin.x, begin.p))
+    problem, response = problem_of(begin), begin.tangent(prescribe_parameter(begin.x, begin.p))
+    e = problem.system.equations
     motion = float(np.max(np.abs(response.x[: e.n]) / e.position_scales))
     step = _DIFFERENCE_MOTION / motion if motion > 0.0 else 1.0
     before, after = (
         problem.matrix(begin.x + side * step * response.x, begin.p + side * step)
         for side in (-1.0, 1.0)
     )
-    tangent, rate = problem.matrix(begin.x, begin.p), (after - before) / (2.0 * step)
-    solver = create_factorization(tangent)
-    solver.factorize(tangent.data)
-
-    def respond(x: Array) -> Array:
-        forces = np.ascontiguousarray((rate @ x).T)
-        return -np.stack([solver.solve(f) for f in forces], axis=1)
-
-    space = find_slow_space(respond, len(begin.x), 2 * count + 4)
+    rate = (after - before) / (2.0 * step)
+    factors = splu(sp.csc_matrix(problem.matrix(begin.x, begin.p)))
+    space = find_slow_space(lambda x: -factors.solve(rate @ x), len(begin.x), 2 * count + 4)
     inverses, vectors = la.eig(space.reduced)
-    largest = np.max(np.abs(inverses), initial=0.0)
-    is_real = np.abs(inverses.imag) <= _IMAGINARY_TOLERANCE * np.abs(inverses)
-    is_real &= np.abs(inverses) > max(_MIN_INVERSE_RATIO * largest, motion / _MAX_MOTION)
-    factors, vectors = 1.0 / inverses[is_real].real, space.basis @ vectors[:, is_real].real
-    order = np.flatnonzero(factors > 0.0)
-    order = order[np.argsort(factors[order])][:count]
+    sizes = np.abs(inverses)
+    is_real = np.abs(inverses.imag) <= _IMAGINARY_TOLERANCE * sizes
+    is_real &= sizes > max(_MIN_INVERSE_RATIO * np.max(sizes, initial=0.0), motion / _MAX_MOTION)
+    values, vectors = 1.0 / inverses[is_real].real, space.basis @ vectors[:, is_real].real
+    order = np.flatnonzero(values > 0.0)
+    order = order[np.argsort(values[order])][:count]
     stiffness = rate[: e.n, : e.n]
     asymmetry = abs(stiffness - stiffness.T).max()
     return _Solution(
-        factors[order],
-        vectors[:, order],
-        float(np.max(factors[factors < 0.0], initial=-np.inf)),
+        values[order],
+        problem.scales[: e.n, None] * vectors[: e.n, order],
+        float(np.max(values[values < 0.0], initial=-np.inf)),
         response,
         motion,
         bool(asymmetry <= _IMAGINARY_TOLERANCE * abs(stiffness).max()),

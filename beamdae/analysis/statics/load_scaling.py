@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -54,53 +54,44 @@ def resolve_load_stages(mechanism: Mechanism, loads: Any, caller: str = "equilib
         if _has_gravity(mechanism):
             default = (*default, GRAVITY)
         return (default,) if default else ()
+    has_gravity = _has_gravity(mechanism)
     items = require_sequence(caller, "loads", loads, _LOADS_DESCRIPTION)
     if all(isinstance(name, str) for name in items):
         items = [items] if items else []
     stages = tuple(
         tuple(require_sequence(caller, "loads", stage, _LOADS_DESCRIPTION)) for stage in items
     )
-    names = [name for stage in stages for name in stage]
-    for name in names:
-        _require_load(mechanism, name, caller)
-        if names.count(name) > 1:
-            raise BeamdaeError(
-                f"{caller}: loads contain {short_repr(name)} more than once; name each load once."
-            )
     if not all(stages):
         raise BeamdaeError(
             f"{caller}: loads must not contain an empty stage; name at least one load "
             "in each stage."
         )
+    names = [name for stage in stages for name in stage]
+    for name in names:
+        if name == GRAVITY and has_gravity:
+            part = None
+        elif isinstance(name, str) and name in mechanism.parts:
+            part = mechanism.parts[name]
+        else:
+            candidates = (*mechanism.parts, *[GRAVITY] * has_gravity)
+            raise BeamdaeError(
+                f"{caller}: loads contain {short_repr(name)}, but no part has this "
+                f"name{suggest(name, candidates)}; use the name of a load."
+            )
+        if part is not None and (len(part.coordinates) or part.constraints()):
+            raise BeamdaeError(
+                f"{caller}: loads must name parts that only apply forces, but {name} is "
+                f"a {type(part).__name__}; omit this name."
+            )
+        if names.count(name) > 1:
+            raise BeamdaeError(
+                f"{caller}: loads contain {short_repr(name)} more than once; name each load once."
+            )
     return stages
 
 
 def _has_gravity(mechanism: Mechanism) -> bool:
     return mechanism.gravity_laws is not None or bool(np.any(mechanism.gravity))
-
-
-def _require_load(mechanism: Mechanism, name: Any, caller: str) -> None:
-    if not isinstance(name, str):
-        raise BeamdaeError(f"{caller}: loads must be {_LOADS_DESCRIPTION}, got {short_repr(name)}.")
-    if name == GRAVITY and _has_gravity(mechanism):
-        return
-    if name == GRAVITY and name not in mechanism.parts:
-        raise BeamdaeError(
-            f"{caller}: loads contain 'gravity', but the mechanism has no gravity; "
-            "set gravity= of the Mechanism."
-        )
-    if name not in mechanism.parts:
-        candidates = (*mechanism.parts, GRAVITY)
-        raise BeamdaeError(
-            f"{caller}: loads contain {short_repr(name)}, but no part has this "
-            f"name{suggest(name, candidates)}; use the name of a load."
-        )
-    part = mechanism.parts[name]
-    if len(part.coordinates) or part.constraints():
-        raise BeamdaeError(
-            f"{caller}: loads must name parts that only apply forces, but {name} is "
-            f"a {type(part).__name__}; omit this name."
-        )
 
 
 class Interval(NamedTuple):
@@ -129,23 +120,30 @@ class Interval(NamedTuple):
 class LoadedEquations:
     """Static equations R(x; mu) = (1 - mu) R_unloaded(x) + mu R_loaded(x) of one load stage.
 
-    The unknowns are x = (q, lam).
+    The unknowns are x = (q, lam). A parameter of the model may vary in place of mu.
 
     Attributes
     ----------
     unloaded, loaded
-        Static equations without and with the loads of the stage; the same object if no load is
-        scaled.
+        Static equations without and with the loads of the stage, or those at the first and last
+        value of the parameter; the same object if no load is scaled.
     held_coordinates
         Indices of the coordinates that springs in the tangent hold, see `neutral_motions`.
+    parameter, at
+        The parameter, and the function that returns the equations at a value of it. They differ in
+        numbers and time only.
     """
 
     unloaded: StaticEquations
     loaded: StaticEquations
     held_coordinates: tuple[int, ...] = ()
+    parameter: PathParameter | None = None
+    at: Callable[[float], StaticEquations] | None = None
 
-    is_linear = True
-    """True if R is linear in mu."""
+    @property
+    def is_linear(self) -> bool:
+        """True if R is linear in mu."""
+        return self.at is None
 
     @property
     def equations(self) -> EquationsOfMotion:
@@ -159,16 +157,25 @@ class LoadedEquations:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Values of mu without and with the loads."""
-        return 0.0, 1.0
+        """Values of mu without and with the loads, or first and last value of the parameter."""
+        return (self.parameter.begin, self.parameter.end) if self.parameter else (0.0, 1.0)
 
     def time_at(self, mu: float) -> Array:
         """Return (t, branch) at which laws are evaluated."""
-        return self.loaded.time
+        return self.at(mu).time if self.at else self.loaded.time
 
     def interval_at(self, mu: float) -> Interval:
-        """Return equations that are linear in mu near a value."""
-        return Interval(self.unloaded, self.loaded)
+        """Return equations that are linear in mu near a value.
+
+        They are those at a value of the parameter and a step beside it.
+        """
+        if self.at is None:
+            return Interval(self.unloaded, self.loaded)
+        step = _DIFFERENCE * (abs(self.ends[1] - self.ends[0]) or 1.0)
+        here, beside = self.at(mu), self.at(mu + step)
+        # The step must not lead into the next piece of a law.
+        time = np.array([beside.time[0], here.time[1]])
+        return Interval(here, replace(beside, time=time), mu, 1.0 / step)
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return the residual (n + m,) and its derivative by mu."""
@@ -197,61 +204,7 @@ class LoadedEquations:
 
     def at_factor(self, mu: float) -> FixedFactorEquations | StaticEquations:
         """Return the static equations at a fixed value of mu."""
-        return FixedFactorEquations(self, mu)
-
-
-@dataclass(frozen=True)
-class VariedEquations(LoadedEquations):
-    """Static equations under all loads that depend on a parameter of the model, in place of mu.
-
-    `unloaded` and `loaded` are those at its first and last value.
-
-    Attributes
-    ----------
-    parameter
-        The parameter.
-    at
-        Function that returns the equations at a value. They differ in numbers and time only.
-    """
-
-    parameter: PathParameter = field(kw_only=True)
-    at: Callable[[float], StaticEquations] = field(kw_only=True)
-
-    is_linear = False
-
-    @classmethod
-    def of(cls, parameter: PathParameter) -> VariedEquations:
-        """Return the equations for a parameter."""
-
-        @lru_cache(maxsize=4)
-        def at(value: float) -> StaticEquations:
-            reduction = parameter.reduce(parameter.begin if parameter.time is None else value)
-            active = parameter.equations_at(value).initially_active
-            equations = active if reduction is None else reduction.equations
-            return StaticEquations(equations, parameter.time_at(value))
-
-        return cls(at(parameter.begin), at(parameter.end), parameter=parameter, at=at)
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """First and last value of the parameter."""
-        return self.parameter.begin, self.parameter.end
-
-    def time_at(self, mu: float) -> Array:
-        """Return (t, branch) at which laws are evaluated."""
-        return self.at(mu).time
-
-    def interval_at(self, mu: float) -> Interval:
-        """Return the equations at a value of the parameter and a step beside it."""
-        step = _DIFFERENCE * (abs(self.ends[1] - self.ends[0]) or 1.0)
-        here, beside = self.at(mu), self.at(mu + step)
-        # The step must not lead into the next piece of a law.
-        time = np.array([beside.time[0], here.time[1]])
-        return Interval(here, replace(beside, time=time), mu, 1.0 / step)
-
-    def at_factor(self, mu: float) -> StaticEquations:
-        """Return the static equations at a value of the parameter."""
-        return self.at(mu)
+        return self.at(mu) if self.at else FixedFactorEquations(self, mu)
 
 
 def active_stage(factors: Array) -> int:
@@ -298,8 +251,6 @@ class Loading:
         Names of the loads in each stage; empty if no load is scaled.
     systems
         Static equations of each stage; a single entry if no load is scaled.
-    multiplier_rows
-        Index in the full equations of each multiplier of `systems`.
     reduction
         Reduction that removed redundant constraints and restores their reactions; None if no
         constraint was removed.
@@ -310,7 +261,6 @@ class Loading:
     full_equations: EquationsOfMotion
     stages: Stages
     systems: tuple[LoadedEquations, ...]
-    multiplier_rows: Array
     reduction: ReducedEquations | None
     parameter: PathParameter | None = None
 
@@ -318,6 +268,12 @@ class Loading:
     def quantity(self) -> str:
         """Name of the quantity that varies along the path."""
         return "load factor" if self.parameter is None else self.parameter.header
+
+    @property
+    def multiplier_rows(self) -> Array:
+        """Index in the full equations of each multiplier of `systems`."""
+        rows = {name: k for k, name in enumerate(self.full_equations.lam_names)}
+        return np.array([rows[name] for name in self.systems[0].equations.lam_names], int)
 
     def full_multipliers(self, q: Array, lam: Array, times: Array | None = None) -> Array:
         """Return the multipliers of all constraints, (k, m), for k rows of q, lam and times.
@@ -375,28 +331,31 @@ def build_loading(
         models = [_equations_without(model, full_equations, names) for names in remaining]
     reduction = None
     if full_equations.redundant:
-        reduction = remove_redundant_constraints(models[-1], time)
-    if reduction is not None:
-        reductions = [remove_redundant_constraints(each, time) for each in models]
+        *_, reduction = reductions = [remove_redundant_constraints(each, time) for each in models]
         models = [
-            each if reduced is None else reduced.equations
+            reduced.equations if reduced else each
             for each, reduced in zip(models, reductions, strict=True)
         ]
     static = [StaticEquations(each, time) for each in models]
     pairs = pairwise(static) if stages else [(static[0], static[0])]
     systems = tuple(LoadedEquations(*pair) for pair in pairs)
-    rows = {name: k for k, name in enumerate(full_equations.lam_names)}
-    multiplier_rows = np.array([rows[name] for name in models[-1].lam_names], int)
-    return Loading(full_equations, stages, systems, multiplier_rows, reduction)
+    return Loading(full_equations, stages, systems, reduction)
 
 
 def vary_parameter(full_equations: EquationsOfMotion, parameter: PathParameter) -> Loading:
     """Return the static equations along a path on which a parameter varies, under all loads."""
-    system = VariedEquations.of(parameter)
-    rows = {name: k for k, name in enumerate(full_equations.lam_names)}
-    multiplier_rows = np.array([rows[name] for name in system.equations.lam_names], int)
-    reduction = parameter.reduce(parameter.begin)
-    return Loading(full_equations, (), (system,), multiplier_rows, reduction, parameter)
+    begin, end = parameter.begin, parameter.end
+
+    @lru_cache(maxsize=4)
+    def at(value: float) -> StaticEquations:
+        reduction = parameter.reduce(begin if parameter.time is None else value)
+        active = parameter.equations_at(value).initially_active
+        return StaticEquations(
+            reduction.equations if reduction else active, parameter.time_at(value)
+        )
+
+    system = LoadedEquations(at(begin), at(end), parameter=parameter, at=at)
+    return Loading(full_equations, (), (system,), parameter.reduce(begin), parameter)
 
 
 def _equations_without(

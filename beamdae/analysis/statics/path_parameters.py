@@ -17,7 +17,7 @@ from beamdae.equations.starts.reduced_equations import (
     ReducedEquations,
     remove_redundant_constraints,
 )
-from beamdae.errors import BeamdaeError, require_finite, short_repr, suggest
+from beamdae.errors import BeamdaeError, as_text, require_finite, short_repr, suggest
 from beamdae.model_functions import Model
 from beamdae.parts.joints.distance import Distance
 from beamdae.parts.joints.drivers import DrivenJoint
@@ -108,22 +108,23 @@ def resolve_parameter(
         If the name is unknown, or the quantity cannot vary continuously.
     """
     first = None if begin is None else require_finite("equilibrium", "from_", begin)
-    if over == TIME:
+    name = as_text(over)
+    if name == TIME:
         return PathParameter(TIME, "s", first or 0.0, end, None, lambda _: equations)
     mechanism = equations.mechanism
     units = quantity_units(source, mechanism)
     parameters = source.parameters if isinstance(source, Model) else {}
     rebuild: Callable[[float], Any]
     drawn, is_affine = 0.0, True
-    if mechanism is not None and isinstance(part := mechanism.parts.get(over), DrivenJoint):
+    if mechanism is not None and isinstance(part := mechanism.parts.get(name), DrivenJoint):
         if isinstance(part, Distance):
             drawn = float(np.hypot(*np.subtract(part.b.point, part.a.point)))
         rebuild = partial(_prescribe, mechanism, part)
-    elif mechanism is not None and over in mechanism.inputs:
+    elif mechanism is not None and name in mechanism.inputs:
         signal = mechanism.inputs[over]
         drawn = signal.default if signal.law is None else signal.law.at(t)
         rebuild = lambda value: mechanism.with_inputs({over: value})  # noqa: E731
-    elif over in parameters:
+    elif name in parameters:
         drawn, is_affine = parameters[over], False
         if not isinstance(drawn, float):
             raise BeamdaeError(

@@ -60,11 +60,6 @@ class PathSettings:
                 f"equilibrium: to must be the last value of {short_repr(over)}, or a list of "
                 f"values, got {short_repr(to)}; pass a number."
             )
-        if over is not None and not isinstance(over, str):
-            raise BeamdaeError(
-                "equilibrium: over must be 't' or the name of a driver, an input or a parameter, "
-                f"got {short_repr(over)}; pass a name."
-            )
         if isinstance(to, Mapping):
             what = (
                 "a load factor, a list of load factors, or one observed position with a value "

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from beamdae.analysis.continuation.critical import (
     critical_mode,
     explain_counts,
 )
+from beamdae.analysis.continuation.critical import CriticalPoint as CurvePoint
 from beamdae.analysis.continuation.engine import (
     Control,
     CurveError,
@@ -27,16 +29,15 @@ from beamdae.analysis.continuation.engine import (
     prescribe_parameter,
     switch,
 )
-from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading
+from beamdae.analysis.statics.load_scaling import Loading
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
 from beamdae.analysis.statics.path_settings import ARC_LENGTH, DISPLACEMENT, LOAD, PathSettings
 from beamdae.analysis.statics.prescribed_column import PrescribedColumn
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.relaxation import relax_to_equilibrium
-from beamdae.errors import BeamdaeError, list_first
+from beamdae.errors import BeamdaeError
 from beamdae.interrupts import acknowledge
-from beamdae.parts.joints.drivers import DrivenJoint
 from beamdae.results.equilibrium import CriticalPoint
 from beamdae.results.outcome import REACHED_END, Status
 
@@ -65,19 +66,10 @@ _SAME_POINT_RATIO = 1e-2
 # Relative difference up to which two coordinates of a mode have equal amplitudes.
 _EQUAL_MOTION_TOLERANCE = 1e-6
 _MAX_CHECK_POINTS = 100
-_MAX_DRIVERS = 3  # in a message
 _CLOSED_PATH = (
     "the path is closed and returns to a branch point passed before; switch at one "
     "more branch point, for example with switch=[1, 1]"
 )
-
-
-class PathCriticalPoint(NamedTuple):
-    """Critical point in a row of a path, and its mode (n,)."""
-
-    kind: str
-    row: int
-    mode: Array
 
 
 @dataclass
@@ -102,7 +94,7 @@ class StagePath:
 
     problem: StaticProblem
     points: list[Point]
-    critical: list[PathCriticalPoint] = field(default_factory=list)
+    critical: list[CurvePoint] = field(default_factory=list)
     tangent: Tangent | None = None
     status: Status = REACHED_END
     is_stuck: bool = False
@@ -113,7 +105,7 @@ class StagePath:
         return self.points[-1]
 
     @property
-    def branch_points(self) -> list[PathCriticalPoint]:
+    def branch_points(self) -> list[CurvePoint]:
         """Points at which other paths cross."""
         return [one for one in self.critical if one.kind == BRANCH]
 
@@ -135,8 +127,6 @@ class EquilibriumPath(NamedTuple):
         Critical points; `row` is an index into `points`.
     status
         Status at the end of the path.
-    iterations
-        Number of Newton iterations that led to the points.
     notes
         Remarks on stages.
     approach
@@ -147,7 +137,6 @@ class EquilibriumPath(NamedTuple):
     factors: Array
     critical: tuple[CriticalPoint, ...]
     status: Status
-    iterations: int
     notes: tuple[str, ...]
     approach: list[Array]
 
@@ -173,8 +162,8 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         If no equilibrium is found at which the path begins; or if the targets are values of a
         column that is not an observed position, or no load is scaled to reach them.
     """
-    varies = loading.parameter is not None
     _require_loads(loading, settings)
+    width = len(loading.stages) + (loading.parameter is not None)
     points: list[Point] = []
     factors: list[Array] = []
     critical: list[CriticalPoint] = []
@@ -186,85 +175,72 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         last_control = PrescribedColumn.from_name(loading.full_equations, settings.column, time)
     status = REACHED_END
     for k, system in enumerate(loading.systems):
-        is_last = k == len(loading.systems) - 1
-        begin = (
-            find_unloaded_equilibrium(StaticProblem(system), q, approach)
-            if k == 0
-            else _find_again(system, points[-1])
-        )
-        path = _begin_stage(system, begin)
+        problem, is_last = StaticProblem(system), k == len(loading.systems) - 1
+        if k == 0:
+            begin = find_unloaded_equilibrium(problem, q, approach)
+        else:
+            begin = problem.point(points.pop().x, system.ends[0])
+            factors.pop()
+        if system.has_scaled_loads:
+            begin = _hold_neutral_motions(begin)
+        path = StagePath(problem_of(begin), [begin])
         stage = settings if is_last else settings.for_earlier_stage()
-        control = last_control if is_last else prescribe_parameter
         try:
             if system.has_scaled_loads:
-                _follow_stage(path, stage, control)
+                _follow_stage(path, stage, last_control if is_last else prescribe_parameter)
         except KeyboardInterrupt:
             acknowledge()
             path.status = Status("interrupted", "interrupted")
-        # A stage begins at the last point of the previous stage, which its first point replaces.
-        first = len(points) - (k > 0)
-        del points[first:], factors[first:]
-        points += path.points
-        row = np.where(np.arange(len(loading.stages) + varies) < k, 1.0, 0.0)
-        for point in path.points:
-            factors.append(row.copy())
-            factors[-1][k : k + 1] = point.p
+        row = -1
         for one in path.critical:
-            coordinate = dominant_coordinate(system.equations, one.mode)
-            factor = float(path.points[one.row].p)
-            critical.append(CriticalPoint(one.kind, first + one.row, factor, coordinate))
-        if system.has_scaled_loads:
-            notes += _zero_load_notes(path, loading)
+            row = path.points.index(one.point, row + 1)
+            moves = dominant_coordinate(system.equations, one.mode)
+            critical.append(CriticalPoint(one.kind, len(points) + row, float(one.point.p), moves))
+        rows = np.tile(np.where(np.arange(width) < k, 1.0, 0.0), (len(path.points), 1))
+        rows[:, k : k + 1] = np.array([[point.p] for point in path.points])
+        points += path.points
+        factors += list(rows)
+        notes += _zero_load_notes(path, loading)
         status = _end_status(path, stage.control, loading.quantity)
         if not status.success:
             break
-    all_factors = np.array(factors).reshape(len(points), len(loading.stages) + varies)
-    iterations = sum(point.iterations for point in points)
-    return EquilibriumPath(
-        points, all_factors, tuple(critical), status, iterations, tuple(notes), approach
-    )
+    all_factors = np.array(factors).reshape(len(points), width)
+    return EquilibriumPath(points, all_factors, tuple(critical), status, tuple(notes), approach)
+
+
+def tabulate_points(loading: Loading, points: Sequence[Point]) -> dict[str, Any]:
+    """Return the fields of `Equilibrium` with a row for each point."""
+    e, parameter = loading.systems[0].equations, loading.parameter
+    states = np.array([point.x for point in points])
+    q, lam, _ = np.split(states, [e.n, e.n + e.m], axis=1)
+    times = np.array([problem_of(point).system.time_at(point.p) for point in points])
+    numbers = None
+    if parameter is not None and parameter.time is not None:
+        numbers = np.array([parameter.equations_at(point.p).p for point in points])
+    lam = loading.full_multipliers(q, lam, times)
+    return {"q": q, "lam": lam, "times": times, "numbers": numbers}
 
 
 def _require_loads(loading: Loading, settings: PathSettings) -> None:
     """Raise BeamdaeError if a column is prescribed, but no load is scaled."""
-    if loading.stages or not settings.column:
-        return
-    cause = f"equilibrium: {settings.column} cannot be prescribed because no load is scaled"
-    drivers = _list_drivers(loading.full_equations)
-    if drivers:
+    if settings.column and not loading.stages:
         raise BeamdaeError(
-            f"{cause}, and {list_first(drivers, _MAX_DRIVERS)} moves the mechanism; set t= to "
-            "the time of the wanted position and omit to=, or replace the driver by a load."
+            f"equilibrium: {settings.column} cannot be prescribed because no load is scaled; add a "
+            "load to the mechanism and to loads=, or, if a driver moves the mechanism, set t= to "
+            "the time of the wanted position and omit to=."
         )
-    raise BeamdaeError(f"{cause}; add a load to the mechanism and to loads=.")
-
-
-def _list_drivers(equations: EquationsOfMotion) -> list[str]:
-    mechanism = equations.mechanism
-    if mechanism is None:
-        return []
-    parts = mechanism.parts.values()
-    return [
-        x.name for x in parts if isinstance(x, DrivenJoint) and x.name not in mechanism.inactive
-    ]
 
 
 def _zero_load_notes(path: StagePath, loading: Loading) -> list[str]:
-    """Return a remark if the loads of a stage are zero at both ends of its path."""
-    if loading.parameter is not None:
-        if not (path.status.success and all(map(_is_unloaded, path.points))):
-            return []
-        return [
-            f"equilibrium: nothing depends on {loading.parameter.name}, so all points of the path "
-            "are equal; choose another quantity with over=."
-        ]
-    if path.end is path.points[0] or not all(map(_is_unloaded, (path.end, path.points[0]))):
+    """Return a remark if nothing depends on the load factor along the path of a stage."""
+    if path.end is path.points[0] or not all(map(_is_unloaded, path.points)):
         return []
-    t = path.problem.system.loaded.time[0]
-    return [
-        f"equilibrium: all scaled loads are zero at t = {t:g} s, so all points of the path are "
-        "equal; pass another time t=, other loads=, or other values of inputs."
-    ]
+    t, parameter = path.problem.system.loaded.time[0], loading.parameter
+    cause = f"all scaled loads are zero at t = {t:g} s"
+    remedy = "pass another time t=, other loads=, or other values of inputs"
+    if parameter is not None:
+        cause, remedy = f"nothing depends on {parameter.name}", "choose another quantity with over="
+    return [f"equilibrium: {cause}, so all points of the path are equal; {remedy}."]
 
 
 def _is_unloaded(point: Point) -> bool:
@@ -280,14 +256,11 @@ def find_unloaded_equilibrium(
     to `approach`.
     """
     first, last = problem.system.ends
-    x = problem.start(q)
-    try:
+    with suppress(CurveError):
+        x = problem.start(q)
         point = problem.correct(prescribe_parameter, first, x, first)
-        motion = np.abs(problem.difference(point.x, x)) * problem.weights
-        if np.max(motion, initial=0.0) <= _MAX_INITIAL_MOTION:
+        if problem.measure(point.x - x) <= _MAX_INITIAL_MOTION:
             return point
-    except CurveError:
-        pass
     return _relax(problem, q, first if problem.system.has_scaled_loads else last, approach)
 
 
@@ -295,14 +268,14 @@ def _relax(problem: StaticProblem, q: Array, mu: float, passed: list[Array] | No
     q, lam = relax_to_equilibrium(problem.system.at_factor(mu), q, passed)
     x = problem.start(q)
     x[len(q) : len(q) + len(lam)] = lam
-    point = Point(problem, x, mu, problem.linearize(x, mu))
+    point = problem.point(x, mu)
     # Rounding would move the mechanism along motions without stiffness.
-    held = _hold_neutral_motions(point) if stability_of(point).free else point
+    held = problem_of(_hold_neutral_motions(point))
     try:
-        point = problem_of(held).correct(prescribe_parameter, mu, x, mu)
+        corrected = held.correct(prescribe_parameter, mu, x, mu)
     except CurveError:
         return point
-    return Point(problem, point.x, mu, problem.linearize(point.x, mu), point.iterations)
+    return problem.point(corrected.x, mu, corrected.iterations)
 
 
 def follow_to_critical_point(begin: Point, targets: tuple[float, ...]) -> StagePath:
@@ -319,27 +292,13 @@ def follow_to_critical_point(begin: Point, targets: tuple[float, ...]) -> StageP
     return path
 
 
-def _find_again(system: LoadedEquations, end: Point) -> Point:
-    """Return the begin of a stage at the end of the previous one."""
-    problem, mu = StaticProblem(system), system.ends[0]
-    return Point(problem, end.x, mu, problem.linearize(end.x, mu))
-
-
-def _begin_stage(system: LoadedEquations, begin: Point) -> StagePath:
-    """Return the path that begins at a point, with neutral motions held."""
-    if stability_of(begin).free and system.has_scaled_loads:
-        begin = _hold_neutral_motions(begin)
-    return StagePath(problem_of(begin), [begin])
-
-
 def _hold_neutral_motions(point: Point) -> Point:
+    """Return the point of the equations whose neutral motions are held, if there are any."""
     system = problem_of(point).system
-    size = system.equations.n + system.equations.m
-    held = hold_neutral_motions(system, point.x[:size], point.p)
-    if not held.held_coordinates:
+    if not stability_of(point).free:
         return point
-    problem = StaticProblem(held)
-    return Point(problem, point.x, point.p, problem.linearize(point.x, point.p))
+    held = hold_neutral_motions(system, point.x[: system.loaded.size], point.p)
+    return StaticProblem(held).point(point.x, point.p) if held.held_coordinates else point
 
 
 def _follow_stage(path: StagePath, settings: PathSettings, control: Control) -> None:
@@ -399,8 +358,7 @@ def _follow(
             for segment, found in follow(path.end, control, target, steps, explain_counts, tangent):
                 known = len(path.branch_points)
                 for one in found:
-                    row, n = len(path.points), path.problem.n
-                    path.critical.append(PathCriticalPoint(one.kind, row, one.mode[:n]))
+                    path.critical.append(one)
                     path.points.append(one.point)
                     count += one.kind in stops_at
                     if stop and count == stop:
@@ -435,11 +393,11 @@ def _try_tangent(segment: Segment) -> Tangent | None:
 
 def _revisits(path: StagePath, steps: Steps, known: int) -> bool:
     """Return True if the last branch point of a path is one of the first `known` ones."""
-    points = [path.points[one.row] for one in path.branch_points]
+    points = [one.point for one in path.branch_points]
     others, last = points[:known], points[-1]
-    weights, size = path.problem.weights, _SAME_POINT_RATIO * steps.largest
+    size = _SAME_POINT_RATIO * steps.largest
     return any(
-        np.max(np.abs(one.x - last.x) * weights) < size
+        path.problem.measure(one.x - last.x) < size
         # Branch points of a straight column differ in their load factors only.
         and abs(one.p - last.p) * steps.parameter_weight < size
         for one in others
@@ -448,11 +406,9 @@ def _revisits(path: StagePath, steps: Steps, known: int) -> bool:
 
 def _switch(path: StagePath, steps: Steps, side: float) -> None:
     """Let the path leave its last branch point along the crossing path."""
-    branch, mode = path.end, np.zeros(len(path.end.x))
-    mode[: path.problem.n] = path.branch_points[-1].mode
-    before = path.points[-2]
+    branch, before, mode = path.end, path.points[-2], path.branch_points[-1].mode
     # The tangent is not unique at the branch point.
-    chord = Tangent(path.problem.difference(branch.x, before.x), branch.p - before.p)
+    chord = Tangent(branch.x - before.x, branch.p - before.p)
     first, path.tangent = switch(branch, mode, chord, side, steps)
     path.points.append(first)
 
@@ -499,15 +455,13 @@ def _leave_free_position(path: StagePath, control: Control, targets: list[float]
     reach = targets[0] - begin.p if by_load else 1.0
     first = float(np.clip(reach, -1.0, 1.0)) * _LOAD_STEP_RATIO
     small = _MIN_FIRST_LOAD * first
-    try:
+    with suppress(CurveError):
         point = problem.correct(prescribe_parameter, begin.p + small, begin.x, begin.p + small)
-        motion = np.abs(problem.difference(point.x, begin.x)) * problem.weights
-        if np.max(motion, initial=0.0) <= _MAX_INITIAL_MOTION and not stability_of(point).free:
+        motion = problem.measure(point.x - begin.x)
+        if motion <= _MAX_INITIAL_MOTION and not stability_of(point).free:
             tangent = point.tangent(prescribe_parameter(point.x, point.p))
             path.tangent = tangent.scale(float(np.sign(small)) or 1.0)
             return True
-    except CurveError:
-        pass
     return _begin_under_load(path, control, targets)
 
 
@@ -526,8 +480,7 @@ def _begin_under_load(path: StagePath, control: Control, targets: list[float]) -
             end = path.end
             mu = end.p + float(np.clip(target - end.p, -step, step)) if step else target
             # Loads give motions other than neutral ones a stiffness.
-            point = _relax(problem, end.x[: problem.n], mu)
-            point = _hold_neutral_motions(point) if stability_of(point).free else point
+            point = _hold_neutral_motions(_relax(problem, end.x[: problem.n], mu))
             if not stability_of(point).free:
                 path.problem = problem_of(point)
                 path.points[len(path.points) - is_arbitrary :] = [point]
@@ -548,22 +501,22 @@ def free_coordinate(point: Point) -> str:
     The name is "" if there is no such motion.
     """
     problem = problem_of(point)
-    e = problem.system.equations
-    if problem.system.held_coordinates:
-        return e.q_names[problem.system.held_coordinates[0]]
+    e, held = problem.system.equations, problem.system.held_coordinates
+    if held:
+        return e.q_names[held[0]]
     if not stability_of(point).free:
         return ""
     try:
-        mode = critical_mode(point)[: problem.n]
+        mode = critical_mode(point)
     except CurveError:
-        diagonal = problem.matrix(point.x, point.p).diagonal()[: problem.n]
+        diagonal = problem.matrix(point.x, point.p).diagonal()[: e.n]
         mode = np.where(diagonal == 0.0, e.position_scales, 0.0)
     return dominant_coordinate(e, mode)
 
 
 def dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
     """Return the name of the coordinate that moves most in a mode, relative to its natural size."""
-    size = np.abs(mode / e.position_scales)
+    size = np.abs(mode[: e.n] / e.position_scales)
     largest = np.flatnonzero(size >= (1.0 - _EQUAL_MOTION_TOLERANCE) * np.max(size)).tolist()
     # If amplitudes are equal, an angle describes the mode better than the points it moves.
     return e.q_names[min(largest, key=lambda k: (e.coordinates[k].unit != "rad", k))]
@@ -577,22 +530,8 @@ def _end_status(path: StagePath, control: str, quantity: str) -> Status:
     if path.status.success:
         return path.status
     sentence = f"{path.status.sentence} (last converged {quantity}: {path.end.p:.6g})"
-    if path.is_stuck and (jump := _find_jump(path)) is not None:
-        sentence += f"; the loads jump at t = {jump:g} s, so begin another path there with from_="
-    elif path.is_stuck:
-        sentence += f"; {remedy}" if (remedy := _remedy(path, control)) else ""
-    return Status(path.status.kind, sentence)
-
-
-def _find_jump(path: StagePath) -> float | None:
-    """Return the breakpoint [s] at which a path over the time ends, or None."""
-    system = path.problem.system
-    first, last = system.ends
-    if system.time_at(first)[0] == system.time_at(last)[0]:
-        return None
-    distance = _MIN_FIRST_LOAD * abs(last - first)
-    near = (x for x in system.equations.breakpoints if abs(x - path.end.p) <= distance)
-    return next(near, None)
+    remedy = _find_remedy(path, control) if path.is_stuck else ""
+    return Status(path.status.kind, f"{sentence}; {remedy}" if remedy else sentence)
 
 
 def _describe_freedom(coordinate: str) -> str:
@@ -602,18 +541,20 @@ def _describe_freedom(coordinate: str) -> str:
     )
 
 
-def _remedy(path: StagePath, control: str) -> str:
-    """Return the end of a message: why steps probably fail, and a remedy; "" if unknown."""
-    is_first = len(path.points) == 1
-    if control == DISPLACEMENT and is_first:
-        free = free_coordinate(path.end)
-        return (
-            _describe_freedom(free) if free else "check that the loads move the prescribed column"
-        )
-    if control == DISPLACEMENT:
-        return "use control='arc length' to continue where a displacement reverses"
-    if control == LOAD and is_first:
-        return "even 1e-8 of the largest step fails, so check the size of the loads"
-    if control == LOAD:
-        return "use control='arc length' to continue past the maximum of a load"
-    return ""
+def _find_remedy(path: StagePath, control: str) -> str:
+    """Return why steps probably fail, and a remedy; "" if unknown."""
+    system, end, is_first = path.problem.system, path.end, len(path.points) == 1
+    first, last = system.ends
+    if system.time_at(first)[0] != system.time_at(last)[0]:
+        distance = _MIN_FIRST_LOAD * abs(last - first)
+        for jump in system.equations.breakpoints:
+            if abs(jump - end.p) <= distance:
+                return f"the loads jump at t = {jump:g} s, so begin another path there with from_="
+    if control == DISPLACEMENT and is_first and (free := free_coordinate(end)):
+        return _describe_freedom(free)
+    return {
+        (DISPLACEMENT, True): "check that the loads move the prescribed column",
+        (DISPLACEMENT, False): "use control='arc length' to continue where a displacement reverses",
+        (LOAD, True): "even 1e-8 of the largest step fails, so check the size of the loads",
+        (LOAD, False): "use control='arc length' to continue past the maximum of a load",
+    }.get((control, is_first), "")

@@ -28,14 +28,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.bounded_cache import array_bytes, bounded_cache
-from beamdae.linear.fixed_order import (
-    FixedOrder,
-    FixedOrderFactors,
-)
+from beamdae.linear.fixed_order import FixedOrder, FixedOrderFactors
 from beamdae.linear.orderings import compute_bordered_ordering
 from beamdae.native.loop_functions import (
     add,
     add_weighted,
+    combine,
     count_negative_pivots,
     fill,
     gather,
@@ -65,26 +63,26 @@ _MAX_CACHED_BYTES = 16 * 2**20
 
 
 class SaddlePattern(NamedTuple):
-    """Terms of the saddle-point matrix: indices of non-zeros of the tangent and of the matrix.
+    """Terms of the saddle-point matrix, nonzeros[targets] += weights * x[left] * x[right].
+
+    The numbers x are the non-zeros of the tangent, and a 1 for terms of one factor. The first terms
+    are the halves of both entries of each pair in the stiffness and the compliance, the next ones
+    are G, the last ones G^T G. Of the symmetric matrix, the triangle below the diagonal in the
+    order of elimination is assembled.
 
     Attributes
     ----------
     rows, columns
         Rows and columns of the non-zeros of the tangent.
-    targets, sources, shares
-        nonzeros[targets] += shares * tangent[sources]: the stiffness, its transpose, G, and its
-        transpose. Shares of the symmetric part are 1/2.
-    skew_rows, skew_sources, skew_signs
-        Differences of opposite entries: skew[skew_rows] += skew_signs * tangent[skew_sources].
-    product_targets, product_left, product_right
-        nonzeros[product_targets] += tangent[product_left] * tangent[product_right]: G^T G.
+    targets, left, right, shares
+        See above; `weights` are shares in natural sizes.
     reduced
-        Compliances beside G^T G.
+        Non-zeros of the tangent that are compliances beside G^T G.
     diagonal
-        Diagonal entries of the coordinates.
-    groups, group_rows, group_columns, pairs
-        First coordinate of the part of each coordinate, and multipliers; pairs of these groups that
-        share terms, and the index of each term in them.
+        Diagonal entries of the coordinates in the matrix.
+    groups, edges, edge_of_term
+        First coordinate of the part of each coordinate, and multipliers; pairs (2, k) of these
+        groups that share terms, and the index of each term of one factor in them.
     plan
         Elimination in order, each multiplier after the coordinates that it couples.
     """
@@ -92,20 +90,14 @@ class SaddlePattern(NamedTuple):
     rows: Array
     columns: Array
     targets: Array
-    sources: Array
+    left: Array
+    right: Array
     shares: Array
-    skew_rows: Array
-    skew_sources: Array
-    skew_signs: Array
-    product_targets: Array
-    product_left: Array
-    product_right: Array
     reduced: Array
     diagonal: Array
     groups: Array
-    group_rows: Array
-    group_columns: Array
-    pairs: Array
+    edges: Array
+    edge_of_term: Array
     plan: FixedOrder
 
 
@@ -119,15 +111,14 @@ class SaddlePoint:
         Terms of the matrix.
     factors
         Factors of the last matrix.
-    sources, skew_sources, product_left, product_right
+    left, right
         Those of the pattern, as indices of the argument of `count_signs`.
     scales
         Natural sizes of the unknowns, (n + m,).
-    weights, skew_weights, product_weights
-        Factors of the terms of the pattern, in natural sizes.
-    values, skew, left, nonzeros
-        Halves of the entries of the stiffness, differences of opposite entries, factors of
-        products, and the saddle-point matrix.
+    weights, values
+        Weights of the terms in natural sizes, and their products with the first factors.
+    skew, nonzeros
+        Differences of opposite entries, and the saddle-point matrix.
     shift, counting, ones
         Shift of each coordinate, (n,), 0, 1, 2, ..., and ones for the norms of entries.
     rigid
@@ -144,17 +135,12 @@ class SaddlePoint:
 
     pattern: SaddlePattern
     factors: FixedOrderFactors
-    sources: Array
-    skew_sources: Array
-    product_left: Array
-    product_right: Array
+    left: Array
+    right: Array
     scales: Array
     weights: Array
-    skew_weights: Array
-    product_weights: Array
     values: Array
     skew: Array
-    left: Array
     nonzeros: Array
     shift: Array
     counting: Array
@@ -172,35 +158,30 @@ class SaddlePoint:
     ) -> SaddlePoint:
         """Return the work arrays for tangents with this pattern, without natural sizes.
 
-        The non-zeros of the tangent are at `positions` in the argument of `count_signs`. `parts`
-        contains the first coordinate of the part of each coordinate, (n,). The first `rigid` of the
-        n + m unknowns have no compliance; that of the others is 1. Constraints with a `remainder`,
-        (m,), are beside a stiffness of the same motion.
+        The non-zeros of the tangent, and a 1, are at `positions` in the argument of `count_signs`.
+        `parts` contains the first coordinate of the part of each coordinate, (n,). The first
+        `rigid` of the n + m unknowns have no compliance; that of the others is 1. Constraints with
+        a `remainder`, (m,), are beside a stiffness of the same motion.
         """
-        n, positions = len(parts), positions.astype(np.uint32)
-        indices = pattern.indices.astype(np.intp).tobytes()
-        starts = pattern.indptr.astype(np.intp).tobytes()
-        shared = (remainder == 0.0).tobytes()
-        saddle = _plan_saddle_point(parts.astype(np.intp).tobytes(), shared, starts, indices)
-        stiffness, products = int(np.sum(saddle.shares < 1.0)) // 2, len(saddle.product_left)
+        first, starts, indices = (
+            x.astype(np.intp).tobytes() for x in (parts, pattern.indptr, pattern.indices)
+        )
+        saddle = _plan_saddle_point(first, starts, indices, (remainder == 0.0).tobytes())
+        count, positions = len(saddle.left), positions.astype(np.uint32)
+        pairs = np.count_nonzero(saddle.shares < 1.0) // 2
         return cls(
             pattern=saddle,
             factors=FixedOrderFactors.of(saddle.plan),
-            sources=positions[saddle.sources],
-            skew_sources=positions[saddle.skew_sources],
-            product_left=positions[saddle.product_left],
-            product_right=positions[saddle.product_right],
+            left=positions[saddle.left],
+            right=positions[saddle.right],
             scales=np.ones(pattern.shape[0]),
             weights=saddle.shares.copy(),
-            skew_weights=saddle.skew_signs.copy(),
-            product_weights=np.ones(products),
-            values=np.zeros(stiffness),
-            skew=np.zeros(stiffness),
-            left=np.zeros(products),
+            values=np.zeros(count),
+            skew=np.zeros(pairs),
             nonzeros=np.zeros(len(saddle.plan.sources)),
-            shift=np.zeros(n),
-            counting=np.arange(max(n, stiffness, products), dtype=np.uint32),
-            ones=np.ones(stiffness),
+            shift=np.zeros(len(parts)),
+            counting=np.arange(max(count, len(parts)), dtype=np.uint32),
+            ones=np.ones(2 * pairs),
             rigid=rigid,
         )
 
@@ -218,9 +199,12 @@ def scale_by_reference(run: SaddlePoint, tangent: Array, sizes: Array) -> None:
     n, count, pattern = len(sizes), len(run.scales), run.pattern
     scales = np.append(sizes, np.full(count - n, _FIRST_SIZE))
     _set_weights(run, scales)
-    rows, columns = pattern.group_rows, pattern.group_columns
-    entries, softest, factors = np.zeros(len(rows)), np.full(count, np.inf), np.ones(count)
-    np.maximum.at(entries, pattern.pairs, np.abs(run.weights * tangent[run.sources]))
+    edges, of_term = pattern.edges, pattern.edge_of_term
+    largest = np.zeros(edges.shape[1])
+    np.maximum.at(largest, of_term, np.abs(run.weights * tangent[run.left])[: len(of_term)])
+    # Edges count in both directions.
+    rows, columns = np.hstack([edges, edges[::-1]])
+    entries, softest, factors = np.tile(largest, 2), np.full(count, np.inf), np.ones(count)
     is_stiffness = (rows < n) & (entries > NEGLIGIBLE_STIFFNESS)
     is_spring = (rows >= run.rigid) & (entries > 0.0)
     np.minimum.at(softest, columns[is_spring], entries[is_spring])
@@ -235,51 +219,34 @@ def scale_by_reference(run: SaddlePoint, tangent: Array, sizes: Array) -> None:
     scales[run.rigid :] = np.minimum(scales[run.rigid :], math.sqrt(_MAX_COMPLIANCE))
     _set_weights(run, scales)
     run.reference = 0.0
-    _measure_stiffness(run, tangent)
+    assemble_saddle_point(run, tangent)
     run.reference = run.size
 
 
 def _set_weights(run: SaddlePoint, scales: Array) -> None:
     """Set the natural sizes of the unknowns."""
     pattern = run.pattern
-    weights = scales[pattern.rows] * scales[pattern.columns]
+    weights = np.append(scales[pattern.rows] * scales[pattern.columns], 1.0)
     # -C becomes -C / (1 - C).
     weights[pattern.reduced] /= 1.0 - weights[pattern.reduced]
     run.scales[:] = scales
-    run.weights[:] = pattern.shares * weights[pattern.sources]
-    run.skew_weights[:] = pattern.skew_signs * weights[pattern.skew_sources]
-    run.product_weights[:] = weights[pattern.product_left] * weights[pattern.product_right]
-
-
-def _assemble_terms(run: SaddlePoint, tangent: Array) -> None:
-    """Set `nonzeros` to the matrix without G^T G."""
-    targets, count = run.pattern.targets, run.sources.size
-    fill(run.nonzeros, 0.0)
-    add_weighted(run.nonzeros, targets, run.weights, tangent, run.sources, 0, count)
-
-
-def _measure_stiffness(run: SaddlePoint, tangent: Array) -> None:
-    """Set `size` and `asymmetry` for a tangent with these non-zeros."""
-    values, rows, count = run.values, run.pattern.skew_rows, run.values.size
-    gather(values, run.counting, run.weights, tangent, run.sources, 0, count)
-    run.size = max(2.0 * max_norm(values, run.ones), run.reference)
-    fill(run.skew, 0.0)
-    add_weighted(run.skew, rows, run.skew_weights, tangent, run.skew_sources, 0, rows.size)
-    run.asymmetry = max_norm(run.skew, run.ones)
+    run.weights[:] = pattern.shares * weights[pattern.left] * weights[pattern.right]
 
 
 def assemble_saddle_point(run: SaddlePoint, tangent: Array) -> None:
-    """Set `size`, `asymmetry` and `nonzeros` for a tangent with these non-zeros."""
-    left, count = run.left, run.left.size
-    _measure_stiffness(run, tangent)
-    _assemble_terms(run, tangent)
-    gather(left, run.counting, run.product_weights, tangent, run.product_left, 0, count)
-    targets = run.pattern.product_targets
-    add_weighted(run.nonzeros, targets, left, tangent, run.product_right, 0, count)
+    """Set `size`, `asymmetry` and `nonzeros` for a tangent with these non-zeros and a 1."""
+    values, count, pairs = run.values, run.values.size, run.skew.size
+    gather(values, run.counting, run.weights, tangent, run.left, 0, count)
+    halves, opposite = values[:pairs], values[pairs : 2 * pairs]
+    combine(run.skew, (1.0, -1.0), (halves, opposite))
+    run.size = max(2.0 * max_norm(values[: 2 * pairs], run.ones), run.reference)
+    run.asymmetry = 2.0 * max_norm(run.skew, run.ones[:pairs])
+    fill(run.nonzeros, 0.0)
+    add_weighted(run.nonzeros, run.pattern.targets, values, tangent, run.right, 0, count)
 
 
 def count_signs(run: SaddlePoint, tangent: Array) -> None:
-    """Set `size`, `asymmetry`, `below` and `above` for a tangent with these non-zeros."""
+    """Set `size`, `asymmetry`, `below` and `above` for a tangent with these non-zeros and a 1."""
     assemble_saddle_point(run, tangent)
     run.below = run.above = count_negative_pivots(run.factors, run.nonzeros)
     if run.above < 0 or run.factors.smallest_pivot <= _MIN_PIVOT_RATIO * run.size:
@@ -297,61 +264,62 @@ def shift_diagonal(run: SaddlePoint, shift: float) -> None:
 
 
 @bounded_cache(_MAX_CACHED_BYTES, array_bytes)
-def _plan_saddle_point(
-    parts: bytes, is_shared: bytes, starts: bytes, indices: bytes
-) -> SaddlePattern:
+def _plan_saddle_point(parts: bytes, starts: bytes, indices: bytes, shared: bytes) -> SaddlePattern:
     """Return the saddle-point matrix of tangents (n + m, n + m) with this CSC pattern.
 
-    `parts` are the first coordinates of parts, (n,), `is_shared` the flags of the constraints in
+    `parts` are the first coordinates of parts, (n,), `shared` the flags of the constraints in
     G^T G, (m,).
     """
-    indptr, rows = np.frombuffer(starts, np.intp), np.frombuffer(indices, np.intp)
-    groups, shared = np.frombuffer(parts, np.intp), np.frombuffer(is_shared, bool)
-    n, size = len(groups), len(indptr) - 1
-    groups = np.append(groups, np.arange(n, size))
+    first_of_part, indptr, rows = (np.frombuffer(x, np.intp) for x in (parts, starts, indices))
+    n, size, one = len(first_of_part), len(indptr) - 1, len(rows)
+    is_shared = np.append(np.zeros(n, bool), np.frombuffer(shared, bool))
     columns = np.repeat(np.arange(size), np.diff(indptr))
-    (stiffness,) = np.nonzero((rows < n) == (columns < n))
+    keys = columns * size + rows
+
+    def find(row: Array, column: Array) -> Array:
+        """Return the indices of entries of the tangent, `one` for those outside the pattern."""
+        wanted = column * size + row
+        found = np.searchsorted(keys, wanted)
+        return np.where(np.append(keys, -1)[found] == wanted, found, one)
+
+    is_stiffness = (rows < n) == (columns < n)
+    low, high = np.sort([rows[is_stiffness], columns[is_stiffness]], axis=0)
+    first, last = np.divmod(np.unique(low * size + high), max(size, 1))
+    halves = np.append(find(first, last), find(last, first))
     (joints,) = np.nonzero((rows >= n) & (columns < n))
-    sources = np.concatenate([stiffness, stiffness, joints, joints])
-    shares = np.repeat([0.5, 1.0], [2 * len(stiffness), 2 * len(joints)])
-    i = np.concatenate([rows[stiffness], columns[stiffness], rows[joints], columns[joints]])
-    j = np.concatenate([columns[stiffness], rows[stiffness], columns[joints], rows[joints]])
     # Pairs of entries of G in the same row.
-    gradients = [joints[rows[joints] == row] for row in n + np.flatnonzero(shared)]
-    pairs = [np.stack(np.meshgrid(x, x)).reshape(2, -1) for x in gradients]
-    left, right = np.concatenate(pairs, axis=1) if pairs else np.zeros((2, 0), int)
-    keys = [j * size + i, columns[right] * size + columns[left], np.arange(size) * (size + 1)]
-    entries, targets = np.unique(np.concatenate(keys), return_inverse=True)
-    terms, products, diagonal = np.split(targets, np.cumsum([len(x) for x in keys[:2]]))
+    gradients = [joints[rows[joints] == row] for row in np.flatnonzero(is_shared)]
+    pairs = [x[np.stack(np.triu_indices(len(x)))] for x in gradients]
+    products = np.concatenate([np.zeros((2, 0), int), *pairs], axis=1)
+    i = np.concatenate([first, first, columns[joints], columns[products[0]]])
+    j = np.concatenate([last, last, rows[joints], columns[products[1]]])
+    keys_of_terms, diagonal = (i * size + j, j * size + i), np.arange(size) * (size + 1)
+    entries = np.unique(np.concatenate([*keys_of_terms, diagonal]))
     indptr = np.searchsorted(entries, np.arange(size + 1) * size).astype(np.int32)
-    ones, at = np.ones(len(entries)), (entries % size).astype(np.int32)
-    pattern = sp.csc_array((ones, at, indptr), shape=(size, size))
-    group_keys, group_pairs = np.unique(groups[j] * size + groups[i], return_inverse=True)
-    # Opposite entries; those without a partner differ from zero.
-    mixed = stiffness[rows[stiffness] != columns[stiffness]]
-    low, high = np.minimum(rows[mixed], columns[mixed]), np.maximum(rows[mixed], columns[mixed])
-    pair_of = np.unique(low * size + high, return_inverse=True)[1].ravel()
-    is_compliance = (rows == columns) & (rows >= n)
-    unsigned = np.uint32
+    numbers = (np.ones(len(entries)), (entries % size).astype(np.int32), indptr)
+    pattern = sp.csc_array(numbers, shape=(size, size))
+    order = _elimination_order(pattern, n, rows[joints], columns[joints])
+    position = np.argsort(order)
+    # Each pair is assembled below the diagonal.
+    targets = np.searchsorted(entries, np.where(position[i] < position[j], *keys_of_terms))
+    groups = np.append(first_of_part, np.arange(n, size))
+    single = len(halves) + len(joints)
+    ends = np.sort(groups[np.stack([i, j])[:, :single]], axis=0)
+    edges, edge_of_term = np.unique(ends[0] * size + ends[1], return_inverse=True)
+    left = np.concatenate([halves, joints, products[0]])
     return SaddlePattern(
-        rows=rows.astype(unsigned),
-        columns=columns.astype(unsigned),
-        targets=terms.astype(unsigned),
-        sources=sources.astype(unsigned),
-        shares=shares,
-        skew_rows=pair_of.astype(unsigned),
-        skew_sources=mixed.astype(unsigned),
-        skew_signs=np.where(rows[mixed] < columns[mixed], -1.0, 1.0),
-        product_targets=products.astype(unsigned),
-        product_left=left.astype(unsigned),
-        product_right=right.astype(unsigned),
-        reduced=np.flatnonzero(is_compliance & np.append(np.zeros(n, bool), shared)[rows]),
-        diagonal=diagonal[:n].astype(unsigned),
+        rows=rows,
+        columns=columns,
+        targets=targets.astype(np.uint32),
+        left=left,
+        right=np.append(np.full(single, one), products[1]),
+        shares=np.where(left == one, 0.0, np.where(np.arange(len(left)) < len(halves), 0.5, 1.0)),
+        reduced=np.flatnonzero((rows == columns) & is_shared[rows]),
+        diagonal=np.searchsorted(entries, diagonal[:n]).astype(np.uint32),
         groups=groups,
-        group_rows=group_keys % max(size, 1),
-        group_columns=group_keys // max(size, 1),
-        pairs=group_pairs.ravel(),
-        plan=FixedOrder.of(pattern, _elimination_order(pattern, n, rows[joints], columns[joints])),
+        edges=np.stack(np.divmod(edges, max(size, 1))),
+        edge_of_term=edge_of_term.ravel(),
+        plan=FixedOrder.of(pattern, order),
     )
 
 
@@ -359,10 +327,8 @@ def _elimination_order(
     pattern: sp.csc_array, n: int, joint_rows: Array, joint_columns: Array
 ) -> Array:
     """Return an order with little fill, each multiplier after the coordinates that it couples."""
-    coordinates = compute_bordered_ordering(sp.csc_array(pattern[:n, :n])).order
-    position = np.zeros(pattern.shape[0])
-    position[coordinates] = np.arange(n)
-    last = np.zeros(pattern.shape[0])
+    position, last = np.zeros((2, pattern.shape[0]))
+    position[compute_bordered_ordering(sp.csc_array(pattern[:n, :n])).order] = np.arange(n)
     np.maximum.at(last, joint_rows, position[joint_columns])
     position[n:] = last[n:] + 0.5
     return np.argsort(position, kind="stable")

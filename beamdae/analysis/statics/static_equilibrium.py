@@ -22,8 +22,8 @@ from beamdae.analysis.statics.path_settings import PathSettings
 from beamdae.analysis.statics.paths import (
     EquilibriumPath,
     free_coordinate,
-    problem_of,
     stability_of,
+    tabulate_points,
     trace_path,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -260,50 +260,40 @@ def _trace(
         loading = vary_parameter(equations, resolved)
     with single_threaded:
         path = trace_path(loading, q, settings)
-        states = np.array([point.x for point in path.points])
-        joints = loading.systems[0].equations.m
-        positions, multipliers, _ = np.split(states, [equations.n, equations.n + joints], axis=1)
+        points, rows = path.points, tabulate_points(loading, path.points)
         start_warnings: tuple[str, ...] = ()
         if equations.start is None and from_ is None and not isinstance(start, Equilibrium):
             first = loading.systems[0]
             # Paths to chosen loads and positions are meant to move bodies far.
-            reached = (
-                positions[-1]
-                if loads is over is None and not settings.column and settings.targets == (1.0,)
-                else None
-            )
+            is_whole = loads is over is None and not settings.column and settings.targets == (1.0,)
+            reached = rows["q"][-1] if is_whole else None
             begin = first.loaded if first.is_linear else first.unloaded
             start_warnings = drawing_warnings(begin.equations, begin.time, reached)
-        times = np.array([problem_of(x).system.time_at(x.p) for x in path.points])
-        parameter, numbers = loading.parameter, None
-        if parameter is not None and parameter.time is not None:
-            numbers = np.array([parameter.equations_at(point.p).p for point in path.points])
-            last = parameter.equations_at(path.points[-1].p)
+        parameter = loading.parameter
+        if parameter is not None and rows["numbers"] is not None:
+            last = parameter.equations_at(points[-1].p)
             equations = replace(last, start=equations.start)
         has_friction = any(term.rows is not None for term in equations.forces)
         return Equilibrium(
-            equations,
-            float(times[-1, 0]),
-            _add_meaningless_strain(equations, positions[-1:], path.status),
-            loading.stages,
-            path.factors,
-            positions,
-            loading.full_multipliers(positions, multipliers, times),
-            np.array([stability_of(point).unstable for point in path.points]),
-            path.critical,
-            {**settings.description, "iterations": path.iterations},
-            information,
-            (
+            equations=equations,
+            t=float(rows["times"][-1, 0]),
+            status=_add_meaningless_strain(equations, rows["q"][-1:], path.status),
+            loads=loading.stages,
+            factors=path.factors,
+            unstable=np.array([stability_of(point).unstable for point in points]),
+            critical=path.critical,
+            settings={**settings.description, "iterations": sum(x.iterations for x in points)},
+            model=information,
+            notes=(
                 *start_warnings,
                 *((_FRICTION_WARNING,) if has_friction else ()),
-                *_turning_notes(loading.systems[-1], states[-1], path.points[-1].p),
+                *_turning_notes(loading.systems[-1], points[-1].x, points[-1].p),
                 *_describe_deep_contacts(loading, path),
                 *path.notes,
             ),
-            _free_coordinates(path),
-            "" if parameter is None else parameter.header,
-            times,
-            numbers,
+            free_coordinates=_free_coordinates(path),
+            over="" if parameter is None else parameter.header,
+            **rows,
         )
 
 

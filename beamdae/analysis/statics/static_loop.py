@@ -71,8 +71,8 @@ class StaticWorkspace:
     saddle
         Symmetric elimination of the tangent.
     nonzeros, scaled, products
-        Non-zeros of the bordered matrix, in natural sizes, and products of the sizes of their rows
-        and columns.
+        Non-zeros of the bordered matrix and a 1; in natural sizes; products of the sizes of their
+        rows and columns.
     sizes
         Natural sizes of the unknowns, then 1, (n + m + 1,).
     inputs
@@ -230,7 +230,7 @@ def _solve_newton(run: StaticWorkspace) -> int:
     if run.has_factors == 0:
         pick(run.nonzeros, run.row_targets, run.row, run.counting, 0, size + 1)
         combine(run.nonzeros[first : first + size], (1.0,), (run.by_factor,))
-        multiply(run.scaled, run.nonzeros, run.products)
+        multiply(run.scaled, run.nonzeros[: run.scaled.size], run.products)
         code = factorize(run.linear, run.scaled)
         if code != DONE:
             return code
@@ -269,4 +269,5 @@ def _evaluate_tangent(run: StaticWorkspace) -> None:
     parts = (common.nonzeros, unloaded.nonzeros, loaded.nonzeros)
     combine(run.nonzeros, (1.0, 1.0 - mu, mu), parts)
     add(run.nonzeros, run.added_targets, run.added, run.counting, 0, run.added.size)
+    run.nonzeros[run.scaled.size] = 1.0
     run.has_tangent = 1

@@ -5,7 +5,8 @@ from __future__ import annotations
 import weakref
 from collections import Counter, deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from itertools import compress
 from typing import Any, NamedTuple
@@ -60,7 +61,6 @@ from beamdae.equations.formulations.static_equations import (
     find_idle_forces,
     plan_static_sums,
 )
-from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.structure import (
     ConstraintTerm,
     ForceTerm,
@@ -87,11 +87,21 @@ _SINGULAR = "the tangent stiffness is singular at the next point"
 _CENTER_TOLERANCE = 1e-6
 
 
-class PartPlan(NamedTuple):
-    """Plans of one of the parts C, U and L; `tangent` adds to the bordered matrix."""
+@dataclass
+class Usage:
+    """Loops of a plan in this process; that threads may lose some of this does not matter.
 
-    residual: SumPlan
-    tangent: SumPlan
+    Attributes
+    ----------
+    evaluations
+        Number of interpreted evaluations.
+    idle_loops
+        Compiled loop of a system that no longer exists, which the next system uses: building its
+        workspace takes as long as several load steps.
+    """
+
+    evaluations: int = 0
+    idle_loops: deque[StepLoop[StaticWorkspace]] = field(default_factory=lambda: deque(maxlen=1))
 
 
 class SystemPlan(NamedTuple):
@@ -100,24 +110,24 @@ class SystemPlan(NamedTuple):
     Attributes
     ----------
     sums
-        Plans of the parts C, U and L.
+        Plans of the residual and the tangent of the parts C, U and L; the tangents add to the
+        bordered matrix.
     pattern, bordered
         Patterns of the tangent, (n + m, n + m), and of the bordered matrix.
     tangent_targets, added_targets, row_targets
         Indices of the non-zeros of `pattern`, of added constants and of the last row in the
         non-zeros of `bordered`.
-    idle_loops
-        Compiled loop of a system that no longer exists, which the next system uses: building its
-        workspace takes as long as several load steps.
+    usage
+        See `Usage`.
     """
 
-    sums: tuple[PartPlan, ...]
+    sums: tuple[tuple[SumPlan, SumPlan], ...]
     pattern: sp.csc_array
     bordered: sp.csc_array
     tangent_targets: Array
     added_targets: Array
     row_targets: Array
-    idle_loops: deque[StepLoop[StaticWorkspace]]
+    usage: Usage
 
 
 @cache_on_owner
@@ -128,86 +138,65 @@ def _plan_system(
     added: tuple[int, ...],
 ) -> SystemPlan:
     parts = [plan_static_sums(structure) for structure in (common, unloaded, loaded)]
-    patterns = [x.pattern for x in parts]
-    ones, shape = np.ones(len(added)), patterns[0].shape
-    patterns.append(sp.csc_array((ones, (added, added)), shape=shape))
-    union = sp.csc_array(reduce(lambda one, other: one + other, patterns))
-    union.sort_indices()
-    size = union.shape[0]
-    tangent_targets = np.arange(union.nnz) + column_indices(union)
-    keys = column_indices(union).astype(np.intp) * size + union.indices
-    diagonal = np.searchsorted(keys, [k * (size + 1) for k in added])
-    indptr = np.append(union.indptr + np.arange(size + 1), union.nnz + 2 * size + 1)
-    row_targets = (indptr[1:] - 1).astype(np.uint32)
-    indices = np.zeros(indptr[-1], np.int32)
-    indices[tangent_targets], indices[row_targets] = union.indices, size
-    indices[indptr[size] :] = np.arange(size + 1)
-    entries = (np.ones(len(indices)), indices, indptr)
+    size = parts[0].pattern.shape[0]
+    diagonal = sp.csc_array((np.ones(len(added)), (added, added)), (size, size))
+    pattern = sp.csc_array(reduce(lambda one, other: one + other, (x.pattern for x in parts)))
+    pattern = sp.csc_array(pattern + diagonal)
+    pattern.sort_indices()
+    border = np.ones((size, 1))
+    bordered = sp.csc_array(sp.block_array([[pattern, border], [border.T, np.ones((1, 1))]]))
+    bordered.sort_indices()
+    rows, columns = bordered.indices, column_indices(bordered).astype(np.intp)
+    keys = columns * (size + 1) + rows
 
-    def plan(sums: StaticSums) -> PartPlan:
-        own = column_indices(sums.pattern).astype(np.intp) * size + sums.pattern.indices
-        targets = tangent_targets[np.searchsorted(keys, own)].astype(np.uint32)
+    def plan(sums: StaticSums) -> tuple[SumPlan, SumPlan]:
+        own = column_indices(sums.pattern).astype(np.intp) * (size + 1) + sums.pattern.indices
+        targets = np.searchsorted(keys, own).astype(np.uint32)
         tangent = replace(
             sums.tangent,
             add_targets=targets[sums.tangent.add_targets],
             weighted_targets=targets[sums.tangent.weighted_targets],
         )
-        return PartPlan(sums.residual, tangent)
+        return sums.residual, tangent
 
     return SystemPlan(
         sums=tuple(map(plan, parts)),
-        pattern=union,
-        bordered=sp.csc_array(entries, shape=(size + 1, size + 1)),
-        tangent_targets=tangent_targets,
-        added_targets=tangent_targets[diagonal].astype(np.uint32),
-        row_targets=row_targets,
-        idle_loops=deque(maxlen=1),
+        pattern=pattern,
+        bordered=bordered,
+        tangent_targets=np.flatnonzero((rows < size) & (columns < size)),
+        added_targets=np.searchsorted(keys, np.array(added) * (size + 2)).astype(np.uint32),
+        row_targets=np.flatnonzero(rows == size).astype(np.uint32),
+        usage=Usage(),
     )
-
-
-@dataclass
-class Usage:
-    """Number of interpreted evaluations with a structure in this process."""
-
-    evaluations: int = 0
-
-
-@cache_on_owner
-def _usage_of(structure: Structure) -> Usage:
-    # Paths share this count; that threads may lose a few evaluations does not matter.
-    return Usage()
 
 
 @cache_on_owner
 def _term_keys(structure: Structure) -> tuple[tuple[tuple[Any, ...], slice], ...]:
     """Return keys of kernels and operators, and the data, of all terms: forces, then joints."""
-
-    def key(term: ForceTerm | ConstraintTerm) -> tuple[Any, ...]:
-        # Forces and joints have different kernels, so that their keys differ.
-        return tuple(comparison_key(x) for name, x in vars(term).items() if name != "data")
-
+    # Forces and joints have different kernels, so that their keys differ.
     terms: tuple[ForceTerm | ConstraintTerm, ...] = (*structure.forces, *structure.joints)
-    return tuple((key(term), term.data) for term in terms)
+    return tuple(
+        (tuple(comparison_key(x) for name, x in vars(term).items() if name != "data"), term.data)
+        for term in terms
+    )
 
 
 def _split_structures(
     unloaded: EquationsOfMotion, loaded: EquationsOfMotion
 ) -> tuple[Structure, Structure, Structure]:
-    """Return the common terms of both equations, and those of only one of them.
+    """Return the common terms of two equations, and those of only one of them.
 
     Common terms have equal kernels, operators and numbers.
     """
     keys = [
-        [(key, e.p[data].tobytes()) for key, data in _term_keys(e.structure)]
-        for e in (unloaded, loaded)
+        [(key, e.p[x].tobytes()) for key, x in _term_keys(e.structure)] for e in (unloaded, loaded)
     ]
-    counts = [Counter(x) for x in keys]
-    is_common: list[tuple[bool, ...]] = []
-    for own, other in zip(keys, reversed(counts), strict=True):
-        flags = []
+    is_common = []
+    for own, other in zip(keys, reversed(keys), strict=True):
+        rest, flags = Counter(other), []
         for key in own:
-            flags.append(other[key] > 0)
-            other[key] -= 1
+            rest[key] -= 1
+            flags.append(rest[key] >= 0)
         is_common.append(tuple(flags))
     only_unloaded, only_loaded = (tuple(not x for x in flags) for flags in is_common)
     return (
@@ -292,35 +281,30 @@ class StaticProblem(Problem):
         See above.
     pattern
         CSC pattern of the tangent F_x, (n + m, n + m).
+    n, rigid_size
+        Numbers of coordinates, and of unknowns before the forces of beams and springs.
     """
 
     def __init__(self, system: LoadedEquations) -> None:
         self.system = system
-        unloaded, loaded, held = system.unloaded, system.loaded, system.held_coordinates
+        pair, held = (system.unloaded, system.loaded), system.held_coordinates
         self._idle = None
         if not system.is_linear:
             # The stiffness of a spring may begin or end at zero.
-            self._idle = find_idle_forces(unloaded) | find_idle_forces(loaded)
-        forms = self._convert((unloaded, loaded))
-        first, last = (x.equations for x in forms)
-        self._rigid, self._remainder = forms[1].joint_count, forms[1].remainder
-        self._time, self._n = loaded.time, last.n
-        self._initial_q, self._part_scales = last.q0, last.part_scales
-        starts = np.array([part.rows.start for part in last.parts], np.intp)
-        self._parts = starts[np.searchsorted(starts, np.arange(last.n), "right") - 1]
+            self._idle = find_idle_forces(pair[0]) | find_idle_forces(pair[1])
+        self._forms = self._convert(pair)
+        first, last = (x.equations for x in self._forms)
+        self.n, self.rigid_size = last.n, last.n + self._forms[1].joint_count
+        self._reference, self._held = last, len(held)
         if system.is_linear:
-            common, only_unloaded, only_loaded = _split_structures(first, last)
+            structures = _split_structures(first, last)
         else:
-            only_unloaded = only_loaded = last.structure
-            common = _select_terms(last.structure, (False,) * len(_term_keys(last.structure)))
-        self._numbers = (first.p, first.p, last.p)
-        self._usage = _usage_of(common if system.is_linear else last.structure)
-        self._held = len(held)
-        added = (*held, *range(last.n + self._rigid, last.n + last.m))
-        plan = _plan_system(common, only_unloaded, only_loaded, added)
-        self._plan, self.pattern = plan, plan.pattern
-        size = plan.pattern.shape[0]
-        self._weights = np.append(1.0 / last.group_scales, np.zeros(size - last.n))
+            none = _select_terms(last.structure, (False,) * len(_term_keys(last.structure)))
+            structures = none, last.structure, last.structure
+        added = (*held, *range(self.rigid_size, last.n + last.m))
+        self._plan = _plan_system(*structures, added)
+        self.pattern = self._plan.pattern
+        self._weights = np.append(1.0 / last.group_scales, np.zeros(last.m))
         self._set_loop(self._take_idle_loop() or self._make_loop(compiles=False))
 
     def _convert(self, equations: Sequence[StaticEquations]) -> list[CompliantEquations]:
@@ -329,7 +313,7 @@ class StaticProblem(Problem):
     def _take_idle_loop(self) -> StepLoop[StaticWorkspace] | None:
         """Return a loop with a workspace of the same layout, if there is one."""
         try:
-            loop = self._plan.idle_loops.pop()
+            loop = self._plan.usage.idle_loops.pop()
         except IndexError:
             return None
         if not is_native_enabled():
@@ -338,57 +322,42 @@ class StaticProblem(Problem):
         return loop
 
     def _set_loop(self, loop: StepLoop[StaticWorkspace]) -> None:
-        """Use a loop, with the numbers of this system."""
-        self._loop, run = loop, loop.work
-        for part, plans, p in zip(
-            (run.common, run.unloaded, run.loaded), self._plan.sums, self._numbers, strict=True
-        ):
-            for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
-                plan.set_data(total, p)
-                set_time(total, *self._time)
-        run.weights[:] = self._weights
-        run.center, run.scale = 0.0, 1.0
-        run.remainder[:] = self._remainder
-        run.added[: self._held], run.added[self._held :] = 0.0, -1.0
-        if not self.system.is_linear:
-            run.scale = 0.0
-            self._center(self.system.ends[0])
-        self._scale()
-        if loop.is_native:
-            weakref.finalize(self, self._plan.idle_loops.append, loop).atexit = False
+        """Use a loop, with the numbers of this system.
 
-    def _scale(self) -> None:
-        """Set the natural sizes by the tangent in the reference configuration, without loads."""
-        run = self._loop.work
-        forget_point(run)
-        at_start = self.start(self._initial_q)
-        run = self._run(at_start, self.system.ends[0], EVALUATE_TANGENT)
-        scale_by_reference(run.saddle, run.nonzeros, self._part_scales)
-        run.added[: self._held] = run.saddle.scales[self._held_coordinates] ** -2.0
+        Natural sizes are set by the tangent in the reference configuration, without loads.
+        """
+        self._loop, run, begin = loop, loop.work, self.system.ends[0]
+        run.weights[:] = self._weights
+        run.remainder[:] = self._forms[1].remainder
+        run.added[: self._held], run.added[self._held :] = 0.0, -1.0
+        self._center(begin)
+        self._run(self.start(self._reference.q0), begin, EVALUATE_TANGENT)
+        scale_by_reference(run.saddle, run.nonzeros, self._reference.part_scales)
+        bordered = self._plan.bordered
+        held = bordered.indices[self._plan.added_targets[: self._held]]
+        run.added[: self._held] = run.saddle.scales[held] ** -2.0
         forget_point(run)
         run.sizes[:-1] = run.saddle.scales
-        bordered = self._plan.bordered
         run.products[:] = run.sizes[bordered.indices] * run.sizes[column_indices(bordered)]
-
-    @property
-    def _held_coordinates(self) -> Array:
-        return self._plan.bordered.indices[self._plan.added_targets[: self._held]]
+        if loop.is_native:
+            weakref.finalize(self, self._plan.usage.idle_loops.append, loop).atexit = False
 
     def _make_loop(self, compiles: bool) -> StepLoop[StaticWorkspace]:
-        plan, size = self._plan, self.pattern.shape[0]
+        plan, size, nnz = self._plan, self.pattern.shape[0], self._plan.bordered.nnz
         matrix = FactorizedMatrix.from_pattern(plan.bordered)
-        nnz = plan.bordered.nnz
+        starts = np.array([part.rows.start for part in self._reference.parts], np.intp)
+        parts = starts[np.searchsorted(starts, np.arange(self.n), "right") - 1]
 
-        def make_part(plans: PartPlan, p: Array, native: bool) -> LoadPart:
+        def make_part(plans: tuple[SumPlan, SumPlan], k: int, native: bool) -> LoadPart:
+            p = self._forms[k].equations.p
             residual, tangent = (plan.sum(native, p) for plan in plans)
             # The factors of damping and mass are not used.
             set_matrix_factors(tangent, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-            return LoadPart(residual, tangent, np.zeros(size), np.zeros(nnz))
+            return LoadPart(residual, tangent, np.zeros(size), np.zeros(nnz + 1))
 
         def make(native: bool) -> StaticWorkspace:
             common, unloaded, loaded = (
-                make_part(plans, p, native)
-                for plans, p in zip(plan.sums, self._numbers, strict=True)
+                make_part(plans, k, native) for plans, k in zip(plan.sums, (0, 0, 1), strict=True)
             )
             return StaticWorkspace(
                 common=common,
@@ -397,29 +366,29 @@ class StaticProblem(Problem):
                 linear=matrix.make_solver(native, "auto"),
                 saddle=SaddlePoint.of(
                     self.pattern,
-                    plan.tangent_targets,
-                    self._parts,
+                    np.append(plan.tangent_targets, nnz),
+                    parts,
                     self.rigid_size,
-                    self._remainder,
+                    self._forms[1].remainder,
                 ),
-                nonzeros=np.zeros(nnz),
+                nonzeros=np.zeros(nnz + 1),
                 scaled=matrix.nonzeros,
                 products=np.ones(nnz),
                 sizes=np.ones(size + 1),
-                inputs=np.zeros(self._n + size),
+                inputs=np.zeros(self.n + size),
                 forces=np.zeros(size),
                 by_factor=np.zeros(size),
                 row=np.zeros(size + 1),
                 row_targets=plan.row_targets,
                 counting=np.arange(size + 1, dtype=np.uint32),
                 right=np.zeros(size + 1),
-                remainder=np.zeros(size - self._n),
+                remainder=np.zeros(size - self.n),
                 added_targets=plan.added_targets,
                 added=np.zeros(len(plan.added_targets)),
                 weights=np.zeros(size),
                 corrections=Corrections(),
                 column_start=int(plan.bordered.indptr[size]),
-                joint_count=self._rigid,
+                joint_count=self.rigid_size - self.n,
             )
 
         native = all(x.load_native(compiles) for plans in plan.sums for x in plans)
@@ -445,23 +414,17 @@ class StaticProblem(Problem):
         """Inverse sizes of the coordinates that make all parts equally stiff as drawn."""
         return np.where(self._weights > 0.0, 1.0 / self.scales, 0.0)
 
-    @property
-    def n(self) -> int:
-        """Number of coordinates."""
-        return self._n
-
-    @property
-    def rigid_size(self) -> int:
-        """Number of unknowns before the forces of beams and springs."""
-        return self._n + self._rigid
-
     def start(self, q: Array) -> Array:
         """Return the unknowns (q, 0)."""
-        return np.append(q, np.zeros(len(self.weights) - self._n))
+        return np.append(q, np.zeros(len(self.weights) - self.n))
 
     def linearize(self, x: Array, p: float, last: Any = None) -> StaticLinearization:
         """Return the equations, linearized about (x, p)."""
         return StaticLinearization(self, x, p)
+
+    def point(self, x: Array, p: float, iterations: int = 0) -> Point:
+        """Return a solution that is known."""
+        return Point(self, x, p, self.linearize(x, p), iterations)
 
     def monitor(self, point: Point) -> Count:
         """Return the stability under constant loads.
@@ -474,17 +437,17 @@ class StaticProblem(Problem):
         x, p = point.x, point.p
         signs = self.count_signs(x, p)
         if signs.size <= NEGLIGIBLE_STIFFNESS:
-            return Count(0, 0, free=self._n - self._rigid)
-        m = len(x) - self._n
+            return Count(0, 0, free=2 * self.n - self.rigid_size)
+        m = len(x) - self.n
         free = signs.above - signs.below
         by_signs = Count(signs.below - m, 0, 0, free, *self._pair_of_determinant(signs))
-        if signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size or self._rigid >= self._n:
+        if signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size or self.rigid_size >= 2 * self.n:
             return by_signs
         try:
             factors = splu(sp.csc_matrix(self.matrix(x, p)))
         except RuntimeError:
             return by_signs
-        flexibility = Flexibility(self._n, lambda right: factors.solve(right)[: self._n])
+        flexibility = Flexibility(self.n, lambda right: factors.solve(right)[: self.n])
         reduced = reduce_to_soft_motions(flexibility, m)
         if has_potential(reduced):
             # Close to a critical point, the symmetric part has another sign in the softest motion.
@@ -499,39 +462,32 @@ class StaticProblem(Problem):
         """Return the pair of +-l with l^2 = -det K in admissible motions, and log |l|."""
         if signs.below != signs.above or signs.below < 0:
             return np.zeros((2, 0)), 0.0
-        is_negative = (signs.below - len(signs.scales) + self._n) % 2 == 1
+        is_negative = (signs.below - len(signs.scales) + self.n) % 2 == 1
         log_unit = 0.5 * float(np.sum(np.log(np.abs(signs.factors.pivots))))
         return np.array([[0.0], [1.0 if is_negative else -1.0]]), log_unit
 
     def _motion_matrices(self, point: Point) -> tuple[sp.csc_array, sp.csc_array]:
         """Return mass (n, n) and damping (n + m, n) in natural sizes, with that of constraints."""
-        n, scales, at_rest = self._n, self.scales, np.zeros(self._n)
+        n, scales, at_rest = self.n, self.scales, np.zeros(self.n)
         state = State(point.x[:n], at_rest, at_rest, point.x[n:])
-        interval = self.system.interval_at(point.p)
-        forms = self._convert(interval[:2])
-        first, last = (
-            compute_tangent(x.equations, y.time, state)
-            for x, y in zip(forms, interval[:2], strict=True)
+        tangent = self.system.motion_tangent(
+            point.p, state, lambda e: introduce_resultants(e, self._idle).equations
         )
-        damping = interval.interpolate(point.p, first.damping, last.damping)
-        constraints = sp.diags_array(forms[0].retardation) @ first.position_jacobian
-        damping = sp.vstack([damping, constraints]) * scales[:n] * scales[:, None]
-        mass = first.mass * scales[:n] * scales[:n, None]
-        return sp.csc_array(mass), sp.csc_array(damping)
+        (form,) = self._convert(self.system.interval_at(point.p)[:1])
+        constraints = sp.diags_array(form.retardation) @ tangent.position_jacobian
+        damping = sp.vstack([tangent.damping, constraints]) * scales[:n] * scales[:, None]
+        return sp.csc_array(tangent.mass * scales[:n] * scales[:n, None]), sp.csc_array(damping)
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return F and F_mu at x = (q, lam), (n + m,) each."""
         run = self._run(x, mu, EVALUATE_FORCES)
         return run.forces.copy(), run.by_factor.copy()
 
-    def tangent(self, x: Array, mu: float) -> Array:
-        """Return the non-zeros of F_x on `pattern`."""
-        return self._run(x, mu, EVALUATE_TANGENT).nonzeros[self._plan.tangent_targets]
-
     def matrix(self, x: Array, mu: float) -> sp.csc_array:
         """Return F_x in natural sizes of the unknowns, see `scales`."""
         pattern, scales = self.pattern, self.scales
-        entries = (self.tangent(x, mu), pattern.indices, pattern.indptr)
+        nonzeros = self._run(x, mu, EVALUATE_TANGENT).nonzeros[self._plan.tangent_targets]
+        entries = (nonzeros, pattern.indices, pattern.indptr)
         return sp.csc_array(sp.csc_array(entries, pattern.shape) * scales * scales[:, None])
 
     def count_signs(self, x: Array, mu: float) -> SaddlePoint:
@@ -540,7 +496,7 @@ class StaticProblem(Problem):
 
     def correct(self, control: Control, target: float, x: Array, p: float) -> Point:
         """Return the solution at which the control has the value `target`, by Newton's method."""
-        run, n, code = self._loop.work, self._n, CORRECTED
+        run, n, code = self._loop.work, self.n, CORRECTED
         run.corrections.restart()
         while code == CORRECTED:
             row = control(x, p)
@@ -554,7 +510,7 @@ class StaticProblem(Problem):
         self._compile_if_used(count)
         if code != DONE:
             raise CurveError(FAILURES[code])
-        return Point(self, x, p, self.linearize(x, p), count)
+        return self.point(x, p, count)
 
     def find_tangent(self, point: Point, row: Row) -> Tangent:
         """Return the tangent at a solution along which the control with this row increases by 1."""
@@ -576,7 +532,7 @@ class StaticProblem(Problem):
             If the bordered matrix is singular or not finite.
         """
         run, bordered = self._run(x, p, EVALUATE_TANGENT), self._plan.bordered
-        entries = run.nonzeros.copy()
+        entries = run.nonzeros[:-1].copy()
         entries[self._plan.row_targets[:-1]] = row
         entries[run.column_start :] = column
         matrix = sp.csc_array((entries * run.products, bordered.indices, bordered.indptr))
@@ -593,23 +549,19 @@ class StaticProblem(Problem):
         return self._loop.work
 
     def _perform(self, task: int) -> int:
+        """Run the loop; return its code."""
         run = self._loop.work
         run.task = task
-        code = self._call()
+        # Plain Python warns of numbers that are not finite.
+        with nullcontext() if self.is_native else np.errstate(over="ignore", invalid="ignore"):
+            code = self._loop()
         if code == SINGULAR:
             run.linear.singular = 0
             raise CurveError(_SINGULAR)
         return code
 
-    def _call(self) -> int:
-        """Run the loop; return its code."""
-        if self.is_native:
-            return self._loop()
-        with np.errstate(over="ignore", invalid="ignore"):
-            return self._loop()
-
     def _set_point(self, x: Array, mu: float) -> None:
-        run, n = self._loop.work, self._n
+        run, n = self._loop.work, self.n
         q, lam = run.inputs[:n], run.inputs[2 * n :]
         if not (mu == run.mu and np.array_equal(x[:n], q) and np.array_equal(x[n:], lam)):
             q[:], lam[:], run.mu = x[:n], x[n:], mu
@@ -625,13 +577,14 @@ class StaticProblem(Problem):
             interval = self.system.interval_at(value)
         except BeamdaeError as error:
             raise CurveError(f"the model cannot be built ({str(error).rstrip('.')})") from None
-        parts, pair = (run.unloaded, run.loaded), interval[:2]
-        for part, plans, static, form in zip(
-            parts, self._plan.sums[1:], pair, self._convert(pair), strict=True
-        ):
+        pair, forms = interval[:2], self._forms
+        if not self.system.is_linear:
+            forms = self._convert(pair)
+        parts = (run.common, run.unloaded, run.loaded)
+        for part, plans, k in zip(parts, self._plan.sums, (0, 0, 1), strict=True):
             for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
-                plan.set_data(total, form.equations.p)
-                set_time(total, *static.time)
+                plan.set_data(total, forms[k].equations.p)
+                set_time(total, *pair[k].time)
         run.center, run.scale = interval.center, interval.scale
         forget_point(run)
 
@@ -639,9 +592,10 @@ class StaticProblem(Problem):
         """Add `count` evaluations; compile the kernels and the loop after many."""
         if self.is_native or not is_native_enabled():
             return
-        self._usage.evaluations += count
-        if self._usage.evaluations > _INTERPRETED_EVALUATIONS:
-            self._usage.evaluations = 0
+        usage = self._plan.usage
+        usage.evaluations += count
+        if usage.evaluations > _INTERPRETED_EVALUATIONS:
+            usage.evaluations = 0
             self._set_loop(self._make_loop(compiles=True))
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from beamdae.cli.options import (
-    STATES,
     About,
     AccurateColumns,
     LoadTime,
@@ -22,21 +22,15 @@ from beamdae.cli.options import (
     RequiredAccuracy,
     Settings,
     as_bad_parameter,
-    load_configured_model,
+    find_state,
+    load_model,
     parse_number,
     required_accuracy,
     split_names,
 )
-from beamdae.cli.output import (
-    WrittenFiles,
-    current_output,
-    print_accuracy,
-    print_facts,
-    print_warnings,
-)
-from beamdae.cli.output_paths import plan_outputs
 from beamdae.cli.ranges import SPACED_FORMS, parse_ends, parse_spaced_values
-from beamdae.errors import BeamdaeError, format_count, require_choice, short_repr
+from beamdae.cli.results import Report, ResultFiles, run_analysis
+from beamdae.errors import BeamdaeError, format_count, short_repr
 
 if TYPE_CHECKING:
     from beamdae.analysis.linear_dynamics.bode_diagram import Bode
@@ -106,7 +100,7 @@ def bode_command(
     ] = None,
     settings: Settings = None,
     model_name: ModelName = None,
-    about: About = "reference",
+    about: About = None,
     speed: Annotated[
         float | None,
         typer.Option(
@@ -131,47 +125,35 @@ def bode_command(
     Exits with 0 on success, 1 if --accuracy was not reached or the page or the picture failed, and
     2 for a usage or model error.
     """
-    from beamdae.cli.model_files.model_file import ModelFile
-
-    model = load_configured_model(ModelFile(path), model_name, settings)
-    require_choice("bode", "--about", about, STATES)
-    if speed is not None and about != "reference":
-        raise BeamdaeError(f"bode: --about {about} and --speed are mutually exclusive; omit one.")
+    model, _ = load_model(path, model_name, settings)
     grid, ends = frequencies or (None, None)
-    table_path, picture_path = plan_outputs(out, f"{model.name}_bode", picture, page)
-    page_path = table_path.with_suffix(".html")
-    from beamdae.analysis.linear_dynamics.bode_diagram import bode
-    from beamdae.analysis.linear_dynamics.linear_model import linearize
-    from beamdae.parts.rotation import rotation
-    from beamdae.report.analysis_pages import write_analysis_page
-    from beamdae.report.pictures.bode_plots import create_bode_figure
-    from beamdae.report.pictures.figures import save_figure
-    from beamdae.results.storage.files import escape_table, write_text
-
-    mechanism = model()
-    state = about if speed is None else rotation(speed)
-    selected = [split_names(x, model) or None for x in (inputs, outputs)]
-    linear = linearize(mechanism, state, selected[0], selected[1], t)
-    if not linear.inputs or not linear.outputs:
-        kind = "inputs, such as a force" if not linear.inputs else "outputs, such as an observable"
-        raise BeamdaeError(f"bode: the model has no {kind}; add one.")
+    files = ResultFiles.plan(out, f"{model.name}_bode", page, picture)
     accurate = required_accuracy("bode", accuracy, accuracy_columns, model)
-    diagram = bode(linear, grid, ends, **accurate)
-    output = current_output()
-    has_readers = output.as_json or not output.quiet
-    loops, notes = _compute_margins(linear, mechanism.outputs if has_readers else ())
-    table = escape_table(diagram.table()).to_csv(index=False)
-    files = WrittenFiles([write_text(table_path, table)], (page_path, picture_path))
-    _print_results(diagram, loops, notes, model.name)
-    title = f"{model.name}, linear response about {linear.about}"
-    if page:
-        files.write(page_path.name, lambda: [write_analysis_page(diagram, page_path, title)])
-    if picture:
-        files.write(
-            picture_path.name,
-            lambda: [save_figure(create_bode_figure(diagram, title), picture_path)],
-        )
-    files.finish(result=diagram)
+    mechanism = model()
+    state = find_state("bode", mechanism, about, speed)
+    selected = [split_names(x, model) or None for x in (inputs, outputs)]
+
+    def analyze() -> Bode:
+        from beamdae.analysis.linear_dynamics.bode_diagram import bode
+        from beamdae.analysis.linear_dynamics.linear_model import linearize
+
+        linear = linearize(mechanism, state, selected[0], selected[1], t)
+        if not linear.inputs or not linear.outputs:
+            kind = (
+                "inputs, such as a force" if not linear.inputs else "outputs, such as an observable"
+            )
+            raise BeamdaeError(f"bode: the model has no {kind}; add one.")
+        return bode(linear, grid, ends, **accurate)
+
+    def draw(diagram: Bode, path: Path, title: str) -> Path:
+        from beamdae.report.pictures.bode_plots import create_bode_figure
+        from beamdae.report.pictures.figures import save_figure
+
+        return save_figure(create_bode_figure(diagram, title), path)
+
+    title = f"{model.name}, linear response"
+    describe = partial(_describe, model.name, mechanism.outputs)
+    run_analysis(files, title, analyze, describe, draw)
 
 
 def _compute_margins(
@@ -192,38 +174,33 @@ def _compute_margins(
     return loops, notes
 
 
-def _print_results(
-    diagram: Bode, loops: Mapping[str, StabilityMargins], notes: Sequence[str], name: str
-) -> None:
+def _describe(name: str, controllers: Iterable[str], diagram: Bode) -> Report:
     from beamdae.report.terminal import text_tables
 
     peaks, linear = diagram.peak_table(), diagram.model
+    loops, notes = _compute_margins(linear, controllers)
     first, last = diagram.frequencies[[0, -1]].tolist()
-    facts = {
-        "about": linear.about,
-        "states": str(len(linear.states)),
-        "frequencies": f"{len(diagram.frequencies)}, {first:.4g} to {last:.4g} Hz",
-        **{f"loop of {loop}": str(x) for loop, x in loops.items()},
-    }
-    console = print_facts(
+    ranks = peaks.groupby("output / input")["magnitude"].rank("first", ascending=False)
+    shown = peaks[ranks <= _MAX_SHOWN_PEAKS]
+    omitted = format_count(len(peaks) - len(shown), "peak")
+    note = (
+        f"not shown: {omitted} beyond the {_MAX_SHOWN_PEAKS} largest of a transfer function; "
+        "--json shows them"
+    )
+    return Report(
         name,
-        facts,
         lambda: {
             "about": linear.about,
             "response": diagram.table().to_dict("records"),
             "peaks": peaks.to_dict("records"),
             "margins": {loop: x.table().to_dict("records") for loop, x in loops.items()},
         },
+        facts={
+            "about": linear.about,
+            "states": str(len(linear.states)),
+            "frequencies": f"{len(diagram.frequencies)}, {first:.4g} to {last:.4g} Hz",
+            **{f"loop of {loop}": str(x) for loop, x in loops.items()},
+        },
+        tables=[text_tables.bode_table(shown), *([note] if len(shown) < len(peaks) else [])],
+        warnings=[*diagram.warnings, *notes],
     )
-    ranks = peaks.groupby("output / input")["magnitude"].rank("first", ascending=False)
-    shown = peaks[ranks <= _MAX_SHOWN_PEAKS]
-    console.print(text_tables.bode_table(shown))
-    if len(shown) < len(peaks):
-        count = format_count(len(peaks) - len(shown), "peak")
-        console.print(
-            f"not shown: {count} beyond the {_MAX_SHOWN_PEAKS} largest of a transfer function; "
-            "--json shows them",
-            style="dim",
-        )
-    print_accuracy(console, diagram)
-    print_warnings(console, [*diagram.warnings, *notes])

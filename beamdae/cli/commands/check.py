@@ -12,10 +12,11 @@ from beamdae.cli.options import (
     ModelPath,
     Settings,
     Starts,
-    load_configured_model,
+    load_model,
     parse_start,
 )
-from beamdae.cli.output import create_console, record_results, record_warning
+from beamdae.cli.output import record_warning
+from beamdae.cli.results import Report
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
@@ -35,9 +36,7 @@ def check_command(
 
     Exits with 0 if the model can be run, and with 2 and a message for a usage or model error.
     """
-    from beamdae.cli.model_files.model_file import ModelFile
-
-    model = load_configured_model(ModelFile(path), model_name, settings)
+    model, _ = load_model(path, model_name, settings)
     from beamdae.checks import check
     from beamdae.parts.mechanism import Mechanism
     from beamdae.report.terminal import text_tables
@@ -47,14 +46,15 @@ def check_command(
     result = check(mechanism, model.t_end, predict, parse_start(start, model))
     parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
     types = {name: type(part).__name__ for name, part in parts.items()}
-    record_results(lambda: {**_json_results(result), "parts": types})
     for sentence in result.warnings:
         record_warning(sentence)
-    console = create_console()
-    console.print(model.name, style="bold")
-    if parts:
-        console.print(text_tables.parts_table(types))
-    console.print(text_tables.fact_list("", describe_check(result, parts)))
+    facts = describe_check(result, parts)
+    Report(
+        f"{model.name}: {facts.pop('verdict')}",
+        lambda: {**_json_results(result), "parts": types},
+        facts=facts,
+        tables=[text_tables.parts_table(types)] if parts else [],
+    ).print()
     if not result.ok:
         raise BeamdaeError(result.problem)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,14 +21,12 @@ from beamdae.cli.options import (
     TimeLimit,
     parse_assignments,
 )
-from beamdae.cli.output import create_console, print_error, print_warnings, record_results
+from beamdae.cli.results import Report
 from beamdae.cli.study_outputs import (
     MAX_SCREEN_ROWS,
     PAGE_FILE,
-    StudyOutputs,
     StudyReport,
     apply_run_options,
-    print_failures,
     results_folder_name,
     run_and_write,
 )
@@ -66,15 +62,13 @@ def compare_command(
     """
     study = _select_study(path, model_name, parse_assignments(settings))
     study = apply_run_options("compare", study, time_limit, t_end, output_step, start)
-    from beamdae.studies.execution.executors import create_executor
-
-    run_and_write(
-        StudyOutputs(study, out / study.name, _create_report, parquet, page, picture),
-        lambda: create_executor("compare", "--", jobs, scheduler),
-    )
+    folder, files = out / study.name, (parquet, page, picture)
+    run_and_write("compare", study, folder, _create_report, (jobs, scheduler), files)
 
 
 def _create_report(results: StudyResults) -> StudyReport:
+    from beamdae.report.terminal import text_tables
+    from beamdae.report.text import make_printable
     from beamdae.studies.study_pictures import list_plots
 
     def write_page() -> list[Path]:
@@ -84,8 +78,36 @@ def _create_report(results: StudyResults) -> StudyReport:
         path = results.folder / PAGE_FILE
         return page_file.list_page_files(page_file.write_page(path, create_study_page(results)))
 
+    table, groups = results.table, list(results.references)
+    ungrouped = [results.study.cases[row] for row in table.index[~table["group"].isin(groups)]]
+    shown: list[Any] = [results.describe_completion(ungrouped)] if ungrouped else []
+    summaries = dict(iter(results.summary.groupby("group", sort=False)))
+    for group in groups[:MAX_SCREEN_ROWS]:
+        shown.append(make_printable(f"{group}: {results.references[group].sentence}"))
+        if len(table) <= MAX_SCREEN_ROWS:
+            shown.append(text_tables.comparison_table(table[table["group"] == group]))
+        if group in summaries:
+            shown.append(text_tables.summary_table(summaries[group]))
+    if len(groups) > MAX_SCREEN_ROWS:
+        n_more = len(groups) - MAX_SCREEN_ROWS
+        shown.append(f"{n_more} more groups, see summary.csv and report.html")
+    failures = [f"{k}: {x.sentence}" for k, x in results.references.items() if x.table is None]
+    warnings = results.describe_warnings()
     return StudyReport(
-        partial(_print_results, results),
+        Report(
+            results.study.name,
+            lambda: {
+                "study": results.study.name,
+                "folder": results.folder,
+                "interrupted": results.interrupted,
+                "references": {group: x.sentence for group, x in results.references.items()},
+                "cases": table.to_dict("records"),
+                "summary": results.summary.to_dict("records"),
+            },
+            tables=shown,
+            warnings=warnings,
+        ),
+        [] if results.interrupted else failures,
         tables={},
         page={PAGE_FILE: write_page},
         pictures=list_plots(results),
@@ -117,45 +139,3 @@ def _select_study(path: Path, name: str | None, settings: dict[str, str]) -> Stu
     values = {key: model.complete({key: value})[key] for key, value in settings.items()}
     cases = tuple(Case(model, values, integrator) for integrator in default_integrators())
     return Study(results_folder_name(f"{model.name}_compare", values), cases)
-
-
-def _print_results(results: StudyResults) -> None:
-    from beamdae.report.terminal import text_tables
-    from beamdae.report.text import make_printable
-
-    record_results(lambda: _json_results(results))
-    console = create_console()
-    console.print(results.study.name, style="bold")
-    ungrouped = results.table[~results.table["group"].isin(list(results.references))]
-    if len(ungrouped):
-        cases = [results.study.cases[row] for row in ungrouped.index]
-        console.print(results.describe_completion(cases), style="dim")
-    summaries = dict(iter(results.summary.groupby("group", sort=False)))
-    for group, reference in islice(results.references.items(), MAX_SCREEN_ROWS):
-        console.print(make_printable(f"{group}: {reference.sentence}"), style="dim", soft_wrap=True)
-        rows = results.table[results.table["group"] == group]
-        if len(results.table) <= MAX_SCREEN_ROWS:
-            console.print(text_tables.comparison_table(rows))
-        if group in summaries:
-            console.print(text_tables.summary_table(summaries[group]))
-    if len(results.references) > MAX_SCREEN_ROWS:
-        n_more = len(results.references) - MAX_SCREEN_ROWS
-        console.print(f"{n_more} more groups, see summary.csv and report.html", style="dim")
-    failures = [
-        f"{group}: {x.sentence}" for group, x in results.references.items() if x.table is None
-    ]
-    for sentence in () if results.interrupted else failures[:MAX_SCREEN_ROWS]:
-        print_error(f"failed: {sentence}")
-    print_warnings(console, results.describe_warnings())
-    print_failures(results)
-
-
-def _json_results(results: StudyResults) -> dict[str, Any]:
-    return {
-        "study": results.study.name,
-        "folder": results.folder,
-        "interrupted": results.interrupted,
-        "references": {group: x.sentence for group, x in results.references.items()},
-        "cases": results.table.to_dict("records"),
-        "summary": results.summary.to_dict("records"),
-    }

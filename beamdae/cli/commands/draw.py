@@ -4,23 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
 from beamdae.cli import startup
 from beamdae.cli.options import (
     ModelName,
     ModelPath,
     Out,
     Settings,
-    load_configured_model,
-)
-from beamdae.cli.output import (
-    WrittenFiles,
-    create_console,
-    print_written_files,
-    record_results,
+    load_model,
 )
 from beamdae.cli.output_paths import require_writable
+from beamdae.cli.results import Report, ResultFiles
 from beamdae.errors import BeamdaeError
 
 
@@ -34,13 +27,10 @@ def draw_command(
 
     Exits with 0 on success, 1 if drawing failed, and 2 for a usage or model error.
     """
-    from beamdae.cli.model_files.model_file import ModelFile
-
-    model = load_configured_model(ModelFile(path, startup.MODELS), model_name, settings)
+    model, _ = load_model(path, model_name, settings, startup.MODELS)
     picture = out / f"{model.name}_drawing.png"
     require_writable(("--out", (picture,)))
     from beamdae.parts.mechanism import Mechanism
-    from beamdae.report.pictures.drawing import draw
     from beamdae.report.terminal import text_tables
 
     mechanism = model()
@@ -50,12 +40,7 @@ def draw_command(
             "drawn."
         )
     types = {name: type(part).__name__ for name, part in mechanism.parts.items()}
-    record_results(lambda: {"parts": types})
-    console = create_console()
-    console.print(model.name, style="bold")
-    console.print(text_tables.parts_table(types))
-    files = WrittenFiles()
-    files.write(model.name, lambda: [draw(mechanism).save(picture)])
-    print_written_files(console, files.paths)
-    if files.failed:
-        raise typer.Exit(1)
+    Report(model.name, lambda: {"parts": types}, tables=[text_tables.parts_table(types)]).print()
+    files = ResultFiles()
+    files.write(model.name, lambda: [mechanism.draw().save(picture)])
+    files.finish()

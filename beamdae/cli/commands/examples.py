@@ -15,8 +15,9 @@ from beamdae.cli.model_files.example_files import (
     example_names,
     examples_folder,
 )
-from beamdae.cli.output import create_console, print_written_files, record_results
+from beamdae.cli.output import create_console
 from beamdae.cli.output_paths import require_writable
+from beamdae.cli.results import Report, ResultFiles
 from beamdae.errors import BeamdaeError
 
 # Names that the starter model imports; a model function must not replace them.
@@ -50,17 +51,13 @@ def NAME(length=1.0, push=0.5, elements=4):
 
 def examples_command() -> None:
     """List the models installed with beamdae; `beamdae run example:NAME` runs one."""
-    from beamdae.report.terminal import text_tables
-
     descriptions = {}
     for name in example_names():
         # The file is parsed, not executed.
         tree = ast.parse((examples_folder() / f"{name}.py").read_bytes())
         descriptions[name] = (ast.get_docstring(tree) or "").partition("\n")[0]
-    record_results(lambda: {"examples": descriptions})
-    console = create_console()
-    console.print(text_tables.fact_list("", descriptions))
-    console.print("Run one: beamdae run example:NAME. Copy it: beamdae new FILE.py --like NAME.")
+    hint = "Run one: beamdae run example:NAME. Copy it: beamdae new FILE.py --like NAME."
+    Report("", lambda: {"examples": descriptions}, facts=descriptions, tables=[hint]).print()
 
 
 def new_command(
@@ -100,6 +97,5 @@ def new_command(
         text = example_file(like.removeprefix(PREFIX)).read_text(encoding="utf-8")
     from beamdae.results.storage.files import write_text
 
-    console = create_console()
-    print_written_files(console, [write_text(path, text)])
-    console.print(f"Draw it: beamdae draw {path}. Run it: beamdae run {path}.")
+    ResultFiles([write_text(path, text)]).print_paths()
+    create_console().print(f"Draw it: beamdae draw {path}. Run it: beamdae run {path}.")

@@ -13,13 +13,13 @@ from beamdae.cli.options import (
     ModelPath,
     Settings,
     Starts,
-    load_configured_model,
+    load_model,
     parse_seconds,
     parse_start,
     split_names,
 )
-from beamdae.cli.output import WrittenFiles, create_console, record_results
 from beamdae.cli.output_paths import require_writable
+from beamdae.cli.results import Report, ResultFiles
 
 if TYPE_CHECKING:
     from beamdae.export.fmu import ExportedFmu
@@ -88,9 +88,7 @@ def export_command(
     Exits with 0 if the FMU was written, and with 2 for a usage or model error, for example if the
     model cannot be exported.
     """
-    from beamdae.cli.model_files.model_file import ModelFile
-
-    model = load_configured_model(ModelFile(path), model_name, settings)
+    model, _ = load_model(path, model_name, settings)
     require_writable(("--fmu", [fmu]))
     from beamdae.export.fmu import export_fmu
 
@@ -110,9 +108,9 @@ def export_command(
         real_time=real_time,
         timed_steps=timed_steps,
     )
-    files = WrittenFiles([result.path])
-    _print_results(result, model.name)
-    files.finish()
+    facts = _describe(result)
+    Report(model.name, lambda: _json_results(result), facts=facts).print()
+    ResultFiles([result.path]).finish()
 
 
 def _parse_platforms(text: str | None) -> list[str] | None:
@@ -122,10 +120,7 @@ def _parse_platforms(text: str | None) -> list[str] | None:
     return [] if text == "none" else split_names(text)
 
 
-def _print_results(result: ExportedFmu, name: str) -> None:
-    from beamdae.report.terminal import text_tables
-
-    record_results(lambda: _json_results(result))
+def _describe(result: ExportedFmu) -> dict[str, str]:
     facts = {
         "interface": f"FMI {result.fmi}.0 for co-simulation",
         "internal step": (
@@ -150,7 +145,7 @@ def _print_results(result: ExportedFmu, name: str) -> None:
             facts["row exchanges"] = f"in {times.row_exchanges} matrices, which are slow"
         if math.isfinite(times.error):
             facts["error of iterations"] = f"{times.error:.1e} of the range of an output"
-    create_console().print(text_tables.fact_list(name, facts))
+    return facts
 
 
 def _json_results(result: ExportedFmu) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,22 +25,22 @@ from beamdae.cli.options import (
     Starts,
     StartSeed,
     create_integrator,
-    load_configured_model,
+    load_model,
     parse_assignments,
     parse_bounds,
     parse_start,
     split_names,
 )
-from beamdae.cli.output import (
-    WrittenFiles,
-    print_facts,
-    print_warnings,
-)
-from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_study_progress
 from beamdae.cli.ranges import parse_ends
+from beamdae.cli.results import (
+    Report,
+    ResultFiles,
+    named_reasons,
+    run_analysis,
+    without_status,
+)
 from beamdae.errors import BeamdaeError
-from beamdae.report.option_names import name_options
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
@@ -133,14 +134,11 @@ def fit_command(
     1 if not (the last values are written) or if the page or picture failed, 2 for a usage or model
     error, and 130 after Ctrl-C (the best values so far are written).
     """
-    from beamdae.cli.model_files.model_file import ModelFile
-
-    file = ModelFile(path)
-    model = load_configured_model(file, model_name, settings)
+    model, file = load_model(path, model_name, settings)
     # A step belongs to generalized-alpha.
     integrator = integrator or ("radau" if step is None else "generalized-alpha")
-    method = create_integrator("fit", integrator, {"rtol": rtol, "step": step}, file)
     options: dict[str, Any] = {
+        "integrator": create_integrator("fit", integrator, {"rtol": rtol, "step": step}, file),
         "by": split_names(by),
         "data_columns": parse_assignments(data_columns, "--data-column"),
         "sigma": _parse_sigma(sigma),
@@ -156,39 +154,37 @@ def fit_command(
         "seed": seed,
     }
     stem = f"{model.name}_fit"
-    table_path, residuals_path = out / f"{stem}.csv", out / f"{stem}_residuals.csv"
-    starts_path = out / f"{stem}_starts.csv"
-    page_path, picture_path = out / f"{stem}.html", out / f"{stem}.png"
-    planned = [table_path, residuals_path, *[starts_path] * (starts > 1)]
-    planned += [*[page_path] * page, *[picture_path] * picture]
-    require_writable(("--out", planned))
-    from beamdae.analysis.fit.fit import fit
-    from beamdae.results.storage.files import escape_table, write_text
+    residuals, searches = (out / f"{stem}_{name}.csv" for name in ("residuals", "starts"))
+    further = [residuals, *[searches] * (starts > 1)]
+    files = ResultFiles.plan(out, stem, page, picture, *further)
 
-    with ExitStack() as stack:
-        if starts > 1:
-            options |= {"folder": out / f"{stem}_starts", "jobs": jobs}
-            options["progress"] = stack.enter_context(show_study_progress())
-        result = fit(model, data, integrator=method, partial="return", **options)
-    tables = {residuals_path: result.residual_table()}
-    if result.starts is not None:
-        tables[starts_path] = result.starts
-    texts = {path: escape_table(table).to_csv(index=False) for path, table in tables.items()}
-    files = WrittenFiles(
-        [result.to_csv(table_path), *(write_text(path, text) for path, text in texts.items())],
-        (page_path, picture_path),
+    def analyze() -> Fit:
+        from beamdae.analysis.fit.fit import fit
+
+        with ExitStack() as stack:
+            if starts > 1:
+                options.update(folder=out / f"{stem}_starts", jobs=jobs)
+                options["progress"] = stack.enter_context(show_study_progress())
+            return fit(model, data, partial="return", **options)
+
+    def write_tables(result: Fit) -> list[Path]:
+        from beamdae.results.storage.files import write_escaped_table
+
+        tables = zip(further, (result.residual_table(), result.starts), strict=False)
+        return [
+            result.to_csv(files.table),
+            *(write_escaped_table(path, table) for path, table in tables),
+        ]
+
+    run_analysis(
+        files,
+        f"{model.name}, fit",
+        analyze,
+        partial(_describe, model.name),
+        lambda result, path, _: result.plot().save(path),
+        write_tables,
+        lambda result, path: result.page(path),
     )
-    _print_results(result, model.name)
-    _finish(result, files, page_path if page else None, picture_path if picture else None)
-
-
-def _finish(result: Fit, files: WrittenFiles, page: Path | None, picture: Path | None) -> None:
-    """Write the page and the picture, and end the command."""
-    if page is not None:
-        files.write(page.name, lambda: [result.page(page)])
-    if picture is not None:
-        files.write(picture.name, lambda: [result.plot().save(picture)])
-    files.finish(result.status)
 
 
 def _assign(option: str, texts: list[str] | None) -> list[tuple[str, str]]:
@@ -241,17 +237,16 @@ def _parse_shifts(texts: list[str] | None) -> dict[str, tuple[float, float] | No
     return shifts
 
 
-def _print_results(result: Fit, name: str) -> None:
+def _describe(name: str, result: Fit) -> Report:
     from beamdae.report.fit_page import describe_fit
     from beamdae.report.terminal import text_tables
 
-    facts = {key: name_options(text) for key, text in describe_fit(result).items()}
-    console = print_facts(name, facts, lambda: _json_results(result))
-    console.print(text_tables.estimates_table(result.table(), result.units))
+    tables = [text_tables.estimates_table(result.table(), result.units)]
     if result.starts is not None:
-        starts = result.starts.assign(reason=result.starts["reason"].map(name_options))
-        console.print(text_tables.searches_table(starts, result.units))
-    print_warnings(console, [*result.warnings, *result.undetermined])
+        tables.append(text_tables.searches_table(named_reasons(result.starts), result.units))
+    facts, warnings = without_status(describe_fit(result)), [*result.warnings, *result.undetermined]
+    data = partial(_json_results, result)
+    return Report(name, data, result.status, facts, tables, warnings=warnings)
 
 
 def _json_results(result: Fit) -> dict[str, Any]:

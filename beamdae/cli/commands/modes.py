@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import typer
 
 from beamdae.cli.options import (
-    STATES,
     About,
     AccurateColumns,
     ModelName,
@@ -21,20 +20,14 @@ from beamdae.cli.options import (
     RequiredAccuracy,
     Settings,
     as_bad_parameter,
-    load_configured_model,
+    find_state,
+    load_model,
     parse_number,
     required_accuracy,
 )
-from beamdae.cli.output import (
-    WrittenFiles,
-    create_console,
-    print_accuracy,
-    print_warnings,
-    record_results,
-)
-from beamdae.cli.output_paths import require_writable
 from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
-from beamdae.errors import BeamdaeError, require_choice, require_count
+from beamdae.cli.results import Report, ResultFiles, draw_modes, run_analysis
+from beamdae.errors import BeamdaeError, require_count
 
 _MIN_SPEEDS = 2  # of a Campbell diagram
 _RANGE_COUNTS = (_MIN_SPEEDS, 1000)
@@ -67,7 +60,7 @@ def modes_command(
     path: ModelPath,
     settings: Settings = None,
     model_name: ModelName = None,
-    about: About = "reference",
+    about: About = None,
     number: Annotated[int, typer.Option("-n", "--number", help="Number of modes.")] = 10,
     damping: Annotated[bool, typer.Option(help="Compute damped or undamped modes.")] = True,
     speed: Annotated[
@@ -110,108 +103,102 @@ def modes_command(
     Exits with 0 on success, 1 if --accuracy was not reached or the page or a picture failed, and 2
     for a usage or model error.
     """
-    from beamdae.cli.model_files.model_file import ModelFile
-
-    model = load_configured_model(ModelFile(path), model_name, settings)
-    require_choice("modes", "--about", about, STATES)
+    model, _ = load_model(path, model_name, settings)
     speeds, animated_modes = [x for group, _ in speed or [] for x in group], animate or []
-    if speeds and about != "reference":
-        raise BeamdaeError(f"modes: --about {about} and --speed are mutually exclusive; omit one.")
-    if multiple and len(speeds) < _MIN_SPEEDS:
+    is_single = len(speeds) < _MIN_SPEEDS
+    if multiple and is_single:
         raise BeamdaeError(
             "modes: --multiple requires several speeds; repeat --speed or give START:STOP:COUNT."
         )
-    if len(speeds) > 1 and animated_modes:
-        raise BeamdaeError("modes: --animate does not support several speeds; give one --speed.")
-    if len(speeds) > 1 and accuracy is not None:
-        raise BeamdaeError("modes: --accuracy does not support several speeds; give one --speed.")
+    for option, value in (("--animate", animated_modes), ("--accuracy", accuracy)):
+        if value and not is_single:
+            raise BeamdaeError(
+                f"modes: {option} does not support several speeds; give one --speed."
+            )
     accurate = required_accuracy("modes", accuracy, accuracy_columns, model)
-    kinds = ("csv", *["html"] * page, *["png"] * picture)
-    files = {kind: out / f"{model.name}_modes.{kind}" for kind in kinds}
-    if len(speeds) >= _MIN_SPEEDS:
-        files["resonances"] = out / f"{model.name}_resonances.csv"
-    files |= {f"{k}": out / f"{model.name}_mode_{k}.gif" for k in animated_modes}
-    require_writable(("--out", files.values()))
-    from beamdae.analysis.linear_dynamics.natural_modes import compute_modes
-    from beamdae.parts.rotation import rotation
-
+    resonances = out / f"{model.name}_resonances.csv"
+    animations = {k: out / f"{model.name}_mode_{k}.gif" for k in animated_modes}
+    further = animations.values() if is_single else [resonances]
+    files = ResultFiles.plan(out, f"{model.name}_modes", page, picture, *further)
     mechanism = model()
-    result: Any
-    if len(speeds) >= _MIN_SPEEDS:
+    state = find_state("modes", mechanism, about, speeds[0] if speeds else None)
+
+    def analyze() -> Any:
         from beamdae.analysis.linear_dynamics.campbell_diagram import SPEED_MULTIPLES, campbell
+        from beamdae.analysis.linear_dynamics.natural_modes import compute_modes
 
+        if is_single:
+            # Its warnings are printed with the result.
+            modes = compute_modes(mechanism, state, number, damping, **accurate)
+            for k in animations:
+                require_count("modes", "--animate", k, most=len(modes))
+            return modes
         orders = multiple or SPEED_MULTIPLES
-        result = campbell(mechanism, speeds, number, damping=damping, multiples=orders)
-        result = replace(result, speed_unit=speed[0][1] if speed else "rad/s")
-    else:
-        state = rotation(speeds[0]) if speeds else about
-        # Its warnings are printed with the result.
-        result = compute_modes(mechanism, state, number, damping, **accurate)
-        for k in animated_modes:
-            require_count("modes", "--animate", k, most=len(result))
-    _write_and_print(result, model.name, files, animated_modes)
+        diagram = campbell(mechanism, speeds, number, damping=damping, multiples=orders)
+        return replace(diagram, speed_unit=speed[0][1] if speed else "rad/s")
 
+    if is_single:
 
-def _write_and_print(
-    result: Any, name: str, paths: dict[str, Path], animated_modes: list[int]
-) -> None:
-    from beamdae.analysis.linear_dynamics.natural_modes import Modes
-    from beamdae.report.analysis_pages import write_analysis_page
-    from beamdae.report.pictures.figures import save_figure
-    from beamdae.report.pictures.mode_shapes import (
-        animate_mode,
-        create_campbell_figure,
-        create_modes_figure,
+        def animate_modes(modes: Any) -> None:
+            from beamdae.report.pictures.mode_shapes import animate_mode
+
+            for k, file in animations.items():
+                files.write(file.name, lambda k=k, file=file: [animate_mode(modes, k, file)])
+
+        title = f"{model.name}, natural modes"
+        describe = partial(_describe_modes, model.name)
+        run_analysis(files, title, analyze, describe, draw_modes, further=animate_modes)
+        return
+    from beamdae.results.storage.files import write_escaped_table
+
+    title = f"{model.name}, Campbell diagram"
+    run_analysis(
+        files,
+        title,
+        analyze,
+        partial(_describe_campbell, model.name),
+        _draw_campbell,
+        lambda diagram: [
+            diagram.to_csv(files.table),
+            write_escaped_table(resonances, diagram.resonances()),
+        ],
     )
+
+
+def _describe_modes(name: str, modes: Any) -> Report:
     from beamdae.report.terminal import text_tables
-    from beamdae.results.storage.files import escape_table, write_text
 
-    table = result.table()
-    tables = {"csv": table}
-    if not isinstance(result, Modes):
-        tables["resonances"] = result.resonances()
-    texts = {kind: escape_table(x).to_csv(index=False) for kind, x in tables.items()}
-    views = tuple(paths["csv"].with_suffix(suffix) for suffix in (".html", ".png"))
-    files = WrittenFiles([write_text(paths[kind], text) for kind, text in texts.items()], views)
-    console = create_console()
-    if isinstance(result, Modes):
-        record_results(lambda: {"about": result.about, "modes": table.to_dict("records")})
-        console.print(name, style="bold")
-        console.print(text_tables.modes_table(table))
-    else:
-        resonances = tables["resonances"]
-        record_results(
-            lambda: {
-                "about": "rotations",
-                "speeds": table.to_dict("records"),
-                "resonances": resonances.to_dict("records"),
-            }
-        )
-        console.print(name, style="bold")
-        console.print(text_tables.campbell_table(table))
-        if not resonances.empty:
-            console.print(text_tables.resonances_table(resonances))
-    print_accuracy(console, result)
-    print_warnings(console, result.warnings)
+    table = modes.table()
+    return Report(
+        name,
+        lambda: {"about": modes.about, "modes": table.to_dict("records")},
+        facts={"about": modes.about},
+        tables=[text_tables.modes_table(table)],
+        warnings=modes.warnings,
+    )
 
-    def write_animation(mode: int) -> list[Path]:
-        animate_mode(result, mode, paths[f"{mode}"])
-        return [paths[f"{mode}"]]
 
-    is_single = isinstance(result, Modes)
-    title = f"{name}, modes about {result.about}" if is_single else f"{name}, Campbell diagram"
+def _describe_campbell(name: str, diagram: Any) -> Report:
+    from beamdae.report.terminal import text_tables
 
-    def write_picture() -> list[Path]:
-        create_figure = create_modes_figure if is_single else create_campbell_figure
-        return [save_figure(create_figure(result, title), paths["png"])]
+    table, resonances = diagram.table(), diagram.resonances()
+    tables = [text_tables.campbell_table(table)]
+    if not resonances.empty:
+        tables.append(text_tables.resonances_table(resonances))
+    return Report(
+        name,
+        lambda: {
+            "about": "rotations",
+            "speeds": table.to_dict("records"),
+            "resonances": resonances.to_dict("records"),
+        },
+        tables=tables,
+        warnings=diagram.warnings,
+    )
 
-    if "html" in paths:
-        path = paths["html"]
-        files.write(path.name, lambda: [write_analysis_page(result, path, title)])
-    is_drawable = not is_single or (result.mechanism is not None and len(result) > 0)
-    if is_drawable:
-        if "png" in paths:
-            files.write(name, write_picture)
-        for k in animated_modes:
-            files.write(name, partial(write_animation, k))
-    files.finish(result=result)
+
+def _draw_campbell(diagram: Any, path: Path, title: str) -> Path:
+    from beamdae.report.pictures.figures import save_figure
+    from beamdae.report.pictures.mode_shapes import create_campbell_figure
+
+    return save_figure(create_campbell_figure(diagram, title), path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,20 +17,19 @@ from beamdae.cli.options import (
     ModelPath,
     Out,
     Page,
+    Picture,
     Settings,
     StartCount,
     Starts,
     StartSeed,
-    load_configured_model,
+    load_model,
     parse_bounds,
     parse_start,
     split_names,
 )
-from beamdae.cli.output import WrittenFiles, create_console, print_warnings, record_results
-from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_design_progress
+from beamdae.cli.results import Report, ResultFiles, named_reasons, run_analysis
 from beamdae.errors import BeamdaeError
-from beamdae.report.option_names import name_options
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
@@ -82,6 +82,7 @@ def optimize_command(
     starts: StartCount = 1,
     seed: StartSeed = 0,
     page: Page = True,
+    picture: Picture = True,
     out: Out = Path("results"),
 ) -> None:
     """Minimize a quantity of a model under constraints; write the designs and a page.
@@ -89,21 +90,12 @@ def optimize_command(
     Exits with 0 if the search converged, 1 if not (the best design is written) or if the page
     failed, 2 for a usage or model error, and 130 after Ctrl-C (the best design so far is written).
     """
-    from beamdae.cli.model_files.model_file import ModelFile
-
     if (minimize is None) == (maximize is None):
         raise BeamdaeError("optimize: pass either --minimize or --maximize.")
-    model = load_configured_model(ModelFile(path), model_name, settings)
-    table_path, history_path, starts_path = (
-        out / f"{model.name}_{name}.csv" for name in ("design", "designs", "design_starts")
-    )
-    page_path = out / f"{model.name}_design.html"
-    planned = [table_path, history_path, *[starts_path] * (starts > 1), *[page_path] * page]
-    require_writable(("--out", planned))
-    from beamdae.analysis.optimization.optimize import optimize
-    from beamdae.integrators import GeneralizedAlpha
-    from beamdae.results.storage.files import escape_table, write_text
-
+    model, _ = load_model(path, model_name, settings)
+    history, searches = (out / f"{model.name}_{name}.csv" for name in ("designs", "design_starts"))
+    further = [history, *[searches] * (starts > 1)]
+    files = ResultFiles.plan(out, f"{model.name}_design", page, picture, *further)
     parser = _QuantityParser(model, t)
     objective = (
         parser.quantity("--minimize", minimize)
@@ -114,32 +106,47 @@ def optimize_command(
     limits += [parser.limit("--at-least", x) for x in at_least or []]
     if t and not parser.has_equilibria:
         raise BeamdaeError(f"--t {t:g}: no quantity is of the kind equilibrium:COLUMN; add one.")
-    with show_design_progress(starts * max_evaluations) as progress:
-        result = optimize(
-            model,
-            objective,
-            split_names(by),
-            limits,
-            parse_bounds(model, bounds),
-            None if step is None else GeneralizedAlpha(step=step),
-            start=parse_start(start, model),
-            method=method,  # type: ignore[arg-type]
-            max_evaluations=max_evaluations,
-            starts=starts,
-            seed=seed,
-            progress=progress,
-            partial="return",
-        )
-    table = escape_table(result.table()).to_csv(index_label="parameter")
-    written = [write_text(table_path, table), result.to_csv(history_path)]
-    if result.starts is not None:
-        searches = escape_table(result.starts).to_csv(index=False)
-        written.append(write_text(starts_path, searches))
-    files = WrittenFiles(written, (page_path,))
-    _print_results(result, model.name)
-    if page:
-        files.write(page_path.name, lambda: [result.page(page_path)])
-    files.finish(result.status)
+    ranges, initial_state = parse_bounds(model, bounds), parse_start(start, model)
+
+    def analyze() -> Optimization:
+        from beamdae.analysis.optimization.optimize import optimize
+        from beamdae.integrators import GeneralizedAlpha
+
+        with show_design_progress(starts * max_evaluations) as progress:
+            return optimize(
+                model,
+                objective,
+                split_names(by),
+                limits,
+                ranges,
+                None if step is None else GeneralizedAlpha(step=step),
+                start=initial_state,
+                method=method,  # type: ignore[arg-type]
+                max_evaluations=max_evaluations,
+                starts=starts,
+                seed=seed,
+                progress=progress,
+                partial="return",
+            )
+
+    def write_tables(result: Optimization) -> list[Path]:
+        from beamdae.results.storage.files import write_escaped_table
+
+        design = result.table().rename_axis("parameter").reset_index()
+        written = [write_escaped_table(files.table, design), result.to_csv(history)]
+        if result.starts is not None:
+            written.append(write_escaped_table(searches, result.starts))
+        return written
+
+    run_analysis(
+        files,
+        f"{model.name}, optimization",
+        analyze,
+        partial(_describe, model.name),
+        _draw,
+        write_tables,
+        lambda result, path: result.page(path),
+    )
 
 
 @dataclass
@@ -197,25 +204,12 @@ class _QuantityParser:
         return create(self.quantity(option, quantity), limit)
 
 
-def _print_results(result: Optimization, name: str) -> None:
+def _describe(name: str, result: Optimization) -> Report:
     from beamdae.model_parameters import format_with_unit
     from beamdae.report.terminal import text_tables
 
-    record_results(
-        lambda: {
-            "status": result.status.kind,
-            "reason": result.status.sentence,
-            "objective": result.objective,
-            "parameters": {x: row["value"] for x, row in result.table().iterrows()},
-            "constraints": result.constraint_table().to_dict("records"),
-            "evaluations": result.evaluations,
-            "at bounds": list(result.at_bounds),
-            "searches": None if result.starts is None else result.starts.to_dict("records"),
-        }
-    )
-    console = create_console()
+    design = result.table()
     facts = {
-        "status": name_options(result.status.sentence),
         "objective": f"{result.objective_label} = {result.objective_text}",
         "designs": str(result.evaluations),
         "at a bound": "; ".join(result.bound_notes) or "none",
@@ -228,11 +222,35 @@ def _print_results(result: Optimization, name: str) -> None:
     }
     facts |= {
         str(parameter): format_with_unit(float(row["value"]), row["unit"])
-        for parameter, row in result.table().iterrows()
+        for parameter, row in design.iterrows()
     }
-    console.print(text_tables.fact_list(name, facts))
+    tables = []
     if result.starts is not None:
-        table = result.starts.assign(reason=result.starts["reason"].map(name_options))
-        units = {x: result.units[x] for x in map(str, result.table().index)}
-        console.print(text_tables.searches_table(table, units, "objective", "designs"))
-    print_warnings(console, result.warnings)
+        units = {x: result.units[x] for x in map(str, design.index)}
+        starts = named_reasons(result.starts)
+        tables = [text_tables.searches_table(starts, units, "objective", "designs")]
+    return Report(
+        name,
+        lambda: {
+            "status": result.status.kind,
+            "reason": result.status.sentence,
+            "objective": result.objective,
+            "parameters": dict(design["value"]),
+            "constraints": result.constraint_table().to_dict("records"),
+            "evaluations": result.evaluations,
+            "at bounds": list(result.at_bounds),
+            "searches": None if result.starts is None else result.starts.to_dict("records"),
+        },
+        result.status,
+        facts,
+        tables,
+        warnings=result.warnings,
+    )
+
+
+def _draw(result: Optimization, path: Path, _: str) -> Path | None:
+    """Write a drawing of the best design; None for equations without a shape."""
+    from beamdae.parts.mechanism import Mechanism
+
+    best = result.mechanism()
+    return best.draw().save(path) if isinstance(best, Mechanism) else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,20 +23,14 @@ from beamdae.cli.options import (
     Settings,
     Starts,
     create_periodic_integrator,
-    load_configured_model,
+    load_model,
     parse_number,
     parse_seconds,
     parse_start,
     required_accuracy,
     select_plotted_columns,
 )
-from beamdae.cli.output import (
-    WrittenFiles,
-    print_accuracy,
-    print_facts,
-    print_warnings,
-)
-from beamdae.cli.output_paths import plan_outputs
+from beamdae.cli.results import Report, ResultFiles, run_analysis, without_status
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
@@ -92,73 +86,60 @@ def periodic_command(
     Exits with 0 if a motion was found, stable or not, 1 if not (the last iterate is written), if
     --accuracy was not reached or if the page or picture failed, and 2 for a usage or model error.
     """
-    from beamdae.cli.model_files.model_file import ModelFile
-
     if start and speed is not None:
         raise BeamdaeError("periodic: --start and --speed are mutually exclusive; omit one.")
-    file = ModelFile(path)
-    model = load_configured_model(file, model_name, settings)
+    model, file = load_model(path, model_name, settings)
     method = create_periodic_integrator("periodic", integrator, rtol, file)
     plotted = select_plotted_columns("periodic", model, plot, picture)
-    table_path, picture_path = plan_outputs(out, f"{model.name}_periodic", picture, page)
-    page_path = table_path.with_suffix(".html")
-    from beamdae.analysis.periodic.periodic_solution import periodic
-    from beamdae.parts.rotation import rotation
-    from beamdae.report.analysis_pages import write_analysis_page
-    from beamdae.report.pictures.time_plots import save_run_figure, save_selected_columns
-    from beamdae.results.storage.files import escape_table, write_text
+    files = ResultFiles.plan(out, f"{model.name}_periodic", page, picture)
+    accurate = required_accuracy("periodic", accuracy, accuracy_columns, model)
+    state = parse_start(start, model)
 
-    motion = periodic(
-        model,
-        period,
-        method,
-        parse_start(start, model) if speed is None else rotation(speed),
-        settle=settle,
-        t_start=t_start,
-        period_guess=period_guess,
-        **required_accuracy("periodic", accuracy, accuracy_columns, model),
-    )
-    table = escape_table(motion.solution.table())
-    files = WrittenFiles(
-        [write_text(table_path, table.to_csv(index=False))], (page_path, picture_path)
-    )
-    _print_results(motion, model.name)
-    title = f"{model.name}, one period"
-    if page:
-        files.write(page_path.name, lambda: [write_analysis_page(motion, page_path, title)])
-    if picture and motion.solution.columns:
+    def analyze() -> PeriodicMotion:
+        from beamdae.analysis.periodic.periodic_solution import periodic
+        from beamdae.parts.rotation import rotation
 
-        def write_picture() -> list[Path]:
-            columns = motion.solution.table()
-            if plotted:
-                return [
-                    save_selected_columns(picture_path, dict(columns), plotted, None, None, title)
-                ]
-            return [save_run_figure(picture_path, columns, title)]
+        initial_state = state if speed is None else rotation(speed)
+        return periodic(
+            model,
+            period,
+            method,
+            initial_state,
+            settle=settle,
+            t_start=t_start,
+            period_guess=period_guess,
+            **accurate,
+        )
 
-        files.write(picture_path.name, write_picture)
-    files.finish(motion.status, motion)
+    def draw(motion: PeriodicMotion, path: Path, title: str) -> Path | None:
+        from beamdae.report.pictures.time_plots import save_run_figure, save_selected_columns
+
+        columns = motion.solution.all_columns()
+        if plotted:
+            return save_selected_columns(path, columns, plotted, None, None, title)
+        return save_run_figure(path, columns, title) if motion.solution.columns else None
+
+    run_analysis(files, f"{model.name}, one period", analyze, partial(_describe, model.name), draw)
 
 
-def _print_results(motion: PeriodicMotion, name: str) -> None:
+def _describe(name: str, motion: PeriodicMotion) -> Report:
     from beamdae.report.analysis_pages import periodic_facts
     from beamdae.report.terminal import text_tables
 
-    console = print_facts(name, periodic_facts(motion), lambda: _json_results(motion))
-    if motion.solution.columns:
-        console.print(text_tables.amplitudes_table(motion.amplitudes()))
-    print_accuracy(console, motion)
-    print_warnings(console, motion.warnings)
-
-
-def _json_results(motion: PeriodicMotion) -> dict[str, Any]:
-    return {
-        "status": motion.status.kind,
-        "reason": motion.status.sentence,
-        "period": motion.period,
-        "stable": motion.stable,
-        "stability": motion.stability,
-        "multipliers": [[x.real, x.imag] for x in motion.multipliers.tolist()],
-        "warnings": list(motion.warnings),
-        "observed": motion.amplitudes().to_dict("index"),
-    }
+    amplitudes = motion.amplitudes()
+    return Report(
+        name,
+        lambda: {
+            "status": motion.status.kind,
+            "reason": motion.status.sentence,
+            "period": motion.period,
+            "stable": motion.stable,
+            "stability": motion.stability,
+            "multipliers": [[x.real, x.imag] for x in motion.multipliers.tolist()],
+            "observed": amplitudes.to_dict("index"),
+        },
+        motion.status,
+        without_status(periodic_facts(motion)),
+        [text_tables.amplitudes_table(amplitudes)] if len(amplitudes) else [],
+        warnings=motion.warnings,
+    )

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -24,22 +25,16 @@ from beamdae.cli.options import (
     Settings,
     Starts,
     create_periodic_integrator,
-    load_configured_model,
+    load_model,
     parse_assignments,
     parse_seconds,
     parse_start,
     required_accuracy,
     select_plotted_columns,
 )
-from beamdae.cli.output import (
-    WrittenFiles,
-    print_accuracy,
-    print_facts,
-    print_warnings,
-)
-from beamdae.cli.output_paths import plan_outputs
 from beamdae.cli.progress import show_curve_progress
 from beamdae.cli.ranges import parse_ends
+from beamdae.cli.results import Report, ResultFiles, run_analysis, without_status
 from beamdae.errors import BeamdaeError, require_positive
 
 if TYPE_CHECKING:
@@ -96,59 +91,52 @@ def response_command(
     (partial results are written) or the page or picture failed, 2 for a usage or model error, and
     130 after Ctrl-C.
     """
-    from beamdae.cli.model_files.model_file import ModelFile
-
-    file = ModelFile(path)
-    model = load_configured_model(file, model_name, settings)
+    model, file = load_model(path, model_name, settings)
     parameter, ends = _parse_range(over, model)
     method = create_periodic_integrator("response", integrator, rtol, file)
     plotted = select_plotted_columns("response", model, plot, picture)
-    table_path, picture_path = plan_outputs(out, f"{model.name}_response", picture, page)
-    page_path = table_path.with_suffix(".html")
-    from beamdae.analysis.periodic.periodic_continuation import frequency_response
-    from beamdae.report.analysis_pages import write_analysis_page
-    from beamdae.report.pictures.figures import save_figure
-    from beamdae.report.pictures.path_plots import create_response_figure
-    from beamdae.results.outcome import replace_with_errors
-    from beamdae.results.storage.files import escape_table, write_text
-
+    files = ResultFiles.plan(out, f"{model.name}_response", page, picture)
+    accurate = required_accuracy("response", accuracy, accuracy_columns, model)
+    initial_state = parse_start(start, model)
     unit = "rad/s" if angular else "Hz" if period is None else ""
     if parameter in model.parameter_info:
         unit = model.parameter_info[parameter].unit or unit
-    with show_curve_progress(parameter, unit, ends) as progress:
-        result = frequency_response(
-            model,
-            parameter,
-            ends,
-            _period_function(angular, period),
-            method,
-            step,
-            max_step,
-            settle,
-            max_points=max_points,
-            t_start=t_start,
-            start=parse_start(start, model),
-            progress=progress,
-            partial="return",
-            **required_accuracy("response", accuracy, accuracy_columns, model),
+
+    def analyze() -> FrequencyResponse:
+        from beamdae.analysis.periodic.periodic_continuation import frequency_response
+        from beamdae.results.outcome import replace_with_errors
+
+        with show_curve_progress(parameter, unit, ends) as progress:
+            result = frequency_response(
+                model,
+                parameter,
+                ends,
+                _period_function(angular, period),
+                method,
+                step,
+                max_step,
+                settle,
+                max_points=max_points,
+                t_start=t_start,
+                start=initial_state,
+                progress=progress,
+                partial="return",
+                **accurate,
+            )
+        has_unit = result.unit or not angular
+        return result if has_unit else replace_with_errors(result, unit="rad/s")
+
+    def draw(result: FrequencyResponse, path: Path, title: str) -> Path | None:
+        from beamdae.report.pictures.figures import save_figure
+        from beamdae.report.pictures.path_plots import create_response_figure
+
+        is_empty = not result.points
+        return (
+            None if is_empty else save_figure(create_response_figure(result, title, plotted), path)
         )
-    if angular and not result.unit:
-        result = replace_with_errors(result, unit="rad/s")
-    table = escape_table(result.table())
-    files = WrittenFiles(
-        [write_text(table_path, table.to_csv(index=False))], (page_path, picture_path)
-    )
-    _print_results(result, model.name)
-    is_shown = bool(result.points) and result.status.kind != "interrupted"
+
     title = f"{model.name}, periodic motions"
-    if page and is_shown:
-        files.write(page_path.name, lambda: [write_analysis_page(result, page_path, title)])
-    if picture and is_shown:
-        files.write(
-            picture_path.name,
-            lambda: [save_figure(create_response_figure(result, title, plotted), picture_path)],
-        )
-    files.finish(result.status, result)
+    run_analysis(files, title, analyze, partial(_describe, model.name), draw)
 
 
 def _parse_range(over: str, model: Model) -> tuple[str, tuple[float, float]]:
@@ -175,24 +163,22 @@ def _period_function(angular: bool, period: float | None) -> Callable[[float], f
     return lambda parameter: constant
 
 
-def _print_results(result: FrequencyResponse, name: str) -> None:
+def _describe(name: str, result: FrequencyResponse) -> Report:
     from beamdae.report.analysis_pages import response_facts
     from beamdae.report.terminal import text_tables
 
     peaks = result.peak_table()
-    console = print_facts(name, response_facts(result), lambda: _json_results(result))
-    if not peaks.empty:
-        console.print(text_tables.peaks_table(result.parameter, result.label, peaks))
-    print_accuracy(console, result)
-    print_warnings(console, result.warnings)
-
-
-def _json_results(result: FrequencyResponse) -> dict[str, Any]:
-    return {
-        "status": result.status.kind,
-        "reason": result.status.sentence,
-        "points": result.table().to_dict("records"),
-        "folds": result.folds,
-        "peaks": result.peak_table().to_dict("records"),
-        "warnings": list(result.warnings),
-    }
+    return Report(
+        name,
+        lambda: {
+            "status": result.status.kind,
+            "reason": result.status.sentence,
+            "points": result.table().to_dict("records"),
+            "folds": result.folds,
+            "peaks": peaks.to_dict("records"),
+        },
+        result.status,
+        without_status(response_facts(result)),
+        [] if peaks.empty else [text_tables.peaks_table(result.parameter, result.label, peaks)],
+        warnings=result.warnings,
+    )

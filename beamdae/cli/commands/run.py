@@ -27,22 +27,24 @@ from beamdae.cli.options import (
     Settings,
     Starts,
     TimeLimit,
+    accuracy_option,
     create_integrator,
-    load_configured_model,
+    expert_option,
+    load_model,
+    output_option,
     parse_assignments,
     parse_start,
     required_accuracy,
     split_names,
 )
-from beamdae.cli.output import create_console, print_error, record_results
-from beamdae.cli.output_paths import require_writable
+from beamdae.cli.output import create_console, record_results
+from beamdae.cli.results import ResultFiles
 from beamdae.cli.run_outputs import Run, RunPlot
 from beamdae.errors import BeamdaeError
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
     from beamdae.results.solution import Solution
-    from beamdae.results.storage.continued_runs import RunParts
 
 
 def run_command(
@@ -54,23 +56,23 @@ def run_command(
     step: FixedStep = None,
     rho_inf: Annotated[
         float | None,
-        typer.Option(
+        expert_option(
             help="Spectral radius at infinite frequency, 0 to 1; smaller values damp more "
             "(generalized-alpha)."
         ),
     ] = None,
     formulation: Annotated[
         str | None,
-        typer.Option(help="Formulation of the equations, for example ggl or index3."),
+        expert_option(help="Formulation of the equations, for example ggl or index3."),
     ] = None,
     error_control: Annotated[
         str | None,
-        typer.Option(
+        expert_option(
             help="Variables in the error test: positions, velocities, all or auto (ida, radau)."
         ),
     ] = None,
     max_order: Annotated[
-        str | None, typer.Option(help="Maximum order, 1 to 5 or auto (ida).")
+        str | None, expert_option(help="Maximum order, 1 to 5 or auto (ida).")
     ] = None,
     time_limit: TimeLimit = None,
     t_end: EndTime = None,
@@ -78,11 +80,11 @@ def run_command(
     output_step: OutputStep = None,
     out: Out = Path("results"),
     estimate: Annotated[
-        bool, typer.Option(help="Estimate the error of every column by a second run.")
+        bool, accuracy_option(help="Estimate the error of every column by a second run.")
     ] = True,
     verify: Annotated[
         bool,
-        typer.Option(
+        accuracy_option(
             "--verify", help="Compare with another integrator at a tighter tolerance instead."
         ),
     ] = False,
@@ -90,7 +92,7 @@ def run_command(
     accuracy_columns: AccurateColumns = None,
     page: Annotated[
         bool,
-        typer.Option(
+        output_option(
             metavar="", help="Write a page (HTML) with charts and an animation of the motion."
         ),
     ] = True,
@@ -99,7 +101,7 @@ def run_command(
     x: HorizontalColumn = None,
     data: Annotated[
         Path | None,
-        typer.Option(
+        output_option(
             metavar="DATA.csv",
             help="Measured values, shown as markers in the picture and on the page: a column of "
             "times, such as 't [ms]', and columns of the model, such as 'tip.y [mm]'.",
@@ -107,11 +109,14 @@ def run_command(
     ] = None,
     data_columns: DataColumns = None,
     checkpoint: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the final state to this file.")
+        Path | None,
+        output_option(
+            metavar="FILE", help="Write the whole run to this file, for --continue or bd.load."
+        ),
     ] = None,
     sensitivities: Annotated[
         str | None,
-        typer.Option(
+        expert_option(
             metavar="NAMES",
             help="Add the derivatives of the columns with respect to these parameters, separated "
             "by commas, to the table and the page (radau, generalized-alpha; auto: radau).",
@@ -122,30 +127,25 @@ def run_command(
         typer.Option(
             "--continue",
             metavar="FILE",
-            help="Resume from this checkpoint; the table in --out then covers the whole run.",
+            help="Resume the run in this file; the results then cover the whole run.",
         ),
     ] = None,
     accept_changes: Annotated[
         bool,
-        typer.Option(
+        expert_option(
             "--accept-changes", help="Resume even if the model or its parameters have changed."
         ),
     ] = False,
 ) -> None:
     """Simulate one model and write its results as CSV, JSON, PNG and a page for the browser.
 
-    A resumed run (--continue) writes a separate table (NAME_part2.csv and so on). If the tables of
-    the earlier parts are in the same folder, NAME.csv covers all parts. If a run ends early, the
-    output names the checkpoint to resume from.
+    If a run ends early, it is written to NAME.run, from which --continue resumes it.
 
     Exits with 0 if the run was completed (and its --accuracy reached), 1 if it was not (partial
     results are written) or a file could not be written, 2 for a usage or model error, 130 after
     Ctrl-C, and 143 after SIGTERM, which skips the PNG and the page.
     """
-    from beamdae.cli.model_files.model_file import ModelFile
-
-    file = ModelFile(path)
-    model = load_configured_model(file, model_name, settings)
+    model, file = load_model(path, model_name, settings)
     options = {
         "rtol": rtol,
         "step": step,
@@ -155,37 +155,29 @@ def run_command(
         "max_order": int(max_order) if max_order and max_order.isdecimal() else max_order,
         "time_limit": time_limit,
     }
-    accurate = required_accuracy("run", accuracy, accuracy_columns, model)
-    conflicts: dict[str, Any] = {
-        "--verify": verify or None,
-        "--checkpoint": checkpoint,
-        "--continue": resume_from,
-    }
-    _reject_combinations("--accuracy", accuracy, conflicts)
     method = create_integrator("run", integrator, options, file)
-    if start and resume_from is not None:
-        raise BeamdaeError(
-            f"run: --start {start[0]} and --continue {resume_from} are mutually "
-            "exclusive; omit one."
-        )
     names = None if sensitivities is None else split_names(sensitivities)
-    conflicts = {"--accuracy": accuracy, "--continue": resume_from}
-    _reject_combinations("--sensitivities", names, conflicts)
+    is_verified = verify or None
+    _reject_combinations(
+        "--accuracy", accuracy, {"--verify": is_verified, "--checkpoint": checkpoint}
+    )
+    for option, value in (("--accuracy", accuracy), ("--sensitivities", names), ("--start", start)):
+        _reject_combinations(option, value, {"--continue": resume_from})
+    _reject_combinations("--sensitivities", names, {"--accuracy": accuracy})
     if data_columns and data is None:
         raise BeamdaeError("run: --data-column requires --data; use both options or neither.")
+    table = out / f"{model.name}.csv"
+    checkpoints = ("--checkpoint", () if checkpoint is None else (checkpoint,))
+    files = ResultFiles.plan(
+        out, model.name, page, picture, table.with_suffix(".json"), others=checkpoints
+    )
     chart = RunPlot(
         split_names(plot, model), x, data, parse_assignments(data_columns, "--data-column")
     )
-    table = out / f"{model.name}.csv"
-    run = Run(model, method, table, accuracy=accuracy, plot=chart)
-    run_outputs.select_charts(run, picture, page, resume_from is not None)
-    run.files.views = (run.page, run.picture)
-    files = [run.table, run.table.with_suffix(".json")]
-    files += [path for path, is_written in ((run.page, page), (run.picture, picture)) if is_written]
-    checkpoints = () if checkpoint is None else (checkpoint,)
-    require_writable(("--out", files), ("--checkpoint", checkpoints))
-    if resume_from is not None:
-        run.parts = _find_parts(run.table, resume_from)
+    run = Run(model, method, files, accuracy=accuracy, plot=chart)
+    run_outputs.select_charts(run)
+    accurate = required_accuracy("run", accuracy, accuracy_columns, model)
+    earlier = None if resume_from is None else run_outputs.load_earlier_run(resume_from, model)
     initial_state = parse_start(start, model) if resume_from is None else resume_from
     # The tables are written before anything is printed; the page and the picture are last, because
     # they take longer than most runs.
@@ -199,52 +191,36 @@ def run_command(
             sensitivities=names,
             **accurate,
         )
+        solution = solution if earlier is None else earlier.followed_by(solution)
         run_outputs.write_tables(run, solution, checkpoint)
     has_estimate = estimate or verify or accuracy is not None
     if not run.interrupted and solution.status.kind != "interrupted" and has_estimate:
         with run.continue_after_interrupt():
             run_outputs.estimate_errors(run, solution, verify)
-    run_outputs.print_results(run, solution)
+    run_outputs.describe_run(run, solution).print()
     with run.continue_after_interrupt():
         if not signals.is_terminated():
-            if page:
-                run_outputs.write_page(run, solution)
-            if picture:
-                run_outputs.draw_run(run, solution)
-    _report_end(run, solution)
-
-
-def _find_parts(table: Path, checkpoint: Path) -> RunParts:
-    from beamdae.results.storage.checkpoint import Checkpoint
-    from beamdae.results.storage.continued_runs import RunParts
-
-    return RunParts.ending_at(table, Checkpoint.read(checkpoint))
+            run_outputs.write_views(run, solution)
+    _finish(run, solution)
 
 
 def _reject_combinations(option: str, value: Any, others: Mapping[str, Any]) -> None:
     """Reject other options that cannot be combined with one, if it has a value."""
-    for other in (x for x, given in others.items() if value is not None and given is not None):
-        raise BeamdaeError(
-            f"run: {option} is not supported with {other}; omit one of these options."
-        )
+    for other in (x for x, given in others.items() if value and given is not None):
+        raise BeamdaeError(f"run: {option} and {other} are mutually exclusive; omit one.")
 
 
-def _report_end(run: Run, solution: Solution) -> None:
+def _finish(run: Run, solution: Solution) -> None:
     """Print the written files and, if the run is incomplete, the reason; set the exit code."""
+    from beamdae.results.outcome import Status
+
     status = solution.status
-    run.files.print_paths()
     if run.checkpoint is not None and run_outputs.can_resume(solution):
         record_results(lambda: {"continue": run.checkpoint})
         create_console().print(
             f"to resume: --continue {run.checkpoint}", style="dim", soft_wrap=True
         )
-    if status.kind == "interrupted" or run.interrupted or signals.is_interrupted():
-        reason = status.sentence if status.kind == "interrupted" else "interrupted after the run"
-        print_error(f"{reason}; the results so far are in {run.table}")
-        raise typer.Exit(signals.exit_code())
-    if not status.success:
-        print_error(f"failed: {status.sentence}")
-    if run.reached is not None and not run.reached.success:
-        print_error(f"accuracy {run.accuracy:g} is not reached; {run.reached.sentence}")
-    if run.files.failed or run.is_inaccurate or not status.success:
-        raise typer.Exit(1)
+    if status.kind != "interrupted" and (run.interrupted or signals.is_interrupted()):
+        status = Status("interrupted", "interrupted after the run")
+    reached = run.reached
+    run.files.finish(("failed", status), (f"accuracy {run.accuracy} is not reached", reached))

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli import signals
 from beamdae.cli.options import (
     AccurateColumns,
     HorizontalColumn,
@@ -25,19 +23,13 @@ from beamdae.cli.options import (
     RequiredAccuracy,
     Settings,
     Starts,
-    load_configured_model,
+    load_model,
     parse_named_number,
     parse_start,
     required_accuracy,
     split_names,
 )
-from beamdae.cli.output import (
-    WrittenFiles,
-    print_accuracy,
-    print_facts,
-    print_warnings,
-)
-from beamdae.cli.output_paths import require_writable
+from beamdae.cli.results import Report, ResultFiles, run_analysis, without_status
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
@@ -78,7 +70,8 @@ def static_command(
         str | None,
         typer.Option(
             help="Quantity prescribed in each step: load, displacement or 'arc length'. Defaults "
-            "to displacement if --to names a column, otherwise to load."
+            "to displacement if --to names a column, to the value of --over, otherwise to the arc "
+            "length, which passes limit points."
         ),
     ] = None,
     step: Annotated[
@@ -111,58 +104,52 @@ def static_command(
     143 after SIGTERM; an interrupt ends the path, writes the points so far and skips page and
     picture.
     """
-    from beamdae.cli.model_files.model_file import ModelFile
-
-    model = load_configured_model(ModelFile(path), model_name, settings)
+    model, _ = load_model(path, model_name, settings)
     plotted = split_names(plot, model)
     _require_plot(model, plotted, x, picture)
-    name = f"{model.name}_static"
-    table, page_path = out / f"{name}.csv", out / f"{name}.html"
-    picture_path = out / f"{name}.png"
-    views = [*[page_path] * page, *[picture_path] * picture]
-    require_writable(("--out", (table, table.with_suffix(".json"), *views)))
-    is_arc_length = control == "arc length" or bool(switch)
+    stem = f"{model.name}_static"
+    files = ResultFiles.plan(out, stem, page, picture, out / f"{stem}.json")
     parse_value = _value_parser(model, over)
     if over is None:
-        targets, size = _parse_targets(model, to, step, is_arc_length)
+        if control is None and not any("=" in target for target in to or []):
+            control = "arc length"  # passes limit points
+        targets, size = _parse_targets(model, to, step, control == "arc length" or bool(switch))
     else:
         targets = [parse_value("--to", x) for x in to or []] or None
         size = None if step is None else parse_value("--step", step)
-    initial_state = parse_start(start, model)
-    from beamdae.analysis.statics.static_equilibrium import equilibrium
-    from beamdae.report.pictures.path_plots import save_path_figure
+    options: dict[str, Any] = {
+        "loads": split_names(load, model) or None,
+        "to": targets,
+        "control": control,
+        "step": size,
+        "switch": switch or 0,
+        "max_points": max_points,
+        "t": t,
+        "start": parse_start(start, model),
+        "over": over,
+        "from_": None if begin is None else parse_value("--from", begin),
+        **required_accuracy("static", accuracy, accuracy_columns, model),
+    }
 
-    # After the first interrupt, the path so far is written before a further one is raised.
-    with signals.defer_interrupts(immediate=1):
-        result = equilibrium(
-            model,
-            split_names(load, model) or None,
-            targets,
-            control,
-            size,
-            switch or 0,
-            max_points,
-            t,
-            initial_state,
-            over=over,
-            from_=None if begin is None else parse_value("--from", begin),
-            partial="return",
-            **required_accuracy("static", accuracy, accuracy_columns, model),
-        )
-        tables = [result.to_csv(table), table.with_suffix(".json")]
-        files = WrittenFiles(tables, (page_path, picture_path))
-    _print_results(result, model.name)
-    is_complete = result.status.kind != "interrupted"
-    if page and is_complete:
-        files.write(page_path.name, lambda: [result.page(page_path)])
-    if picture and is_complete:
+    def analyze() -> Equilibrium:
+        from beamdae.analysis.statics.static_equilibrium import equilibrium
+
+        return equilibrium(model, **options, partial="return")
+
+    def draw(result: Equilibrium, path: Path, title: str) -> Path:
+        from beamdae.report.pictures.path_plots import save_path_figure
+
         suffix = "" if result.status.success else f", ended early ({result.status.kind})"
-        title = f"{model.name}, equilibria{suffix}"
-        files.write(
-            picture_path.name,
-            lambda: [save_path_figure(picture_path, result, title, plotted, x)],
-        )
-    files.finish(result.status, result)
+        return save_path_figure(path, result, f"{title}{suffix}", plotted, x)
+
+    run_analysis(
+        files,
+        f"{model.name}, equilibria",
+        analyze,
+        partial(_describe, model.name),
+        draw,
+        lambda result: [result.to_csv(files.table), files.table.with_suffix(".json")],
+    )
 
 
 def _value_parser(model: Model, over: str | None) -> Callable[[str, str], float]:
@@ -235,26 +222,27 @@ def _parse_targets(
     return targets, parse_named_number("--step", "", step, find_unit)
 
 
-def _print_results(result: Equilibrium, name: str) -> None:
+def _describe(name: str, result: Equilibrium) -> Report:
     from beamdae.report.analysis_pages import path_facts
     from beamdae.report.terminal import text_tables
 
-    console = print_facts(name, path_facts(result), lambda: _json_results(result))
-    if result.columns:
-        console.print(text_tables.range_table(result.columns, None))
-    warnings = result.warnings
-    if "errors" in vars(result):
-        console.print(text_tables.errors_table(result.errors))
-    print_accuracy(console, result)
-    print_warnings(console, warnings)
+    facts, warnings = without_status(path_facts(result)), result.warnings
 
+    def create_data() -> dict[str, Any]:
+        errors = zip(result.errors.headers, result.errors.total.tolist(), strict=True)
+        data = result.metadata(**{"relative errors": dict(errors)})
+        del data["warnings"]
+        observed = text_tables.column_extremes(result.columns)
+        return data | {"points": len(result.q), "observed": observed}
 
-def _json_results(result: Equilibrium) -> dict[str, Any]:
-    from beamdae.report.terminal import text_tables
-
-    errors = dict(zip(result.errors.headers, result.errors.total.tolist(), strict=True))
-    finite = {name: x if math.isfinite(x) else None for name, x in errors.items()}
-    results = result.metadata(**{"relative errors": finite})
-    del results["warnings"]
-    observed = text_tables.column_extremes(result.columns)
-    return results | {"points": len(result.q), "observed": observed}
+    # Errors that take long are not measured.
+    errors = vars(result).get("errors")
+    return Report(
+        name,
+        create_data,
+        result.status,
+        facts,
+        [text_tables.equilibrium_table(result.columns, errors)],
+        {"path": facts.pop("path")},
+        warnings,
+    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,15 +31,13 @@ from beamdae.cli.options import (
     split_names,
     warn_of_unread,
 )
-from beamdae.cli.output import create_console, print_warnings, record_results
 from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
+from beamdae.cli.results import Report
 from beamdae.cli.study_outputs import (
     MAX_SCREEN_ROWS,
     PAGE_FILE,
-    StudyOutputs,
     StudyReport,
     apply_run_options,
-    print_failures,
     results_folder_name,
     run_and_write,
 )
@@ -52,7 +49,6 @@ if TYPE_CHECKING:
     from beamdae.model_functions import Model
     from beamdae.studies import Sweep
     from beamdae.studies.execution.study_run import StudyResults
-    from beamdae.studies.sweeps.sweep_results import SweepResults
 
 _VALUE_FORMS = f"VALUE,VALUE,... or {SPACED_FORMS}"
 _MAX_MEASURES = 100
@@ -138,13 +134,9 @@ def sweep_command(
         sweep = _sweep_of_file(ModelFile(path), model_name)
         columns = tuple(split_names(of, sweep.cases[0].model))
         sweep = replace(sweep, columns=columns) if columns else sweep
-    from beamdae.studies.execution.executors import create_executor
-
     study = apply_run_options("sweep", sweep, time_limit, t_end, output_step, start)
-    run_and_write(
-        StudyOutputs(study, out / study.name, _create_report, parquet, page, picture),
-        lambda: create_executor("sweep", "--", jobs, scheduler),
-    )
+    folder, files = out / study.name, (parquet, page, picture)
+    run_and_write("sweep", study, folder, _create_report, (jobs, scheduler), files)
 
 
 def _sweep_from_options(
@@ -267,42 +259,30 @@ def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
 
 def _create_report(results: StudyResults) -> StudyReport:
     from beamdae.report.page.page_file import list_page_files
+    from beamdae.report.terminal import text_tables
     from beamdae.studies.sweeps.response_plots import list_response_plots
     from beamdae.studies.sweeps.sweep_results import TABLE_FILE, create_sweep_results
 
     swept, folder = create_sweep_results(results), results.folder
+    sweep, table = swept.sweep, swept.table
+    shown: list[Any] = [results.describe_completion(sweep.cases)]
+    if len(table) <= MAX_SCREEN_ROWS:
+        columns = swept.parameters, swept.response_columns, sweep.units, swept.other_columns
+        shown.append(text_tables.sweep_table(table, *columns))
     return StudyReport(
-        partial(_print_results, swept),
+        Report(
+            sweep.name,
+            lambda: {
+                "sweep": sweep.name,
+                "folder": folder,
+                "interrupted": swept.interrupted,
+                "cases": table.to_dict("records"),
+            },
+            tables=shown,
+            warnings=swept.warnings,
+        ),
+        [],
         tables={TABLE_FILE: lambda: [swept.to_csv(folder / TABLE_FILE)]},
         page={PAGE_FILE: lambda: list_page_files(swept.page(folder / PAGE_FILE))},
-        pictures=list_response_plots(swept.sweep, swept.table, swept.panels(), folder),
+        pictures=list_response_plots(sweep, table, swept.panels(), folder),
     )
-
-
-def _print_results(swept: SweepResults) -> None:
-    from beamdae.report.terminal import text_tables
-
-    table = swept.table
-    record_results(
-        lambda: {
-            "sweep": swept.sweep.name,
-            "folder": swept.results.folder,
-            "interrupted": swept.interrupted,
-            "cases": table.to_dict("records"),
-        }
-    )
-    console = create_console()
-    console.print(swept.sweep.name, style="bold")
-    console.print(swept.results.describe_completion(swept.sweep.cases), style="dim")
-    if len(table) <= MAX_SCREEN_ROWS:
-        console.print(
-            text_tables.sweep_table(
-                table,
-                swept.parameters,
-                swept.response_columns,
-                swept.sweep.units,
-                swept.other_columns,
-            )
-        )
-    print_warnings(console, swept.warnings)
-    print_failures(swept.results)

@@ -13,7 +13,7 @@ from beamdae.cli.options import (
     ModelName,
     ModelPath,
     Settings,
-    load_configured_model,
+    load_model,
     parse_assignments,
     parse_seconds,
 )
@@ -55,9 +55,7 @@ def view_command(
     The page is served on this computer only, at the printed address, until Ctrl-C. Exits with 130
     after Ctrl-C, and with 2 and a message for a usage or model error.
     """
-    from beamdae.cli.model_files.model_file import ModelFile
-
-    model = load_configured_model(ModelFile(path), model_name, settings)
+    model, _ = load_model(path, model_name, settings)
     from beamdae.live.server import LiveView, create_session
 
     texts = parse_assignments(ranges, "--range")

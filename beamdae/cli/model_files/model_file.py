@@ -30,9 +30,6 @@ from beamdae.model_functions import Model, extend_import_path
 if TYPE_CHECKING:
     from beamdae.studies import Study
 
-# Compiling a file takes hundreds of times its size in memory.
-_MAX_FILE_SIZE = 10_000_000  # bytes
-
 
 def load_model(path: str | Path, name: str | None = None) -> Model:
     """Load a model from a file, by `name` if the file contains several.
@@ -221,31 +218,17 @@ def _compile_file(path: Path) -> CodeType:
         if separator and file.endswith(".py") and name:
             remedy = f"; choose a model of the file {path.with_name(file)} by name (--model {name})"
         raise BeamdaeError(f"{path}: a model file must be a Python file (.py){remedy}.")
+    if not path.exists():
+        raise BeamdaeError(f"{path}: there is no such file.")
+    if not path.is_file():
+        raise BeamdaeError(
+            f"{path}: the path is not a regular file; a model file must be a Python file (.py)."
+        )
     try:
-        if not path.exists():
-            raise BeamdaeError(f"{path}: there is no such file.")
-        if not path.is_file():
-            raise BeamdaeError(
-                f"{path}: the path is not a regular file; a model file must be a Python file (.py)."
-            )
-        if path.stat().st_size > _MAX_FILE_SIZE:
-            raise BeamdaeError(
-                f"{path}: the file is larger than {_MAX_FILE_SIZE / 1000000.0:g} MB; "
-                "move data to another file and read that file in the model."
-            )
-        content = path.read_bytes()
-        register_input(path)
+        source = path.read_bytes()
     except OSError as problem:
         raise BeamdaeError(f"{path}: the file cannot be read: {problem.strerror}.") from problem
-    try:
-        source = importlib.util.decode_source(content)
-    except (SyntaxError, UnicodeDecodeError):
-        raise BeamdaeError(
-            f"{path}: the file cannot be decoded in its declared encoding (default UTF-8); "
-            "declare the encoding on the first or second line, as in '# coding: latin-1'."
-        ) from None
-    if "\0" in source:
-        raise BeamdaeError(f"{path}: the file contains NUL bytes; a model file must be text.")
+    register_input(path)
     with translate_errors(f"{path}: the import", path):
         return compile(source, path.absolute(), "exec", dont_inherit=True)
 

@@ -3,119 +3,116 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from textwrap import shorten
+from typing import Any
 
-from beamdae.model_parameters import ModelParameter, format_with_unit, read_docstring
+from beamdae.errors import BeamdaeError
+from beamdae.model_parameters import ModelParameter, read_docstring
 
-# A file that uses one of these names of beamdae defines a model or a study.
-_DEFINING_NAMES = {"model", "study", "Study"}
-# As a decorator, `sweep` defines a study; called in a script, it runs one.
-_DECORATORS = {"model", "study", "sweep"}
-_MAX_HINT_LENGTH = 60
+# Decorators of beamdae that define a model, or a study or sweep.
+_MODEL, _STUDIES = "model", ("study", "sweep")
+
+
+@dataclass(frozen=True)
+class OutlinedModel:
+    """Model defined by a function.
+
+    Attributes
+    ----------
+    t_end
+        End time [s], or its source text.
+    parameters
+        Parameters by name; defaults that are no plain values are source texts.
+    about
+        First line of the docstring.
+    """
+
+    t_end: Any
+    parameters: dict[str, ModelParameter]
+    about: str
 
 
 @dataclass(frozen=True)
 class Outline:
-    """Models and studies defined by functions of a file.
+    """Models by name, and names of studies and sweeps, that functions of a file define."""
 
-    Attributes
-    ----------
-    defines
-        True if the file uses a name of beamdae that defines a model or a study.
-    models
-        Parameters of each model, with the source text of their defaults; "" without a default.
-    hints
-        Default, unit and description of the parameters of each model as text.
-    studies
-        Names of the studies and sweeps.
-    """
-
-    defines: bool = False
-    models: dict[str, dict[str, str]] = field(default_factory=dict)
-    hints: dict[str, dict[str, str]] = field(default_factory=dict)
+    models: dict[str, OutlinedModel]
     studies: tuple[str, ...] = ()
 
 
 def read_outline(file: Path) -> Outline:
-    """Return the outline of a file.
+    """Return the outline of a file; that of a pipe or device, and without beamdae, is empty.
 
-    The outline of an unreadable file, and of a pipe or device, is empty. The outline of a file that
-    cannot be parsed contains no names, and `defines` is True if the file mentions beamdae.
+    Raises
+    ------
+    BeamdaeError
+        If a file that mentions beamdae cannot be read or parsed.
     """
-    if not file.is_file():
-        return Outline()
     try:
-        source = file.read_bytes()
-        tree = ast.parse(source)
-    except OSError:
-        return Outline()
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        # Importing the file reports the error.
-        return Outline(b"beamdae" in source)
-    packages: set[str] = set()
-    names: dict[str, str] = {}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            packages |= {x.asname or x.name for x in node.names if x.name == "beamdae"}
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "beamdae":
-            names |= {
-                x.asname or x.name: x.name
-                for x in node.names
-                if x.name in _DEFINING_NAMES | _DECORATORS
-            }
-
-    def resolve_name(node: ast.AST) -> str:
-        """Return the name of the beamdae object that a node refers to, or an empty string."""
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            return node.attr if node.value.id in packages else ""
-        return names.get(node.id, "") if isinstance(node, ast.Name) else ""
-
-    functions: dict[str, list[ast.FunctionDef]] = {kind: [] for kind in _DECORATORS}
+        source = file.read_bytes() if file.is_file() else b""
+        tree = ast.parse(source if b"beamdae" in source else b"")
+    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError) as problem:
+        line = getattr(problem, "lineno", None)
+        reason = getattr(problem, "msg", None) or problem
+        place = f"line {line}: " if line else ""
+        raise BeamdaeError(f"{file}: {place}{reason}; correct the file.") from None
+    imports = [node for node in ast.walk(tree) if isinstance(node, (ast.Import, ast.ImportFrom))]
+    # Public names by their names in the file; "" is the package.
+    names = {
+        alias.asname or alias.name: alias.name if isinstance(node, ast.ImportFrom) else ""
+        for node in imports
+        for alias in node.names
+        if (getattr(node, "module", None) or alias.name) == "beamdae"
+    }
+    models, studies = {}, []
     for function in (node for node in tree.body if isinstance(node, ast.FunctionDef)):
         for decorator in function.decorator_list:
-            kind = resolve_name(decorator.func if isinstance(decorator, ast.Call) else decorator)
-            if kind in functions:
-                functions[kind].append(function)
-    return Outline(
-        bool(functions["sweep"])
-        or not _DEFINING_NAMES.isdisjoint(names.values())
-        or any(resolve_name(node) in _DEFINING_NAMES for node in ast.walk(tree)),
-        {x.name: {y.name: y.default for y in _parameters(x)} for x in functions["model"]},
-        {x.name: {y.name: _format_hint(y) for y in _parameters(x)} for x in functions["model"]},
-        tuple(function.name for kind in ("study", "sweep") for function in functions[kind]),
-    )
+            call = decorator if isinstance(decorator, ast.Call) else None
+            kind = _public_name(decorator if call is None else call.func, names)
+            if kind == _MODEL:
+                t_end = {x.arg: x.value for x in (call.keywords if call else ())}.get("t_end")
+                about = (ast.get_docstring(function) or "").partition("\n")[0]
+                models[function.name] = OutlinedModel(_plain(t_end), _parameters(function), about)
+            elif kind in _STUDIES:
+                studies.append(function.name)
+    return Outline(models, tuple(studies))
 
 
-def _parameters(function: ast.FunctionDef) -> Iterator[ModelParameter]:
-    """Yield the parameters of a function, with the source text of their defaults or ""."""
+def _public_name(node: ast.AST, names: dict[str, str]) -> str:
+    """Return the name in beamdae of the object that a node refers to, or an empty string."""
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+        return node.attr if names.get(node.value.id) == "" else ""
+    return names.get(node.id, "") if isinstance(node, ast.Name) else ""
+
+
+def _plain(node: ast.AST | None) -> Any:
+    """Return the value of a literal, otherwise the source text; "" for a missing expression."""
+    if node is None:
+        return ""
+    try:
+        value = ast.literal_eval(node)
+    except ValueError:
+        return ast.unparse(node)
+    return value if value is None or isinstance(value, (bool, int, float, str)) else str(value)
+
+
+def _parameters(function: ast.FunctionDef) -> dict[str, ModelParameter]:
     signature = function.args
     positional = [*signature.posonlyargs, *signature.args]
-    n_required = len(positional) - len(signature.defaults)
-    defaults = [*[None] * n_required, *signature.defaults, *signature.kw_defaults]
+    missing = [None] * (len(positional) - len(signature.defaults))
+    defaults = [*missing, *signature.defaults, *signature.kw_defaults]
     names = [x.arg for x in (*positional, *signature.kwonlyargs)]
     documented = read_docstring(ast.get_docstring(function) or "", tuple(names))
+    parameters = {}
     for name, default in zip(names, defaults, strict=True):
         unit, description = documented.get(name, ("", ""))
-        if isinstance(default, ast.Call) and default.args and _called_name(default) == "param":
+        if isinstance(default, ast.Call) and ast.unparse(default.func).endswith("param"):
             # The arguments of bd.param(0.85, "m", "radius of the arc").
-            arguments = dict(zip(("unit", "description"), default.args[1:], strict=False))
-            arguments |= {x.arg: x.value for x in default.keywords if x.arg}
-            texts = {k: x.value for k, x in arguments.items() if isinstance(x, ast.Constant)}
-            unit = str(texts.get("unit", "-"))
-            description = str(texts.get("description", description))
-            default = default.args[0]
-        text = "" if default is None else ast.unparse(default)
-        yield ModelParameter(name, text, unit, description)
-
-
-def _called_name(call: ast.Call) -> str:
-    function = call.func
-    return function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
-
-
-def _format_hint(x: ModelParameter) -> str:
-    text = f"default {format_with_unit(x.default, x.unit)}"
-    return f"{text}: {shorten(x.description, _MAX_HINT_LENGTH)}" if x.description else text
+            values = dict(zip(("value", "unit", "description"), default.args, strict=False))
+            values |= {x.arg or "": x.value for x in default.keywords}
+            unit = str(_plain(values.get("unit"))) or "-"
+            description = str(_plain(values.get("description"))) or description
+            default = values.get("value")
+        parameters[name] = ModelParameter(name, _plain(default), unit, description)
+    return parameters

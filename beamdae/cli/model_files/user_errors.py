@@ -7,15 +7,15 @@ import inspect
 import re
 import sys
 import traceback
-from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from types import FrameType
-from typing import Any
 
 import beamdae
 from beamdae.errors import format_message, short_repr, suggest
 
 _UNEXPECTED_ARGUMENT = re.compile(r"([\w.]+)\(\) got an unexpected keyword argument '(\w+)'")
+_MISSING_NAME = re.compile(r"cannot import name '(\w+)'")
 # Python 3.13 and later suggest arguments themselves.
 _SUGGESTION = re.compile(r"\. Did you mean '\w+'\?$")
 
@@ -46,50 +46,29 @@ def describe_error(problem: BaseException, path: Path) -> str:
 
 
 def _suggest_name(problem: BaseException) -> str:
-    missing, names = _missing_name(problem)
-    if not missing:
-        return ""
-    is_private = missing.startswith("_")
-    return suggest(missing, [name for name in names if is_private or not name.startswith("_")])
-
-
-def _missing_name(problem: BaseException) -> tuple[str, Iterable[str]]:
-    """Return the name that an exception reports as missing, and the names that exist."""
-    if isinstance(problem, AttributeError) and problem.name:
-        return problem.name, _attribute_names(problem.obj)
-    if isinstance(problem, NameError) and problem.name:
-        frame = _last_frame(problem)
-        visible = {**frame.f_globals, **frame.f_locals} if frame else {}
-        return problem.name, [*visible, *dir(builtins)]
-    if isinstance(problem, ModuleNotFoundError) and problem.name:
-        return problem.name, {name.partition(".")[0] for name in sys.modules}
-    if isinstance(problem, ImportError) and problem.name:
-        match = re.match(r"cannot import name '(\w+)'", str(problem))
-        return (match[1] if match else ""), _attribute_names(sys.modules.get(problem.name))
-    unexpected = (
-        _UNEXPECTED_ARGUMENT.match(str(problem)) if isinstance(problem, TypeError) else None
-    )
-    if unexpected:
-        return unexpected[2], _argument_names(unexpected[1], _last_frame(problem))
-    return "", ()
-
-
-def _attribute_names(value: Any) -> list[str]:
-    try:
-        return dir(value)
-    except Exception:
-        return []
-
-
-def _last_frame(problem: BaseException) -> FrameType | None:
+    """Return a suggestion for the name that an exception reports as missing, or ""."""
+    missing, names = getattr(problem, "name", None) or "", []
     frames = [frame for frame, _ in traceback.walk_tb(problem.__traceback__)]
-    return frames[-1] if frames else None
+    unexpected = _UNEXPECTED_ARGUMENT.match(str(problem))
+    if isinstance(problem, AttributeError):
+        with suppress(Exception):  # of the object
+            names = dir(problem.obj)
+    elif isinstance(problem, NameError):
+        names = [*frames[-1].f_globals, *frames[-1].f_locals, *dir(builtins)]
+    elif isinstance(problem, ModuleNotFoundError):
+        names = [name.partition(".")[0] for name in sys.modules]
+    elif isinstance(problem, ImportError) and (match := _MISSING_NAME.match(str(problem))):
+        missing, names = match[1], dir(sys.modules.get(missing))
+    elif isinstance(problem, TypeError) and unexpected:
+        missing, names = unexpected[2], _argument_names(unexpected[1], frames[-1])
+    is_private = missing.startswith("_")
+    return suggest(missing, [x for x in names if is_private or not x.startswith("_")])
 
 
-def _argument_names(qualified_name: str, frame: FrameType | None) -> list[str]:
+def _argument_names(qualified_name: str, frame: FrameType) -> list[str]:
     """Return the argument names of the function `qualified_name`, or [] if it is unknown."""
     first, *others = qualified_name.removesuffix(".__init__").split(".")
-    function = (frame.f_globals if frame else {}).get(first) or getattr(beamdae, first, None)
+    function = frame.f_globals.get(first) or getattr(beamdae, first, None)
     for name in others:
         function = getattr(function, name, None)
     try:

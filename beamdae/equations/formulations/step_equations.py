@@ -22,7 +22,6 @@ from beamdae.equations.formulations.sums import (
     select_holonomic,
 )
 from beamdae.equations.structure import Structure, cache_on_owner, share_plans
-from beamdae.linear.lane_operations import LANES
 from beamdae.native.loop_functions import combine, fill
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
 from beamdae.symbolic.sums.kernel_sums import (
@@ -32,7 +31,6 @@ from beamdae.symbolic.sums.kernel_sums import (
     set_matrix_factors,
     set_time,
 )
-from beamdae.symbolic.sums.lane_sums import LaneSum, evaluate_lanes
 
 Array = np.ndarray
 
@@ -110,15 +108,6 @@ class StepEquations:
         sums = (total.sum(native, self.equations.p) for total in self.sums)
         return StepBuffers(n, m, int(self.stabilized), motion, self._velocity_rows, *sums)
 
-    def matrix_buffers(self, native: bool, plan: SumPlan | None = None) -> StepMatrix:
-        """Return new buffers for the iteration matrix at known states, in the index-3 form.
-
-        `plan` is another plan of the matrix, such as that of its transpose.
-        """
-        n, m = self.equations.n, self.equations.m
-        matrix = (plan or self.sums[2]).sum(native, self.equations.p)
-        return StepMatrix(n, m, np.zeros(4 * n + 2 * m), self._velocity_rows, matrix)
-
     @property
     def _velocity_rows(self) -> Array:
         """Rows in which g_dot / c_v replaces g."""
@@ -149,17 +138,6 @@ class StepBuffers:
     velocity_rows: Array
     residual: Sum
     anchor: Sum
-    matrix: Sum
-
-
-@dataclass(slots=True)
-class StepMatrix:
-    """Buffers of the iteration matrix of the index-3 form; see `StepBuffers`."""
-
-    n: int
-    m: int
-    motion: Array
-    velocity_rows: Array
     matrix: Sum
 
 
@@ -234,43 +212,6 @@ def evaluate_step_matrix(
     set_matrix_factors(form.matrix, c[2], c[2] * c[0], c[2] * c[1], 1.0, 1.0 / c[0], 1.0 / c[2])
     _set_motion(form, at, x, 1.0)
     evaluate_sum(form.matrix, form.motion, result)
-
-
-def evaluate_matrix_at_state(
-    form: StepMatrix, t: float, branch: float, coefficients: Array, row: Array, result: Array
-) -> None:
-    """Write the non-zeros of the iteration matrix at the state (q, v, a, lam) in `row`.
-
-    `coefficients` are the factors (c_v, c_a, c_f) of `StepEquations`.
-    """
-    n, c = form.n, coefficients
-    set_time(form.matrix, t, branch)
-    set_matrix_factors(form.matrix, c[2], c[2] * c[0], c[2] * c[1], 1.0, 1.0 / c[0], 1.0 / c[2])
-    combine(form.motion[: 3 * n], (1.0,), (row[: 3 * n],))
-    combine(form.motion[3 * n : row.size], (c[2],), (row[3 * n :],))
-    evaluate_sum(form.matrix, form.motion, result)
-
-
-def set_lane(total: LaneSum, lane: int, t: float, row: Array, n: int, lam_factor: float) -> None:
-    """Set the time and the state (q, v, a, lam) of one lane of a sum of `matrix_lanes`."""
-    x = total.x
-    total.times[lane] = t
-    for i in range(3 * n):
-        x[LANES * i + lane] = row[i]
-    for i in range(3 * n, row.size):
-        x[LANES * i + lane] = lam_factor * row[i]
-
-
-def evaluate_matrices(total: LaneSum, branch: float, coefficients: Array, result: Array) -> None:
-    """Write the non-zeros of the iteration matrices of all lanes.
-
-    The lanes are set by `set_lane`, with lam_factor = coefficients[2]; see
-    `evaluate_matrix_at_state`.
-    """
-    c = coefficients
-    set_time(total, 0.0, branch)
-    set_matrix_factors(total, c[2], c[2] * c[0], c[2] * c[1], 1.0, 1.0 / c[0], 1.0 / c[2])
-    evaluate_lanes(total, result)
 
 
 @cache_on_owner

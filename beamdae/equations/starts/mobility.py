@@ -39,7 +39,6 @@ def find_unheld_motions(
     reactions: Array,
     constraint_rank: ConstraintRank,
     duration: float,
-    is_at_rest: bool = False,
 ) -> list[Array]:
     """Return those of the `find_free_motions` along which no force and no damping acts.
 
@@ -57,8 +56,6 @@ def find_unheld_motions(
         Rank of the constraints at the start.
     duration
         Time of the run [s].
-    is_at_rest
-        True to disregard damping, and rotations of bodies that forces hold in translation.
     """
     mechanism = e.mechanism
     motions = find_free_motions(e, q, constraint_rank)
@@ -74,11 +71,10 @@ def find_unheld_motions(
         sp.csr_array(to_scaled @ x @ to_scaled)
         for x in (tangent.stiffness, tangent.damping, tangent.mass)
     )
-    inertia = abs(mass).max() / duration
-    matrices = [stiffness] if is_at_rest else [stiffness, damping]
+    inertia, matrices = abs(mass).max() / duration, [stiffness, damping]
     limits = [_STIFFNESS_ROUNDING * (abs(x).max() + inertia) for x in matrices]
     limit_of_force = _STIFFNESS_ROUNDING * (abs(stiffness).max() + inertia / duration)
-    unheld, held = [], np.zeros(e.n, bool)
+    unheld = []
     for motion in motions:
         shape = motion / scales
         shape /= np.max(np.abs(shape))
@@ -96,11 +92,7 @@ def find_unheld_motions(
             and all(abs(force) <= limit_of_force for force in forces)
         ):
             unheld.append(motion)
-        elif not np.any(motion[e.is_angle]):
-            for part in e.parts:
-                held[part.rows] |= np.any(motion[part.rows])
-    # A body at rest may turn about the point at which a spring holds it.
-    return [x for x in unheld if not (is_at_rest and np.any(x[held]))]
+    return unheld
 
 
 def find_free_motions(

@@ -174,7 +174,7 @@ class IdaStepper:
         while not len(rows := self._ida.advance(most)):
             first_step, state = _RETRY_FACTOR * self._first_step, self._start_state
             if state is None or self._t + first_step == self._t or first_step < _MIN_FIRST_STEP:
-                raise StepError(self._describe_failure(), self._ida.last_point[2])
+                raise StepError(self._describe_failure())
             self._start(first_step, state)
         self._t = float(rows[-1, 0])
         self._start_state = None

@@ -373,7 +373,7 @@ class RadauStepper:
         elif self._problem is None:
             code = self._advance_through_samples(self.sampler)
         if run.filled == 0 and not self.awaits_sample:
-            raise self._problem or StepError(_FAILURES[code], run.stage_residuals[-1])
+            raise self._problem or StepError(_FAILURES[code])
         return run.rows[: run.filled]
 
     def _advance_through_samples(self, sampler: Sampler) -> int:

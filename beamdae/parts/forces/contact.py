@@ -430,18 +430,8 @@ class Contact(ObservableLoad):
         """Law of the friction; None without friction."""
         if not self.friction:
             return None
-        return RegularizedFriction(
-            self.sliding,
-            self.friction,
-            self.static,
-            self.stribeck,
-            float(self.friction_speed or 0.0),
-            "friction",
-            "friction_speed",
-            0.0,
-            is_contact=True,
-            radius=None,
-        )
+        speed = float(self.friction_speed or 0.0)
+        return RegularizedFriction(self.friction, self.static, self.stribeck, speed)
 
     @property
     def gaps(self) -> tuple[SurfaceGap, ...]:

@@ -283,16 +283,7 @@ class Friction(ObservableLoad):
     def regularized_friction(self) -> RegularizedFriction:
         """Law of the friction."""
         return RegularizedFriction(
-            self.reaction,
-            self.coefficient,
-            self.static,
-            self.stribeck,
-            self.friction_speed,
-            "coefficient",
-            "friction_speed",
-            self.smoothing,
-            is_contact=False,
-            radius=self.radius if self._is_bearing else None,
+            self.coefficient, self.static, self.stribeck, self.friction_speed
         )
 
     @property

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-
-from beamdae.symbolic.statements import Quantity
 
 # Default regularization velocity of contacts [m/s], and its recommended fraction of the Stribeck
 # velocity. With this fraction, the largest friction is up to 0.1 % below the static friction, and
@@ -33,43 +31,24 @@ class RegularizedFriction(NamedTuple):
 
     Attributes
     ----------
-    sliding
-        Normal or friction force [N] or friction moment [N m], and sliding velocity [m/s].
     coefficient, static, stribeck
         Coefficients of friction [-], and Stribeck velocity [m/s] or None.
     speed
         Regularization velocity [m/s].
-    coefficient_name, speed_name
-        Names of the arguments of the part.
-    min_force
-        Normal force [N] above which friction acts.
-    is_contact
-        True if the first column of `sliding` is the normal force of a contact.
-    radius
-        Radius [m] at which the sliding velocity is that of a rotation; None for translations.
     """
 
-    sliding: Quantity
     coefficient: float
     static: float | None
     stribeck: float | None
     speed: float
-    coefficient_name: str
-    speed_name: str
-    min_force: float
-    is_contact: bool
-    radius: float | None
 
-    def friction_coefficient(self, velocity: Any) -> Any:
+    def friction_coefficient(self, velocity: np.ndarray) -> np.ndarray:
         """Return friction force / normal force at sliding velocities [m/s]."""
-        return np.tanh(velocity / self.speed) * self.coulomb_coefficient(velocity)
-
-    def coulomb_coefficient(self, velocity: Any) -> Any:
-        """Return friction force / normal force at sliding velocities, without regularization."""
+        regularized = np.tanh(velocity / self.speed)
         if self.static is None or self.stribeck is None:
-            return self.coefficient
+            return self.coefficient * regularized
         peak = (self.static - self.coefficient) * np.exp(-((velocity / self.stribeck) ** 2))
-        return self.coefficient + peak
+        return (self.coefficient + peak) * regularized
 
     @property
     def largest_coefficient(self) -> float:

@@ -132,8 +132,8 @@ class LineSurface(_Surface):
         """Clause of a message that explains how to avoid a penetration at the start."""
         x, y = (0.0 - component for component in self.direction)
         return (
-            f"turn the direction of the line to ({x:g}, {y:g}), or move the point to the left side "
-            "of the line"
+            "move the point to the left side of the line, or turn the direction of the line to "
+            f"({x:g}, {y:g})"
         )
 
     @property
@@ -182,8 +182,9 @@ class CircleSurface(_Surface):
         """Clause of a message that explains how to avoid a penetration at the start."""
         other_side = "inside" if self.side == "outside" else "outside"
         return (
-            f'set side="{other_side}", or move the point to where the distance from the center is '
-            f"{'more' if self.side == 'outside' else 'less'} than {self.radius:g} m"
+            "move the point to where the distance from the center is "
+            f"{'more' if self.side == 'outside' else 'less'} than {self.radius:g} m, or set "
+            f'side="{other_side}"'
         )
 
     @property

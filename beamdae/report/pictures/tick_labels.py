@@ -12,6 +12,7 @@ from matplotlib.ticker import Formatter, LogFormatterSciNotation, ScalarFormatte
 from beamdae.report.scaled_units import SUPERSCRIPTS, engineering_order, scale_unit
 
 _MINUS, _TIMES = "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}"
+_MIN_SHORT, _MAX_SHORT = 1e-2, 1e4  # of numbers that are not multiples of a power of ten
 _UNIT = re.compile(r"\[([^\[\]]*)\]$")
 
 
@@ -82,5 +83,8 @@ class _PlainFormatter(Formatter):
 
 
 class _PlainLogFormatter(LogFormatterSciNotation):
+    """Formatter of powers of ten; labels between them, which are close together, are short."""
+
     def __call__(self, x: float, pos: Any = None) -> str:
-        return _to_plain_text(super().__call__(x, pos))
+        text = _to_plain_text(super().__call__(x, pos))
+        return f"{x:g}" if _TIMES in text and _MIN_SHORT <= x < _MAX_SHORT else text

@@ -322,8 +322,7 @@ def _read_measured(
         "plot", measured, dict.fromkeys(measured.experiments, headers)
     )
     if measured.is_file:
-        fit_data.warn_of_missing_units("plot", measured, matched)
-        fit_data.warn_of_unknown_columns("plot", measured, unknown, "the run does not have")
+        fit_data.warn_of_columns("plot", measured, matched, unknown, "the run does not have")
     return matched.table
 
 

@@ -18,12 +18,15 @@ _ROUNDING = 1e-12  # of facts of parts, in SI units
 _RESOLVING_STEP = 0.05  # step that resolves a vibration, as a fraction of its period
 
 
-def describe_check(check: Any, parts: Mapping[str, Any] | None = None) -> Mapping[str, str]:
+def describe_check(check: Any, parts: Mapping[str, Any] | None = None) -> dict[str, str]:
     """Return the results of a `Check` and the facts of the parts as texts by topic.
 
-    Facts that are zero up to rounding share one text. The verdict is the last text.
+    Facts that are zero up to rounding share one text. The verdict is the first text.
     """
-    facts = {"size": f"{check.coordinates} coordinates, {check.constraints} constraints"}
+    facts = {
+        "verdict": check.verdict,
+        "size": f"{check.coordinates} coordinates, {check.constraints} constraints",
+    }
     if check.mobility is not None:
         states = f" - {check.states} states" if check.states else ""
         facts["mobility"] = (
@@ -85,7 +88,6 @@ def describe_check(check: Any, parts: Mapping[str, Any] | None = None) -> Mappin
         facts["zero up to rounding"] = list_first(zeros, _MAX_ZEROS)
     for k, warning in enumerate(check.warnings, start=1):
         facts["warning" if len(check.warnings) == 1 else f"warning {k}"] = warning
-    facts["verdict"] = check.verdict
     return facts
 
 
@@ -125,6 +127,6 @@ def _describe_frequencies(frequencies: FrequencyRange) -> dict[str, str]:
             f"the lowest, {_RESOLVING_STEP / highest:.2g} s the highest; damping ratio of the "
             f"fastest mode {frequencies.damping_ratio:.2g}, {stability}"
         )
-    if growth := frequencies.describe_growth():
-        facts["unstable"] = growth
+    if frequencies.growth:
+        facts["unstable"] = frequencies.growth
     return facts

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,8 +28,7 @@ if TYPE_CHECKING:
 # Values below this fraction of the largest comparable value are shown as zero (rounding noise).
 _ROUNDING = 1e-12
 _MIN_RATE = 1e-3  # of decay or growth [1/s]; those of free motions are rounding errors
-_HEADER_LINE_LETTERS = 12
-_SHOWN_HEADERS = {"total": "error", "rows": "largest error of rows"}
+_SHOWN_HEADERS = {"total": "error", "rows": "error\nof rows"}
 
 _SETTINGS_IN_FILES = ("orders", "error_test_failures")  # shown only in files
 _SETTINGS_WITH_ROWS = ("integrator", "amplitudes", "limited_by")  # shown in separate rows
@@ -183,7 +181,7 @@ def range_table(
     always_shown = (names[0], names[-1]) if names else ()
     columns += [
         Column(
-            textwrap.fill(_SHOWN_HEADERS.get(x, x), _HEADER_LINE_LETTERS),
+            _SHOWN_HEADERS.get(x, x),
             0 if x in always_shown else 4,
         )
         for x in names
@@ -198,6 +196,29 @@ def range_table(
         for k, (name, extremes) in enumerate(column_extremes(observed, steps).items())
     ]
     return ResponsiveTable("observed", columns, rows, "--json")
+
+
+def equilibrium_table(columns: Columns, errors: Errors | None) -> ResponsiveTable:
+    """Return a table of the ranges of observed columns over a path, and of measured errors.
+
+    Errors of the end belong to the columns; those of load factors and critical points follow.
+    """
+    extremes = column_extremes(columns)
+    table = {name: tuple(x.values()) for name, x in extremes.items()}
+    headers, texts = [Column("min", 2), Column("max", 3), Column("end", 1)], {}
+    if errors is not None:
+        headers += [Column("error"), Column("by\nelements", 4), Column("by\nstrains", 5)]
+        causes = np.stack([errors.total, errors.causes["mesh"], errors.causes["theory"]], axis=1)
+        texts = dict(zip(errors.headers, causes.tolist(), strict=True))
+        for name, value in zip(errors.headers, errors.values.tolist(), strict=True):
+            table.setdefault(name, (math.nan, math.nan, value))
+        table.pop("unstable directions [-]", None)
+    rows = []
+    for name, values in table.items():
+        numbers = texts.get(name, [math.nan] * 3) if errors is not None else []
+        cells = (format_number(x, 5) for x in values), (format_number(x, 2) for x in numbers)
+        rows.append((name, *(cell for group in cells for cell in group)))
+    return ResponsiveTable("observed", headers, rows, "--json")
 
 
 def column_extremes(
@@ -519,8 +540,8 @@ def models_table(models: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
             f"{name}={format_with_unit(value, model['units'].get(name, ''))}"
             for name, value in model["parameters"].items()
         )
-        file, t_end = Path(model["file"]).name, f"{model['t_end']:g}"
-        rows.append((model["name"], t_end, file, parameters, model["about"]))
+        file, t_end = Path(model["file"]).name, model["t_end"]
+        rows.append((model["name"], format_number(t_end), file, parameters, model["about"]))
     return ResponsiveTable("model", columns, rows, "--json")
 
 
@@ -536,12 +557,9 @@ def parameters_table(model: Mapping[str, Any]) -> ResponsiveTable:
 
 
 def studies_table(studies: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
-    """Return a table of the studies found in files, with their models."""
-    columns = [Column("cases"), Column("file", 1, sentences=True), Column("of", 2, sentences=True)]
-    rows = [
-        (x["name"], str(x["cases"]), Path(x["file"]).name, ", ".join(x["models"])) for x in studies
-    ]
-    return ResponsiveTable("study", columns, rows, "--json")
+    """Return a table of the studies found in files."""
+    rows = [(x["name"], Path(x["file"]).name) for x in studies]
+    return ResponsiveTable("study", [Column("file", sentences=True)], rows, "--json")
 
 
 def problems_table(problems: Iterable[Mapping[str, Any]]) -> ResponsiveTable:

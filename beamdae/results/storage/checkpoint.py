@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.model_hash import hash_model
-from beamdae.errors import BeamdaeError, FileContentError, require_finite, short_repr
+from beamdae.errors import BeamdaeError, require_finite, short_repr
 from beamdae.input_files import CHECKPOINT, register_input
 from beamdae.parts.events import DIRECTIONS
 from beamdae.parts.joints.event_constraints import FrozenGap
@@ -113,19 +113,22 @@ class Checkpoint:
 
     @classmethod
     def read(cls, path: str | Path) -> Checkpoint:
-        """Read a checkpoint written by `write`.
+        """Read a checkpoint written by `write`, or the last state of a saved run.
 
         Raises
         ------
         BeamdaeError
-            If the file cannot be read or is not a valid checkpoint of the current version.
+            If the file cannot be read, or is neither a valid checkpoint nor a saved run of the
+            current version.
         """
         path = Path(path)
         if is_archive(path):
-            problem = "the file is a saved run, not a checkpoint"
-            remedy = "load it with its model, bd.load(path, model), and start from the solution"
-            raise FileContentError(path, problem, remedy)
-        checkpoint = _FORMAT.read(path)
+            # Imported here because saved runs contain checkpoints.
+            from beamdae.results.storage.saved_run import read_checkpoint
+
+            checkpoint = read_checkpoint(path)
+        else:
+            checkpoint = _FORMAT.read(path)
         for values in ({"t": checkpoint.t}, checkpoint.q, checkpoint.v):
             for name, value in values.items():
                 require_finite(str(path), name, value)

@@ -95,7 +95,7 @@ class Format(Generic[_T]):
         self, content: Mapping[str, Any], arrays: Mapping[str, Array], indent: int | None = None
     ) -> bytes:
         plain = {"format": self.kind.name, "version": self.version, **content}
-        plain = json.loads(json.dumps(plain, default=_as_number))
+        plain = json.loads(json.dumps(plain, default=_as_plain))
         document = {**plain, _CHECKSUM: checksum(plain, arrays)}
         return f"{json.dumps(document, indent=indent)}\n".encode()
 
@@ -138,7 +138,7 @@ def convert(plain: Any, content: type[_T]) -> _T:
         raise ContentError("the content must not contain control characters")
     try:
         # Decoding does not call the function __init__, which makes data read-only.
-        return replace(cast("Any", msgspec.convert(plain, content)))
+        return replace(cast("Any", msgspec.convert(plain, content, dec_hook=_as_array)))
     except msgspec.ValidationError as problem:
         what, _, where = str(problem).replace("`", "").partition(" - at ")
         field = where.removeprefix("$").removeprefix(".") or "the content"
@@ -178,6 +178,11 @@ def require_shapes(arrays: Mapping[str, Array], dimensions: Mapping[str, str]) -
     return sizes
 
 
-def _as_number(value: Any) -> Any:
-    """Return the Python number of a NumPy scalar."""
-    return value.item()
+def _as_plain(value: Any) -> Any:
+    """Return the number or the list of a NumPy scalar or array."""
+    return value.tolist()
+
+
+def _as_array(kind: type, value: Any) -> Array:
+    """Return a list of numbers as the array of a field."""
+    return np.array(value, float)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
@@ -22,7 +22,6 @@ from beamdae.results.trajectory import Interval, StepRecord, Trajectory
 
 Array = np.ndarray
 
-_EVENT_STATE = "event {}"  # name of the array with a field of the states of the events
 _DERIVATIVES = "derivatives"  # array with one row per parameter, column and output time
 
 
@@ -45,30 +44,6 @@ class _Interval:
 
 
 @dataclass(frozen=True)
-class _Event:
-    """Fields of `EventRecord` but its state."""
-
-    name: str
-    direction: str
-    t: float
-    branch: float
-    impulses: dict[str, float]
-    energy_lost: float
-    done: bool
-
-
-@dataclass(frozen=True)
-class _Start:
-    """Fields of `Start`."""
-
-    description: str
-    q: list[float]
-    v: list[float]
-    moves: bool
-    closed_q: list[float] | None
-
-
-@dataclass(frozen=True)
 class _DerivedColumns:
     """Parameters with their values, and headers of the derivatives of `ColumnDerivatives`."""
 
@@ -86,11 +61,11 @@ class PlainRun:
     integrator: dict[str, Any]
     model: dict[str, Any]
     intervals: list[_Interval]
-    events: list[_Event]
+    events: list[EventRecord]
     event_signs: dict[str, int]
     resume_warnings: list[str]
     versions: dict[str, str]
-    start: _Start | None
+    start: Start | None
     derivatives: _DerivedColumns | None
 
 
@@ -100,8 +75,8 @@ class PackedRun(NamedTuple):
     Attributes
     ----------
     arrays
-        Output times, nodes of all intervals and the states there, states of the events, the start,
-        the `StepRecord` of long runs, and derivatives of the columns.
+        Output times, nodes of all intervals and the states there, the start, the `StepRecord` of
+        long runs, and derivatives of the columns.
     plain
         The remaining data.
     """
@@ -112,7 +87,7 @@ class PackedRun(NamedTuple):
 
 def pack_run(run: RunData) -> PackedRun:
     """Pack all data of a run except its equations and its integrator."""
-    e, intervals, events = run.equations, run.trajectory.intervals, run.event_records
+    e, intervals = run.equations, run.trajectory.intervals
     records = [x.record for x in intervals if x.record is not None]
     arrays = {
         "t": run.t,
@@ -121,9 +96,6 @@ def pack_run(run: RunData) -> PackedRun:
         "nodes": np.concatenate([x.nodes for x in intervals]),
         **{k: np.concatenate([getattr(x.rows, k) for x in intervals]) for k in State._fields},
     }
-    if events:
-        for name in State._fields:
-            arrays[_EVENT_STATE.format(name)] = np.array([getattr(x.state, name) for x in events])
     if records:
         arrays["record nodes"] = np.concatenate([x.nodes for x in records])
         arrays["record values"] = np.concatenate([x.values for x in records])
@@ -146,11 +118,11 @@ def pack_run(run: RunData) -> PackedRun:
         integrator=run.integrator,
         model=run.model,
         intervals=[_pack_interval(x) for x in intervals],
-        events=[_pack_event(x) for x in events],
+        events=list(run.event_records),
         event_signs=run.event_signs,
         resume_warnings=list(run.resume_warnings),
         versions=run.versions,
-        start=None if e.start is None else _pack_start(e.start),
+        start=None if e.start is None else e.start._replace(searched=None),
         derivatives=derivatives,
     )
     return PackedRun(arrays, plain)
@@ -169,22 +141,6 @@ def _pack_interval(interval: Interval) -> _Interval:
     )
 
 
-def _pack_event(record: EventRecord) -> _Event:
-    return _Event(**{name: getattr(record, name) for name in _Event.__dataclass_fields__})
-
-
-def _pack_start(start: Start) -> _Start:
-    closed_q = None if start.closed_q is None else start.closed_q.tolist()
-    return _Start(start.description, start.q.tolist(), start.v.tolist(), start.moves, closed_q)
-
-
-def _unpack_start(start: _Start | None) -> Start | None:
-    if start is None:
-        return None
-    closed_q = None if start.closed_q is None else np.array(start.closed_q)
-    return Start(start.description, np.array(start.q), np.array(start.v), start.moves, closed_q)
-
-
 def unpack_fields(equations: EquationsOfMotion, packed: PackedRun) -> dict[str, Any]:
     """Return the arguments of `RunData` for a packed run, except `made_by`.
 
@@ -197,22 +153,14 @@ def unpack_fields(equations: EquationsOfMotion, packed: PackedRun) -> dict[str, 
     """
     arrays, plain = packed
     return {
-        "equations": replace(
-            equations, q0=arrays["q0"], v0=arrays["v0"], start=_unpack_start(plain.start)
-        ),
+        "equations": replace(equations, q0=arrays["q0"], v0=arrays["v0"], start=plain.start),
         "trajectory": unpack_trajectory(packed, equations),
         "t": arrays["t"],
         "status": plain.status,
         "statistics": plain.statistics,
         "integrator": plain.integrator,
         "model": plain.model,
-        "event_records": tuple(
-            EventRecord(
-                **vars(x),
-                state=State(*(arrays[_EVENT_STATE.format(name)][k] for name in State._fields)),
-            )
-            for k, x in enumerate(plain.events)
-        ),
+        "event_records": tuple(map(replace, plain.events)),
         "event_signs": plain.event_signs,
         "resume_warnings": tuple(plain.resume_warnings),
         "loaded_versions": plain.versions,
@@ -278,33 +226,33 @@ def _unpack_configuration(
     return configurations.configuration_without(equations, inactive, packed.frozen_gaps)
 
 
-def require_consistent(packed: PackedRun) -> None:
-    """Raise ContentError unless the arrays of a packed run belong to its intervals and events."""
+def require_consistent(packed: PackedRun, further: Mapping[str, str]) -> None:
+    """Raise ContentError unless the arrays of a packed run belong to its intervals and events.
+
+    `further` are the dimensions of further arrays, see `require_shapes`.
+    """
     arrays, plain = packed
-    dimensions = {"t": "rows", "q0": "n", "v0": "n", "nodes": "nodes"}
+    dimensions = {"t": "rows", "q0": "n", "v0": "n", "nodes": "nodes", **further}
     dimensions |= {"q": "nodes n", "v": "nodes n", "a": "nodes n", "lam": "nodes m"}
-    if plain.events:
-        names = {"q": "events n", "v": "events n", "a": "events n", "lam": "events m"}
-        dimensions |= {_EVENT_STATE.format(name): x for name, x in names.items()}
-    recorded = sum(x.recorded_nodes for x in plain.intervals)
-    if recorded:
+    counts = {"nodes": sum(x.nodes for x in plain.intervals)}
+    if recorded := sum(x.recorded_nodes for x in plain.intervals):
         dimensions |= {"record nodes": "records", "record values": "records energies"}
+        counts["records"] = recorded
     if plain.derivatives is not None:
         dimensions[_DERIVATIVES] = "parameters columns rows"
     sizes = require_shapes(arrays, dimensions)
-    counts = {"nodes": sum(x.nodes for x in plain.intervals), "events": len(plain.events)}
-    counts["records"] = recorded
     for name, count in counts.items():
-        if sizes.get(name, 0) != count:
-            raise ContentError(f"{name} must be {count}, got {sizes.get(name, 0)}")
+        if sizes[name] != count:
+            raise ContentError(f"{name} must be {count}, got {sizes[name]}")
+    state = {name: (sizes["m" if name == "lam" else "n"],) for name in State._fields}
+    start = {name: state["q"] for name in ("q", "v", "closed_q")}
+    for values, shapes in (*((x.state, state) for x in plain.events), (plain.start, start)):
+        for name, shape in shapes.items():
+            if (x := getattr(values, name, None)) is not None and x.shape != shape:
+                raise ContentError(f"{name} of an event or the start must have the shape {shape}")
     for x in plain.intervals:
         if x.nodes < 1 or (x.nodes - 1) % x.nodes_per_step:
             raise ContentError(f"nodes must be 1 and {x.nodes_per_step} per step, got {x.nodes}")
     t, nodes = arrays["t"], arrays["nodes"]
     if not (len(t) and (np.diff(t) > 0.0).all() and (np.diff(nodes) >= 0.0).all()):
         raise ContentError("the times must ascend")
-
-
-def plain_values(packed: PackedRun) -> dict[str, Any]:
-    """Return the plain data of a packed run as JSON values."""
-    return asdict(packed.plain)

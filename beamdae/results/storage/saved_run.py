@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,18 +11,18 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError, MissingModelError
-from beamdae.input_files import register_input
+from beamdae.input_files import CHECKPOINT, register_input
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives, require_derivatives
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.solution import Solution, unpack_solution
-from beamdae.results.storage.documents import Format, require_shapes
+from beamdae.results.storage.checkpoint import Checkpoint
+from beamdae.results.storage.documents import Format
 from beamdae.results.storage.files import atomic_write, require_file_path, write_result
 from beamdae.results.storage.packed_run import (
     PackedRun,
     PlainRun,
     pack_run,
-    plain_values,
     require_consistent,
     unpack_derivatives,
 )
@@ -51,6 +51,8 @@ class SavedContent:
         Headers of the tables.
     metadata
         Metadata of the run, see `Solution.metadata`.
+    checkpoint
+        Last state of the run.
     """
 
     label: str
@@ -59,9 +61,10 @@ class SavedContent:
     table: list[str]
     coordinates: list[str]
     metadata: dict[str, Any]
+    checkpoint: Checkpoint
 
 
-_FORMAT = Format(FileKind("saved run", "simulate and save the run again"), 3, SavedContent)
+_FORMAT = Format(FileKind("saved run", "simulate and save the run again"), 4, SavedContent)
 
 
 @read_only_data
@@ -198,12 +201,13 @@ def save_run(run: Solution, path: str | Path) -> Path:
     content = {
         "label": run.label,
         "identity": hash_model(run.equations),
-        "run": plain_values(packed),
+        "run": asdict(packed.plain),
         "table": list(table),
         "coordinates": list(coordinates),
         "metadata": run.metadata(),
+        "checkpoint": asdict(Checkpoint.of(run)),
     }
-    with atomic_write(file) as scratch, open(scratch, "wb") as stream:
+    with atomic_write(file, kind=CHECKPOINT) as scratch, open(scratch, "wb") as stream:
         _FORMAT.write_archive(stream, content, arrays)
     return file
 
@@ -218,13 +222,11 @@ def load_saved_run(path: Any, equations: EquationsOfMotion | None) -> SavedRun |
         of other equations.
     """
     file = require_file_path("load", path)
-    register_input(file)
+    register_input(file, CHECKPOINT)
     content, arrays = _FORMAT.read_archive(file)
     packed = PackedRun(arrays, content.run)
     with _FORMAT.kind.errors_of(file):
-        require_consistent(packed)
-        names = {_TABLE: "headers rows", "t": "rows"}
-        require_shapes(arrays, names | {_COORDINATES: "coordinates rows"})
+        require_consistent(packed, {_TABLE: "headers rows", _COORDINATES: "coordinates rows"})
         columns = dict(zip(content.table, arrays[_TABLE], strict=True))
         states = dict(zip(content.coordinates, arrays[_COORDINATES], strict=True))
         if equations is None:
@@ -238,3 +240,14 @@ def load_saved_run(path: Any, equations: EquationsOfMotion | None) -> SavedRun |
                 "pass the model of this run, or omit the model to load only the tables."
             )
         return unpack_solution(equations, packed)
+
+
+def read_checkpoint(file: Path) -> Checkpoint:
+    """Return the last state of the saved run in a file.
+
+    Raises
+    ------
+    BeamdaeError
+        If the file cannot be read or is not a complete saved run of this version.
+    """
+    return _FORMAT.read_archive(file)[0].checkpoint

@@ -24,7 +24,7 @@ from beamdae.interrupts import DeferredInterrupts, acknowledge, attach_partial
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import observed_columns, select_observed_columns
 from beamdae.results.outcome import REACHED_END, Status
-from beamdae.results.storage.files import escape_table, write_bytes, write_text
+from beamdae.results.storage.files import write_bytes, write_escaped_table
 from beamdae.studies.case import Case, DigestCache
 from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
@@ -439,5 +439,4 @@ def _create_row(
 
 def _write_tables(results: StudyResults) -> None:
     for name, table in results.tables.items():
-        text = escape_table(table).to_csv(index=False, lineterminator="\n")
-        write_text(results.folder / name, text)
+        write_escaped_table(results.folder / name, table)

@@ -1,0 +1,776 @@
+"""Linear steps: derivatives of the steps of a run, forward and backward.
+
+Every method takes steps of one form. With the motion z = (q, v, q'', a) before a step, a step of s
+stages predicts their positions and velocities P z, solves the linearized equations
+
+    M u = r,    r = F_q (P z)_q + F_v (P z)_v + F_p dp + F_t dt,
+
+with its own matrix M for the corrections u of all stages, and ends at the last one:
+
+    x_v,i = sum V_ij x_q,j,    x_a,i = sum R_ij x_v,j,    x_lam,i = sum L_ij u_lam,j.
+
+`StepTables` contains these numbers for generalized-alpha, which has one stage, and for Radau IIA.
+The transposed equations, solved from the last step to the first, give the gradient of an objective;
+Sandu, Daescu & Carmichael, Atmos. Environ. 37 (2003) 5083, doi:10.1016/j.atmosenv.2003.08.019.
+
+The loops are plain Python over arrays; `native.loops` compiles them if possible.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.analysis.sensitivities.directions import Directions
+from beamdae.analysis.sensitivities.model_differences import derivative_call
+from beamdae.analysis.sensitivities.recorded_maps import Gradient, plan_transpose
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives, time_rate
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.first_order import formulate_first_order, plan_residual
+from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
+from beamdae.equations.formulations.step_equations import formulate_step, plan_step_sums
+from beamdae.equations.structure import Structure
+from beamdae.errors import BeamdaeError
+from beamdae.integrators import GeneralizedAlpha, Radau
+from beamdae.integrators.alpha.family import AlphaParameters, AlphaStart, family_parameters
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.integrators.radau.coefficients import A, C
+from beamdae.integrators.radau.stepper import STABILIZED_FORM
+from beamdae.native.loop_functions import combine, factorize, fill, gather, pick, solve
+from beamdae.native.return_codes import DONE
+from beamdae.results.trajectory import Interval
+from beamdae.symbolic.sparse_operators import transpose_pattern
+from beamdae.symbolic.sums.directional_sums import direction_inputs, motion_plan
+from beamdae.symbolic.sums.kernel_sums import (
+    Sum,
+    SumPlan,
+    evaluate_sum,
+    evaluate_with_data,
+    set_matrix_factors,
+    set_time,
+)
+
+Array = np.ndarray
+
+# Two steps are equal if they differ by less than this fraction of the step, or by a few rounding
+# errors of the time.
+_SAME_STEP = 1e-9
+_TIME_ROUNDING = 8.0 * float(np.finfo(float).eps)
+
+
+class StepTables(NamedTuple):
+    """Coefficients of steps, one step a row; see the module.
+
+    Attributes
+    ----------
+    predict
+        P, (steps, s, 2, 4).
+    velocity, acceleration, reaction
+        V, R and L, (steps, s, s).
+    blocks
+        Shares of the parts of the matrix of stage i in block (i, j) of M, (steps, s, s, parts).
+    factors
+        Matrix factors of kernels, and the factor of multipliers in the matrix, (steps, 7).
+    after
+        Algorithmic acceleration after the step: shares of z, and of the correction u_q of the last
+        stage, (steps, 5).
+    """
+
+    predict: Array
+    velocity: Array
+    acceleration: Array
+    reaction: Array
+    blocks: Array
+    factors: Array
+    after: Array
+
+
+@dataclass(frozen=True)
+class StepEquations:
+    """Equations of the stages of a method.
+
+    Attributes
+    ----------
+    equations
+        Equations of motion.
+    residual, n_inputs, size
+        Function of a module that returns the plan of the residual of a stage, and the sizes of its
+        inputs and of the residual. The inputs begin with (q, v).
+    matrix, pattern
+        Plan and pattern of the parts of the matrix of a stage.
+    inputs
+        Positions of the accelerations and the multipliers among the inputs.
+    rows
+        Rows of the residual that are solved, (k,).
+    corrected
+        Coordinates whose velocities are unknowns, because joints correct q' = v.
+    nodes
+        Times of the stages in a step of length 1, (s,).
+    is_native
+        True if machine code is available.
+    """
+
+    equations: EquationsOfMotion
+    residual: Callable[[Structure], SumPlan]
+    n_inputs: int
+    size: int
+    matrix: SumPlan
+    pattern: sp.csc_array
+    inputs: tuple[int, int]
+    rows: Array
+    corrected: Array
+    nodes: Array
+    is_native: bool
+
+
+def formulate_steps(
+    method: GeneralizedAlpha | Radau, equations: EquationsOfMotion
+) -> StepEquations:
+    """Return the equations of the stages of a method."""
+    n, m = equations.n, equations.m
+    if isinstance(method, GeneralizedAlpha):
+        step = formulate_step(equations, False)
+        return StepEquations(
+            equations, _plan_step_residual, 4 * n + 2 * m, n + m, step.sums[2], step.pattern,
+            (2 * n, 3 * n), np.arange(n + m), np.arange(0), np.ones(1), step.is_native,
+        )  # fmt: skip
+    form = formulate_first_order(equations, STABILIZED_FORM, apart=True)
+    pattern, plan, reduction = reduce_kinematics(form)
+    corrected = reduction.corrected.astype(int)
+    rows = np.concatenate([np.arange(n, 2 * n), corrected, np.arange(2 * n, form.size)])
+    return StepEquations(
+        equations, _plan_stage_residual, 2 * form.size, form.size, plan, pattern,
+        (form.size + n, form.size + 2 * n), rows, corrected, C, form.is_native,
+    )  # fmt: skip
+
+
+def _plan_step_residual(structure: Structure) -> SumPlan:
+    return plan_step_sums(structure, False)[1][0]
+
+
+def _plan_stage_residual(structure: Structure) -> SumPlan:
+    return plan_residual(structure, STABILIZED_FORM)
+
+
+def tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
+    """Return the coefficients of generalized-alpha for steps `h` [s]."""
+    c_v, c_a, c_f = (np.broadcast_to(x, h.shape) for x in member.coefficients(h))
+    one, zero, f = np.ones_like(h), np.zeros_like(h), 1.0 / (1.0 - member.alpha_m)
+    # a after the step, as far as z predicts it.
+    after = [zero, zero, f * member.alpha_f * one, -f * member.alpha_m * one]
+    q, v = ([x * after[b] for b in range(4)] for x in (h * h * member.beta, h * member.gamma))
+    q = [q[0] + 1.0, q[1] + h, q[2], q[3] + h * h * (0.5 - member.beta)]
+    v = [v[0], v[1] + 1.0, v[2], v[3] + h * (1.0 - member.gamma)]
+    factors = [c_f, c_f * c_v, c_f * c_a, one, 1.0 / c_v, 1.0 / c_f, c_f]
+    return StepTables(
+        np.stack([np.stack(q, -1), np.stack(v, -1)], 1)[:, None],
+        *(x[:, None, None] for x in (c_v, c_a / c_v, 1.0 / c_f)),
+        one[:, None, None, None],
+        np.stack(factors, -1),
+        np.stack([*after, -1.0 / c_f], -1),
+    )
+
+
+def tabulate_radau(h: Array) -> StepTables:
+    """Return the coefficients of Radau IIA for steps `h` [s]."""
+    steps, s, h = len(h), len(C), h[:, None, None]
+    predict, rates = np.zeros((steps, s, 2, 4)), np.linalg.inv(A) / h
+    predict[..., 0, 0] = predict[..., 1, 1] = 1.0
+    predict[..., 0, 1] = h[..., 0] * C
+    blocks = np.stack([np.broadcast_to(np.eye(s), rates.shape), rates, rates @ rates], -1)
+    return StepTables(
+        predict, rates, rates, rates, blocks, np.ones((steps, 7)), np.zeros((steps, 5))
+    )
+
+
+@dataclass(slots=True, kw_only=True)
+class LinearSteps:
+    """Work arrays of a loop over the steps of a run.
+
+    Attributes
+    ----------
+    n, m, branch
+        Numbers of coordinates and multipliers, and a time inside the interval [s].
+    times, nodes, states
+        Times of the steps (steps + 1,) [s], nodes of the stages, and states (q, v, a, lam) at the
+        start and at all stages.
+    tables
+        Coefficients of the steps.
+    matrix, parts, block, linear, nonzeros, targets
+        Sum of the matrix of a stage and its result, work array for a block of M, solver and
+        non-zeros of M or of its transpose, and positions of the entries of its blocks.
+    entries, inputs, acceleration_at, reaction_at
+        0, 1, ...; inputs of the sums, and positions of accelerations and multipliers among them.
+    rows, scales, corrected
+        Rows of the residual that are solved, their scales, and coordinates with unknown velocities.
+    right
+        Right-hand side or solution, all stages.
+    positions, velocities, accelerations, reactions
+        Work arrays of the stages, one stage a row.
+    motion
+        z by direction, (4 k, n), or derivatives of the objective with respect to z, (4, n).
+    next_a
+        Work array, (n,).
+    step, last
+        Index of the step, and of that at which the loop ends.
+    """
+
+    n: int
+    m: int
+    branch: float
+    times: Array
+    nodes: Array
+    states: Array
+    tables: StepTables
+    matrix: Sum
+    parts: Array
+    block: Array
+    linear: Any
+    nonzeros: Array
+    targets: Array
+    entries: Array
+    inputs: Array
+    acceleration_at: int
+    reaction_at: int
+    rows: Array
+    scales: Array
+    corrected: Array
+    right: Array
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    reactions: Array
+    motion: Array
+    next_a: Array
+    step: int = 0
+    last: int = 0
+
+
+@dataclass(slots=True, kw_only=True)
+class ForwardSteps(LinearSteps):
+    """Work arrays of `forward`.
+
+    Attributes
+    ----------
+    directional, data, residual
+        Directional derivative of the residual of a stage with the inputs (x, dx), its further
+        inputs by direction, and its result.
+    shifts, time_rates
+        Derivatives of the time of all steps (k,) [s], and partial derivatives of the residual with
+        respect to time at the stages.
+    results
+        Derivatives of (q, v, a, lam) at the stages, one direction a row.
+    """
+
+    directional: Sum
+    data: Array
+    residual: Array
+    shifts: Array
+    time_rates: Array
+    results: Array
+
+
+@dataclass(slots=True, kw_only=True)
+class BackwardSteps(LinearSteps):
+    """Work arrays of `backward`.
+
+    Attributes
+    ----------
+    transposed, weights, gradient
+        Gradient of weights . residual, the weights, and its result by (inputs, p).
+    seeds
+        Derivatives of the objective with respect to (q, v, lam) at the stages.
+    numbers
+        Derivatives with respect to p, summed over the steps.
+    before
+        Work array for the derivatives with respect to z before a step, (4, n).
+    """
+
+    transposed: Sum
+    weights: Array
+    gradient: Array
+    seeds: Array
+    numbers: Array
+    before: Array
+
+
+def _set_state(run: Any, row: int, factor: float) -> None:
+    """Write a state to the inputs, with multipliers times a factor."""
+    n, state, x = run.n, run.states[row], run.inputs
+    combine(x[: 2 * n], (1.0,), (state[: 2 * n],))
+    a, lam = run.acceleration_at, run.reaction_at
+    combine(x[a : a + n], (1.0,), (state[2 * n : 3 * n],))
+    combine(x[lam : lam + state.size - 3 * n], (factor,), (state[3 * n :],))
+
+
+def _stage_time(run: Any, i: int) -> float:
+    start = run.times[run.step]
+    if i == run.nodes.size - 1:
+        return run.times[run.step + 1]
+    return start + run.nodes[i] * (run.times[run.step + 1] - start)
+
+
+def _factorize(run: Any) -> int:
+    """Factorize M, or its transpose, of the current step; return the code."""
+    s, size, c, blocks = run.nodes.size, run.block.size, run.tables.factors, run.tables.blocks
+    k, block = run.step, run.block
+    for i in range(s):
+        _set_state(run, s * k + 1 + i, c[k, 6])
+        set_time(run.matrix, _stage_time(run, i), run.branch)
+        set_matrix_factors(run.matrix, c[k, 0], c[k, 1], c[k, 2], c[k, 3], c[k, 4], c[k, 5])
+        evaluate_sum(run.matrix, run.inputs, run.parts)
+        for j in range(s):
+            combine(block, (blocks[k, i, j, 0],), (run.parts[:size],))
+            for part in range(1, blocks.shape[3]):
+                values = run.parts[part * size : (part + 1) * size]
+                combine(block, (1.0, blocks[k, i, j, part]), (block, values))
+            pick(run.nonzeros, run.targets[s * i + j], block, run.entries, 0, size)
+    return factorize(run.linear, run.nonzeros)
+
+
+def forward(run: ForwardSteps) -> int:
+    """Differentiate steps along all directions; return DONE, NEW_PIVOTS or SINGULAR."""
+    while run.step < run.last:
+        code = _factorize(run)
+        if code != DONE:
+            return code
+        for k in range(run.shifts.size):
+            _differentiate_step(run, k)
+        run.step += 1
+    return DONE
+
+
+def _differentiate_step(run: ForwardSteps, k: int) -> None:
+    n, m, s, step, tables = run.n, run.m, run.nodes.size, run.step, run.tables
+    unknowns, inputs, z, c = run.rows.size, run.inputs, run.motion, run.tables.predict
+    n_inputs = inputs.size // 2
+    for i in range(s):
+        _set_state(run, s * step + 1 + i, 1.0)
+        for part in range(2):
+            factors = (c[step, i, part, 0], c[step, i, part, 1])
+            further = (1.0, c[step, i, part, 2], c[step, i, part, 3])
+            change = inputs[n_inputs + part * n : n_inputs + (part + 1) * n]
+            combine(change, factors, (z[4 * k], z[4 * k + 1]))
+            combine(change, further, (change, z[4 * k + 2], z[4 * k + 3]))
+        combine(run.positions[i], (1.0,), (inputs[n_inputs : n_inputs + n],))
+        combine(run.velocities[i], (1.0,), (inputs[n_inputs + n : n_inputs + 2 * n],))
+        t = _stage_time(run, i)
+        set_time(run.directional, t, run.branch)
+        evaluate_with_data(run.directional, run.data[k], inputs, run.residual)
+        if run.shifts[k] != 0.0:
+            rate = run.time_rates[s * step + i]
+            combine(run.residual, (1.0, run.shifts[k]), (run.residual, rate))
+        right = run.right[i * unknowns : (i + 1) * unknowns]
+        gather(right, run.entries, run.scales, run.residual, run.rows, 0, unknowns)
+    solve(run.linear, run.right)
+    after = tables.after
+    factors = (after[step, 0], after[step, 1], after[step, 2], after[step, 3])
+    combine(run.next_a, factors, (z[4 * k], z[4 * k + 1], z[4 * k + 2], z[4 * k + 3]))
+    last = run.right[(s - 1) * unknowns :]
+    combine(run.next_a, (1.0, after[step, 4]), (run.next_a, last[:n]))
+    first = n + run.corrected.size
+    # Accelerations serve as work array for the corrections of velocities.
+    for i in range(s):
+        correction = run.accelerations[i]
+        fill(correction, 0.0)
+        for j in range(s):
+            x = run.right[j * unknowns : j * unknowns + n]
+            combine(correction, (1.0, tables.velocity[step, i, j]), (correction, x))
+        x = run.right[i * unknowns + n : i * unknowns + first]
+        pick(correction, run.corrected, x, run.entries, 0, x.size)
+    for i in range(s):
+        x = run.right[i * unknowns : (i + 1) * unknowns]
+        row = run.results[(s * step + i) * run.shifts.size + k]
+        combine(row[:n], (1.0, -1.0), (run.positions[i], x[:n]))
+        combine(row[n : 2 * n], (1.0, -1.0), (run.velocities[i], run.accelerations[i]))
+        fill(row[2 * n :], 0.0)
+        a, lam = row[2 * n : 3 * n], row[3 * n :]
+        for j in range(s):
+            combine(a, (1.0, -tables.acceleration[step, i, j]), (a, run.accelerations[j]))
+            x = run.right[j * unknowns + first : j * unknowns + first + m]
+            combine(lam, (1.0, -tables.reaction[step, i, j]), (lam, x))
+    row = run.results[(s * step + s - 1) * run.shifts.size + k]
+    for b in range(3):
+        combine(z[4 * k + b], (1.0,), (row[b * n : (b + 1) * n],))
+    combine(z[4 * k + 3], (1.0,), (run.next_a,))
+
+
+def backward(run: BackwardSteps) -> int:
+    """Transpose steps, the last one first; return DONE, NEW_PIVOTS or SINGULAR."""
+    while run.step > run.last:
+        run.step -= 1
+        code = _factorize(run)
+        if code != DONE:
+            run.step += 1
+            return code
+        _transpose_step(run)
+    return DONE
+
+
+def _transpose_step(run: BackwardSteps) -> None:
+    n, m, s, step, tables = run.n, run.m, run.nodes.size, run.step, run.tables
+    unknowns, z, c, after = run.rows.size, run.motion, run.tables.predict, run.tables.after
+    for i in range(s):
+        seed = run.seeds[s * step + i]
+        combine(run.positions[i], (1.0,), (seed[:n],))
+        combine(run.velocities[i], (1.0,), (seed[n : 2 * n],))
+        combine(run.reactions[i], (1.0,), (seed[2 * n :],))
+    q, v = run.positions[s - 1], run.velocities[s - 1]
+    combine(q, (1.0, 1.0), (q, z[0]))
+    combine(v, (1.0, 1.0), (v, z[1]))
+    first = n + run.corrected.size
+    for i in range(s):
+        correction = run.accelerations[i]
+        share = -tables.acceleration[step, s - 1, i]
+        combine(correction, (-1.0, share), (run.velocities[i], z[2]))
+        x = run.right[i * unknowns : (i + 1) * unknowns]
+        combine(x[:n], (-1.0,), (run.positions[i],))
+        fill(x[n:], 0.0)
+        pick(x[n:first], run.entries, correction, run.corrected, 0, run.corrected.size)
+        for j in range(run.corrected.size):
+            correction[run.corrected[j]] = 0.0
+        for j in range(s):
+            lam = x[first : first + m]
+            combine(lam, (1.0, -tables.reaction[step, j, i]), (lam, run.reactions[j]))
+    x = run.right[(s - 1) * unknowns : (s - 1) * unknowns + n]
+    combine(x, (1.0, after[step, 4]), (x, z[3]))
+    for i in range(s):
+        x = run.right[i * unknowns : i * unknowns + n]
+        for j in range(s):
+            combine(x, (1.0, tables.velocity[step, j, i]), (x, run.accelerations[j]))
+    solve(run.linear, run.right)
+    for b in range(4):
+        combine(run.before[b], (after[step, b],), (z[3],))
+    n_inputs = run.inputs.size - run.weights.size
+    for i in range(s):
+        x = run.right[i * unknowns : (i + 1) * unknowns]
+        fill(run.weights, 0.0)
+        gather(run.weights, run.rows, run.scales, x, run.entries, 0, unknowns)
+        _set_state(run, s * step + 1 + i, 1.0)
+        combine(run.inputs[n_inputs:], (1.0,), (run.weights,))
+        set_time(run.transposed, _stage_time(run, i), run.branch)
+        evaluate_sum(run.transposed, run.inputs, run.gradient)
+        combine(run.numbers, (1.0, 1.0), (run.numbers, run.gradient[n_inputs:]))
+        q, v = run.positions[i], run.velocities[i]
+        combine(q, (1.0, 1.0), (q, run.gradient[:n]))
+        combine(v, (1.0, 1.0), (v, run.gradient[n : 2 * n]))
+        for b in range(4):
+            factors = (1.0, c[step, i, 0, b], c[step, i, 1, b])
+            combine(run.before[b], factors, (run.before[b], q, v))
+    for b in range(4):
+        combine(z[b], (1.0,), (run.before[b],))
+
+
+# Matrices M of a run, and positions of the entries of their blocks, by the pattern of the blocks
+# and whether they are transposed; pivots of the last interval are tried first.
+Matrices = dict[tuple[int, bool], tuple[FactorizedMatrix, Array, sp.csc_array]]
+
+
+class _Steps:
+    """Steps of an interval, and the corrections of generalized-alpha between them."""
+
+    def __init__(
+        self,
+        method: GeneralizedAlpha | Radau,
+        equations: EquationsOfMotion,
+        interval: Interval,
+        matrices: Matrices,
+    ) -> None:
+        self.form, self.interval = formulate_steps(method, equations), interval
+        self._matrices = matrices
+        self.count, self.is_alpha = len(interval.t) - 1, isinstance(method, GeneralizedAlpha)
+        self.parts, self.steps = [(0, self.count)], np.diff(interval.t)
+        if isinstance(method, GeneralizedAlpha):
+            self.parts = list(pairwise(_group_equal_steps(interval.t)))
+            for first, last in self.parts:
+                length = float((interval.t[last] - interval.t[first]) / (last - first))
+                self.steps[first:last] = length
+            self.member = family_parameters(method.family, method.rho_inf)
+            self.tables = tabulate_alpha(self.member, self.steps)
+            self._is_cured = method.start == "cured"
+        else:
+            self.tables = tabulate_radau(self.steps)
+
+    def node(self, k: int) -> tuple[Array, State]:
+        """Return (t, branch) and the state at the start of step `k`."""
+        x = self.interval
+        return np.array([x.t[k], x.branch]), State(*(y[k] for y in x.state))
+
+    def start(self, solver: Any) -> AlphaStart:
+        """Return the starting values of generalized-alpha."""
+        return AlphaStart(self.member, solver, True, self._is_cured)
+
+    def scales(self, step: int) -> Array:
+        """Return the scales of the rows of the residual."""
+        form, scales = self.form, np.ones(len(self.form.rows))
+        if self.is_alpha:
+            e = form.equations
+            scales[: e.n] = self.tables.factors[step, 6]
+            scales[e.n + e.nonholonomic_rows] = 1.0 / self.tables.velocity[step, 0, 0]
+        return scales
+
+    def make_loop(
+        self,
+        loop: Callable[[Any], int],
+        make: Callable[[bool, dict[str, Any]], Any],
+        transposed: bool,
+        is_native: bool,
+        n_inputs: int,
+    ) -> StepLoop[Any]:
+        """Return a loop; `make` returns its workspace, given common fields."""
+        form, s = self.form, len(self.form.nodes)
+        e, (n, m) = form.equations, (form.equations.n, form.equations.m)
+        key, nnz = (id(form.pattern), transposed), form.pattern.nnz
+        if key in self._matrices:
+            source, targets, _ = self._matrices[key]
+            source.pivot_source = None  # Runs may have thousands of intervals.
+            matrix = FactorizedMatrix.from_pattern(source.pattern, pivot_source=source)
+        else:
+            pattern, targets = _join_blocks(form.pattern, s, transposed)
+            matrix = FactorizedMatrix.from_pattern(pattern)
+        self._matrices[key] = matrix, targets, form.pattern  # whose id is not reused
+        common = {
+            "n": n,
+            "m": m,
+            "branch": float(self.interval.branch),
+            "times": np.ascontiguousarray(self.interval.t),
+            "nodes": form.nodes,
+            "states": np.hstack(self.interval.rows),
+            "tables": StepTables(*map(np.ascontiguousarray, self.tables)),
+            "parts": np.zeros(self.tables.blocks.shape[-1] * nnz + (s > 1)),
+            "block": np.zeros(nnz),
+            "nonzeros": matrix.nonzeros,
+            "targets": targets,
+            "entries": np.arange(max(nnz, len(form.rows)), dtype=np.uint32),
+            "inputs": np.zeros(n_inputs),
+            "acceleration_at": form.inputs[0],
+            "reaction_at": form.inputs[1],
+            "rows": form.rows.astype(np.uint32),
+            "scales": np.ones(len(form.rows)),
+            "corrected": form.corrected.astype(np.uint32),
+            "right": np.zeros(s * len(form.rows)),
+            "positions": np.zeros((s, n)),
+            "velocities": np.zeros((s, n)),
+            "accelerations": np.zeros((s, n)),
+            "reactions": np.zeros((s, m)),
+            "next_a": np.zeros(n),
+        }
+
+        def make_fields(native: bool) -> Any:
+            solver = matrix.make_solver(native, "auto")
+            matrix_sum = form.matrix.sum(native, e.p)
+            return make(native, {**common, "matrix": matrix_sum, "linear": solver})
+
+        return StepLoop(
+            loop, make_fields, lambda run: [(run.linear, matrix)], is_native and form.is_native
+        )
+
+    def run(self, loop: StepLoop[Any], first: int, last: int) -> None:
+        """Run a loop from step `first` to step `last`, which may be before it."""
+        run = loop.work
+        run.step, run.last = int(first), int(last)
+        run.scales[:] = self.scales(min(first, last))
+        code = loop()
+        if code != DONE or not np.all(np.isfinite(run.motion)):
+            raise BeamdaeError(
+                f"{derivative_call()}: the matrix of the step after t = "
+                f"{self.interval.t[min(run.step, self.count - 1)]:g} s is singular, or derivatives "
+                "are not finite; use smaller steps or tolerances, or check the model."
+            )
+
+
+def differentiate_steps(
+    method: GeneralizedAlpha | Radau,
+    directions: Directions,
+    equations: EquationsOfMotion,
+    interval: Interval,
+    starts: Sequence[Array],
+    shifts: Array,
+    matrices: Matrices,
+) -> Array:
+    """Return the derivatives of (q, v, a, lam) at the start and the stages of a smooth interval.
+
+    If the time t of the start depends on a parameter, all steps are moved with it. Derivatives s
+    at fixed times follow from those along the moved steps, s + x' dt. Moving the state instead, by
+    -x' dt at the start, would be wrong for motions that are too fast for the steps: x' is large
+    there, and the steps do not damp it as fast as they damp the motion.
+
+    Parameters
+    ----------
+    method
+        Settings of the run.
+    directions
+        Directions of parameters.
+    equations, interval
+        Equations and states of the run.
+    starts
+        Derivatives of the consistent state (q, v, a, lam) along the moved start, one direction a
+        row.
+    shifts
+        Derivatives of the time of the start, (k,) [s].
+    matrices
+        Matrices of the other intervals.
+
+    Returns
+    -------
+    numpy.ndarray
+        Derivatives (stages + 1, k, 3n + m) along the moved steps; the first rows are `starts`.
+
+    Raises
+    ------
+    BeamdaeError
+        If the matrix is singular at a step.
+    """
+    steps = _Steps(method, equations, interval, matrices)
+    form, maps, n, count = steps.form, directions.maps, equations.n, len(shifts)
+    motion = np.zeros((count, 4, n))
+    if steps.is_alpha:
+        start, (time, at) = steps.start(maps.solver), steps.node(0)
+        initial = maps.initial_motion(start, time, at, float(steps.steps[0]))
+        motion[:] = np.stack(directions.along(initial, starts, shifts), 1)
+    else:
+        motion[:, :2] = np.stack(starts[:2], 1)
+    plan = maps.directional_plan(form.residual, form.n_inputs)
+    stages = steps.count * len(form.nodes)
+    results = np.zeros(((stages + 1) * count, 3 * n + equations.m))
+    results[:count] = np.hstack(starts)
+
+    def make(native: bool, fields: dict[str, Any]) -> ForwardSteps:
+        return ForwardSteps(
+            **fields,
+            motion=motion.reshape(-1, n).copy(),
+            directional=motion_plan(plan, form.n_inputs).sum(native, maps.equations.p),
+            data=direction_inputs(plan, form.n_inputs, maps.equations.p, directions.numbers),
+            residual=np.zeros(form.size),
+            shifts=shifts,
+            time_rates=_time_rates(steps) if shifts.any() else np.zeros((0, form.size)),
+            results=results[count:],
+        )
+
+    loop = steps.make_loop(forward, make, False, plan.is_native, 2 * form.n_inputs)
+    z = loop.work.motion.reshape(count, 4, n)
+    for first, last in steps.parts:
+        if first > 0:
+            (time, at), h, before = steps.node(first), steps.steps[first], steps.steps[first - 1]
+            ratio, square = h / before, (h * h - before * before) * steps.member.defect
+            jerk_map = maps.jerk_map(time, at, float(h))
+            (jerks,) = directions.along(jerk_map, [z[:, b] for b in range(3)], shifts)
+            z[:, 1] += square * jerks
+            z[:, 3] = (1.0 - ratio) * z[:, 2] + ratio * z[:, 3]
+        steps.run(loop, first, last)
+    return results.reshape(stages + 1, count, -1)
+
+
+def _time_rates(steps: _Steps) -> Array:
+    """Return the derivatives of the residual by time at the stages, (stages, size)."""
+    form, x = steps.form, steps.interval
+    e, total = form.equations, form.residual(form.equations.structure).sum(False, form.equations.p)
+    result, value = np.zeros((steps.count, form.size)), np.zeros(form.size)
+    inputs = np.zeros(form.n_inputs)
+    for k, h in enumerate(steps.steps.tolist()):
+        inputs[: 3 * e.n + e.m] = np.concatenate([y[k + 1] for y in x.state])
+
+        def evaluate(time: Array) -> Array:
+            set_time(total, *time)
+            evaluate_sum(total, inputs, value)
+            return value.copy()
+
+        result[k] = time_rate(evaluate, np.array([x.t[k + 1], x.branch]), h)
+    return result
+
+
+def transpose_steps(
+    method: GeneralizedAlpha | Radau,
+    start: StartDerivatives,
+    interval: Interval,
+    seeds: Array,
+    matrices: Matrices,
+) -> Gradient:
+    """Return the gradient of an objective with respect to the state at the start of an interval.
+
+    Parameters
+    ----------
+    method
+        Settings of the run.
+    start
+        Maps of the equations of the interval.
+    interval
+        States of the run.
+    seeds
+        Derivatives of the objective with respect to (q, v, lam) at the stages, (stages, 2n + m).
+    matrices
+        Matrices of the other intervals.
+
+    Raises
+    ------
+    BeamdaeError
+        If the matrix is singular at a step.
+    """
+    e = start.equations
+    steps = _Steps(method, e, interval, matrices)
+    form = steps.form
+    plan = plan_transpose(e.structure, form.residual, form.n_inputs, 0.0)
+
+    def make(native: bool, fields: dict[str, Any]) -> BackwardSteps:
+        return BackwardSteps(
+            **fields,
+            motion=np.zeros((4, e.n)),
+            transposed=plan.sum(native, e.p),
+            weights=np.zeros(form.size),
+            gradient=np.zeros(form.n_inputs + len(e.p)),
+            seeds=np.ascontiguousarray(seeds),
+            numbers=np.zeros(len(e.p)),
+            before=np.zeros((4, e.n)),
+        )
+
+    n_inputs = form.n_inputs + form.size
+    loop = steps.make_loop(backward, make, True, plan.is_native, n_inputs)
+    run, numbers = loop.work, np.zeros(len(e.p))
+    for first, last in reversed(steps.parts):
+        if last < steps.count:
+            (time, at), h, after = steps.node(last), steps.steps[last - 1], steps.steps[last]
+            ratio, square = after / h, (after * after - h * h) * steps.member.defect
+            jerk = start.jerk_map(time, at, float(after)).transposed(square * run.motion[1])
+            numbers += jerk.numbers
+            run.motion[:3] += jerk.inputs
+            run.motion[2] += (1.0 - ratio) * run.motion[3]
+            run.motion[3] *= ratio
+        steps.run(loop, last, first)
+    by_start = (run.motion[0], run.motion[1], np.zeros(e.n), np.zeros(e.m))
+    if steps.is_alpha:
+        time, at = steps.node(0)
+        alpha_start, h = steps.start(start.solver), float(steps.steps[0])
+        initial = start.initial_motion(alpha_start, time, at, h).transposed(*run.motion)
+        by_start, numbers = initial.inputs, numbers + initial.numbers
+    return Gradient(by_start, numbers + run.numbers)
+
+
+def _join_blocks(pattern: sp.csc_array, s: int, transposed: bool) -> tuple[sp.csc_array, Array]:
+    """Return the pattern of s x s blocks, or its transpose, and the positions of their entries."""
+    counts, starts, size = np.diff(pattern.indptr), pattern.indptr[:-1], pattern.shape[0]
+    column = np.repeat(np.arange(size), counts)
+    first = s * starts[column] + np.arange(pattern.nnz) - starts[column]
+    i, j = np.divmod(np.arange(s * s)[:, None], s)
+    targets = j * s * pattern.nnz + first + i * counts[column]
+    indices = np.empty(targets.size, int)
+    indices[targets] = i * size + pattern.indices
+    ends = (np.arange(s)[:, None] * pattern.nnz + pattern.indptr[1:]) * s
+    indptr = np.append(0, ends.ravel())
+    whole = sp.csc_array((np.ones(len(indices)), indices, indptr), shape=(s * size, s * size))
+    if transposed:
+        whole, positions = transpose_pattern(whole)
+        targets = positions[targets]
+    return whole, targets.astype(np.uint32)
+
+
+def _group_equal_steps(times: Array) -> Array:
+    """Return the indices of the times at which the length of the step changes, and of both ends."""
+    h = np.diff(times)
+    rounding = _SAME_STEP * h + _TIME_ROUNDING * np.max(np.abs(times))
+    changes = 1 + np.flatnonzero(np.abs(np.diff(h)) > rounding[1:])
+    return np.concatenate([[0], changes, [len(h)]])
