@@ -48,7 +48,8 @@ def test_the_page_opens_on_the_best_and_the_first_design(result, show):
     tab = show(result)
     labels = [f"design {result.evaluations} (best)", "design 1 (first)"]
     assert not tab.locator("#errors").is_visible()
-    points = "state.charts.get('scatter').spec.series.flatMap(({data}) => data.filter((x) => x[2])).length"
+    points = """state.charts.get("scatter").spec.series
+        .flatMap(({data}) => data.filter((point) => point[2])).length"""
     assert tab.evaluate(points) == result.evaluations
     assert tab.get_by_label("Observed: quantity").input_value() == "bob.x [m]"
     assert len(list_lines(tab)) == 2

@@ -47,8 +47,10 @@ def test_unresolved_errors_are_hollow_points_at_the_resolution(show):
     assert "resolution of the reference: 1.0e-6" in tab.inner_text("#precision")
     tab.mouse.move(*find_point(tab, 0))
     assert "at most 1.0e-6" in read_tooltip(tab)
-    fills = tab.evaluate("""state.charts.get("scatter").spec.series.filter(({type}) => type === "scatter")
-        .flatMap(({data, color, itemStyle}) => data.map((point) => [point[2], itemStyle.color ?? color]))""")
+    fills = tab.evaluate("""state.charts.get("scatter").spec.series
+        .filter(({type}) => type === "scatter")
+        .flatMap(({data, color, itemStyle}) =>
+            data.map((point) => [point[2], itemStyle.color ?? color]))""")
     # The hollow point lies above the filled one.
     assert dict(fills)["case 0"] == "#ffffff"
     assert dict(fills)["case 2"] == "#0072b2"
