@@ -441,9 +441,9 @@ def test_regression_labels_of_multiples_of_the_speed_do_not_overlap(rotor, windo
             case["values"]["frequency [Hz]"] = 60.0
     tab = request.getfixturevalue(window)(page)
     labels = [tab.locator("#precision text", has_text=f"{k}\u00d7") for k in (1, 2, 3, 4)]
-    boxes = sorted((label.bounding_box() for label in labels), key=lambda box: box["y"])
-    for above, below in pairwise(boxes):
-        assert above["y"] + above["height"] < below["y"] + 1.0
+    boxes = sorted((label.bounding_box() for label in labels), key=lambda box: box["x"])
+    for left, right in pairwise(boxes):
+        assert left["x"] + left["width"] < right["x"]
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -511,7 +511,7 @@ def test_regression_modes_above_the_excitations_do_not_hide_the_resonances(show)
     tab = show(page)
     assert "modes 3 to 5" in tab.inner_text("#subtitle")
     low, high = visible_ranges(tab, "scatter")[1]
-    assert low < 0.0
+    assert low <= 0.0
     assert high < 120.0
     tool_buttons(tab, "scatter").nth(2).click()
     assert visible_ranges(tab, "scatter")[1][1] > 500.0
@@ -549,7 +549,6 @@ def test_the_page_of_a_boundary_marks_its_special_points(show):
         "limit point", "rise", values, factors, special, unstable, q, status, ("press",)
     )
     tab = show(build_critical_loads_page(boundary, "limit loads"))
-    assert tab.locator("#precision .mark").count() == 1
     assert "cusp" in tab.locator("#precision").inner_text()
     assert tab.inner_text("#cases-title") == "All points"
     assert not tab.locator("#motion").is_visible()

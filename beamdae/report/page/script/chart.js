@@ -15,7 +15,6 @@ const BLOB_LIFETIME = 60000; // [ms]
 const MAX_STEPS = 6; // between ticks that are multiples of a given step
 const MARGINS = { left: 4, right: 18, top: 30, bottom: 4 }; // around the axes and their labels [px]
 const LEGEND_HEIGHT = 24; // [px]
-const GUIDE_LABEL_WIDTH = 24; // [px]
 
 /*
  * Create a chart; `drawChart` fills it once it is part of the document.
@@ -23,7 +22,6 @@ const GUIDE_LABEL_WIDTH = 24; // [px]
  * `spec` has
  *   id, label, name  id of the element, label for screen readers, name of exported files
  *   x, y             axes: title, log, isCount (whole numbers), step (ticks are its multiples), names (of categories), isTime (ends at the data)
- *   guides           optional, true for lines with labels at their right ends
  *   hasCursor        true if the tooltip reads all series at a value of x, otherwise it describes points
  *   series           series of ECharts, with data in the units of the axes: x, y, and of points their case and time
  *   visualMap        optional color scale of ECharts
@@ -145,11 +143,7 @@ function describeChart(chart, isExported = false) {
     };
   };
   const hasLegend = isExported ? spec.series.length > 1 : Boolean(spec.legend);
-  const margins = {
-    ...MARGINS,
-    right: MARGINS.right + (spec.guides ? GUIDE_LABEL_WIDTH : 0),
-    bottom: MARGINS.bottom + (hasLegend ? LEGEND_HEIGHT : 0),
-  };
+  const margins = { ...MARGINS, bottom: MARGINS.bottom + (hasLegend ? LEGEND_HEIGHT : 0) };
   const convert = (entry) => [fromValue(spec.x, entry[0]), fromValue(spec.y, entry[1]), ...entry.slice(2)];
   return {
     animation: false,
@@ -194,7 +188,10 @@ function limitAxis(axis, [low, high]) {
   const margin = axis.log ? 1 : 0.1 * size || 1;
   if (!(last - first > MIN_RELATIVE_RANGE * size)) return { min: first - margin, max: last + margin };
   if (axis.isTime) return { min: first, max: last };
-  if (axis.step) return { interval: axis.step * 2 ** Math.max(Math.ceil(Math.log2((last - first) / axis.step / MAX_STEPS)), 0) };
+  if (axis.step) {
+    const interval = axis.step * 2 ** Math.max(Math.ceil(Math.log2((last - first) / axis.step / MAX_STEPS)), 0);
+    return { interval, min: interval * Math.floor(first / interval), max: interval * Math.ceil(last / interval) };
+  }
   return { scale: true, minInterval: axis.isCount || (axis.log && last - first > 2) ? 1 : 0 };
 }
 

@@ -304,7 +304,7 @@ function createMarks(data) {
     z: 4,
     itemStyle: { color: "transparent", borderColor: themeColor("ink"), borderWidth: 1.5 },
     label: { show: true, position: "top", formatter: ({ value }) => value[3], color: themeColor("ink") },
-    labelLayout: { hideOverlap: true, moveOverlap: "shiftY" },
+    labelLayout: { hideOverlap: true },
   };
 }
 

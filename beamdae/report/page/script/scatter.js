@@ -1,6 +1,7 @@
 // Scatter plot of the cases, and map of a response over two parameters.
 
 const MAX_FAMILIES_IN_LEGEND = 8; // of families that follow a parameter, only the first and the last one are named
+const LABEL_SPACING = 0.1; // between labels on neighboring lines, relative to the lengths of the lines
 const POINT_SIZE = 11; // [px]
 const SELECTED_SIZE = 15; // [px]
 
@@ -81,8 +82,6 @@ function describeScatter(cases, x, y) {
     lineStyle: { width: 1, type: [6, 4] },
     symbol: "none",
     silent: true,
-    endLabel: { show: true, formatter: "{a}", color: themeColor("ink") },
-    labelLayout: { moveOverlap: "shiftY" },
     data: xs.map((value, k) => [value, ys[k]]),
   }));
   const unresolved = present.filter((family) => cases.some((run) => run.family === family && isHollow(run)));
@@ -91,12 +90,12 @@ function describeScatter(cases, x, y) {
     name: `${y.label} over ${x.label}`,
     label: `${y.label} over ${x.label}, one point per case: press the arrow keys to visit and Enter to select points`,
     ...axes,
-    guides: isLinear,
     series: [
       ...present.map(createPoints),
       ...unresolved.map(createHollow),
       ...createSeriesLines(cases, place, isHollow),
       ...guides,
+      createGuideLabels(overlay.lines),
       createMarks(overlay.marks.map(({ label, x: u, y: v }) => [u, v, undefined, label])),
       ...(showsErrors ? [createResolutionLine(axes.y)] : []),
     ],
@@ -108,6 +107,26 @@ function describeScatter(cases, x, y) {
       ["case", x.title, y.title, ...(showsErrors ? ["below what the reference resolves"] : [])],
       ...cases.map((run) => [run.label, ...place(run), ...(showsErrors ? [run.below ? "yes" : "no"] : [])]),
     ],
+  };
+}
+
+// Labels on lines, which may have a common point, at places that are staggered from their right ends.
+function createGuideLabels(lines) {
+  const place = (line, number) => {
+    const k = Math.max(line.x.length - 1 - Math.round(LABEL_SPACING * (number + 0.5) * line.x.length), 0);
+    return [line.x[k], line.y[k], undefined, line.label];
+  };
+  return {
+    ...createMarks(lines.map(place)),
+    name: "labels",
+    symbolSize: 0.1,
+    label: {
+      show: true,
+      position: "inside",
+      formatter: ({ value }) => value[3],
+      color: themeColor("ink"),
+      backgroundColor: themeColor("background"),
+    },
   };
 }
 
