@@ -20,6 +20,7 @@ from pages import (
     study_page,
     tool_buttons,
     visible_ranges,
+    wait_until,
 )
 
 PLOT = "[data-chart={}] .plot"
@@ -166,8 +167,8 @@ def test_entries_of_the_legend_hide_families(show):
     box = entry.bounding_box()
     for count in (0, visible):
         tab.mouse.click(box["x"] + 5.0, box["y"] + 5.0)
-        tab.wait_for_timeout(50)
-        assert tab.locator(drawn).count() == count
+        tab.mouse.move(1, 1)
+        wait_until(tab, f'document.querySelectorAll("{drawn}").length === {count}')
     assert tab.locator("#table tbody tr:visible").count() == 7
 
 

@@ -150,7 +150,7 @@ def test_clicks_select_cases_and_draw_their_curves(show):
     find_row(tab, 5).locator("td.label").click()
     find_row(tab, 1).locator("input").press("Space")
     assert count_curves(tab) == [3, 3, 3, 3]
-    assert tab.locator("tr.selected .number").all_text_contents() == ["1", "3", "2"]
+    assert tab.locator("tr.selected .badge").all_text_contents() == ["1", "3", "2"]
     # The first case of a family has its color; others get colors that belong to no family.
     colors = [color for _, color, _ in list_lines(tab)]
     assert colors == ["#0072b2", "#e69f00", "#d55e00"]

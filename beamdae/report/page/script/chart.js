@@ -3,13 +3,15 @@
 const ZOOM_STEP = 1.5; // zoom factor per use of a button or key
 const PAN_SHARE = 10; // of the full range, per key [%]
 const KEY_STEPS = 100; // steps of the cursor across a chart
-const PRINTED_PAGE_WIDTH = 1030; // A4 landscape [px]
+const PRINTED_PAGE_WIDTH = 1020; // A4 landscape [px]
 const PRINTED_TABLE_SCALE = 0.8; // ratio of the font sizes in media.css and tables.css
 const PRINTED_CHART_WIDTH = 500; // on A4 landscape, two charts side by side [px]
 const PRINTED_CURVE_WIDTH = 600; // one chart beside the motion [px]
 const MIN_RELATIVE_RANGE = 1e-7; // of values; smaller ranges are rounding errors
 const CSV_DIGITS = 6; // stored values have 16 bits
 const MAX_FILE_NAME_PART = 60; // characters of the page title and of the chart name
+const LIGHT_BACKGROUND = "#ffffff"; // as in page.css
+const INVALID_XML_CHARACTERS = /[\u0000-\u0008\u000b\u000c\u000e-\u001f\ufffe\uffff]/g;
 const PNG_SCALE = 2; // pixels per unit of a chart
 const BLOB_LIFETIME = 60000; // [ms]
 const MAX_STEPS = 6; // between ticks that are multiples of a given step
@@ -315,11 +317,13 @@ function moveCursor(chart, step) {
 // Charts have the width of the paper and light colors while they are printed, and wide tables are reduced to it.
 function preparePrint() {
   document.documentElement.classList.add("light");
+  showSelection();
   byId("remarks").open = true;
   showRows(Infinity);
   for (const table of document.querySelectorAll("table")) {
     const width = table.closest("#cases, .wide") ? PRINTED_PAGE_WIDTH : PRINTED_CHART_WIDTH;
-    table.style.zoom = Math.min(width / (PRINTED_TABLE_SCALE * table.scrollWidth), 1);
+    const scale = window.matchMedia("print").matches ? 1 : PRINTED_TABLE_SCALE;
+    table.style.zoom = Math.min(width / (scale * table.offsetWidth), 1);
   }
   state.charts.forEach((chart) => {
     const isBesideMotion = !byId("motion").hidden && Boolean(chart.element.closest("#top, .without-curves #charts"));
@@ -330,17 +334,21 @@ function preparePrint() {
 function restoreScreen() {
   document.documentElement.classList.remove("light");
   document.querySelectorAll("table").forEach((table) => table.style.removeProperty("zoom"));
-  state.charts.forEach((chart) => drawChart(chart));
+  showSelection();
 }
 
 // SVG text in light colors with a legend.
-function exportPicture(chart) {
+function exportPicture({ spec: { id } }) {
+  const isDark = themeColor("background") !== LIGHT_BACKGROUND;
   document.documentElement.classList.add("light");
+  if (isDark) showSelection();
+  const chart = state.charts.get(id);
   const size = { width: chart.instance.getWidth(), height: chart.instance.getHeight() };
   const picture = echarts.init(null, null, { renderer: "svg", ssr: true, ...size });
   picture.setOption(describeChart(chart, true));
   document.documentElement.classList.remove("light");
-  const text = picture.renderToSVGString();
+  if (isDark) showSelection();
+  const text = picture.renderToSVGString().replace(INVALID_XML_CHARACTERS, "\ufffd");
   picture.dispose();
   return { ...size, blob: new Blob([text], { type: "image/svg+xml" }) };
 }

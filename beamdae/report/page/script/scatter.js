@@ -224,10 +224,14 @@ function findPlane() {
   return outerAxes().map((axis) => near.at[axis]);
 }
 
+function formatParameter({ unit, values }, k) {
+  return [formatValue(values[k]), unit === "-" ? "" : unit].join(" ").trim();
+}
+
 function createPlaneSelect(axis, selected) {
-  const { label, unit, values } = page.sliders[axis];
+  const { label } = page.sliders[axis];
   const nodes = removeDuplicates(groupCases().map((run) => run.at[axis])).sort((a, b) => a - b);
-  const options = nodes.map((node) => ({ node, label: [formatValue(values[node]), unit === "-" ? "" : unit].join(" ").trim() }));
+  const options = nodes.map((node) => ({ node, label: formatParameter(page.sliders[axis], node) }));
   const choose = ({ node }) => {
     state.position[axis] = node;
     showPosition();
@@ -255,7 +259,10 @@ function describeMap(cases, response) {
     itemStyle: { borderColor: themeColor("background"), borderWidth: 1 },
     data: cases.filter((run) => Number.isFinite(valueOf(run)) === isKnown).map((run) => [run.at[i], run.at[j], run.id, undefined, valueOf(run) ?? 0]),
   });
-  const plane = outerAxes().map((axis, k) => ` at ${page.sliders[axis].label} = ${formatValue(page.sliders[axis].values[state.plane[k]])}`);
+  const plane = outerAxes().map((axis, k) => {
+    const slider = page.sliders[axis];
+    return ` at ${slider.label} = ${formatParameter(slider, state.plane[k])}`;
+  });
   return {
     id: "map",
     name: ["map of ", response.title, ...plane].join(""),

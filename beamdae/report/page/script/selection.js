@@ -15,9 +15,11 @@ function toggleCase(id) {
 
 // Scroll the page so that an element stays where it is in the window, whatever changes above it.
 function keepInPlace(element, change) {
-  const before = element.getBoundingClientRect().top;
+  // Charts are created again, their sections stay.
+  const fixed = element.closest("tr, section") ?? element;
+  const before = fixed.getBoundingClientRect().top;
   change();
-  if (element.isConnected) window.scrollBy(0, element.getBoundingClientRect().top - before);
+  if (fixed.isConnected) window.scrollBy(0, fixed.getBoundingClientRect().top - before);
 }
 
 function selectCase(run) {
