@@ -76,7 +76,7 @@ def test_the_map_colors_cells_and_selects_cases(show):
     click_point(tab, 5, "map")
     assert find_row(tab, 5).locator("input").is_checked()
     tab.mouse.move(*find_point(tab, 5, "map"))
-    assert "speed=2, height=0.3\ntip.y max [m]: 12" in read_tooltip(tab)
+    assert "speed=2, height=0.3 tip.y max [m]: 12" in read_tooltip(tab).replace("\n", " ")
     tab.get_by_label("response of the map").select_option("speed [rad/s]")
     assert scale_limits(tab) == [1.0, 4.0]
 

@@ -45,6 +45,10 @@ function createChart(spec, holder, ...before) {
   element.append(createToolbar(chart), html("div", { class: "layers" }, plot, marks));
   holder.replaceChildren(...before, element);
   plot.addEventListener("keydown", (event) => handleKey(chart, event));
+  // ECharts keeps the page from scrolling, also if the wheel does not zoom.
+  for (const wheel of ["wheel", "mousewheel"]) {
+    plot.addEventListener(wheel, (event) => event.ctrlKey || event.stopPropagation(), { capture: true, passive: true });
+  }
   state.charts.set(spec.id, chart);
   drawChart(chart);
   chart.observer = new ResizeObserver(() => element.clientWidth !== chart.width && drawChart(chart));
