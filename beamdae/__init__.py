@@ -23,7 +23,6 @@ from beamdae.catalog import NAMES, attributes_by_module
 from beamdae.errors import suggest
 from beamdae.garbage_collection import paused_collection
 from beamdae.interrupts import interruptible
-from beamdae.scipy_import import fast_scipy_import, shorten_thread_timeout
 
 _load, __dir__, __all__ = lazy_loader.attach(
     __name__, submodules={"results"}, submod_attrs=attributes_by_module()
@@ -31,12 +30,11 @@ _load, __dir__, __all__ = lazy_loader.attach(
 __version__ = "0.1.0"
 # Interrupts are raised after the import.
 _import = interruptible(_load)
-shorten_thread_timeout()
 
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
-        with paused_collection(), fast_scipy_import():
+        with paused_collection():
             value = explain_arguments(_import(name))
         # Later accesses do not call this function.
         globals()[name] = value

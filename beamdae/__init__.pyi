@@ -62,7 +62,6 @@ from .integrators import Ida as Ida
 from .integrators import Integrator as Integrator
 from .integrators import Radau as Radau
 from .interrupts import Interrupted as Interrupted
-from .live.server import view as view
 from .model_functions import model as model
 from .model_parameters import param as param
 from .parts.attachments import Attachment as Attachment
@@ -117,9 +116,6 @@ from .parts.part import Part as Part
 from .parts.rotation import rotation as rotation
 from .parts.tables import table as table
 from .parts.tables import table_from_csv as table_from_csv
-from .report.pictures.drawing import draw as draw
-from .report.pictures.mode_shapes import animate_mode as animate_mode
-from .report.pictures.run_animation import animate as animate
 from .report.pictures.time_plots import plot as plot
 from .simulation import load as load
 from .simulation import simulate as simulate

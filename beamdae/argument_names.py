@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import wraps
 from typing import Any
 
@@ -41,8 +41,7 @@ def _explain(part: str, function: Callable[..., Any], bound: int) -> Callable[..
         try:
             return function(*arguments, **settings)
         except TypeError:
-            parameters = list(inspect.signature(function).parameters.values())[bound:]
-            problem = _describe_misuse(parameters, arguments[bound:], settings)
+            problem = _describe_misuse(inspect.signature(function), bound, arguments, settings)
             if not problem:
                 raise
             raise ArgumentError(f"{part}: {problem}.") from None
@@ -51,28 +50,20 @@ def _explain(part: str, function: Callable[..., Any], bound: int) -> Callable[..
 
 
 def _describe_misuse(
-    parameters: Sequence[inspect.Parameter], arguments: tuple[Any, ...], settings: dict[str, Any]
+    signature: inspect.Signature, bound: int, arguments: tuple[Any, ...], settings: dict[str, Any]
 ) -> str:
-    """Return why arguments do not fit the parameters of a function; "" if they do."""
-    kinds, names = [x.kind for x in parameters], [x.name for x in parameters]
-    positional = [x.name for x in parameters if x.kind <= x.POSITIONAL_OR_KEYWORD]
-    public = [x for x in names if not x.startswith("_")]
+    """Return why arguments do not fit a function, "" if they do; the first `bound` are bound."""
+    parameters = list(signature.parameters.values())[bound:]
+    public = [x.name for x in parameters if not x.name.startswith("_")]
     allowed = f"the arguments are {join_names(public)}" if public else "it has none"
-    unknown = next((x for x in settings if x not in names), None)
-    if unknown is not None and inspect.Parameter.VAR_KEYWORD not in kinds:
-        hint = _suggest_model_call(arguments, settings, unknown)
+    unknown = next((x for x in settings if x not in signature.parameters), None)
+    if unknown is not None and not any(x.kind is x.VAR_KEYWORD for x in parameters):
+        hint = _suggest_model_call(arguments[bound:], settings, unknown)
         return f"there is no argument {unknown!r}{hint or f'{suggest(unknown, public)}; {allowed}'}"
-    if len(arguments) > len(positional) and inspect.Parameter.VAR_POSITIONAL not in kinds:
-        surplus = short_repr(arguments[len(positional)])
-        problem = "needs a name" if inspect.Parameter.KEYWORD_ONLY in kinds else "is one too many"
-        return f"the argument {surplus} {problem}; {allowed}"
-    given = {*positional[: len(arguments)], *settings}
-    required = (x for x in parameters if x.default is x.empty)
-    variadic = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    missing = [x.name for x in required if x.kind not in variadic and x.name not in given]
-    if missing:
-        noun, verb = ("argument", "is") if len(missing) == 1 else ("arguments", "are")
-        return f"the {noun} {join_names(missing)} {verb} missing; {allowed}"
+    try:
+        signature.bind(*arguments, **settings)
+    except TypeError as problem:
+        return f"{problem}; {allowed}"
     return ""
 
 

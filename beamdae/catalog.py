@@ -257,12 +257,9 @@ GROUPS = (
         "results",
         "Pictures",
         (
-            Public("draw", "beamdae.report.pictures.drawing"),
-            Public("view", "beamdae.live.server"),
             Public("LiveView", "beamdae.live.server", "results"),
             Public("plot", "beamdae.report.pictures.time_plots"),
             Public("Plot", "beamdae.results.displays", "results"),
-            Public("animate", "beamdae.report.pictures.run_animation"),
             Public("Animation", "beamdae.results.displays", "results"),
         ),
     ),
@@ -289,7 +286,6 @@ GROUPS = (
         (
             Public("modes", "beamdae.analysis.linear_dynamics.natural_modes"),
             Public("Modes", "beamdae.analysis.linear_dynamics.natural_modes", "results"),
-            Public("animate_mode", "beamdae.report.pictures.mode_shapes"),
             Public("linearize", "beamdae.analysis.linear_dynamics.linear_model"),
             Public("LinearModel", "beamdae.analysis.linear_dynamics.linear_model", "results"),
             Public("bode", "beamdae.analysis.linear_dynamics.bode_diagram"),

@@ -52,7 +52,6 @@ from beamdae.errors import (
     require_positive,
 )
 from beamdae.integrators.auto import Auto
-from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.run_plan import plan_run
 from beamdae.interrupts import interruptible
 from beamdae.model_checks.contacts import deep_rest_warnings
@@ -72,11 +71,9 @@ Array = np.ndarray
 # cube.
 _MAX_CONSTRAINTS = 1500
 _MAX_COORDINATES = 600
-# Maximum wall times of the run that measures the cost, of its pilot runs, and of the run with a
-# loose tolerance [s].
+# Maximum wall times of the run that measures the cost, and of its pilot runs [s].
 _MAX_MEASURED_TIME = 1.0
 _MAX_PILOT_TIME = 3.0
-_MAX_LOOSE_TIME = 3.0
 # Steps of a run, minutes of small models, from which on beams without damping have a warning.
 _MIN_STEPS_OF_LONG_RUN = 5e4
 _MAX_NAMES = 3
@@ -264,7 +261,7 @@ def check(
     predict
         True to predict the cost from a run that is stopped after 1 s of wall time, in addition to
         at most 3 s for its pilot runs. If the run does not reach its end, its cost is extrapolated
-        by a run with a loose tolerance, which takes at most 3 s.
+        in proportion to the time.
     start
         Start of the run, as in `simulate`, but no earlier run. Defaults to the start of the model.
 
@@ -456,25 +453,34 @@ def _predict_run(
 ) -> tuple[RunPrediction | None, Solution | None]:
     """Measure the cost of a run, or extrapolate it; None if the run fails or takes no step.
 
-    The second result is the measured run.
-
-    The measured run has the pilot runs of a complete run, so that it has the same method and error
-    control. If it is stopped, a second run with a loose tolerance shows how its steps are
-    distributed over the time, and whether an event ends it.
+    The second result is the measured run, which has the pilot runs of a complete run, so that it
+    has the same method and error control. `progress` stops it, because `time_limit` of the
+    integrator would change the pilot runs. If it is stopped, steps of the same mean length continue
+    it. The times begin with the first steps, after compilation.
     """
-    measured = _BriefRun(equations, Auto(), end, _MAX_MEASURED_TIME)
-    solution, reached = measured.solution, measured.solution.trajectory.end
-    if not reached > 0.0 or solution.status.kind == "failed":
+    pilot_began = main_began = 0.0
+
+    def stop(t: float) -> str | None:
+        nonlocal pilot_began, main_began
+        now = clock.perf_counter()
+        pilot_began = pilot_began or now
+        if t > 0.0 and not main_began:
+            main_began = now
+        limit = main_began + _MAX_MEASURED_TIME if main_began else pilot_began + _MAX_PILOT_TIME
+        return "measured" if now > limit else None
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BeamdaeWarning)
+        run = simulate(equations, Auto(), end, progress=stop)
+    wall_time, steps = run.statistics.wall_time, run.statistics.steps
+    main_time = min(clock.perf_counter() - main_began, wall_time) if main_began else 0.0
+    reached = run.trajectory.end
+    if not reached > 0.0 or run.status.kind == "failed":
         return None, None
-    growth = 1.0
-    if not solution.status.success:
-        loose = _BriefRun(equations, Auto(rtol=PILOT_RTOL), end, _MAX_LOOSE_TIME)
-        growth = _steps_after(loose.solution, reached, end)
-    auto = solution.integrator
-    method = f"{auto.get('method', '')}, {auto.get('auto', '')}".rstrip(", ")
-    seconds = measured.pilot_time + measured.main_time * growth
-    prediction = RunPrediction(solution.statistics.steps * growth, seconds, method, reached / end)
-    return prediction, solution
+    growth = 1.0 if run.status.success else end / reached
+    method = ", ".join(filter(None, (run.integrator.get(x, "") for x in ("method", "auto"))))
+    seconds = wall_time - main_time + main_time * growth
+    return RunPrediction(steps * growth, seconds, method, reached / end), run
 
 
 def _undamped_beam_warning(
@@ -489,53 +495,3 @@ def _undamped_beam_warning(
             f"and steps that follow them (about {prediction.steps:.0e}) make runs long; set "
             f"damping= of the sections, such as {EXAMPLE_DAMPING:g} s."
         )
-
-
-def _steps_after(run: Solution, reached: float, end: float) -> float:
-    """Return the ratio of all steps to those up to `reached` [s], from another run.
-
-    If the other run was stopped, too, its last steps continue; without a later step, the ratio is
-    that of the times.
-    """
-    times = np.concatenate([interval.t[1:] for interval in run.trajectory.intervals])
-    before, last = int(np.sum(times <= reached)), run.trajectory.end
-    if before == 0 or last <= reached or run.status.kind == "failed":
-        return end / reached
-    total = float(len(times))
-    if not run.status.success:
-        total += (total - before) * (end - last) / (last - reached)
-    return total / before
-
-
-class _BriefRun:
-    """Run that is stopped after limited wall times of its pilot runs and its main run.
-
-    The times begin with the first steps, after compilation. `progress` stops the runs, because
-    `time_limit` of the integrator would change the pilot runs and thereby the error control.
-
-    Attributes
-    ----------
-    solution
-        The run.
-    pilot_time, main_time
-        Wall times [s].
-    """
-
-    def __init__(
-        self, equations: EquationsOfMotion, integrator: Auto, end: float, time: float
-    ) -> None:
-        self._time, self._begin, self._main = time, 0.0, 0.0
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", BeamdaeWarning)
-            self.solution = simulate(equations, integrator, end, progress=self._stop)
-        wall_time = self.solution.statistics.wall_time
-        self.main_time = min(clock.perf_counter() - self._main, wall_time) if self._main else 0.0
-        self.pilot_time = wall_time - self.main_time
-
-    def _stop(self, t: float) -> str | None:
-        now = clock.perf_counter()
-        self._begin = self._begin or now
-        if t > 0.0 and not self._main:
-            self._main = now
-        limit = self._main + self._time if self._main else self._begin + _MAX_PILOT_TIME
-        return "measured" if now > limit else None

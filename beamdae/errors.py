@@ -123,9 +123,6 @@ _MERGING_NOTE = (
 # Digits in names such as "link1" distinguish parts.
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d+)?(?:e[-+]?\d+)?|nan|inf)(?!\w)")
 
-_PERCENT = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?) %")
-
-
 # Lists of the active `record_messages`.
 _message_lists: ContextVar[tuple[list[str], ...]] = ContextVar("message_lists", default=())
 # List of the innermost active `hold_messages`.
@@ -203,11 +200,6 @@ def kind_of_message(message: str) -> str:
     return part + colon + _NUMBER.sub("0", rest)
 
 
-def stated_error(message: str) -> float:
-    """Return the sum of the percentages of a message, or 0, to find the worst of similar ones."""
-    return sum(map(float, _PERCENT.findall(message)))
-
-
 def merge_parts(warned: Iterable[tuple[str, float, str]], most: int = 3) -> Iterator[str]:
     """Yield one warning for all parts with the same one, that of the part with the largest error.
 
@@ -227,29 +219,18 @@ def merge_parts(warned: Iterable[tuple[str, float, str]], most: int = 3) -> Iter
 
 
 def merge_alike(messages: Iterable[str]) -> Iterator[str]:
-    """Yield warnings of parts, one for all that differ only in the part and in numbers.
+    """Yield warnings of parts, the first of those that differ only in the part and in numbers.
 
-    It is the one with the largest percentages or, without any, with the largest first different
-    number, and names the other parts.
+    It names the other parts.
     """
-    kinds: dict[str, list[tuple[str, str]]] = {}
+    kinds: dict[str, list[str]] = {}
     for message in messages:
-        part, colon, text = message.partition(": ")
-        kinds.setdefault(kind_of_message(f": {text}") if colon else message, []).append(
-            (part, message)
-        )
-    for alike in kinds.values():
-        if len(alike) == 1:
-            yield alike[0][1]
-            continue
-        rows = [_NUMBER.findall(message.partition(": ")[2]) for _, message in alike]
-        different = [x for x in zip(*rows, strict=True) if len(set(x)) > 1]
-        sizes = [stated_error(message) for _, message in alike]
-        if different and not any(sizes):
-            sizes = [abs(float(x)) for x in different[0]]
-        yield from merge_parts(
-            (part, size, message) for (part, message), size in zip(alike, sizes, strict=True)
-        )
+        _, colon, text = message.partition(": ")
+        kinds.setdefault(kind_of_message(f": {text}") if colon else message, []).append(message)
+    for first, *others in kinds.values():
+        part, colon, text = first.partition(": ")
+        names = dict.fromkeys(x.partition(": ")[0] for x in others if x != first)
+        yield f"{name_with_others(part, list(names))}{colon}{text}" if names else first
 
 
 def merge_ranges(messages: Sequence[str]) -> str:

@@ -2,12 +2,12 @@
 
 Python raises KeyboardInterrupt between any two instructions of the main thread. If these belong to
 a function that C code calls (a callback of ctypes, a conversion of SWIG, a finalizer), the
-exception is discarded and the computation would continue. Public functions that may take long are
-therefore decorated by `interruptible`: while one of them runs, an interrupt is raised again until
-it ends the call, or until code that keeps partial results calls `acknowledge`.
-
-Interrupts during imports are raised after the import, or after about five seconds, because modules
-such as NumPy cannot be used in the same process after an incomplete import.
+exception is discarded. Public functions that may take long are therefore decorated by
+`interruptible`: an interrupt is pending until code that keeps partial results calls `acknowledge`.
+A pending interrupt is raised by the next `raise_pending` of a run, again after a second, and when
+the function returns. Interrupts during imports wait for these, or for five seconds, because modules
+such as NumPy cannot be used in the same process after an incomplete import. A second interrupt is
+raised at once.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from types import CodeType, FrameType, FunctionType
+from types import FrameType
 from typing import Any, Literal, ParamSpec, Self, TypeVar, cast
 
 Parameters = ParamSpec("Parameters")
@@ -32,13 +32,9 @@ Result = TypeVar("Result")
 PartialResult = Literal["raise", "return"]
 PARTIAL_RESULTS = ("raise", "return")
 
-# Time after which an interrupt that was discarded is raised again [s]; cleaning up takes less.
-_REPEAT_INTERVAL = 0.25
-# Interval and limit of the time to wait for ends of threads [s]. They end at once, except in a fork
-# of the process, which has no threads.
-_WAIT_INTERVAL = 1e-4
-_MAX_WAIT = 1.0
-# An import delays an interrupt by at most this time [s], because modules may be endless scripts.
+# Time after which an interrupt that was discarded is raised again [s]; cleaning up takes less. An
+# import delays an interrupt by at most the second time, because modules may be endless scripts.
+_REPEAT_INTERVAL = 1.0
 _MAX_IMPORT_TIME = 5.0
 _AFTER_LAST_STEP = "interrupted after the last step"
 _IMPORT_FILES = ("<frozen importlib._bootstrap>", "<frozen importlib._bootstrap_external>")
@@ -99,44 +95,28 @@ class Interrupted(KeyboardInterrupt):
         return f"{call}{self.reason}{hint}"
 
 
-class _State:
-    """State of this process.
-
-    Only the main thread changes it, except `is_repetition` and removals from `repeating`.
-
-    Attributes
-    ----------
-    pending
-        Lock of an interrupt that has not ended its call yet, otherwise None.
-    repeating
-        Locks of the threads that repeat interrupts; releasing a lock ends its thread.
-    is_repetition
-        True if the next signal repeats the pending interrupt.
-    import_deadline
-        Value of `time.monotonic` [s] after which imports are interrupted.
-    """
-
-    def __init__(self) -> None:
-        self.pending: _thread.LockType | None = None
-        self.repeating: set[_thread.LockType] = set()
-        self.is_repetition = False
-        self.import_deadline = 0.0
-
-
-_state = _State()
+# True if an interrupt has not ended its call yet; only the main thread changes it.
+_is_pending = False
 
 
 def acknowledge() -> bool:
-    """Stop raising the pending interrupt, because the caller ends the call itself.
+    """End the pending interrupt, because the caller ends the call itself.
 
     Call this function first where KeyboardInterrupt is caught to keep results. Return True if an
     interrupt was pending, even if C code discarded its exception. Outside the main thread, do
     nothing and return False.
     """
+    global _is_pending
     if threading.current_thread() is not threading.main_thread():
         return False
-    was_pending, _state.pending = _state.pending is not None, None
+    was_pending, _is_pending = _is_pending, False
     return was_pending
+
+
+def raise_pending() -> None:
+    """Raise an interrupt that C code has discarded, or that waits for the end of an import."""
+    if _is_pending and threading.current_thread() is threading.main_thread():
+        raise Interrupted
 
 
 def attach_partial(problem: BaseException, partial: Any) -> None:
@@ -235,22 +215,13 @@ def _end_call(name: str, reason: str = "", partial: Any = None) -> Interrupted:
     return interrupt
 
 
-def _call_code() -> CodeType:
-    """Return the code that all functions returned by `interruptible` share."""
-
-    def sample() -> None:
-        """Do nothing."""
-
-    return cast(FunctionType, interruptible(sample)).__code__
-
-
 def _replace_handlers() -> dict[int, Any]:
     """Install the handler of this module, and return the handlers that it replaces."""
     replaced: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():
-        if _state.pending is not None and not _is_in_call(sys._getframe(2)):
+        if not _running.get():
             # An earlier call was interrupted while it returned.
-            _state.pending = None
+            acknowledge()
         for number in SIGNALS:
             previous = signal.getsignal(number)
             # Signals that are ignored, or that end the process by default, are left unchanged.
@@ -261,25 +232,10 @@ def _replace_handlers() -> dict[int, Any]:
 
 
 def _restore_handlers(handlers: dict[int, Any]) -> None:
-    if handlers:
-        _end_repetitions()
     for number, handler in handlers.items():
         # The call may have installed another handler.
         if isinstance(signal.getsignal(number), _SignalHandler):
             signal.signal(number, handler)
-
-
-def _end_repetitions() -> None:
-    """Wait for the ends of the threads that repeat interrupts.
-
-    A repetition that arrived later would be a new interrupt for the handler outside of calls.
-    """
-    for lock in tuple(_state.repeating):
-        if lock.locked():
-            lock.release()
-    deadline = clock.monotonic() + _MAX_WAIT
-    while _state.repeating and clock.monotonic() < deadline:
-        clock.sleep(_WAIT_INTERVAL)
 
 
 @dataclass(frozen=True)
@@ -289,73 +245,30 @@ class _SignalHandler:
     previous: Callable[[int, FrameType | None], Any]
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Handle a signal, or the repetition of an interrupt."""
-        if _state.is_repetition:
-            _state.is_repetition = False
-            _repeat_interrupt(frame)
-            return
+        """Handle a signal."""
+        global _is_pending
         try:
             self.previous(number, frame)
         except KeyboardInterrupt:
-            is_first = _state.pending is None
+            is_delayed, _is_pending = not _is_pending and _is_importing(frame), True
+            delay = _MAX_IMPORT_TIME if is_delayed else _REPEAT_INTERVAL
             # Not with `threading`, whose locks the interrupted code may hold.
-            _state.pending = lock = _thread.allocate_lock()
-            lock.acquire()
-            _state.repeating.add(lock)
-            _thread.start_new_thread(_send_repetitions, (number, lock))
-            if is_first and _is_importing(frame):
-                _state.import_deadline = clock.monotonic() + _MAX_IMPORT_TIME
-                return
-            raise
+            _thread.start_new_thread(_repeat, (number, delay))
+            if not is_delayed:
+                raise
 
 
-def _repeat_interrupt(frame: FrameType | None) -> None:
-    """Raise the pending interrupt again, unless its call has ended or imports a module."""
-    if _state.pending is None:
-        return
-    if not _is_in_call(frame):
-        _state.pending = None
-        return
-    if _is_importing(frame) and clock.monotonic() < _state.import_deadline:
-        return
-    raise Interrupted
-
-
-def _send_repetitions(number: int, lock: _thread.LockType) -> None:
-    """Send the signal to the main thread until the interrupt is not pending any more."""
-    while not lock.acquire(timeout=_REPEAT_INTERVAL) and _state.pending is lock:
-        # Another handler, which the call has installed, decides about its interrupts.
-        if isinstance(signal.getsignal(number), _SignalHandler):
-            _state.is_repetition = True
-            _send_to_main_thread(number)
-    _state.repeating.discard(lock)
-
-
-def _send_to_main_thread(number: int) -> None:
-    main = threading.main_thread().ident
-    if hasattr(signal, "pthread_kill") and main is not None:
-        # Also ends system calls that wait.
-        signal.pthread_kill(main, number)
-    else:
+def _repeat(number: int, delay: float) -> None:
+    """Send the signal again after a delay [s] if its interrupt has not ended its call by then."""
+    clock.sleep(delay)
+    if _is_pending and isinstance(signal.getsignal(number), _SignalHandler):
         _thread.interrupt_main(signal.Signals(number))
 
 
-def _is_in_call(frame: FrameType | None) -> bool:
-    while frame is not None and frame.f_code is not _CALL_CODE:
+def _is_importing(frame: FrameType | None) -> bool:
+    while frame is not None and frame.f_code.co_filename not in _IMPORT_FILES:
         frame = frame.f_back
     return frame is not None
-
-
-def _is_importing(frame: FrameType | None) -> bool:
-    """Return True if the interrupted call, or the code outside of calls, imports a module."""
-    while frame is not None and frame.f_code is not _CALL_CODE:
-        if frame.f_code.co_filename in _IMPORT_FILES:
-            return True
-        frame = frame.f_back
-    return False
-
-
-_CALL_CODE = _call_code()
 
 
 class DeferredInterrupts:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
 
-from beamdae.deferred import public
+from beamdae.deferred import module, public
 from beamdae.errors import (
     BeamdaeError,
     NumberWithUnit,
@@ -307,9 +307,46 @@ class Model:
         """Check the model without a complete run; see `beamdae.check`."""
         return public("check")(self, **settings)
 
-    def view(self, **settings: Any) -> Any:
-        """Show the model with sliders for its parameters; see `beamdae.view`."""
-        return public("view")(self, **settings)
+    def view(
+        self, ranges: Mapping[str, Any] | None = None, t_end: float | None = None, **settings: Any
+    ) -> Any:
+        """Show the model with sliders for its parameters, on a page of this computer.
+
+        The drawing follows the sliders. Releasing a slider runs the model with `Auto(rtol=1e-3)`
+        and animates the result. The page is served on 127.0.0.1 until the view is closed or Python
+        ends; only programs of this computer that know the token in the address can use it.
+
+        Parameters
+        ----------
+        ranges
+            Pairs (first, last) of slider ends by parameter; numbers, or texts with units such as
+            "500 mm". Sliders reach from a quarter of the default to four times the default, those
+            of angles over a full turn; other parameters with a default of 0 have no slider.
+        t_end
+            End time of the runs [s]. Defaults to the model's end time.
+        **settings
+            `time_limit`, the maximum wall time of a run [s], by default 10; `port` of the server,
+            by default a free one; and `browser`, which is True to open the page in the web browser.
+
+        Returns
+        -------
+        LiveView
+            The view, which notebooks display. `url` is its address, and `close` stops the server.
+
+        Raises
+        ------
+        BeamdaeError
+            If an argument is invalid, there is no end time, or the port is in use.
+
+        Examples
+        --------
+        >>> import beamdae as bd
+        >>> live = bd.load_model("example:pendulum").view({"radius": ("50 cm", "2 m")})
+        >>> live.url.startswith("http://127.0.0.1:")
+        True
+        >>> live.close()
+        """
+        return module("live.server").view(self, ranges, t_end, **settings)
 
     def _with_units(self, parameters: dict[str, Any]) -> dict[str, Any]:
         values: dict[str, Any] = {}

@@ -114,10 +114,10 @@ def simulate(
         input; see `Mechanism.input`.
     keep_steps
         True to store all steps. By default, a run whose steps would take more than 0.4 GB stores
-        only the rows at the output times, the energies of all steps, and as many evenly distributed
-        steps as fit. Results at the output times do not change, but `Solution.at`, `at_times` and
-        `section_forces` at other times interpolate between the stored rows, and sensitivities of
-        the run are not available.
+        only the rows at the output times, as many evenly spaced rows between them as fit, and the
+        energies of all steps. Results at the output times do not change, but `Solution.at`,
+        `at_times` and `section_forces` at other times interpolate between the stored rows, and
+        sensitivities of the run are not available.
     accuracy
         Largest error of a required column [-], from 1e-6 to 0.1, see `Errors`. The run is repeated,
         up to four times, with smaller steps, finer meshes and exact strains, by what contributes,

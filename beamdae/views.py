@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 # Module in `beamdae.report` and name of each function that is defined elsewhere.
 _FUNCTIONS = {
     "animate": ("pictures.run_animation", "animate"),
+    "animate_mode": ("pictures.mode_shapes", "animate_mode"),
     "draw_campbell": ("pictures.mode_shapes", "draw_campbell"),
     "draw_modes": ("pictures.mode_shapes", "draw_modes"),
     "plot_bode": ("pictures.bode_plots", "plot_bode"),

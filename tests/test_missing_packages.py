@@ -117,7 +117,6 @@ def test_auto_uses_radau_if_ida_cannot_be_imported(monkeypatch):
     assert re.match(r"Auto: scikit-sundae cannot .*; Radau is used", str(warning.message))
     for run in runs:
         assert run.integrator["method"] == "Radau"
-        assert run.integrator["note"].startswith("Radau was used instead of Ida because scikit-s")
     with pytest.raises(bd.BeamdaeError, match=r"^Ida: scikit-sundae .*; install scikit-sundae, or"):
         bd.simulate(mech, bd.Ida(), t_end=1.0)
 

@@ -272,4 +272,4 @@ def test_regression_alike_beams_have_one_warning_of_the_model():
         equations = bd.equations_of_motion(mech)
     (sentence,) = equations.build_warnings
     assert [str(x.message) for x in caught] == [sentence]
-    assert sentence.startswith("leaf 1 (also leaf 0, leaf 2): `damping` is a time [s]; 0.02 s")
+    assert sentence.startswith("leaf 0 (also leaf 1, leaf 2): `damping` is a time [s]; 0.02 s")

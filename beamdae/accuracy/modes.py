@@ -14,6 +14,7 @@ from beamdae.accuracy.refinement import Refinement, refine
 from beamdae.accuracy.runs import describe_refinement
 from beamdae.analysis.continuation.engine import CurveError, prescribe_parameter
 from beamdae.analysis.eigenproblems.eigensolution import EigenSolution, solve_eigenproblem
+from beamdae.analysis.eigenproblems.linearized_equations import quadratic_forms
 from beamdae.analysis.linear_dynamics.linearization import (
     Frame,
     Linearization,
@@ -158,9 +159,7 @@ def pair_modes(
     Shapes without a similar one are paired with the remaining modes in ascending order.
     """
     mass, prolonged = finer.tangent.mass, refinement.prolongation @ shapes
-    masses, others = (
-        np.einsum("ij,ij->j", x.conj(), mass @ x).real for x in (prolonged, solution.shapes)
-    )
+    masses, others = (quadratic_forms(mass, x).real for x in (prolonged, solution.shapes))
     mac = np.abs(prolonged.conj().T @ (mass @ solution.shapes)) ** 2 / np.outer(masses, others)
     pairs = np.full(len(mac), -1)
     if not mac.size:
@@ -225,9 +224,7 @@ def _linearize_path_end(
     x = np.append(q, [multipliers.get(name, 0.0) for name in e.lam_names])
     held = hold_neutral_motions(system, x, factor)
     problem = StaticProblem(held)
-    begin = problem.start(q)
-    begin[: len(x)] = x
-    x = problem.correct(prescribe_parameter, factor, begin, factor).x[: len(x)]
+    x = problem.correct(prescribe_parameter, factor, problem.start(x), factor).x[: len(x)]
     e = replace(e, q0=x[: e.n], v0=np.zeros(e.n))
     frame = Frame(e, system.loaded.time, partial(system.motion_tangent, factor))
     return linearize_at_rest(frame, fine, lin.about)

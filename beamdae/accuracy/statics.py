@@ -302,10 +302,8 @@ def _correct_end(
         )
         target = coarse.value(path.q[-1])
     problem = StaticProblem(system)
-    begin = problem.start(x[: system.equations.n])
-    begin[: len(x)] = x
     try:
-        return problem.correct(control, target, begin, mu)
+        return problem.correct(control, target, problem.start(x), mu)
     except CurveError:
         return None
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from beamdae.analysis.sensitivities.sensitivity_result import configure_model
+from beamdae.analysis.sensitivities.sensitivity_result import complete_parameters
 from beamdae.errors import (
     BeamdaeError,
     as_real,
@@ -68,7 +68,12 @@ class ParameterRange:
             raise BeamdaeError(
                 f"{caller}: {argument} must be two different values, got {short_repr(pair)}."
             )
-        return cls(configure_model(caller, model, parameters, name), name, first, last)
+        model = replace(model, parameters=complete_parameters(caller, model, parameters))
+        if parameters is not None and name in parameters:
+            raise BeamdaeError(
+                f"{caller}: parameters contains {name!r}, the parameter to follow; omit it."
+            )
+        return cls(model, name, first, last)
 
     def value(self, share: float) -> float:
         """Return the value of the parameter at a share of the range."""

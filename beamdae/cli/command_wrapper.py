@@ -37,11 +37,6 @@ _ENDLESS_COMMANDS = ("view",)
 _COMMANDS_WITH_DETAILS = ("run", "static")  # see `Report.details`
 # In narrower terminals the boxes around help texts would cut words.
 _MIN_BOX_WIDTH = 76  # columns
-# Reasons why commands lack an option of `run`.
-_UNNEEDED_OPTIONS = {
-    ("fit", "--t-end"): "the data determine the end time",
-    ("fit", "--output-step"): "runs are compared with the data at the times of the data",
-}
 _OUT_OF_MEMORY = "out of memory; use fewer elements or a larger output step."
 _DELETED_FOLDER = "the working folder has been deleted; change to an existing folder."
 
@@ -226,6 +221,4 @@ def _format_usage_error(problem: Any) -> str:
     details: Any = getattr(problem.__cause__, "errors", list)()
     value = f", got {short_repr(details[0]['input'])}" if details else ""
     message = f"{message[:1].lower()}{message[1:]}".replace(". Did", ", did")
-    if problem.ctx and (reason := _UNNEEDED_OPTIONS.get((problem.ctx.info_name, option))):
-        message = f"{option} is not needed, because {reason}"
     return f"error: {command}: {message}{value}; see {command} --help."

@@ -158,7 +158,7 @@ def print_warnings(console: Console, sentences: Iterable[str]) -> None:
     for sentence in sentences:
         printable = make_printable(name_options(sentence))
         if not any(printable in x for x in current_output().warnings):
-            console.print(f"warning: {record_warning(sentence)}", style="yellow")
+            show(console, f"warning: {record_warning(sentence)}", "yellow")
 
 
 @contextmanager

@@ -78,8 +78,9 @@ def show_progress(first: ProgressLine) -> Iterator[Callable[[ProgressLine], None
         return TextColumn(f"{{task.fields[{name}]}}", markup=False, table_column=layout)
 
     columns = BarColumn(_BAR_WIDTH), column("numbers", "crop"), column("label", "ellipsis")
-    streams = {"redirect_stdout": False, "redirect_stderr": False}
-    with Progress(*columns, console=console, transient=True, **streams) as progress:
+    with Progress(
+        *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False
+    ) as progress:
         task = progress.add_task("", total=1.0, numbers="", label="")
 
         def update(line: ProgressLine) -> None:

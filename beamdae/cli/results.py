@@ -52,7 +52,7 @@ class Report:
     tables
         Tables, and lines as strings.
     details
-        Texts by topic that only the option --verbose shows.
+        Texts by topic that the option --verbose shows below the tables.
     warnings
         Warnings about the result.
     cost
@@ -84,15 +84,21 @@ class Report:
             line = ", ".join(filter(None, [verdict, self.cost]))
             line = f"{self.name}: {line}" if line else self.name
             console.print(make_printable(name_options(line)), style="bold")
-        facts = self.facts if not current_output().verbose else {**self.facts, **self.details}
-        if facts:
+
+        def show_facts(facts: Mapping[str, str]) -> None:
             texts = {topic: name_options(text) for topic, text in facts.items()}
             show(console, text_tables.fact_list("", texts))
+
+        show_facts(self.facts)
         for table in self.tables:
             show(console, table, "dim" if isinstance(table, str) else None)
+        if current_output().verbose:
+            show_facts(self.details)
         if accuracy is not None and accuracy.success:
             console.print(f"accuracy: {name_options(accuracy.sentence)}", style="dim")
-        print_warnings(console, self.warnings)
+        # The reason of a failure is the last line of a command.
+        reason = "" if self.status is None or self.status.success else self.status.sentence
+        print_warnings(console, (x for x in self.warnings if not reason or reason not in x))
 
 
 @dataclass
@@ -134,10 +140,10 @@ class ResultFiles:
             cannot be written; see `require_writable`.
         """
         table = out / f"{stem}.csv"
-        views = table.with_suffix(".html"), table.with_suffix(".png")
-        views = tuple(x if is_on else None for x, is_on in zip(views, (page, picture), strict=True))
-        require_writable(("--out", [table, *filter(None, views), *further]), others)
-        return cls([], False, table, *views)
+        html = table.with_suffix(".html") if page else None
+        png = table.with_suffix(".png") if picture else None
+        require_writable(("--out", [table, *filter(None, (html, png)), *further]), others)
+        return cls([], False, table, html, png)
 
     def add(self, *paths: Path) -> None:
         """Add written tables, and remove the page and the picture of earlier ones."""

@@ -11,8 +11,6 @@ from contextlib import suppress
 from importlib import import_module
 from typing import NoReturn
 
-from beamdae.scipy_import import fast_scipy_import
-
 # Modules that import everything that runs of models, or models alone, need.
 RUNS = "beamdae.simulation"
 MODELS = "beamdae.parts.mechanism"
@@ -40,9 +38,7 @@ def import_before_models(module: str) -> None:
     A model file, or a file in its folder, may have the name of one of the modules that it imports.
     """
     global _is_starting
-    with fast_scipy_import():
-        import_module(module)
-
+    import_module(module)
     if _is_starting:
         _is_starting = False
         gc.freeze()

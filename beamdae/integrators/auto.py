@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,8 +37,7 @@ class Auto(AdaptiveIntegrator):
     takes about the same time as Radau, except in long runs, because its phase errors are larger
     (tables in validation/tolerances). If `Ida` fails, for example near a singular position,
     `Radau` repeats the run, and the run that gets further is returned; `time_limit` applies to both
-    together. Without scikit-sundae, `Radau` replaces `Ida`; a `KernelWarning` and the note of the
-    run report this.
+    together. Without scikit-sundae, `Radau` replaces `Ida`, which a `KernelWarning` reports.
 
     Parameters
     ----------
@@ -76,13 +74,8 @@ class Auto(AdaptiveIntegrator):
     ) -> Solution:
         """Integrate over the output times; see `Integrator.integrate`."""
         began = clock.perf_counter()
-        obstacles: list[MissingPackageError] = []
-        choose = self._method_chooser(obstacles)
-        choose_pilot = replace(self, rtol=PILOT_RTOL)._method_chooser([])
-        first = drive(self, equations, times, choose, progress, choose_pilot)
-        if obstacles:
-            note = f"Radau was used instead of Ida because {obstacles[0].reason}"
-            first = replace(first, integrator={**first.integrator, "note": note})
+        pilot = replace(self, rtol=PILOT_RTOL)
+        first = drive(self, equations, times, self._choose, progress, pilot._choose)
         if not (first.status.kind == "failed" and first.integrator["method"] == "Ida"):
             return first
         limited = self
@@ -93,7 +86,6 @@ class Auto(AdaptiveIntegrator):
             limited = replace(self, time_limit=remaining)
         end = f"t = {first.trajectory.end:.6g} s"
         try:
-            pilot = replace(self, rtol=PILOT_RTOL)
             second = drive(limited, equations, times, self._radau, progress, pilot._radau)
         except KeyboardInterrupt as problem:
             acknowledge()
@@ -112,23 +104,17 @@ class Auto(AdaptiveIntegrator):
         settings = {**second.integrator, "time_limit": self.time_limit, "note": note}
         return replace(second, made_by=self, integrator=settings)
 
-    def _method_chooser(self, obstacles: list[MissingPackageError]) -> Callable[[RunPlan], Method]:
-        """Return the function that chooses a method; it appends errors of Ida to `obstacles`."""
+    def _choose(self, plan: RunPlan) -> Method:
+        if needs_radau(plan, self.rtol):
+            return self._radau(plan)
+        # Imported here because many runs do not need Ida.
+        from beamdae.integrators.ida.ida import Ida
 
-        def choose(plan: RunPlan) -> Method:
-            if needs_radau(plan, self.rtol):
-                return self._radau(plan)
-            # Imported here because many runs do not need Ida.
-            from beamdae.integrators.ida.ida import Ida
-
-            try:
-                return Ida(self.rtol, max_step=self.max_step).method_on(plan)
-            except MissingPackageError as problem:
-                warn_once(f"Auto: {problem.reason}; Radau is used instead of Ida.")
-                obstacles.append(problem)
-                return self._radau(plan)
-
-        return choose
+        try:
+            return Ida(self.rtol, max_step=self.max_step).method_on(plan)
+        except MissingPackageError as problem:
+            warn_once(f"Auto: {problem.reason}; Radau is used instead of Ida.")
+            return self._radau(plan)
 
     def _radau(self, plan: RunPlan) -> Method:
         return Radau(self.rtol, max_step=self.max_step).method_on(plan)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import reduce
 from itertools import chain
 from typing import Any, Generic, TypeVar
 
@@ -198,53 +197,3 @@ class StepLoop(Generic[W]):
             matrix.renew_pivots(linear)
         # The arrays of the new pivots differ in size and address.
         self._loop.bind(*(linear for linear, _ in renewed))
-
-
-class RepeatedCall:
-    """Calls of a step loop that exchange few numbers with its workspace.
-
-    Copying all numbers of a workspace takes longer than some short steps. Between `begin` and
-    `finish`, only the given inputs and outputs are exchanged; arrays are shared, as always.
-    """
-
-    def __init__(self, step_loop: StepLoop[Any], inputs: Sequence[str], outputs: Sequence[str]):
-        """Prepare calls.
-
-        The names are those of numbers of the workspace, such as "end" or "step_size.next_step".
-        """
-        self._step_loop, self._loop = step_loop, step_loop._loop
-        self._inputs = [self._find(name) for name in inputs]
-        self._outputs = [self._find(name) for name in outputs]
-
-    def _find(self, name: str) -> tuple[Any, Any]:
-        """Return the view and the index of a number; for plain Python, its owner and its name."""
-        *owners, field_name = name.split(".")
-        owner = reduce(getattr, owners, self._step_loop.work)
-        return (owner, field_name) if self._loop is None else self._loop.locate(owner, field_name)
-
-    def begin(self) -> None:
-        """Copy all numbers of the workspace to the loop."""
-        if self._loop is not None:
-            self._loop.load()
-
-    def finish(self) -> None:
-        """Copy all numbers of the loop to the workspace."""
-        if self._loop is not None:
-            self._loop.unload()
-
-    def __call__(self, *values: float) -> tuple[int, list[Any]]:
-        """Set the first inputs, run the loop, and return its code and the outputs."""
-        step_loop, loop = self._step_loop, self._loop
-        if loop is None:
-            for (owner, name), value in zip(self._inputs, values, strict=False):
-                setattr(owner, name, value)
-            code = step_loop()
-            return code, [getattr(owner, name) for owner, name in self._outputs]
-        for (view, word), value in zip(self._inputs, values, strict=False):
-            view[word] = value
-        code = loop.call_loaded()
-        if code == NEW_PIVOTS:
-            loop.unload()
-            step_loop._renew_pivots()
-            code = step_loop()
-        return code, [view[word] for view, word in self._outputs]

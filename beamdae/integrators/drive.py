@@ -25,7 +25,6 @@ from beamdae.equations.table_arguments import (
     find_distinct,
 )
 from beamdae.errors import BeamdaeError, ProgressError, list_first
-from beamdae.integrators.error_control import count_periods
 from beamdae.integrators.events.force_peaks import watch_force_peaks
 from beamdae.integrators.events.stop import Watch
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
@@ -36,34 +35,29 @@ from beamdae.integrators.limits import (
     Progress,
     RunLimits,
     followed_vibration,
-    omit_guesses,
 )
 from beamdae.integrators.method import (
     PROBE_SHARE,
     STEP_TOO_SMALL,
     STEPS_PER_CHECK,
-    AssessedMethod,
     LoopMethod,
     Method,
     ResumableMethod,
-    SamplingMethod,
     StepError,
     StepMethod,
 )
-from beamdae.integrators.pilot_run import (
-    PILOT_LABEL,
-    adopt_amplitudes,
-    measure_amplitudes,
-    plan_attempt,
-    run_pilot,
-)
+from beamdae.integrators.pilot_run import PILOT_LABEL, adopt_amplitudes, run_pilot
 from beamdae.integrators.reaction_balance import balance_reactions
 from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
 from beamdae.integrators.run_plan import RunPlan, plan_run
 from beamdae.integrators.sampling import RepeatedSample, Sampler, describe_growth
-from beamdae.integrators.step_history import OutOfMemoryError, RunSegment, StepHistory
-from beamdae.integrators.step_thinning import StepThinning
-from beamdae.interrupts import Interrupted, acknowledge, attach_partial
+from beamdae.integrators.step_history import (
+    OutOfMemoryError,
+    RunSegment,
+    StepHistory,
+    StepThinning,
+)
+from beamdae.interrupts import Interrupted, acknowledge, attach_partial, raise_pending
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import release_freed_memory, retain_freed_memory
 from beamdae.model_checks.followed_vibrations import describe_followed_vibration
@@ -184,55 +178,43 @@ def _drive(
     run_began = clock.perf_counter()
     limits = RunLimits(progress, settings.get("time_limit"), settings.get("max_steps"), run_began)
     context = _RunContext.of(equations, times, rtol)
-    run: _RunInProgress | None = None
-    trajectory: Trajectory | None = None
-    status, compile_time = REACHED_END, 0.0
+    latest: list[_RunInProgress] = []
+    compile_time, problem = 0.0, None
 
-    def prepare_run(
+    def execute(
         plan: RunPlan, limits: RunLimits, method_on: Callable[[RunPlan], Method], label: str = ""
-    ) -> _RunInProgress:
+    ) -> tuple[Trajectory, Status]:
         nonlocal compile_time
         began = clock.perf_counter()
-        run = _RunInProgress(context, plan, method_on, limits, label)
-        compile_time += clock.perf_counter() - began
-        return run
+        latest[:] = [_RunInProgress(context, plan, method_on, limits, label)]
+        preparation = clock.perf_counter() - began
+        compile_time += preparation
+        if label:
+            # Without the time to compile, or the amplitudes would depend on the state of the cache.
+            limits.begin += preparation
+        return latest[0].execute()
 
     try:
-        is_result = False
         if pilot_on is not None and equations.scales is None:
             plan = adopt_amplitudes(plan)
-            is_known = plan.amplitudes is not None
-            attempt_plan = None if equations.events or is_known else plan_attempt(plan, limits)
-            if rtol is not None and attempt_plan is not None:
-                tight_plan, attempt_limits, steps = attempt_plan
-                attempt = prepare_run(tight_plan, attempt_limits, method_on)
-                if isinstance(attempt.method, AssessedMethod):
-                    run = attempt
-                    trajectory, status = run.execute()
-                    # A failure may be due to the tight tolerance.
-                    if not (steps.is_exceeded or status.kind == "failed"):
-                        plan = measure_amplitudes(plan, trajectory, status)
-                        # Without the limits of the user, the steps may still be too long.
-                        is_result = status.kind == "limited" or run.satisfies(rtol, plan)
-            is_done = is_result or (run is not None and run.is_stopped)
-            if plan.amplitudes is None and not is_done:
-                prepare_pilot = partial(prepare_run, method_on=pilot_on, label=PILOT_LABEL)
-                plan, run, trajectory, status = run_pilot(plan, prepare_pilot, limits)
-        if not (is_result or (run is not None and run.is_stopped)):
-            trajectory = None  # Frees the rows of the pilot run.
-            run = prepare_run(plan, limits, method_on)
-            if rtol is not None and limits.max_steps is None:
-                interval = plan.intervals[0][0], plan.intervals[-1][1]
-                relative_limit = run.method.steps_per_check / STEPS_PER_CHECK
-                limits.pace_check = PaceCheck(*interval, count_periods(plan), relative_limit)
-            followed_vibration.set("")
-            trajectory, status = run.execute()
+            if plan.amplitudes is None:
+                plan = run_pilot(
+                    plan, partial(execute, method_on=pilot_on, label=PILOT_LABEL), limits
+                )
+        if rtol is not None and limits.max_steps is None:
+            interval = plan.intervals[0][0], plan.intervals[-1][1]
+            limits.pace_check = PaceCheck(*interval)
+        followed_vibration.set("")
+        trajectory, status = execute(plan, limits, method_on)
     except KeyboardInterrupt:
-        if run is None:
+        if not latest:
             raise
-        trajectory, status = run.report_interrupt()
-    assert run is not None
-    assert trajectory is not None
+        acknowledge()
+        trajectory, status = latest[0].finish_interrupted()
+    except ProgressError as error:
+        problem = error.problem
+        trajectory, status = latest[0].finish_failed(error)
+    run = latest[0]
     wall_time = clock.perf_counter() - run_began - compile_time
     peaks = [f"{name} at t = {t:.4g} s" for name, t in run.force_peaks.items()]
     amplitudes = {} if plan.amplitudes is None else {"amplitudes": plan.amplitudes.by_part}
@@ -260,9 +242,9 @@ def _drive(
         event_records=run.event_records,
         event_signs=run.event_signs,
     )
-    if run.progress_error is not None:
-        attach_partial(run.progress_error, solution)
-        raise run.progress_error
+    if problem is not None:
+        attach_partial(problem, solution)
+        raise problem
     return solution
 
 
@@ -290,7 +272,7 @@ def _name_cause(
     if not cause:
         return status
     stop, _, reason = status.sentence.partition(": ")
-    return replace(status, sentence=f"{stop}: {cause.rstrip('.')}; {omit_guesses(reason)}")
+    return replace(status, sentence=f"{stop}: {cause.rstrip('.')}; {reason}")
 
 
 @dataclass(frozen=True)
@@ -342,13 +324,12 @@ class _RunInProgress:
         """Prepare a run; `label` is appended to the message of an interrupted run."""
         self._equations = equations = context.equations
         self._plan, self._limits, self._label = plan, limits, label
-        self.method = method_on(plan)
         self._configuration = initial_configuration(equations)
-        self._is_resumable = isinstance(self.method, ResumableMethod)
-        self.methods = MethodCache(method_on, self.method, self._configuration)
-        self._sampled_equations = equations.with_loads_of(self._configuration)
+        self.methods = MethodCache(method_on, plan, self._configuration)
+        self.method = self.methods.first
+        if limits.pace_check is not None:
+            limits.pace_check.relative_limit = self.method.steps_per_check / STEPS_PER_CHECK
         self.repeated = context.repeated
-        self._sampler = Sampler(self._sampled_equations, context.repeated)
         self._detector: EventDetector | None = None
         self._max_batch: int | None = None
         if equations.events:
@@ -360,14 +341,12 @@ class _RunInProgress:
             self._detector = EventDetector(equations)
             self._max_batch = STEPS_PER_EVENT_CHECK if self._detector.may_stop else None
         self._context = context
-        self._watches = self._watch_active_parts()
-        self._method_samples = self._let_method_sample()
+        sampled = equations.with_loads_of(self._configuration)
+        self._sampler = Sampler(sampled, context.repeated)
+        self._adapt_to_active_parts()
         self.steps = 0
         # Time [s] of the first peak of each force that steps passed over at first, by its part.
         self.force_peaks: dict[str, float] = {}
-        # Exception that the user's function `progress` has raised.
-        self.progress_error: Exception | None = None
-        self.is_interrupted = False
         # Ends of the unfinished intervals; events may add more.
         self._interval_ends = tuple(end for _, end in plan.intervals)
         self._segments: list[RunSegment] = []
@@ -378,35 +357,17 @@ class _RunInProgress:
         start, end = plan.intervals[0]
         self._begin_segment(start, branch_time(start, end), plan.state)
 
-    def _watch_active_parts(self) -> tuple[Watch, ...]:
-        """Return all watches; peaks of forces are searched for adaptive steps only."""
-        rtol, watches = self._context.rtol, self._context.watches
-        peaks = None if rtol is None else watch_force_peaks(self._plan, rtol)
-        return watches if peaks is None else (*watches, peaks)
+    def _adapt_to_active_parts(self) -> None:
+        """Watch the active parts, and let controllers read zero for the loads of inactive ones.
 
-    def _let_method_sample(self) -> bool:
-        """Let the method take samples, if possible; return False if the driver takes them.
-
-        Events are detected between samples, not across them.
+        Peaks of forces are searched for adaptive steps only.
         """
-        if not self._sampler.controllers or self._detector is not None:
-            return False
-        if not isinstance(self.method, SamplingMethod):
-            return False
-        self.method.sampler = self._sampler
-        return True
-
-    def _switch_sampled_loads(self) -> None:
-        """Let controllers read zero for the loads of inactive parts."""
+        rtol, self._watches = self._context.rtol, self._context.watches
+        if rtol is not None and (peaks := watch_force_peaks(self._plan, rtol)):
+            self._watches = (*self._watches, peaks)
         equations = self._equations.with_loads_of(self._configuration)
-        if self._sampler.controllers and equations is not self._sampled_equations:
-            self._sampled_equations = equations
+        if equations is not self._sampler.equations:
             self._sampler = Sampler(equations, self.repeated)
-
-    @property
-    def is_stopped(self) -> bool:
-        """True if the user has interrupted the run, or if the function `progress` failed."""
-        return self.is_interrupted or self.progress_error is not None
 
     @property
     def event_records(self) -> tuple[EventRecord, ...]:
@@ -429,14 +390,17 @@ class _RunInProgress:
         self._segments.append(RunSegment(StepHistory(t, state), branch, configuration, active))
 
     def execute(self) -> tuple[Trajectory, Status]:
-        try:
-            status = self._repeat_samples(self._integrate_intervals())
-        except KeyboardInterrupt:
-            return self.report_interrupt()
-        except ProgressError as error:
-            self.progress_error = error.problem
-            status = self._failure(error)
-        return self._collect(status)
+        """Integrate to the end or an early stop; return the steps taken and the status."""
+        return self._collect(self._repeat_samples(self._integrate_intervals()))
+
+    def finish_interrupted(self) -> tuple[Trajectory, Status]:
+        """Return the steps taken before Ctrl-C and the status."""
+        sentence = f"interrupted at t = {self._history.end:.6g} s{self._label}"
+        return self._collect(Status("interrupted", sentence))
+
+    def finish_failed(self, reason: object) -> tuple[Trajectory, Status]:
+        """Return the steps taken before a failure outside the method, and the status."""
+        return self._collect(self._failure(reason))
 
     def _repeat_samples(self, status: Status) -> Status:
         """Return `status`, or a failure if a law returns other values for an earlier sample."""
@@ -449,27 +413,6 @@ class _RunInProgress:
             return self._failure(problem)
         return status
 
-    def satisfies(self, rtol: float, plan: RunPlan) -> bool:
-        """Return True if the steps taken satisfy the tolerances of a run with `rtol` on `plan`.
-
-        Forces are not assessed if their steps have not all been stored.
-        """
-        watch = watch_force_peaks(plan, rtol)
-        if watch is not None and self.thinning.report:
-            return False
-        if not cast(AssessedMethod, self.method).satisfies(rtol, plan):
-            return False
-        intervals = (segment.interval(self._equations.m) for segment in self._segments)
-        return watch is None or all(
-            watch.find_first(interval, interval.t[0]) is None for interval in intervals
-        )
-
-    def report_interrupt(self) -> tuple[Trajectory, Status]:
-        acknowledge()
-        self.is_interrupted = True
-        sentence = f"interrupted at t = {self._history.end:.6g} s{self._label}"
-        return self._collect(Status("interrupted", sentence))
-
     def _collect(self, status: Status) -> tuple[Trajectory, Status]:
         self._undo_sample_without_steps()
         if not self._history.drop_nonfinite():
@@ -480,6 +423,9 @@ class _RunInProgress:
     def _trajectory(self) -> Trajectory:
         m = self._equations.m
         return Trajectory(tuple(segment.interval(m) for segment in self._segments))
+
+    def _limited(self, reason: object) -> Status:
+        return Status("limited", f"stopped at t = {self._history.end:.6g} s: {reason}")
 
     def _failure(self, reason: object) -> Status:
         return Status("failed", f"stopped at t = {self._history.end:.6g} s: {reason}")
@@ -509,25 +455,19 @@ class _RunInProgress:
                 state = self._sampler.sample(start, branch, self._history.last_state)
             except BeamdaeError as problem:
                 return self._failure(problem)
-            if (resumed := self._resume_after_sample(start, state)) is not None:
-                try:
-                    self._history.append_jump(resumed)
-                except MemoryError as problem:
-                    return self._out_of_memory(problem)
-                self._record_sample(*before)
-                status = self._integrate_to(self._interval_ends[0], is_resumed=True)
-                continue
             try:
-                state = self._restart_state(start, branch, state)
+                resumed = self._resume_after_sample(start, state)
+                if resumed is None:
+                    state = self._restart_state(start, branch, state)
+                    self._begin_segment(start, branch, state)
+                else:
+                    self._history.append_jump(resumed)
             except BeamdaeError as problem:
                 return Status("failed", f"no consistent restart at t = {start:g} s: {problem}")
-            self._begin_segment(start, branch, state)
-            self._record_sample(*before)
-            status = self._integrate_to(self._interval_ends[0])
-
-    def _record_sample(self, segments: list[RunSegment], count: int) -> None:
-        """Record that samples follow the given segments, the last of which has `count` rows."""
-        self._last_sample = segments, count, self._history, self._history.count
+            except MemoryError as problem:
+                return self._out_of_memory(problem)
+            self._last_sample = *before, self._history, self._history.count
+            status = self._integrate_to(self._interval_ends[0], resumed is not None)
 
     def _undo_sample_without_steps(self) -> None:
         """Drop the state after a sample without further steps: a continued run samples there."""
@@ -543,19 +483,21 @@ class _RunInProgress:
 
         `state` contains the new held values.
         """
-        if not self._sampler.controllers or start in self._equations.breakpoints:
+        # An event at the time of the sample has begun a segment of one row: the method has not.
+        is_begun = self._history.count > 1
+        if not (hasattr(self.method, "resume") and is_begun and self._is_sample(start)):
             return None
-        if self._history.count == 1:
-            # An event at the time of the sample has begun this segment: the method has not.
-            return None
-        if not self._is_resumable:
-            return None
-        return cast(ResumableMethod, self.method).resume(start, self._interval_ends[0], state.q)
+        method = cast(ResumableMethod, self.method)
+        return method.resume(start, self._interval_ends[0], state.q)
+
+    def _is_sample(self, t: float) -> bool:
+        """Return True if only held values change at the end of an interval at `t` [s]."""
+        return bool(self._sampler.controllers) and t not in self._equations.breakpoints
 
     def _restart_state(self, start: float, branch: float, state: State) -> State:
         """Return a state consistent with the laws after the breakpoint `start` [s]."""
         time, starter = np.array([start, branch]), self._plan.starter
-        if self._sampler.controllers and start not in self._equations.breakpoints:
+        if self._is_sample(start):
             # Only held values have changed.
             v = starter.with_state_rates(time, state.q, state.v)
             return State(state.q, v, *starter.acceleration(time, state.q, v))
@@ -574,12 +516,10 @@ class _RunInProgress:
         before = list(self._segments), self._history.count
         self._segments.clear()
         self._begin_segment(start, branch, state)
-        self._record_sample(*before)
+        self._last_sample = *before, self._history, self._history.count
 
     def _stop_at_next_sample(self, t: float) -> None:
         """End the interval that begins at `t` [s] at the next sample of a controller."""
-        if self._method_samples:
-            return
         end = self._interval_ends[0]
         if (following := self._sampler.next_stop(t, end)) < end:
             self._interval_ends = (following, *self._interval_ends)
@@ -592,13 +532,14 @@ class _RunInProgress:
         segment, method, limits = self._segments[-1], self.method, self._limits
         history, branch = segment.history, segment.branch
         if outside := self._reason_outside_table():
-            return Status("limited", f"stopped at t = {history.end:.6g} s: {outside}")
+            return self._limited(outside)
         steps_per_check = method.steps_per_check
         unchecked, steps_checked = history.count, self.steps
         try:
             if not is_resumed:
                 method.begin(history.end, end, branch, history.last_state)
             while history.end < end:
+                raise_pending()
                 first = history.count
                 most = limits.steps_until_check(self.steps, steps_per_check)
                 most = min(most, self._max_batch or most)
@@ -610,9 +551,6 @@ class _RunInProgress:
                     has_failed = bool(self._watches) and history.count > unchecked
                     if not has_failed:
                         raise
-                if self._method_samples and cast(SamplingMethod, method).awaits_sample:
-                    end = history.end
-                    self._interval_ends = (end, *self._interval_ends)
                 is_due = has_failed or self.steps >= steps_checked + _STEPS_PER_SEARCH
                 outside = ""
                 if self._watches and (is_due or self._max_batch or history.end >= end):
@@ -621,7 +559,7 @@ class _RunInProgress:
                 if self._detector and (event := self._detector.find_terminal_event(segment, first)):
                     return self._status_at_event(event)
                 if outside:
-                    return Status("limited", f"stopped at t = {end:.6g} s: {outside}")
+                    return self._limited(outside)
                 history.release(unchecked if self._watches else history.count)
                 self.thinning.enforce(self._segments)
                 t = history.end
@@ -631,7 +569,7 @@ class _RunInProgress:
                     stop := limits.stop_reason(t, self.steps, steps_per_check)
                     or self._reason_not_to_continue()
                 ):
-                    return Status("limited", f"stopped at t = {t:.6g} s: {stop}")
+                    return self._limited(stop)
         except StepError as problem:
             time = np.array([history.end, branch])
             ahead = history.end + PROBE_SHARE * (end - history.end)
@@ -672,8 +610,7 @@ class _RunInProgress:
         return check.describe_stall(self._describe_singular_position()) if check.is_stalled else ""
 
     def _out_of_memory(self, problem: MemoryError) -> Status:
-        reason = problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY
-        return Status("limited", f"stopped at t = {self._history.end:.6g} s: {reason}")
+        return self._limited(problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY)
 
     def _truncate_at_first_stop(self, first: int, end: float) -> tuple[float, str]:
         """Drop the steps after the first stop of the watches in the rows from `first` on.
@@ -723,7 +660,7 @@ class _RunInProgress:
         event, t = self._detector.last_event, self._history.end
         stall = self.methods.stall_reason(event, t, self._plan.duration)
         if stall and not self._detector.repeats_impacts:
-            return Status("limited", f"stopped at t = {t:.6g} s: {stall}")
+            return self._limited(stall)
         try:
             result = apply_event(
                 self._equations,
@@ -737,9 +674,7 @@ class _RunInProgress:
             self._configuration, self._plan = result.configuration, result.plan
             self._interval_ends = result.ends
             self.method = self.methods.get(result.plan, result.configuration)
-            self._is_resumable = isinstance(self.method, ResumableMethod)
-            self._watches = self._watch_active_parts()
-            self._switch_sampled_loads()
+            self._adapt_to_active_parts()
         except BeamdaeError as problem:
             return self._failure(f"event {event.name}: {problem}")
         self._begin_segment(t, result.branch, result.state)
@@ -747,7 +682,7 @@ class _RunInProgress:
         if stall := self.methods.unresolved_impact_reason(
             event, result.impulses, self._plan.duration
         ):
-            return Status("limited", f"stopped at t = {t:.6g} s: {stall}")
+            return self._limited(stall)
         if simultaneous := self._detector.next_simultaneous_event(self._segments[-1]):
             return self._status_at_event(simultaneous)
         if t < self._interval_ends[0]:
@@ -776,18 +711,11 @@ def _take_steps(method: Method, history: StepHistory, most: int, end: float) -> 
             raise StepError(_UNORDERED_STAGES)
         return 1
     loop = cast(LoopMethod, method)
-    rows, has_jumps = loop.advance(most), False
-    jumps = 0
-    if getattr(method, "sampler", None) is not None:
-        if not len(rows):
-            return 0
-        has_jumps = True
-        ends = rows[loop.rows_per_step - 1 :: loop.rows_per_step, 0]
-        jumps = int(np.count_nonzero(np.diff(ends, prepend=history.end) == 0.0))
+    rows = loop.advance(most)
     _require_progress(history, rows[-1, 0], end)
-    if not history.extend(rows, loop.rows_per_step, has_jumps):
+    if not history.extend(rows, loop.rows_per_step):
         raise StepError(STEP_TOO_SMALL)
-    return len(rows) // loop.rows_per_step - jumps
+    return len(rows) // loop.rows_per_step
 
 
 def _require_progress(history: StepHistory, t: float, end: float) -> None:

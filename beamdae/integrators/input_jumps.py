@@ -20,7 +20,7 @@ from beamdae.equations.formulations.first_order import (
     evaluate_residual,
 )
 from beamdae.equations.starts.state_evaluator import plan_state_sums
-from beamdae.integrators.compiled_run import FactorizedMatrix, RepeatedCall, StepLoop
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.native.loop_functions import combine, factorize, fill, max_norm, solve
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE
 from beamdae.symbolic.sums.kernel_sums import Sum, evaluate_sum, set_matrix_factors, set_time
@@ -143,9 +143,7 @@ class InputJump:
 
         is_native = form.is_native and sums.saddle.is_native
         self._form = form
-        loop = StepLoop(solve_jump, make_workspace, matrices, is_native)
-        self._run, self._call = loop.work, RepeatedCall(loop, ("t", "branch"), ())
-        self._call.begin()
+        self._loop = StepLoop(solve_jump, make_workspace, matrices, is_native)
 
     def apply(self, t: float, branch: float, q: Array, y: Array, yp: Array) -> State | None:
         """Return the state after a jump, given (y, y') before it; None if there is none.
@@ -159,25 +157,10 @@ class InputJump:
         y, yp
             State and its derivative before the jump.
         """
-        run = self._run
+        run = self._loop.work
+        run.t, run.branch = t, branch
         run.y[:], run.yp[:] = y, yp
         run.y[: len(q)] = q
-        code, _ = self._call(t, branch)
-        if code != DONE:
+        if self._loop() != DONE:
             return None
         return State(*(x.copy() for x in self._form.unpack(run.y, run.yp)))
-
-    def apply_in_place(self, t: float, branch: float, y: Array, yp: Array) -> bool:
-        """Replace (y, y') by the state after a jump; return False if there is none.
-
-        `y` contains the new held inputs already. The form must have impulses.
-        """
-        run, n = self._run, self._run.form.n
-        run.y[:], run.yp[:] = y, yp
-        code, _ = self._call(t, branch)
-        if code != DONE:
-            return False
-        m = run.change.size - n
-        y[: 2 * n], y[2 * n :] = run.y[: 2 * n], 0.0
-        yp[:n], yp[n : 2 * n + m], yp[2 * n + m :] = y[n : 2 * n], run.yp[n : 2 * n + m], 0.0
-        return True

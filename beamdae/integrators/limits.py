@@ -6,7 +6,6 @@ import time as clock
 from collections.abc import Callable
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from beamdae.errors import BeamdaeError, call_progress
 
@@ -24,26 +23,12 @@ _STEPS_OF_LASTING_PACE = 1e5
 # The motion is checked after this number of steps, and whenever the number has doubled: after half
 # a second in most models with beams.
 _STEPS_OF_FIRST_MOTION_CHECK = 5000
-# The pace has fallen if the last half of the steps covers less than this fraction of the time of
-# the first half; it falls to 0.2 while an unstable loop of a stage with leaf springs grows.
-_MAX_PACE_RATIO = 0.4
 # The pace is steady if it has grown by less than this factor; it doubles while vibrations decay.
 _STEADY_PACE_RATIO = 1.1
-# From this number of periods on, the tolerance is so tight (it falls with the square of the number)
-# that Radau takes over 100 steps per period of a free pendulum at rtol = 1e-4.
-_MANY_PERIODS = 100.0
-
 # Lasting vibration that the steps of the current run follow, or "", for progress displays.
 followed_vibration: ContextVar[str] = ContextVar("followed_vibration", default="")
 
-_GUESSES = ", possibly because of "
 _CONTINUE = "set max_steps to continue anyway"
-
-
-def omit_guesses(reason: str) -> str:
-    """Return a reason to stop without possible causes, because the cause is known."""
-    pace, guesses, rest = reason.partition(_GUESSES)
-    return f"{pace}; {_CONTINUE}{rest.partition(_CONTINUE)[2]}" if guesses else reason
 
 
 @dataclass
@@ -54,8 +39,6 @@ class PaceCheck:
     ----------
     start, end
         Start and end of the run [s].
-    periods
-        Number of periods of the motion for which the tolerance is tightened.
     relative_limit
         Limits on the number of steps, relative to those of a method with inexpensive steps.
     steps
@@ -72,7 +55,6 @@ class PaceCheck:
 
     start: float
     end: float
-    periods: float = 1.0
     relative_limit: float = 1.0
     steps: int = _STEPS_OF_FIRST_MOTION_CHECK
     begin: float = field(init=False)
@@ -118,33 +100,14 @@ class PaceCheck:
         )
 
     def describe_stall(self, cause: str = "") -> str:
-        """Return the reason to stop a stalled run, with a known cause or possible ones."""
+        """Return the reason to stop a stalled run, with its cause if it is known."""
         pace = "steps have shrunk to 0 s, so the run makes no progress"
         if self.pace > 0.0:
             pace = (
                 f"steps have shrunk to {self.pace:.2g} s, at which the run would need "
                 f"{self.more_steps:.2g} more steps"
             )
-        if cause:
-            return f"{pace}; {cause}; {_CONTINUE}"
-        causes = (
-            "extreme loads, speeds or stiffnesses, or a law that grows without bound or jumps, "
-            "such as np.arctan2 at 180 degrees"
-        )
-        remedies = "check values and units"
-        if self.periods > _MANY_PERIODS:
-            causes = (
-                f"{self.periods:.2g} periods of motion, which tighten the tolerance, or {causes}"
-            )
-            remedies += ", increase rtol, end the run earlier, use GeneralizedAlpha(step)"
-        return f"{pace}{_GUESSES}{causes}; {remedies}, or {_CONTINUE}"
-
-
-class StepLimit(Protocol):
-    """Limit of the number of steps up to a time."""
-
-    def stop_reason(self, t: float, steps: int) -> str | None:
-        """Return the reason to stop at `t` [s] after `steps` steps, or None."""
+        return f"{pace}; {cause or 'check values and units, or increase rtol'}; {_CONTINUE}"
 
 
 @dataclass
@@ -162,8 +125,6 @@ class RunLimits:
         Maximum number of accepted steps.
     begin
         Value of `time.perf_counter()` [s] at the start of the run.
-    step_limit
-        Limit of the number of steps up to a time.
     pace_check
         Schedule of the checks of motion and pace; without it, they are not checked.
     """
@@ -172,7 +133,6 @@ class RunLimits:
     time_limit: float | None
     max_steps: int | None
     begin: float
-    step_limit: StepLimit | None = None
     pace_check: PaceCheck | None = None
 
     def steps_until_check(self, steps: int, steps_per_check: int) -> int:
@@ -192,8 +152,6 @@ class RunLimits:
             return f"reached max_steps = {self.max_steps}"
         if self.time_limit is not None and clock.perf_counter() - self.begin > self.time_limit:
             return f"reached the time limit of {self.time_limit:g} s"
-        if self.step_limit is not None and (stop := self.step_limit.stop_reason(t, steps)):
-            return stop
         if self.progress is None or steps % steps_per_check:
             return None
         answer = call_progress(self.progress, t)

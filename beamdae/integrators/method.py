@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import State
-from beamdae.integrators.run_plan import RunPlan
-from beamdae.integrators.sampling import Sampler
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
@@ -25,8 +23,6 @@ MATRIX_SINGULAR = "the matrix is singular or not finite; check masses and joints
 STEPS_PER_CHECK = 64
 # Fixed steps cannot stall, and each call of a compiled loop takes as long as ten short steps.
 FIXED_STEPS_PER_CHECK = 256
-# Time [s] after which methods that take samples return to the driver, because laws may be slow.
-MAX_TIME_BETWEEN_CHECKS = 0.05
 # Limit of the memory of the rows that a compiled loop fills [bytes], so that they are still in the
 # processor cache when they are stored, and least number of rows.
 _MAX_ROW_BYTES = 2 * 2**20
@@ -66,7 +62,6 @@ class Method(Protocol):
         """
 
 
-@runtime_checkable
 class ResumableMethod(Protocol):
     """Method that also continues beyond the samples of controllers without a restart."""
 
@@ -116,37 +111,6 @@ class LoopMethod(Method, Protocol):
         ------
         StepError
             If no step is possible.
-        """
-
-
-@runtime_checkable
-class SamplingMethod(Protocol):
-    """Loop method that also takes the samples of controllers between its steps.
-
-    If `sampler` is not None, the intervals of `begin` and `resume` contain samples. `advance` may
-    return the state after a sample as a step of length zero, never as the last one.
-
-    Attributes
-    ----------
-    sampler
-        Samples of the run; None if the driver takes them.
-    awaits_sample
-        True if the last step ends at a sample that the driver must take, because the method cannot
-        continue without a restart; `advance` may then return no rows.
-    """
-
-    sampler: Sampler | None
-    awaits_sample: bool
-
-
-@runtime_checkable
-class AssessedMethod(Protocol):
-    """Method that compares the errors of its steps with other tolerances than its own."""
-
-    def satisfies(self, rtol: float, plan: RunPlan) -> bool:
-        """Return True if all steps so far satisfy the tolerances of a run with `rtol` on `plan`.
-
-        If they do, `resolved_options` describe these tolerances.
         """
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar
+from dataclasses import replace
 
 import numpy as np
 
@@ -34,12 +32,6 @@ _MIN_COVERAGE = 0.2
 # slow motion that has just begun changes little, which makes the rate of its vibrations too large.
 _MIN_PARTIAL_PERIODS = 3.0
 
-# Factor of the local tolerance of a run whose amplitudes are unknown.
-_TIGHT_FACTOR = 3e-3
-# It ends if there are more steps per sample than this, and further ones, such as the first steps.
-_MAX_STEPS_PER_SAMPLE = 1.5
-_MAX_FURTHER_STEPS = 32
-
 _similar_motion: ContextVar[Trajectory | None] = ContextVar("similar_motion", default=None)
 
 
@@ -64,119 +56,43 @@ def adopt_amplitudes(plan: RunPlan) -> RunPlan:
     return replace(plan, amplitudes=Amplitudes.from_trajectory(plan.equations, motion))
 
 
-class PilotRun(Protocol):
-    """Interface of a run that `run_pilot` executes."""
-
-    def execute(self) -> tuple[Trajectory, Status]:
-        """Integrate to the end or an early stop; return the steps taken and the status."""
-
-    def report_interrupt(self) -> tuple[Trajectory, Status]:
-        """Return the steps taken before Ctrl-C and the status."""
-
-
-R = TypeVar("R", bound=PilotRun)
-
-
 def run_pilot(
-    plan: RunPlan, prepare_run: Callable[[RunPlan, RunLimits], R], limits: RunLimits
-) -> tuple[RunPlan, R, Trajectory, Status]:
-    """Measure the amplitudes of the motion by up to four pilot runs.
+    plan: RunPlan,
+    execute: Callable[[RunPlan, RunLimits], tuple[Trajectory, Status]],
+    limits: RunLimits,
+) -> RunPlan:
+    """Measure the amplitudes of the motion by up to four pilot runs; return the plan with them.
 
     A completed pilot run is repeated if the amplitude of a part is below 0.1 times the amplitude
     that the pilot run assumed for this part. During pilot runs, `limits.progress` is called with
-    the start time.
+    the start time. If no pilot run is long enough, the plan has no amplitudes.
 
     Parameters
     ----------
-    plan
-        Plan of the main run.
-    prepare_run
-        Function that creates a pilot run for a plan and limits.
-    limits
-        Limits of the main run.
-
-    Returns
-    -------
-    tuple
-        Plan (with amplitudes if a pilot run was long enough to measure them), last pilot run, and
-        the trajectory and status of this run.
+    plan, limits
+        Plan and limits of the main run.
+    execute
+        Function that executes a pilot run for a plan and limits.
     """
     time_limit = None if limits.time_limit is None else _PILOT_TIME_SHARE * limits.time_limit
     start, progress = plan.intervals[0][0], limits.progress
     pilot_progress = None if progress is None else lambda _: progress(start)
-    begin = limits.begin
-    run: R | None = None
-    try:
-        for _ in range(_MAX_PILOT_RUNS):
-            pilot_limits = RunLimits(pilot_progress, time_limit, _MAX_PILOT_STEPS, begin)
-            preparation_began = clock.perf_counter()
-            run = prepare_run(plan, pilot_limits)
-            # Without the time to compile, or the amplitudes would depend on the state of the cache.
-            begin += clock.perf_counter() - preparation_began
-            pilot_limits.begin = begin
-            trajectory, status = run.execute()
-            previous = {} if plan.amplitudes is None else plan.amplitudes.by_part
-            measured = measure_amplitudes(plan, trajectory, status)
-            is_short, plan = measured.amplitudes is plan.amplitudes, measured
-            if is_short or plan.amplitudes is None:
-                break
-            by_part = plan.amplitudes.by_part
-            ratio = min(x / previous.get(name, 1.0) for name, x in by_part.items())
-            if not (ratio < _REPEAT_RATIO and status.success):
-                break
-    except KeyboardInterrupt:
-        if run is None:
-            raise
-        trajectory, status = run.report_interrupt()
-    assert run is not None
-    return plan, run, trajectory, status
+    pilot_limits = RunLimits(pilot_progress, time_limit, _MAX_PILOT_STEPS, limits.begin)
+    for _ in range(_MAX_PILOT_RUNS):
+        trajectory, status = execute(plan, pilot_limits)
+        previous = {} if plan.amplitudes is None else plan.amplitudes.by_part
+        measured = _measure_amplitudes(plan, trajectory, status)
+        is_short, plan = measured.amplitudes is plan.amplitudes, measured
+        if is_short or plan.amplitudes is None:
+            break
+        by_part = plan.amplitudes.by_part
+        ratio = min(x / previous.get(name, 1.0) for name, x in by_part.items())
+        if not (ratio < _REPEAT_RATIO and status.success):
+            break
+    return plan
 
 
-@dataclass
-class SampledStepLimit:
-    """Limit of the steps between samples.
-
-    Attributes
-    ----------
-    start
-        Start of the run [s].
-    rate
-        Samples of all controllers per second [1/s].
-    is_exceeded
-        True after there were more steps.
-    """
-
-    start: float
-    rate: float
-    is_exceeded: bool = False
-
-    def stop_reason(self, t: float, steps: int) -> str | None:
-        """Return a reason to stop if there are many more steps than samples."""
-        most = _MAX_STEPS_PER_SAMPLE * self.rate * (t - self.start) + _MAX_FURTHER_STEPS
-        self.is_exceeded = steps > most
-        return "the samples do not determine the steps" if self.is_exceeded else None
-
-
-def plan_attempt(
-    plan: RunPlan, limits: RunLimits
-) -> tuple[RunPlan, RunLimits, SampledStepLimit] | None:
-    """Return plan and limits of a run without a pilot run, whose steps end at frequent samples.
-
-    Its local tolerance is that of amplitudes of 0.3 % of the size of each part. While there is
-    about one step per sample nevertheless, it takes no longer than a pilot run. If its errors
-    satisfy the tolerances of its amplitudes, which `measure_amplitudes` returns, it is the run.
-
-    Return None without controllers, and if a pilot run ends before all samples.
-    """
-    rate = sum(1.0 / term.controller.every for term in plan.equations.controllers)
-    if not 0.0 < rate * plan.duration <= _MAX_PILOT_STEPS:
-        return None
-    steps = SampledStepLimit(plan.intervals[0][0], rate)
-    tight_plan = replace(plan, tolerance_factor=_TIGHT_FACTOR)
-    return tight_plan, replace(limits, step_limit=steps), steps
-
-
-def measure_amplitudes(plan: RunPlan, trajectory: Trajectory, status: Status) -> RunPlan:
+def _measure_amplitudes(plan: RunPlan, trajectory: Trajectory, status: Status) -> RunPlan:
     """Return the plan with the amplitudes of a pilot run, unless it was too short."""
     ended_by_event = status.success and status is not REACHED_END
     covered = trajectory.end - plan.intervals[0][0]

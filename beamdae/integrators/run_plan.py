@@ -45,9 +45,6 @@ class RunPlan:
     partial_rate
         Rate of the motion [1/s] that a pilot run measured over many periods, if it was too short to
         measure amplitudes; otherwise 0.
-    tolerance_factor
-        Factor of local tolerances; below 1 for a run that is to satisfy the tolerances of unknown
-        amplitudes, see `pilot_run`.
     is_adaptive
         True if an error tolerance determines the steps.
     matrices
@@ -60,7 +57,6 @@ class RunPlan:
     fastest_modes: Callable[[], tuple[Mode, ...]]
     amplitudes: Amplitudes | None = None
     partial_rate: float = 0.0
-    tolerance_factor: float = 1.0
     is_adaptive: bool = True
     matrices: dict[str, FactorizedMatrix] = field(default_factory=dict, compare=False)
 

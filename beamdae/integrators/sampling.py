@@ -88,12 +88,12 @@ class Sampler:
 
     Attributes
     ----------
-    controllers
-        The controllers; empty if there is nothing to sample.
+    equations, controllers
+        The equations, and their controllers; empty if there is nothing to sample.
     """
 
     def __init__(self, equations: EquationsOfMotion, repeated: list[RepeatedSample]) -> None:
-        self.controllers = equations.controllers
+        self.equations, self.controllers = equations, equations.controllers
         self._repeated = repeated
         self._counts = [0 for _ in self.controllers]
         self._tasks = [
@@ -110,25 +110,25 @@ class Sampler:
                 end = following
         return end
 
-    def update(self, t: float, branch: float, q: Array, v: Array) -> bool:
-        """Set the values in `q` that controllers hold after the samples at `t` [s].
+    def sample(self, t: float, branch: float, state: State) -> State:
+        """Return `state` with the values that controllers hold after the samples at `t` [s].
 
-        Return False if no held value changes. All controllers read the state before the samples.
+        If no value changes, the object is the same. All controllers read the state before the
+        samples.
 
         Raises
         ------
         BeamdaeError
             If a law fails, does not return finite numbers, or returns other numbers if the sample
-            is repeated; `q` is then unchanged.
+            is repeated.
         """
-        updates = []
+        q = state.q.copy()
         for k, (controller, every, rows, read) in enumerate(self._tasks):
             ratio = t / every
             index = round(ratio)
             if abs(ratio - index) <= _SAME_SAMPLE:
-                reads, before = read(t, branch, q, v), q[rows]
-                values = controller.next_values(t, index, reads, before, k)
-                updates.append((rows, values))
+                reads, before = read(t, branch, state.q, state.v), state.q[rows]
+                q[rows] = values = controller.next_values(t, index, reads, before, k)
                 count = self._counts[k]
                 if count & (count - 1) == 0:
                     arguments = t, index, reads.copy(), before.copy(), k
@@ -136,17 +136,4 @@ class Sampler:
                     sample.repeat()
                     self._repeated.append(sample)
                 self._counts[k] = count + 1
-        has_changed = False
-        for rows, values in updates:
-            # Lists of few numbers are compared faster than arrays.
-            has_changed |= q[rows].tolist() != values.tolist()
-            q[rows] = values
-        return has_changed
-
-    def sample(self, t: float, branch: float, state: State) -> State:
-        """Return `state` with the values held after the samples at `t` [s]; see `update`.
-
-        If no value changes, the object is the same.
-        """
-        q = state.q.copy()
-        return state._replace(q=q) if self.update(t, branch, q, state.v) else state
+        return state if np.array_equal(q, state.q) else state._replace(q=q)

@@ -5,7 +5,7 @@ Long runs store only some of their steps, see `step_thinning`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -14,7 +14,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import Configuration, EquationsOfMotion, State
 from beamdae.equations.measures import BalanceRows, balance_rows
-from beamdae.integrators.step_thinning import Measure, ThinnedRows
+from beamdae.integrators.step_thinning import ThinnedRows, divide_intervals, limit_stored_bytes
 from beamdae.memory import available_memory, format_gigabytes, release_freed_memory
 from beamdae.parts.laws import TableRange
 from beamdae.results.trajectory import Interval, StepRecord
@@ -31,8 +31,6 @@ _TAIL_STEPS = 8
 _SAME_TIME = 1e-13
 # Below this size, the available memory is not queried: a query takes as long as hundreds of steps.
 _UNCHECKED_BYTES = 1e8
-# Freed memory is returned to the system in amounts of this size.
-_MAX_FREED_BYTES = 3e7
 # Number of copies of the rows that exist while the result is assembled.
 _RESULT_COPIES = 2.0
 
@@ -61,10 +59,8 @@ class StepHistory:
         self._tail_begin = 0
         # Rows before this index are no longer needed by `tail` and `truncate`.
         self._released = 0
-        # Replaces the first blocks; `_stride` is the number of steps of which one is stored.
+        # Replaces the first blocks.
         self._thinned: ThinnedRows | None = None
-        self._stride = 0
-        self._thinned_interval: Interval | None = None
         self._write(np.concatenate(((t,), *state))[None])
 
     def append(self, t: float, state: State, stages: Sequence[tuple[float, State]] = ()) -> bool:
@@ -78,20 +74,19 @@ class StepHistory:
         rows = [np.concatenate(((time,), *values)) for time, values in [*stages, (t, state)]]
         return self.extend(np.array(rows), len(rows))
 
-    def extend(self, rows: Array, rows_per_step: int = 1, has_jumps: bool = False) -> bool:
+    def extend(self, rows: Array, rows_per_step: int = 1) -> bool:
         """Append rows (t, q, v, a, lam) of several steps; return False if they are invalid.
 
         Times must ascend from the last stored row, and every step must have the same number of
-        rows. If `has_jumps` is True, steps may have the length zero.
+        rows.
 
         Raises
         ------
         OutOfMemoryError
             If there is no memory for more rows or for results computed from the rows.
         """
-        is_after = np.greater_equal if has_jumps else np.greater
         t = rows[:, 0]
-        if not (is_after(t[0], self.end) and is_after(t[1:], t[:-1]).all()):
+        if not (t[0] > self.end and (t[1:] > t[:-1]).all()):
             return False
         if self._count > 1 and rows_per_step != self._rows_per_step:
             return False
@@ -122,7 +117,8 @@ class StepHistory:
         self._count += count
 
     def _require_memory(self) -> None:
-        stored_bytes = sum(block.nbytes for block in self._blocks) + self._thinned_bytes
+        stored_bytes = sum(block.nbytes for block in self._blocks)
+        stored_bytes += self._thinned.stored_bytes if self._thinned else 0
         if stored_bytes > _UNCHECKED_BYTES and available_memory() < _RESULT_COPIES * stored_bytes:
             raise OutOfMemoryError(
                 f"the {self._count} stored states take "
@@ -143,16 +139,13 @@ class StepHistory:
     @property
     def stored_bytes(self) -> int:
         """Memory of the stored rows [bytes]."""
-        return sum(block.nbytes for block in self._filled_blocks) + self._thinned_bytes
+        thinned = self._thinned.stored_bytes if self._thinned else 0
+        return sum(block.nbytes for block in self._filled_blocks) + thinned
 
     @property
-    def output_bytes(self) -> int:
-        """Memory of the stored output rows of the part that has been thinned [bytes]."""
-        return 0 if self._thinned is None else self._thinned.output_bytes
-
-    @property
-    def _thinned_bytes(self) -> int:
-        return 0 if self._thinned is None else self._thinned.stored_bytes
+    def row_bytes(self) -> int:
+        """Memory of a row [bytes]."""
+        return self._blocks[-1].itemsize * self._column_ends[-1]
 
     def close(self) -> None:
         """Free the unused rows of the last block; no rows can be added afterwards."""
@@ -164,33 +157,28 @@ class StepHistory:
         self._released = max(first - 1 - _TAIL_STEPS * self._rows_per_step, 0)
 
     def thin(
-        self, stride: int, branch: float, output_times: Array, measure: Measure, is_final: bool
+        self, times: Array, branch: float, measure: Callable[[Interval], Array], is_final: bool
     ) -> None:
-        """Reduce rows to output rows and every `stride`-th step, see `step_thinning`.
+        """Reduce rows to those at `times` [s], see `ThinnedRows`.
 
         Rows are reduced if they are released or if `is_final` is True. `branch` is a time [s]
         inside the smooth interval.
         """
         if not (self._is_finite or is_final):
             return
-        if self._thinned is not None and stride > self._stride:
-            self._thinned = self._thinned.reduced(stride)
-        self._stride = stride
         end = self._count if is_final else self._released // self._block_rows * self._block_rows
         tail_rows = _TAIL_STEPS * self._rows_per_step
         # Few whole blocks, which are freed soon, but enough rows for polynomials near the start.
         most = -(-max(tail_rows, self._block_rows) // self._block_rows) * self._block_rows
-        while (begin := 0 if self._thinned is None else self._thinned.row_count) < end:
-            if begin + most > end and not is_final:
-                break
-            thinned = ThinnedRows() if self._thinned is None else self._thinned
+        while (begin := self._thinned.row_count if self._thinned else 0) < end:
             is_last = is_final and begin + most >= end
-            self._thinned = thinned.extended(
+            if begin + most > end and not is_last:
+                break
+            self._thinned = (self._thinned or ThinnedRows()).extended(
                 self._rows_from(begin, min(begin + most, end)),
-                stride,
+                times,
                 self._rows_per_step,
                 0 if is_last else tail_rows,
-                output_times,
                 lambda rows: self._make_interval([rows], branch),
                 measure,
             )
@@ -305,34 +293,10 @@ class StepHistory:
         """
         if self._thinned is None:
             return self._make_interval(self._filled_blocks, branch)
-        if self._thinned_interval is None:
-            parts, nodes, values = self._thinned.result(self._stride)
-            self._thinned = replace(self._thinned, rows=(), steps=())
-            t, *state = self._join_columns(parts)
-            record = StepRecord(nodes, values, self._rows_per_step)
-            self._thinned_interval = Interval(
-                t[:, 0].copy(), State(*state), branch, 1, record=record
-            )
-        return self._thinned_interval
-
-    def _join_columns(self, parts: list[Array]) -> list[Array]:
-        """Return the columns t, q, v, a and lam of all parts; the parts are freed one by one."""
-        release_freed_memory()
-        count = sum(map(len, parts))
-        spans = list(pairwise([0, *self._column_ends]))
-        columns = [np.empty((count, last - first)) for first, last in spans]
-        begin = freed_bytes = 0
-        parts.reverse()
-        while parts:
-            part = parts.pop()
-            for column, (first, last) in zip(columns, spans, strict=True):
-                column[begin : begin + len(part)] = part[:, first:last]
-            begin, freed_bytes = begin + len(part), freed_bytes + part.nbytes
-            del part
-            if freed_bytes > _MAX_FREED_BYTES:
-                release_freed_memory()
-                freed_bytes = 0
-        return columns
+        nodes, values = (np.concatenate(x) for x in (self._thinned.nodes, self._thinned.values))
+        record = StepRecord(nodes, values, self._rows_per_step)
+        whole = self._make_interval(self._thinned.stored, branch)
+        return replace(whole, nodes_per_step=1, record=record)
 
     def _make_interval(self, blocks: Sequence[Array], branch: float) -> Interval:
         t, *state = (
@@ -371,29 +335,9 @@ class RunSegment:
         mechanism = self.equations.mechanism
         return () if mechanism is None else tuple(x for law in mechanism.laws for x in law.ranges)
 
-    @property
-    def block_count(self) -> int:
-        """Number of blocks of rows that have been allocated."""
-        return self.history.block_count
-
-    @property
-    def count(self) -> int:
-        """Number of rows, including rows that are no longer stored."""
-        return self.history.count
-
-    @property
-    def stored_bytes(self) -> int:
-        """Memory of the stored rows [bytes]."""
-        return self.history.stored_bytes
-
-    @property
-    def output_bytes(self) -> int:
-        """Memory of the stored output rows [bytes]."""
-        return self.history.output_bytes
-
-    def thin(self, stride: int, output_times: Array, is_final: bool = False) -> None:
-        """Reduce rows to output rows and every `stride`-th step, see `StepHistory.thin`."""
-        self.history.thin(stride, self.branch, output_times, self._measure, is_final)
+    def thin(self, times: Array, is_final: bool = False) -> None:
+        """Reduce rows to those at `times` [s], see `StepHistory.thin`."""
+        self.history.thin(times, self.branch, self._measure, is_final)
 
     @cached_property
     def _balance(self) -> BalanceRows:
@@ -424,3 +368,48 @@ class RunSegment:
             lam = self.configuration.select_multipliers(tail.rows.lam)
             tail = replace(tail, rows=tail.rows._replace(lam=lam))
         self.history.truncate(tail, t)
+
+
+class StepThinning:
+    """Limit of the rows that a run with these output times [s] stores."""
+
+    def __init__(self, output_times: Array) -> None:
+        self._output_times, self._limit = output_times, limit_stored_bytes()
+        self._times: Array | None = None
+        self._parts = self._finished = self._finished_bytes = 0
+        self._checked = (0, 0)
+
+    def enforce(self, segments: Sequence[RunSegment]) -> None:
+        """Thin the segments of a run if their rows exceed the limit; the last one may grow."""
+        current = segments[-1].history
+        state = len(segments), current.block_count
+        if state == self._checked:
+            return
+        self._checked = state
+        if self._times is None:
+            self._finished_bytes += sum(
+                x.history.stored_bytes for x in segments[self._finished : -1]
+            )
+            self._finished = len(segments) - 1
+            if self._finished_bytes + current.stored_bytes <= self._limit:
+                return
+            rows = self._limit / current.row_bytes
+            self._times, self._parts = divide_intervals(self._output_times, rows)
+            self._finished = 0
+        for segment in segments[self._finished :]:
+            segment.thin(self._times, segment is not segments[-1])
+        self._finished = len(segments) - 1
+        # Rows that are kept lie between freed ones, which the C library would retain.
+        release_freed_memory()
+
+    @property
+    def report(self) -> dict[str, str]:
+        """Entry for `Solution.integrator`; empty if all steps are stored."""
+        between = f" and {self._parts - 1} rows between each two" if self._parts > 1 else ""
+        return {"stored_steps": f"output rows{between}"} if self._parts else {}
+
+    def finish(self, segments: Sequence[RunSegment]) -> None:
+        """Thin all rows of a run that exceeded the limit."""
+        if self._times is not None:
+            for segment in segments:
+                segment.thin(self._times, is_final=True)

@@ -233,49 +233,7 @@ def view(
     port: int = 0,
     browser: bool = False,
 ) -> LiveView:
-    """Show a mechanism with sliders for the parameters of its model, on a page of this computer.
-
-    The drawing follows the sliders. Releasing a slider runs the model with
-    `Auto(rtol=1e-3)` and animates the result. The page is served on 127.0.0.1 until the view is
-    closed or Python ends; only programs of this computer that know the token in the address can use
-    it.
-
-    Parameters
-    ----------
-    model
-        A model function, or a mechanism that a model function built. Other mechanisms, also
-        changed ones, have no sliders.
-    ranges
-        Pairs (first, last) of slider ends by parameter; numbers, or texts with units such as
-        "500 mm". Sliders reach from a quarter of the default to four times the default, those of
-        angles over a full turn; other parameters with a default of 0 have no slider.
-    t_end
-        End time of the runs [s]. Defaults to the model's end time.
-    time_limit
-        Maximum wall time of a run [s].
-    port
-        Port of the server; 0 chooses a free port.
-    browser
-        True to open the page in the web browser.
-
-    Returns
-    -------
-    LiveView
-        The view, which notebooks display. `url` is its address, and `close` stops the server.
-
-    Raises
-    ------
-    BeamdaeError
-        If an argument is invalid, there is no end time, or the port is in use.
-
-    Examples
-    --------
-    >>> import beamdae as bd
-    >>> live = bd.view(bd.load_model("example:pendulum"), {"radius": ("50 cm", "2 m")})
-    >>> live.url.startswith("http://127.0.0.1:")
-    True
-    >>> live.close()
-    """
+    """Return the live view of a model, see `Model.view`."""
     opens = require_choice("view", "browser", browser, (True, False))
     session = create_session(model, ranges, t_end, time_limit)
     live = LiveView(session, port)

@@ -150,7 +150,7 @@ def coarse_row_warnings(run: RunData) -> Iterator[str]:
         )
     else:
         remedy = "tables of extremes and step_extremes include these values; curves show them with "
-        remedy += "a smaller output_step="
+        remedy += "a smaller output_step"
     if unknown and not peaks:
         yield f"{list_first(unknown, _MAX_NAMES)}: {remedy}."
     if not peaks:

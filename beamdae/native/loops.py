@@ -155,15 +155,6 @@ class CompiledLoop:
         for kind, words, numbers in self._numbers:
             self._views[kind][words] = [getattr(owner, name) for owner, name in numbers]
 
-    def locate(self, owner: Any, name: str) -> tuple[Any, int]:
-        """Return a view of the table, and the index of the number `owner.name` in it."""
-        for kind, words, numbers in self._numbers:
-            for word, (other, field) in zip(words, numbers, strict=True):
-                if other is owner and field == name:
-                    view = memoryview(self.table.data).cast("B")
-                    return view.cast("d" if kind is float else "q"), int(word)
-        raise KeyError(name)
-
     def call_loaded(self) -> int:
         """Run the loop on the numbers in the table; return its code."""
         return int(self._call(self._table_address))

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from beamdae.deferred import public
+from beamdae.deferred import module, public
 from beamdae.errors import (
     BeamdaeError,
     as_text,
@@ -580,12 +580,41 @@ class Mechanism(HasOrigin):
         return public("check")(self, **settings)
 
     def draw(self) -> Any:
-        """Draw the mechanism with names, joints, supports and loads; see `beamdae.draw`."""
-        return public("draw")(self)
+        """Draw the mechanism: bodies, joints, supports, springs and loads with their names.
 
-    def view(self, **settings: Any) -> Any:
-        """Show the mechanism on a page with sliders and runs; see `beamdae.view`."""
-        return public("view")(self, **settings)
+        The drawing shows the reference configuration, even if a different start is requested. Rigid
+        bodies are drawn by their shape or, without a shape, by lines between their attachment
+        points, or between a single attachment point and the center of mass; beams are drawn along
+        their axis, with the heights of their sections if any of these varies (times a factor above
+        the drawing if they are too thin to be visible). Arrows of forces show the direction, not
+        the magnitude, at t = 0 or, if the force is zero then, at a later time.
+
+        Returns
+        -------
+        Plot
+            The drawing, displayed by a notebook; `Plot.save` writes it to a file.
+
+        Raises
+        ------
+        BeamdaeError
+            If the mechanism has no parts that can be drawn.
+
+        Examples
+        --------
+        >>> import beamdae as bd
+        >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+        >>> bob = mech.add(bd.RigidBody("bob", mass=1.0, inertia=0.1, center=(1.0, 0.0)))
+        >>> hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+        >>> path = mech.draw().save("pendulum.svg")
+        """
+        return module("report.pictures.drawing").draw(self)
+
+    def view(self, *arguments: Any, **settings: Any) -> Any:
+        """Show the mechanism on a page with sliders and runs, see `beamdae.results.Model.view`.
+
+        Mechanisms that no model function built, or that have been changed since, have no sliders.
+        """
+        return module("live.server").view(self, *arguments, **settings)
 
     @property
     def laws(self) -> list[Law]:

@@ -15,7 +15,7 @@ from beamdae.report.page.page_content import PageCase, PageContent, PageTable
 from beamdae.results.storage.files import versions
 
 _GROUP = "transfers"  # id of the only group of cases
-_MAX_POLES = 24  # the slowest ones; growing ones are listed, too
+_MAX_VIBRATIONS, _MAX_DECAYS = 16, 8  # the slowest ones; growing ones are listed, too
 
 
 def build_linear_page(content: LinearModel | Bode, title: str) -> PageContent:
@@ -29,7 +29,9 @@ def build_linear_page(content: LinearModel | Bode, title: str) -> PageContent:
     # Adding zero changes -0 to 0.
     ratios = -poles.real / np.where(poles == 0.0, 1.0, np.abs(poles)) + 0.0
     columns = np.stack([poles.imag / (2.0 * np.pi), ratios, poles.real + 0.0], axis=1)
-    is_listed = (np.arange(len(poles)) < _MAX_POLES) | (poles.real > 0.0)
+    is_decay = poles.imag == 0.0
+    is_listed = (~is_decay & (np.cumsum(~is_decay) <= _MAX_VIBRATIONS)) | (poles.real > 0.0)
+    is_listed |= is_decay & (np.cumsum(is_decay) <= _MAX_DECAYS)
     listed = np.flatnonzero(is_listed).tolist()
     rows = [[str(k + 1), *(f"{x:.6g}" for x in columns[k])] for k in listed]
     facts = {

@@ -52,11 +52,7 @@ NO_OTHERS: Mapping[str, float] = MappingProxyType({})
 
 _BY = ")/d("  # between column and parameter in the header of a derivative
 _MAX_NAMES = 12  # of columns in a message
-# Columns that are listed first for an unknown name: a common word, such as the name of a part, or
-# the unit of a quantity counts more than common letters.
-_MAX_LIKE_NAMES, _MIN_LIKENESS = 6, 0.6
 _WORD = re.compile(r"[^\W_]+")
-_UNITS_OF_WORDS = {"torque": "N m", "moment": "N m", "m": "N m", "force": "N", "f": "N"}
 
 
 class Header(NamedTuple):
@@ -163,7 +159,7 @@ def _select_by_name(
         matches = [header for header in headers if reading(header) == name]
         if matches:
             return [header for header in matches if header in preferred] or matches
-    shown = list(map(remove_unit, _order_by_likeness(headers, name, preferred)))
+    shown = list(map(remove_unit, _order_by_likeness(headers, name)))
     # Headers last, for names with another unit.
     known_names = list(dict.fromkeys(x(h) for x in (*readings[1:], readings[0]) for h in headers))
     raise BeamdaeError(
@@ -172,27 +168,18 @@ def _select_by_name(
     )
 
 
-def _order_by_likeness(headers: Sequence[str], name: Any, preferred: set[str]) -> list[str]:
-    """Return the headers to list for an unknown name, the most similar ones first.
-
-    They are followed by forces and moments, whose names are hard to guess, and by the others, if
-    they are `preferred`; without these, all are listed.
-    """
+def _order_by_likeness(headers: Iterable[str], name: Any) -> list[str]:
+    """Return the headers to list for an unknown name, the most similar ones first."""
     text = (as_text(name) or "").lower()
     words = set(_WORD.findall(text))
-    units = {unit for word, unit in _UNITS_OF_WORDS.items() if word in words}
 
     def likeness(header: str) -> float:
-        known, unit = remove_unit(header).lower(), Header.of(header).unit
+        known = remove_unit(header).lower()
         ratio = difflib.SequenceMatcher(None, text, known).ratio()
-        return ratio + len(words & set(_WORD.findall(known))) + (unit in units)
+        # A common word, such as the name of a part, counts more than common letters.
+        return ratio + len(words & set(_WORD.findall(known)))
 
-    scores = {x: likeness(x) for x in headers}
-    near = [x for x in headers if scores[x] > _MIN_LIKENESS]
-    near = sorted(near, key=lambda x: -scores[x])[:_MAX_LIKE_NAMES]
-    available = [x for x in headers if x in preferred or not preferred]
-    forces = [x for x in available if Header.of(x).unit in UNITS_OF_FORCES]
-    return list(dict.fromkeys([*near, *forces, *available]))
+    return sorted(headers, key=likeness, reverse=True)
 
 
 def select_column(part: str, headers: Iterable[str], name: Any) -> str:

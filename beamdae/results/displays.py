@@ -142,11 +142,40 @@ class HasModeShapes(HasTable, HasPage):
         """
         return load_views().draw_modes(self)
 
+    def animate(
+        self, mode: int, path: str | Path | None = None, frames: int = 32
+    ) -> Animation | Path:
+        """Animate one period of a mode, without decay or growth, in a notebook or in a file.
+
+        Parameters
+        ----------
+        mode
+            Number of the mode, starting at 1.
+        path
+            Path of a GIF or MP4 file, see `Solution.animate`. Without a path, the animation is
+            displayed in a notebook.
+        frames
+            Number of frames per period, 2 to 500.
+
+        Returns
+        -------
+        Animation or Path
+            Animation for a notebook, or the path of the file.
+
+        Raises
+        ------
+        BeamdaeError
+            If an argument is invalid, the mode does not exist, there is no mechanism with parts
+            that can be drawn, ffmpeg is required but missing, or the file cannot be written.
+        """
+        return load_views().animate_mode(self, mode, path, frames)
+
 
 class Views(Protocol):
     """Interface of `beamdae.views`: the functions called by the methods of results."""
 
     animate: Callable[..., Animation | Path]
+    animate_mode: Callable[..., Animation | Path]
     draw_campbell: Callable[..., Plot]
     draw_modes: Callable[..., Plot]
     plot_bode: Callable[..., Plot]

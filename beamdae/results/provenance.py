@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -31,11 +30,6 @@ def describe_provenance(equations: EquationsOfMotion) -> dict[str, Any]:
             for name, part in mechanism.parts.items()
         }
     return description
-
-
-def state_hash(t: float, q: Any, v: Any) -> str:
-    """Return a hash of time, coordinates and velocities that identifies the state of a run."""
-    return hashlib.sha256(np.concatenate([[t], q, v]).tobytes()).hexdigest()
 
 
 def _describe_fields(instance: Any, described: set[int]) -> dict[str, Any]:

@@ -32,7 +32,7 @@ from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import Animation, Plot, load_views
 from beamdae.results.event_records import tabulate_events
-from beamdae.results.provenance import describe_provenance, state_hash
+from beamdae.results.provenance import describe_provenance
 from beamdae.results.run_data import RunData, coordinate_headers
 from beamdae.results.storage.files import require_file_path, write_result
 from beamdae.results.time_series import TimeSeries
@@ -300,7 +300,46 @@ class Solution(RunData, TimeSeries):
         trail: Any = False,
         scale: float | None = None,
     ) -> Animation | Path:
-        """Animate the motion in a notebook or in a file, see `beamdae.animate`."""
+        """Animate a run in a notebook or in a file.
+
+        Bodies, joints, guides, springs, dampers, contacts and loads are drawn as in
+        `Mechanism.draw`. The length of a load arrow is proportional to the load, relative to the
+        largest value in the frames.
+
+        Parameters
+        ----------
+        path
+            Path of a file with the suffix .gif or .mp4; MP4 requires the program ffmpeg. Without a
+            path, the animation is displayed in a notebook.
+        speed
+            Playback speed relative to real time.
+        frames
+            Number of frames, 2 to 500. Defaults to 25 per second of the animation, within these
+            limits.
+        color
+            Quantity that colors the beams: "strain" or "stress" (largest magnitude in each
+            section), or the section force "N", "Q" or "M". The color scale covers the whole run.
+        trail
+            True to show the trails of all observed points, or the names of the points to trace.
+        scale
+            Factor of the displacements from the first frame. Defaults to 1 if the largest
+            displacement exceeds 1 % of the size of the mechanism or the mechanism contains
+            contacts, whose gaps are not enlarged. Otherwise, it defaults to a factor that makes the
+            motion visible while no section of a beam is drawn rotated by more than 0.3 rad and no
+            rigid body by more than 0.1 rad from the first frame, or to 1 if there is none. The
+            animation shows factors other than 1.
+
+        Returns
+        -------
+        Animation or Path
+            Animation for a notebook, or the path of the file.
+
+        Raises
+        ------
+        BeamdaeError
+            If an argument is invalid, the run has no mechanism, the color quantity or a traced
+            point does not exist, ffmpeg is required but missing, or the file cannot be written.
+        """
         return load_views().animate(self, path, speed, frames, color, trail, scale)
 
     def page(self, path: str | Path) -> Path:
@@ -371,8 +410,6 @@ class Solution(RunData, TimeSeries):
 
     def metadata(self, **further: Any) -> dict[str, Any]:
         """Return the metadata of the run for `to_csv`; `further` adds or replaces entries."""
-        end, last = self.trajectory.end, self.trajectory.intervals[-1].state
-        ledger = self._energy_ledger.at(np.array([end]))[0].tolist()
         # Files repeat no run whose warnings nobody sees.
         is_checked = "warnings" in vars(self) or not warnings_are_ignored()
         return {
@@ -389,12 +426,6 @@ class Solution(RunData, TimeSeries):
             "singular positions": [asdict(position) for position in self.singular_positions],
             "events": [record.as_dict() for record in self.event_records],
             "warnings": list(self.warnings if is_checked else self.model_warnings),
-            # Used to join the tables of this run and of a run that resumes it: the hash identifies
-            # the run, and the works are added.
-            "end": {
-                "state": state_hash(end, last.q[-1], last.v[-1]),
-                **dict(zip(measures.LEDGER_COLUMNS, ledger, strict=True)),
-            },
             "equations": self._provenance,
             "versions": self.versions,
             **further,

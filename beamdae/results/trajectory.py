@@ -105,8 +105,8 @@ class Interval:
     held inputs to the state after the jump. Polynomials use only nodes between two jumps.
 
     Long runs store only some of their steps (`integrators.step_thinning`). Nodes are then the start
-    and the end of the interval, the output times, at which the dense output of all steps was
-    evaluated, and every n-th step; the polynomials pass through these nodes.
+    and the end of the interval, the output times and times between them, at which the dense output
+    of all steps was evaluated; the polynomials pass through these nodes.
 
     Attributes
     ----------

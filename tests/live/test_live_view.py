@@ -29,7 +29,7 @@ def swing(length=0.5, mass=2.0, copies=1, tilt=0.0, color="red", is_fast=False, 
 
 @pytest.fixture
 def live():
-    live = bd.view(swing)
+    live = swing.view()
     yield live
     live.close()
 
@@ -82,7 +82,7 @@ def test_regression_the_page_shows_no_earlier_error(tmp_path):
     def measured(mass=1.0):
         return swing(length=float(file.read_text()))
 
-    live = bd.view(measured)
+    live = measured.view()
     assert '"first":{"error":' in send(live, "")[1]
     file.write_text("0.5")
     assert '"first":{"frames":' in send(live, "")[1]
@@ -212,9 +212,9 @@ def test_mechanisms_have_the_sliders_of_their_model_unless_changed():
     alone = bd.Mechanism()
     alone.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
     with pytest.raises(bd.BeamdaeError, match="view: the mechanism has no end time; pass t_end="):
-        bd.view(alone)
+        alone.view()
     with pytest.raises(bd.BeamdaeError, match="view: ranges are those of parameters"):
-        bd.view(alone, {"length": (1, 2)}, t_end=1.0)
+        alone.view({"length": (1, 2)}, t_end=1.0)
 
 
 @bd.model(t_end=1.0)
@@ -254,12 +254,12 @@ def test_ranges_of_sliders():
 )
 def test_mistakes_in_settings(settings, message):
     with pytest.raises(bd.BeamdaeError, match=message):
-        bd.view(swing, **settings)
+        swing.view(**settings)
 
 
 def test_a_used_port_is_an_error(live):
     with pytest.raises(bd.BeamdaeError, match=f"view: port {live.port} cannot be used"):
-        bd.view(swing, port=live.port)
+        swing.view(port=live.port)
 
 
 @pytest.mark.slow(reason="starts a process")
@@ -282,7 +282,7 @@ def test_the_command_serves_until_interrupted():
 def test_python_ends_without_closing_a_view(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
-        "import beamdae as bd\nlive = bd.view(bd.load_model('example:pendulum'))\nprint(live.url)\n"
+        "import beamdae as bd\nlive = bd.load_model('example:pendulum').view()\nprint(live.url)\n"
     )
     result = subprocess.run(
         [sys.executable, str(script)], capture_output=True, text=True, timeout=60, check=False
@@ -292,7 +292,7 @@ def test_python_ends_without_closing_a_view(tmp_path):
 
 
 def test_a_run_ends_at_its_time_limit():
-    live = bd.view(swing, t_end=1e3, time_limit=1e-6)
+    live = swing.view(t_end=1e3, time_limit=1e-6)
     answer = ask(live, "run")
     live.close()
     assert "reached the time limit of 1e-06 s" in answer["status"]

@@ -227,7 +227,7 @@ def test_the_sentence_names_value_rows_and_remedy(tmp_path):
     assert re.fullmatch(
         r"stop\.N: the output rows miss its largest value, 6\d{4} N at t = 0\.4516\d+ s, and reach "
         r"only 0 N; tables of extremes and step_extremes include these values; curves show them "
-        r"with a smaller output_step=\.",
+        r"with a smaller output_step\.",
         sentence,
     )
     assert sentence in run.page(tmp_path / "ball.html").read_text(encoding="utf-8")

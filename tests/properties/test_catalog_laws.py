@@ -24,8 +24,8 @@ import beamdae as bd
 # What the other names return, base classes, and what has no mechanics: files, pictures, texts.
 NOT_SUBJECT = {
     *("Mechanism", "Attachment", "Part", "model", "param", "load_model", "Joint"),
-    *("ConstrainedSystem", "equations_of_motion", "Integrator", "load", "draw", "view", "plot"),
-    *("animate", "animate_mode", "export_fmu", "study", "Study", "Case"),
+    *("ConstrainedSystem", "equations_of_motion", "Integrator", "load", "plot"),
+    *("export_fmu", "study", "Study", "Case"),
     *("grid", "compare", "verify", "BeamdaeError", "BeamdaeWarning", "Interrupted", "knock_down"),
     *(
         "at_most",

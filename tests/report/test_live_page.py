@@ -17,7 +17,7 @@ def swing(length=0.5, mass=2.0):
 
 @pytest.fixture
 def live():
-    live = bd.view(swing)
+    live = swing.view()
     yield live
     live.close()
 
@@ -114,7 +114,7 @@ def rod(end: Literal["free", "long rope"] = "free", mode="fast"):
 
 
 def test_texts_with_known_values_are_chosen_from_a_list(browser):
-    live = bd.view(rod)
+    live = rod.view()
     context = browser.new_context(viewport={"width": 390, "height": 844}, bypass_csp=True)
     tab = context.new_page()
     tab.goto(live.url)

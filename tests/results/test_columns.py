@@ -48,7 +48,6 @@ def test_regression_a_list_of_names_selects_a_table_over_time():
     ("name", "first"),
     [
         ("motr.M", "motor.M"),
-        ("torque", "motor.M"),
         ("motor.T", "motor.M"),
         ("knee 2.z", "knee 2.x"),
     ],
@@ -67,14 +66,3 @@ def test_regression_messages_list_the_most_similar_columns_first(name, first):
     assert listed.startswith(f"{first}, ")
     assert "motor.M" in listed
     assert listed.endswith(" more.")
-
-
-def test_regression_messages_name_forces_of_drivers_beside_observed_columns():
-    """Only observed columns were listed, though others may be selected."""
-    mech = falling("tip")
-    wheel = mech.add(bd.RigidBody("wheel", 1.0, 0.1))
-    center = mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)
-    mech.add(bd.Revolute("pin", *center))
-    mech.add(bd.Driver("motor", *center, bd.sine(1.0, 2.0)))
-    with pytest.raises(bd.BeamdaeError, match=r"available columns: lam\.motor\.angle, "):
-        bd.simulate(mech, t_end=1e-3)["motor.torque"]

@@ -230,7 +230,7 @@ def test_hashes_and_outlines_of_pipes_do_not_wait(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "file").write_bytes(b"content")
     assert digest_file(str(tmp_path / "pipe")) is None
-    assert read_outline(tmp_path / "pipe") == Outline()
+    assert read_outline(tmp_path / "pipe") == Outline({})
     assert digest_file(str(tmp_path / "file")) == hashlib.sha256(b"content").hexdigest()
 
 

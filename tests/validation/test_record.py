@@ -24,7 +24,7 @@ def read(name, table="reference"):
 
 
 @pytest.mark.slow(reason="a quarter of a second")
-def test_problems_follow_the_schema_and_files_their_checksums():
+def test_problems_follow_the_schema_and_are_those_that_were_confirmed():
     pytest.importorskip("jsonschema")
     assert [message for name in record.all_names() for message in record.check(name)] == []
 

@@ -16,7 +16,7 @@ from scorer import TIME
 
 VERSION = "1.1.0"
 _LINES_PER_PAGE = 60
-_CHECKED = ("problem.json", "reference.csv", "uncertainty.csv", "confirmation.json", "drawing.svg")
+_PACKAGED = ("problem.json", "reference.csv", "uncertainty.csv", "confirmation.json", "drawing.svg")
 
 
 def attachment_point(problem: dict[str, Any], attachment: dict[str, Any]) -> np.ndarray:
@@ -145,8 +145,6 @@ def describe(problem: dict[str, Any], confirmation: dict[str, Any]) -> str:
         "",
         problem["summary"],
         "",
-        "![Drawing](drawing.svg)",
-        "",
         f"Gravity ({problem['gravity'][0]:g}, {problem['gravity'][1]:g}) m/s^2; {extent} "
         f"{end:g} s, rows every {step:g} s. Sources: {'; '.join(problem['sources'])}.",
         "",
@@ -217,17 +215,21 @@ def _format_data(data: Any) -> str:
     return text.replace('"', "")[1:-1]
 
 
+def checksum(file: Path) -> str:
+    """Return the checksum of a file."""
+    return f"sha256:{hashlib.sha256(file.read_bytes()).hexdigest()}"
+
+
 def write_datapackage(folder: Path) -> None:
     """Write `datapackage.json` (Frictionless) with units and checksums."""
     problem = json.loads((folder / "problem.json").read_text())
     resources: list[dict[str, Any]] = []
-    for name in _CHECKED:
-        content = (folder / name).read_bytes()
+    for name in _PACKAGED:
         resource = {
             "name": name.replace(".", "-").lower(),
             "path": name,
-            "bytes": len(content),
-            "hash": f"sha256:{hashlib.sha256(content).hexdigest()}",
+            "bytes": (folder / name).stat().st_size,
+            "hash": checksum(folder / name),
         }
         if name.endswith(".csv"):
             columns = pd.read_csv(folder / name, nrows=0).columns
@@ -264,17 +266,6 @@ def write_datapackage(folder: Path) -> None:
         "resources": resources,
     }
     (folder / "datapackage.json").write_text(json.dumps(package, indent=1) + "\n")
-
-
-def check_checksums(folder: Path) -> list[str]:
-    """Return one sentence per file that differs from its checksum in `datapackage.json`."""
-    package = json.loads((folder / "datapackage.json").read_text())
-    problems = []
-    for resource in package["resources"]:
-        digest = hashlib.sha256((folder / resource["path"]).read_bytes()).hexdigest()
-        if resource["hash"] != f"sha256:{digest}":
-            problems.append(f"{folder.name}/{resource['path']}: the checksum differs.")
-    return problems
 
 
 # Problems with filled forms of the IFToMM Library of Computational Benchmark Problems.

@@ -250,9 +250,12 @@ def stored_code(name: str, tool: str) -> dict[str, Any] | None:
     """Return the stored entry of a confirming tool; None if the problem has changed since."""
     folder = MECHANISMS / name
     file = folder / "confirmation.json"
-    if not file.exists() or any("problem.json" in x for x in documents.check_checksums(folder)):
+    if not file.exists():
         return None
-    codes: list[dict[str, Any]] = json.loads(file.read_text())["codes"]
+    confirmation = json.loads(file.read_text())
+    if confirmation["problem"] != documents.checksum(folder / "problem.json"):
+        return None
+    codes: list[dict[str, Any]] = confirmation["codes"]
     return next((code for code in codes if code["tool"] == tool), None)
 
 
@@ -301,6 +304,7 @@ def write_reference(name: str, kept: Sequence[str] = ()) -> None:
     if best is not None:
         relative = max(relative, best[0])
     confirmation = {
+        "problem": documents.checksum(folder / "problem.json"),
         "status": "confirmed" if best is not None and relative <= AGREEMENT else "open",
         "code": "plain",
         "elements": setting[0],
@@ -446,7 +450,7 @@ def quick() -> None:
 
 @app.command()
 def validate(names: Annotated[list[str] | None, typer.Argument()] = None) -> None:
-    """Check schema, checksums and tables of all mechanisms; Frictionless if it is installed."""
+    """Check schema, confirmed problems and tables of all mechanisms."""
     problems = [message for name in names or all_names() for message in check(name)]
     for message in problems:
         typer.echo(message)
@@ -462,7 +466,9 @@ def check(name: str) -> list[str]:
     schema = json.loads((HERE / "problem.schema.json").read_text())
     errors = jsonschema.Draft202012Validator(schema).iter_errors(problem)
     messages = [f"{name}/problem.json: {error.message}" for error in errors]
-    messages += documents.check_checksums(folder)
+    confirmation = json.loads((folder / "confirmation.json").read_text())
+    if confirmation["problem"] != documents.checksum(folder / "problem.json"):
+        messages.append(f"{name}/problem.json: differs from the confirmed problem.")
     reference = pd.read_csv(folder / "reference.csv")
     uncertainty = pd.read_csv(folder / "uncertainty.csv")
     if list(reference.columns) != list(uncertainty.columns) or len(reference) != len(uncertainty):

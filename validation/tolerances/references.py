@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
@@ -12,7 +13,14 @@ import pandas as pd
 
 import beamdae as bd
 from tolerances.modal import solve_small_vibrations
-from tolerances.tolerance_case import FOLDER, STORED_DIGITS, ToleranceCase, relative_deviations
+from tolerances.tolerance_case import (
+    FOLDER,
+    REFERENCES,
+    STORED_DIGITS,
+    ToleranceCase,
+    load_references,
+    relative_deviations,
+)
 
 SUMMARY = FOLDER / "summary.csv"
 RTOLS = tuple(10.0**-k for k in range(7, 13))
@@ -50,12 +58,25 @@ class MethodResult:
 def store_reference(case: ToleranceCase, effort: Effort) -> pd.DataFrame:
     """Store the reference of a case, update the summary and return its rows there."""
     table, rows = compute_reference(case, effort)
-    FOLDER.mkdir(exist_ok=True)
-    table.to_csv(FOLDER / f"{case.name}.csv", index=False, float_format=f"%.{STORED_DIGITS}g")
+    _write_references(load_references() | {case.name: table.to_dict("list")})
+    load_references.cache_clear()
     summary = pd.read_csv(SUMMARY) if SUMMARY.exists() else rows.iloc[:0]
     others = summary[summary["case"] != case.name]
     pd.concat([others, rows]).to_csv(SUMMARY, index=False, float_format="%.2g")
     return rows
+
+
+def _write_references(tables: dict[str, dict[str, list[float]]]) -> None:
+    """Write the references of all cases, one column a line."""
+
+    def as_text(values: Iterable[float]) -> str:
+        return ", ".join(f"{x:.{STORED_DIGITS}g}" for x in values)
+
+    cases = []
+    for name, table in sorted(tables.items()):
+        columns = (f"  {json.dumps(key)}: [{as_text(x)}]" for key, x in table.items())
+        cases.append(f" {json.dumps(name)}: {{\n" + ",\n".join(columns) + "\n }")
+    REFERENCES.write_text("{\n" + ",\n".join(cases) + "\n}\n", "utf-8")
 
 
 def compute_reference(case: ToleranceCase, effort: Effort) -> tuple[pd.DataFrame, pd.DataFrame]:

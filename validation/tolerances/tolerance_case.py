@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 import beamdae as bd
 
 FOLDER = Path(__file__).parent / "references"
+REFERENCES = FOLDER / "references.json"
 STORED_DIGITS = 9  # significant digits of the stored references
 # Guaranteed error over rtol.
 UNDAMPED = 100.0
@@ -115,7 +117,8 @@ class ToleranceCase:
 
     def load_reference(self, columns: tuple[str, ...]) -> np.ndarray:
         """Return columns of the stored reference, (rows, columns)."""
-        return pd.read_csv(FOLDER / f"{self.name}.csv")[list(columns)].to_numpy()
+        table = load_references()[self.name]
+        return np.stack([table[name] for name in columns], axis=-1)
 
     def reference_rounding(self, columns: tuple[str, ...]) -> np.ndarray:
         """Return the rounding error of columns of the stored reference relative to the amplitude.
@@ -141,6 +144,13 @@ class ToleranceCase:
         columns = self.columns if columns is None else columns
         reference = self.load_reference(columns) if reference is None else reference
         return relative_deviations(self.select_columns(solution, columns), reference)
+
+
+@cache
+def load_references() -> dict[str, dict[str, list[float]]]:
+    """Return the stored references: the values of each column by case."""
+    table: dict[str, dict[str, list[float]]] = json.loads(REFERENCES.read_text("utf-8"))
+    return table
 
 
 def relative_deviations(rows: np.ndarray, reference: np.ndarray) -> np.ndarray:

@@ -68,18 +68,6 @@ def pair_neighbors(values: Array) -> Array:
     return np.array([0.5 * (upper + lower), 0.25 * (upper - lower) ** 2])
 
 
-def find_growth_change(first: Count, last: Count) -> float:
-    """Return a position from 0 to 1 that brackets the change of growing motions closely."""
-    begin, end = _match_pairs(first, last)
-    growing = _count_growing(begin + (end - begin) * _SHARES[:, None], 0.0)
-    firsts = np.argmax(growing != growing[0], axis=0)[growing[0] != growing[-1]]
-    # Neighbors of those that meet seem to change at one of the ends.
-    inner = firsts[(firsts > 2) & (firsts < len(_SHARES) - 2)]
-    if not len(inner):
-        return 0.5
-    return float(_SHARES[inner[0] + 1 if inner[0] < len(_SHARES) // 2 else inner[0] - 2])
-
-
 def find_hidden_growth(
     first: Count, first_beside: Neighbor, last: Count, last_beside: Neighbor
 ) -> float | None:
@@ -97,7 +85,9 @@ def find_hidden_growth(
         return None
     t, change = _SHARES[:, None], end - begin
     bend = t * (1.0 - t) * ((begin_rate - change) * (1.0 - t) - (end_rate - change) * t)
-    growing = _count_growing(begin + change * t + bend, _MIN_GROWTH)
+    mean, squared = begin + change * t + bend
+    values = mean + np.array([1.0, -1.0])[:, None, None] * np.sqrt(squared)
+    growing = (values.real > _MIN_GROWTH * np.abs(values)).sum(axis=0)
     # Pairs of other eigenvalues at the end do not follow from the rates.
     error, size = np.abs(change - 0.5 * (begin_rate + end_rate)), np.abs(begin) + np.abs(end)
     largest = np.maximum(np.abs(begin_rate), np.abs(end_rate))
@@ -116,13 +106,6 @@ def _match_pairs(*counts: Count) -> Array:
         matched[k, 0] = factor * count.pairs[0, cut : cut + size]
         matched[k, 1] = factor**2 * count.pairs[1, cut : cut + size]
     return matched
-
-
-def _count_growing(pairs: Array, min_growth: float) -> Array:
-    """Return the number of eigenvalues that grow in pairs (2, positions, k), (positions, k)."""
-    mean, root = pairs[0], np.sqrt(pairs[1])
-    values = np.array([mean + root, mean - root])
-    return np.asarray((values.real > min_growth * np.abs(values)).sum(axis=0))
 
 
 def find_hidden_turn(change: float, begin_rate: float, end_rate: float) -> float | None:

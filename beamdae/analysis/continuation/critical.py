@@ -15,7 +15,6 @@ import numpy as np
 from beamdae.analysis.continuation.counts import (
     Count,
     Neighbor,
-    find_growth_change,
     find_hidden_growth,
     find_hidden_turn,
 )
@@ -139,7 +138,7 @@ def _explain(
             kind = DOUBLING if doublings else LIMIT if turns else BRANCH
             return [CriticalPoint(position, kind, replace(point, beside=stable), mode)]
     if width > (resolution if changes else _TURN_RESOLUTION):
-        points = split(find_growth_change(low.counts, high.counts) if changes else 0.5)
+        points = split(0.5)
         if points is not None:
             return points
     if not changes:
@@ -214,8 +213,8 @@ def _find_root(
         linear = point.linearization
         return replace(point, linearization=linear.alternating) if alternates else point
 
-    for end in (low.point, high.point):
-        border = end.problem.mode_weights**2 * critical_mode(select(end))
+    for point in (low.point, high.point):
+        border = point.problem.mode_weights**2 * critical_mode(select(point))
         (first, _), (last, mode) = test(low.point), test(high.point)
         if first * last < 0.0:
             break

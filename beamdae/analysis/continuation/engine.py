@@ -176,6 +176,10 @@ class Tangent(NamedTuple):
         """Return the tangent times `factor`."""
         return Tangent(factor * self.x, factor * self.p)
 
+    def plus(self, other: Tangent, factor: float = 1.0) -> Tangent:
+        """Return the sum with `factor` times another one."""
+        return Tangent(self.x + factor * other.x, self.p + factor * other.p)
+
     @property
     def packed(self) -> Array:
         """Derivatives in one array, (n + 1,)."""
@@ -544,7 +548,7 @@ def _correct_step(
     begin, problem, control = trial.begin, trial.begin.problem, trial.control
     change, weight = trial.begin_tangent.scale(trial.reach), steps.parameter_weight
     is_arc, cosine = isinstance(control, ArcLength), 1.0
-    if is_arc and is_corner and problem.measure(change.x) > 0.0:
+    if isinstance(control, ArcLength) and is_corner and problem.measure(change.x) > 0.0:
         trial = replace(trial, control=replace(control, parameter_weight=0.0))
     reach = 0.0 if is_arc else abs(trial.reach)
     predicted = _extrapolate(problem, last, change.packed, reach, weight)

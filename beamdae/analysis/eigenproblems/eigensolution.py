@@ -10,11 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations, quadratic_forms
 from beamdae.analysis.eigenproblems.slow_motions import (
     solve_damped,
     solve_undamped,
-    solve_undamped_without_states,
 )
 from beamdae.errors import BeamdaeError
 from beamdae.linear.blas_threads import single_threaded
@@ -69,8 +68,7 @@ def solve_eigenproblem(
     is_undamped = not np.any(lin.tangent.damping.data) and not len(e.states)
     if not damped or (is_undamped and lin.is_symmetric):
         undamped = solve_undamped(lin, count)
-        values = np.where(undamped.squares < 0.0, 0j, 1j) * np.sqrt(np.abs(undamped.squares))
-        values += np.sqrt(np.maximum(-undamped.squares, 0.0))
+        values = np.sqrt(-undamped.squares + 0j)
         return _normalize(lin, values, undamped.shapes.astype(complex), count)
     values, shapes = solve_damped(lin, count, max_damping_ratio)
     if count is not None and max_damping_ratio < 1.0:
@@ -84,17 +82,6 @@ def solve_eigenproblem(
     return _normalize(lin, values, shapes, count)
 
 
-@single_threaded
-def undamped_frequencies(lin: LinearizedEquations, count: int) -> Array:
-    """Return the lowest undamped angular frequencies [rad/s], with first-order states held.
-
-    The symmetric parts of M and K are used. The rates of growth of unstable motions count as
-    frequencies; free motions have frequency zero. At least `count` frequencies are computed if
-    there are as many.
-    """
-    return np.sqrt(np.abs(solve_undamped_without_states(lin, count).squares))
-
-
 def _normalize(
     lin: LinearizedEquations, values: Array, shapes: Array, count: int | None
 ) -> EigenSolution:
@@ -105,7 +92,7 @@ def _normalize(
     mass = lin.tangent.mass
     order = np.argsort(np.abs(values), kind="stable")[:count]
     values, shapes = values[order], shapes[:, order]
-    size = np.sqrt(np.abs(np.einsum("ij,ij->j", shapes.conj(), mass @ shapes)))
+    size = np.sqrt(np.abs(quadratic_forms(mass, shapes)))
     phase = np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", shapes, mass @ shapes)))
     shapes = shapes * phase / np.where(size > 0.0, size, 1.0)
     # The sign is chosen so that the first of the largest coordinates is positive: those of

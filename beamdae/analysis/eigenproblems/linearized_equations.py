@@ -243,9 +243,7 @@ class LinearizedEquations:
     @property
     def nonholonomic(self) -> Array:
         """Mask of the constraints on velocities, (m,)."""
-        mask = np.zeros(self.equations.m, bool)
-        mask[self.equations.nonholonomic_rows] = True
-        return mask
+        return np.isin(np.arange(self.equations.m), self.equations.nonholonomic_rows)
 
     def split(self, parts: Sequence[PartCoordinates]) -> list[tuple[LinearizedEquations, Array]]:
         """Return the equations of each group of coupled `parts`, and their coordinates (k,).
@@ -335,6 +333,11 @@ def linearize_in_mixed_form(
         velocity_jacobian=sp.csc_array(tangent.velocity_jacobian[:m]),
     )
     return LinearizedEquations(e, own, mixed=mixed if len(retardation) else None)
+
+
+def quadratic_forms(matrix: sp.sparray, x: Array) -> Array:
+    """Return x^H A x (k,) of a matrix A and the columns x of an array (n, k)."""
+    return np.einsum("ij,ij->j", x.conj(), matrix @ x)
 
 
 def is_symmetric_matrix(matrix: sp.csc_array, tolerance: float = _EXACT_TOLERANCE) -> bool:

@@ -23,6 +23,7 @@ from beamdae.analysis.eigenproblems.linearized_equations import (
     ROUNDING_RATIO,
     LinearizedEquations,
     is_symmetric_matrix,
+    quadratic_forms,
 )
 from beamdae.errors import BeamdaeError
 
@@ -91,8 +92,7 @@ class _Motions(NamedTuple):
 
 def quadratic_form_rounding(matrix: sp.csc_array, shapes: Array) -> Array:
     """Return a bound (k,) on the rounding error of x^H A x for each column x of `shapes`."""
-    sizes = np.abs(shapes)
-    return ROUNDING_RATIO * np.einsum("ij,ij->j", sizes, abs(matrix) @ sizes)
+    return ROUNDING_RATIO * quadratic_forms(abs(matrix), np.abs(shapes))
 
 
 def solve_undamped(lin: LinearizedEquations, count: int | None) -> UndampedModes:
@@ -184,7 +184,7 @@ def _solve_symmetric(
 
 def _bound_rounding(lin: LinearizedEquations, shapes: Array, square: float) -> Array:
     """Return the squared frequencies (k,) up to which those of shapes (n, k) are zero."""
-    inertia = np.einsum("ij,ij->j", shapes.conj(), lin.tangent.mass @ shapes).real
+    inertia = quadratic_forms(lin.tangent.mass, shapes).real
     # Forces that are not balanced turn with the motion.
     forces = np.abs(lin.tangent.residual[: len(shapes)]) / lin.equations.position_scales
     rounding = quadratic_form_rounding(lin.stiffness, shapes) + forces @ np.abs(shapes) ** 2
@@ -471,13 +471,11 @@ def _clean(
     Each free motion is represented by one zero.
     """
     tangent, states, size = lin.tangent, lin.equations.states, np.abs(values)
-    inertia = np.einsum("ij,ij->j", shapes.conj(), tangent.mass @ shapes).real
+    inertia = quadratic_forms(tangent.mass, shapes).real
     inertia += np.sum(np.abs(shapes[states]) ** 2, axis=0)
     shapes = shapes / np.sqrt(np.where(inertia > 0.0, inertia, 1.0))
     rounding = _bound_rounding(lin, shapes, shift**2)
-    kinetic, power = (
-        np.einsum("ij,ij->j", shapes.conj(), x @ shapes) for x in (tangent.mass, tangent.damping)
-    )
+    kinetic, power = (quadratic_forms(x, shapes) for x in (tangent.mass, tangent.damping))
     real = np.where(np.abs(values.real) <= _REAL_TOLERANCE * size, 0.0, values.real)
     imaginary = np.where(np.abs(values.imag) <= _IMAGINARY_TOLERANCE * size, 0.0, values.imag)
     if lin.is_symmetric and not len(states):

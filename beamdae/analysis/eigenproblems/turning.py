@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.eigenproblems.eigensolution import undamped_frequencies
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.eigenproblems.slow_motions import solve_undamped_without_states
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
@@ -76,8 +76,8 @@ def find_turning(
     potential = float(v @ (tangent.stiffness @ v)) / speed**2
     if not is_driven and abs(potential) > _MAX_ENERGY_RATIO * float(v @ (tangent.mass @ v)):
         return None
-    frequencies = undamped_frequencies(linearized, _SLOW_MODES)
-    slowest = np.min(frequencies[frequencies > 0.0], initial=np.inf)
+    squares = np.abs(solve_undamped_without_states(linearized, _SLOW_MODES).squares)
+    slowest = np.sqrt(np.min(squares[squares > 0.0], initial=np.inf))
     if abs(speed) <= _MIN_RELATIVE_SPEED * slowest:
         return None
     part = next(x.name for x in e.parts if fastest in range(*x.rows.indices(e.n)))

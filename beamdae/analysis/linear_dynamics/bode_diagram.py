@@ -29,6 +29,7 @@ from beamdae.errors import (
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.read_only import read_only_data
+from beamdae.results.columns import largest_by
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 from beamdae.symbolic.statements import Variable
 
@@ -55,7 +56,7 @@ _MIN_WIDTH = 1e-6
 # Minimum ratio of listed peaks to the response beside them. Rounding errors cause lower ones, most
 # of all at undamped modes that the input does not excite; those that it excites are far higher.
 _MIN_PEAK_RATIO, _MIN_UNDAMPED_RATIO = 1.01, 2.0**0.5
-_MIN_PEAK_SHARE = 1e-9  # of listed peaks, in the largest magnitude
+_NOISE_RANGE = 1e-9  # smaller values, relative to those with which they are compared, are rounding
 
 
 class TransferFunction(NamedTuple):
@@ -135,27 +136,30 @@ class Bode(HasTable, HasPage):
     @single_threaded
     def transfer_functions(self) -> tuple[TransferFunction, ...]:
         """Transfer functions between different quantities; those with one unit are adjacent."""
-        model = self.model
-        # Medians, because peaks of undamped modes have any magnitude.
-        noise = _TRANSFER_ROUNDING * model.bound_magnitudes(
-            np.quantile(self.frequencies, _QUARTILES)
-        )
-        is_noise = np.median(np.abs(self.response), axis=0) <= noise
-        functions = [
-            TransferFunction(
-                f"{output.header} / {source.header}",
-                i,
-                j,
-                divide_units(output, source),
-                self.response[:, i, j],
-                bool(is_noise[i, j]),
-            )
+        model, sizes = self.model, np.median(np.abs(self.response), axis=0)
+        pairs = [
+            (i, j, divide_units(output, source))
             for j, source in enumerate(model.inputs)
             for i, output in enumerate(model.outputs)
             if output.name != source.name  # The response of an input to itself is 1.
         ]
-        units = [x.unit for x in functions]
-        return tuple(sorted(functions, key=lambda x: units.index(x.unit)))
+        largest = largest_by((unit for *_, unit in pairs), (sizes[i, j] for i, j, _ in pairs))
+        pairs.sort(key=lambda x: list(largest).index(x[2]))
+        noise = _TRANSFER_ROUNDING * model.bound_magnitudes(
+            np.quantile(self.frequencies, _QUARTILES)
+        )
+        return tuple(
+            TransferFunction(
+                f"{model.outputs[i].header} / {model.inputs[j].header}",
+                i,
+                j,
+                unit,
+                self.response[:, i, j],
+                # Medians, because peaks of undamped modes have any magnitude.
+                bool(sizes[i, j] <= max(_NOISE_RANGE * largest[unit], noise[i, j])),
+            )
+            for i, j, unit in pairs
+        )
 
     def table(self) -> pd.DataFrame:
         """Return magnitudes, in output per input, and phases [deg] over the frequency [Hz]."""
@@ -187,7 +191,7 @@ class Bode(HasTable, HasPage):
             if x.is_noise:
                 continue
             size, name = np.abs(x.response), self._short_name(x)
-            levels = np.log(np.maximum(size, _MIN_PEAK_SHARE * size.max()))
+            levels = np.log(np.maximum(size, _NOISE_RANGE * size.max()))
             peaks, found = find_peaks(levels, prominence=np.log(_MIN_PEAK_RATIO))
             ratios = dict(zip(peaks.tolist(), np.exp(found["prominences"]).tolist(), strict=True))
             ratios[int(np.argmax(size))] = np.inf

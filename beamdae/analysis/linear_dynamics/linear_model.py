@@ -179,24 +179,22 @@ class LinearModel(HasPage):
         >>> np.linalg.eigvals(plant.A - plant.B @ [[4.0]] @ plant.C).round(9).tolist()
         [0.6]
         """
-        from scipy.signal import StateSpace
+        from scipy.signal import StateSpace, cont2discrete
 
         if every is None:
             return StateSpace(self.A, self.B, self.C, self.D)
         step = require_positive("state_space", "every", every)
-        n, size = len(self.A), len(self.A) + self.B.shape[1]
         # Elements of A of stiff structures differ so much that the exponential needs balancing.
         balanced, (scale, _) = la.matrix_balance(self.A, permute=False, separate=True)
-        block = np.zeros((size, size))
-        block[:n, :n], block[:n, n:] = balanced, self.B / scale[:, None]
+        rows = scale[:, None]
         with np.errstate(all="ignore"):
-            exponential = la.expm(step * block)[:n]
-        if not np.all(np.isfinite(exponential)):
+            a, b, *_ = cont2discrete((balanced, self.B / rows, self.C, self.D), step)
+        a, b = rows * a / scale, rows * b
+        if not (np.isfinite(a).all() and np.isfinite(b).all()):
             raise BeamdaeError(
                 f"state_space: an unstable motion exceeds the range of numbers within {step:g} s; "
                 "use a shorter interval."
             )
-        a, b = exponential[:, :n] * scale[:, None] / scale, exponential[:, n:] * scale[:, None]
         return StateSpace(a, b, self.C, self.D, dt=step)
 
     @single_threaded
@@ -705,7 +703,8 @@ def reduce_to_states(
     right = -by_inputs
     right[: e.n] -= tangent.stiffness @ dq + tangent.damping @ dv
     right[e.n :][rolling] -= by_q[rolling] @ dv
-    da, dlam = np.split(solve_for_accelerations(e, tangent)(right), [e.n])
+    solve = solve_for_accelerations(e, tangent)
+    da, dlam = np.split(np.stack([solve(column) for column in right.T], axis=1), [e.n])
     derivatives = np.vstack([dv[places], da[rates]])
     if lin.rotation is not None:
         # Observables are functions of velocities in the inertial frame.

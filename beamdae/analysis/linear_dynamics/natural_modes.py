@@ -18,6 +18,7 @@ from beamdae.analysis.eigenproblems.eigensolution import (
     classify_modes,
     solve_eigenproblem,
 )
+from beamdae.analysis.eigenproblems.linearized_equations import quadratic_forms
 from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
@@ -213,7 +214,7 @@ class Modes(HasModeShapes):
         coordinates, mass = RotatingCoordinates.from_equations(lin.equations), lin.tangent.mass
         translations = np.stack([coordinates.translation_vector(axis) for axis in (0, 1)], axis=1)
         masses = np.abs(self.shapes.conj() @ (mass @ translations)) ** 2
-        total = np.einsum("ij,ij->j", translations, mass @ translations)
+        total = quadratic_forms(mass, translations)
         return np.where(masses > _MASS_ROUNDING * total, masses, 0.0)
 
     def table(self) -> pd.DataFrame:
@@ -264,9 +265,7 @@ class Modes(HasModeShapes):
             )
         mass = self._linearization.tangent.mass
         products = np.abs(self.shapes.conj() @ (mass @ other.shapes.T)) ** 2
-        masses = (
-            np.einsum("ij,ji->i", x.conj(), mass @ x.T).real for x in (self.shapes, other.shapes)
-        )
+        masses = (quadratic_forms(mass, x.T).real for x in (self.shapes, other.shapes))
         return products / np.outer(*masses)
 
     def _describe_shares(self, k: int) -> str:
@@ -401,7 +400,10 @@ def _solve(model: Any, lin: Linearization, count: int | None, request: _Request)
     """Return the modes of a linearized model."""
     solution = solve_eigenproblem(lin.linearized_equations, count, request.damping)
     kinds = classify_modes(solution.values)
-    doubts = _describe_hidden_modes(lin, kinds, solution.shapes) + _describe_free_bodies(lin, kinds)
+    doubts = []
+    if free := [k for k, kind in enumerate(kinds) if kind == RIGID]:
+        doubts += _describe_hidden_modes(lin, solution.shapes[:, free])
+        doubts += _describe_free_bodies(lin, len(free) == len(kinds))
     if len(kinds) == count and set(kinds) == {DECAY}:
         doubts.append(
             "all modes decay without oscillation, as fast modes with material damping do at the "
@@ -431,17 +433,16 @@ def _solve(model: Any, lin: Linearization, count: int | None, request: _Request)
     )
 
 
-def _describe_hidden_modes(lin: Linearization, kinds: tuple[str, ...], shapes: Array) -> list[str]:
-    """Return a warning if a free motion deforms a beam, or none.
+def _describe_hidden_modes(lin: Linearization, free: Array) -> list[str]:
+    """Return a warning if a free motion, of the columns of `free`, deforms a beam, or none.
 
     It is a slow vibration that rounding errors of stiffer parts hide.
     """
     e, mass = lin.equations, lin.tangent.mass
-    free = shapes[:, [kind == RIGID for kind in kinds]]
     rigid = e.position_scales[:, None] * compute_rigid_motions(e, lin.state.q)
     momenta = mass @ rigid
     motions = free - rigid @ (np.linalg.pinv(rigid.T @ momenta) @ (momenta.T @ free))
-    energies, totals = (np.einsum("ij,ij->j", x.conj(), mass @ x).real for x in (motions, free))
+    energies, totals = (quadratic_forms(mass, x).real for x in (motions, free))
     if not np.any(energies > _MIN_DEFORMATION_SHARE * totals):
         return []
     return [
@@ -451,13 +452,13 @@ def _describe_hidden_modes(lin: Linearization, kinds: tuple[str, ...], shapes: A
     ]
 
 
-def _describe_free_bodies(lin: Linearization, kinds: tuple[str, ...]) -> list[str]:
+def _describe_free_bodies(lin: Linearization, are_all: bool) -> list[str]:
     """Return a warning about bodies that nothing holds, if they are a part of the mechanism.
 
-    A mechanism that is free as a whole has one if all modes are free motions.
+    A mechanism that is free as a whole has one if `are_all`: all modes are free motions.
     """
-    e, are_all = lin.full_equations, set(kinds) == {RIGID}
-    if RIGID not in kinds or e.mechanism is None:
+    e = lin.full_equations
+    if e.mechanism is None:
         return []
     groups = find_free_groups(e, lin.time, lin.state.q)
     bodies = {part.name for part in e.parts if not part.is_state}

@@ -553,16 +553,18 @@ def _sample(loop: _Loop) -> list[float]:
     grid = np.unique(np.append(np.geomspace(low, high, count), near)).tolist()
     pending, frequencies = list(pairwise(grid)), set(grid)
     while pending and len(frequencies) < _MAX_FREQUENCIES:
-        first, last = pending.pop()
-        begin, end = loop.at(first), loop.at(last)
-        is_small = max(abs(begin), abs(end)) < math.exp(_MIN_SIZE)
-        if is_small or last < (1.0 + _MIN_SPACING) * first:
-            continue
-        change = np.log(end / begin) if begin and end else complex("nan")
-        if not max(abs(change.real), abs(change.imag)) < _MAX_CHANGE:
-            middle = math.sqrt(first * last)
-            frequencies.add(middle)
-            pending += [(first, middle), (middle, last)]
+        halves = []
+        for first, last in pending:
+            begin, end = loop.at(first), loop.at(last)
+            is_small = max(abs(begin), abs(end)) < math.exp(_MIN_SIZE)
+            if is_small or last < (1.0 + _MIN_SPACING) * first:
+                continue
+            change = np.log(end / begin) if begin and end else complex("nan")
+            if not max(abs(change.real), abs(change.imag)) < _MAX_CHANGE:
+                middle = math.sqrt(first * last)
+                frequencies.add(middle)
+                halves += [(first, middle), (middle, last)]
+        pending = halves
     return [f for f in sorted(frequencies) if np.isfinite(loop.at(f)) and loop.at(f)]
 
 

@@ -90,10 +90,13 @@ class VariationalEquations:
         parts = _arrange_parts(pattern, jacobian, n)
         rows, blocks = _STAGES * _STEPS_PER_CALL, -(-2 * n // LANES)
         vectors = ("y", "yp", "real_change", "complex_real", "complex_imaginary")
+        stages = ("w", "last_w", "stages", "rates")
 
         def make_workspace(native: bool) -> VariationalWorkspace:
             buffers = form.buffers(native)
             buffers.jacobian = jacobian.sum(native, form.equations.p)
+            lanes: dict[str, Any] = {name: _lane_zeros(size)[0] for name in vectors}
+            lanes |= {name: _lane_zeros(size, _STAGES) for name in stages}
             return VariationalWorkspace(
                 form=buffers,
                 real_solver=real.make_solver(native, "auto"),
@@ -123,8 +126,7 @@ class VariationalEquations:
                 complex_change=_lane_zeros(size, dtype=complex)[0],
                 residuals=_lane_zeros(reduced_size, _STAGES),
                 unknowns=_lane_zeros(parts.shape[1])[0],
-                **{name: _lane_zeros(size)[0] for name in vectors},
-                **{name: _lane_zeros(size, _STAGES) for name in ("w", "last_w", "stages", "rates")},
+                **lanes,
             )
 
         def matrices(run: VariationalWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
@@ -132,13 +134,15 @@ class VariationalEquations:
 
         return StepLoop(propagate_disturbances, make_workspace, matrices, form.is_native)
 
-    def admissible_disturbances(self, trajectory: Trajectory, scales: Array) -> tuple[Array, Array]:
-        """Return a basis (2 n, k) of the initial disturbances of (q, v) that the joints allow.
+    def admissible_disturbances(
+        self, trajectory: Trajectory, scales: Array
+    ) -> tuple[Array, Array, Array]:
+        """Return the initial disturbances of (q, v) that the joints allow.
 
-        The second value is the matrix (k, 2 n) that expresses disturbances in terms of the basis.
-        The basis is orthonormal in terms of the energy |dq' K dq| + dv' M dv, relative to that of
-        vibrations with the natural sizes `scales`, (2 n,). In this norm, undamped modes of any
-        frequency keep their size; relative to `scales`, stiff modes grow by the ratio of their
+        They are an orthonormal basis (2 n, k) in coordinates whose square is the energy |dq' K dq|
+        + dv' M dv, relative to that of vibrations with the natural sizes `scales`, (2 n,); the
+        other values are the matrices to these coordinates and back. In this norm, undamped modes of
+        any frequency keep their size; relative to `scales`, stiff modes grow by the ratio of their
         frequency to that of the motion.
         """
         n, interval = self.equations.n, trajectory.intervals[0]
@@ -162,10 +166,8 @@ class VariationalEquations:
         is_nonzero = lengths > _ZERO_ROW_RATIO * np.max(lengths, initial=_TINY)
         unit = admissible[:, is_nonzero] / lengths[is_nonzero]
         directions = la.null_space(unit.T) if unit.size else np.eye(2 * n)
-        return (
-            scales[:, None] * la.solve_triangular(factors.T, directions, lower=False),
-            (factors @ directions).T / scales,
-        )
+        back = scales[:, None] * la.solve_triangular(factors.T, np.eye(2 * n), lower=False)
+        return directions, factors.T / scales, back
 
     def _constraint_rows(self, time: Array, state: State, scales: Array) -> Array:
         """Return the scaled derivatives of the constraints with respect to (q, v)."""

@@ -248,23 +248,30 @@ class PeriodRun:
         return float(np.max(np.abs(self.difference / self.scales)))
 
     @cached_property
-    def _disturbance_basis(self) -> tuple[Array, Array]:
+    def _disturbances(self) -> tuple[Array, Array, Array]:
         return self.period_map.variational.admissible_disturbances(
             self.solution.trajectory, self.scales
         )
 
     @property
+    def energy_coordinates(self) -> tuple[Array, Array]:
+        """Matrices (2 n, 2 n) to coordinates whose square is the energy, and back to (q, v)."""
+        return self._disturbances[1:]
+
+    @cached_property
     def basis(self) -> Array:
         """Basis of the admissible disturbances at the start, (2 n, k), orthonormal in energy.
 
         See `VariationalEquations.admissible_disturbances`.
         """
-        return self._disturbance_basis[0]
+        directions, _, back = self._disturbances
+        return np.asarray(back @ directions)
 
-    @property
+    @cached_property
     def projection(self) -> Array:
         """Matrix (k, 2 n) that expresses disturbances of (q, v) in terms of `basis`."""
-        return self._disturbance_basis[1]
+        directions, to, _ = self._disturbances
+        return np.asarray(directions.T @ to)
 
     def propagate(
         self, disturbances: Array, tolerance: float = EXACT_RANK, refinement: int = 0

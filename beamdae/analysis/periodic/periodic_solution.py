@@ -44,14 +44,13 @@ from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import (
     PeriodicMotion,
     floquet_multipliers,
-    largest_modulus,
 )
 
 Array = np.ndarray
 
 _NAME = "periodic"
 # Steps of the variational equations are halved up to this number of times, until the largest
-# modulus of a multiplier changes by at most this amount and by this fraction.
+# multiplier changes by at most this amount and by this fraction.
 _MAX_REFINEMENTS, _MULTIPLIER_TOLERANCE, _MAX_RELATIVE_CHANGE = 4, 1e-5, 0.1
 # Parts of the monodromy matrix below this fraction of its norm are neglected.
 _MULTIPLIER_RANK_TOLERANCE = 1e-6
@@ -189,13 +188,13 @@ def periodic(
                 status=Status("failed", sentence),
             )
         run, iterations = linear.run, linear.iterations
-        multipliers, error = _find_multipliers(run)
+        multipliers, change = _find_multipliers(run)
         status = _describe_outcome(run, iterations, limits, is_free)
         return PeriodicMotion(
             run.solution,
             run.period_map.period,
             multipliers,
-            error,
+            change,
             run.relative_deviation,
             iterations,
             status,
@@ -298,13 +297,12 @@ def _describe_outcome(run: PeriodRun, iterations: int, limits: Tolerance, is_fre
 
 
 def _find_multipliers(run: PeriodRun) -> tuple[Array, float]:
-    """Return the Floquet multipliers, and the change of the largest modulus by halved steps."""
-    previous = np.inf
+    """Return the Floquet multipliers, and the change of the largest one by halved steps."""
+    previous = np.array([np.inf])
     for refinement in range(-1, _MAX_REFINEMENTS + 1):
         monodromy = run.monodromy(tolerance=_MULTIPLIER_RANK_TOLERANCE, refinement=refinement)
-        multipliers = floquet_multipliers(monodromy)
-        largest = largest_modulus(multipliers)
-        error, previous = abs(largest - previous), largest
-        if error <= min(_MULTIPLIER_TOLERANCE, _MAX_RELATIVE_CHANGE * largest):
+        values = np.append(floquet_multipliers(monodromy), 0.0)
+        error, previous = float(np.min(np.abs(values[0] - previous))), values
+        if error <= min(_MULTIPLIER_TOLERANCE, _MAX_RELATIVE_CHANGE * abs(values[0])):
             break
-    return multipliers, error
+    return values[:-1], error

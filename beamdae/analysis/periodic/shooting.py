@@ -104,23 +104,21 @@ class Tolerance(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ShootingMatrix:
-    """Derivatives of the deviation of a run.
+    """Derivatives of the residual about a run.
 
     Attributes
     ----------
     run
-        The run, in terms of whose basis the derivatives are expressed.
-    values
-        Monodromy matrix minus the identity, bordered by the derivative with respect to the
-        parameter of the problem, (k, k + 1).
-    shift
-        Derivative of the consistent state with respect to this parameter (2 n,), without its part
-        in terms of the basis: drivers move with the parameter.
+        The run.
+    jacobian
+        Monodromy matrix minus the identity, in terms of (q, v), (2 n, 2 n).
+    by_parameter
+        Derivative with respect to the parameter of the problem, (2 n,).
     """
 
     run: PeriodRun
-    values: Array
-    shift: Array
+    jacobian: Array
+    by_parameter: Array
 
     @classmethod
     def of(
@@ -132,11 +130,9 @@ class ShootingMatrix:
         """
         shift, change = (np.broadcast_to(x, len(run.scales)) for x in (shift, change))
         inner, change = run.projection @ shift, run.projection @ change
-        matrix = run.monodromy(change, inner, *directions, **options)
-        matrix = matrix - np.eye(len(matrix))
-        # The derivative at a constant state in terms of the basis.
-        values = np.column_stack([matrix, change - matrix @ inner])
-        return cls(run, values, shift - run.basis @ inner)
+        monodromy = run.monodromy(change, inner, *directions, **options)
+        jacobian = run.basis @ monodromy @ run.projection - np.eye(len(shift))
+        return cls(run, jacobian, run.basis @ change - jacobian @ shift)
 
     @classmethod
     def of_free(cls, run: PeriodRun, **options: Any) -> ShootingMatrix:
@@ -147,8 +143,9 @@ class ShootingMatrix:
 
     @cached_property
     def monodromy(self) -> Array:
-        """Monodromy matrix (k, k)."""
-        return self.values[:, :-1] + np.eye(len(self.values))
+        """Monodromy matrix (k, k), in terms of the basis of the run."""
+        matrix = self.run.projection @ self.jacobian @ self.run.basis
+        return np.asarray(matrix + np.eye(len(matrix)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,68 +178,56 @@ class PeriodLinearization:
 
     @cached_property
     def matrix(self) -> ShootingMatrix:
-        """Derivatives of the deviation."""
+        """Derivatives of the residual."""
         return self.kept or self.problem.differentiate(self.run, self.p)
 
     @property
     def residual(self) -> Array:
         """Deviation, and distance from the consistent state."""
-        basis = self.matrix.run
-        deviation = basis.basis @ (basis.projection @ self.run.difference)
-        return np.asarray(deviation + self._complement(self.x - self.run.state))
+        run, off = self.matrix.run, self.x - self.run.state
+        return np.asarray(run.basis @ (run.projection @ (self.run.difference + off)) - off)
 
     @property
     def by_parameter(self) -> Array:
         """Derivative of the residual with respect to the parameter."""
-        matrix = self.matrix
-        return np.asarray(matrix.run.basis @ matrix.values[:, -1] - matrix.shift)
+        return self.matrix.by_parameter
 
     @property
     def alternating(self) -> PeriodLinearization:
         """The linearization with the sum of monodromy matrix and identity in its place."""
-        values = self.matrix.values + 2.0 * np.eye(*self.matrix.values.shape)
-        return replace(self, kept=replace(self.matrix, values=values))
+        jacobian = self.matrix.jacobian + 2.0 * np.eye(len(self.x))
+        return replace(self, kept=replace(self.matrix, jacobian=jacobian))
 
-    def bordered(self, column: Array, row: Array, corner: float) -> _Factors:
-        """Return the factors of the bordered Jacobian; states that are all periodic remain.
+    def bordered(self, column: Array, row: Array, corner: float) -> _Inverse:
+        """Return the inverse of the bordered Jacobian; states that are all periodic remain.
 
         Motions without damping belong to families, in which the period changes with the size: if
         it is free, corrections are those of Levenberg and Marquardt, with a damping proportional to
         the deviation (Yamashita & Fukushima, Computing Suppl. 15 (2001) 239).
         """
-        matrix, off = self.matrix, self._complement(column)
-        top = np.column_stack([matrix.values[:, :-1], matrix.run.projection @ column])
-        small = np.vstack([top, np.append(row @ matrix.run.basis, corner - row @ off)])
-        if not np.isfinite(small).all():
+        run, jacobian = self.matrix.run, self.matrix.jacobian
+        to, back = (la.block_diag(x, 1.0) for x in run.energy_coordinates)
+        matrix = np.vstack([np.column_stack([jacobian, column]), np.append(row, corner)])
+        matrix = to @ matrix @ back
+        if not np.isfinite(matrix).all():
             raise CurveError("the linearized equations are not finite")
-        left, sizes, right = np.linalg.svd(small)
+        left, sizes, right = np.linalg.svd(matrix)
         damping = 0.0
         if self.problem.is_free:
             damping = _DAMPING_RATIO * min(self.run.relative_deviation, 1.0) * sizes[0]
         is_kept = sizes > _NEUTRAL_RATIO * sizes[0]
         inverse = np.where(is_kept, sizes, 0.0) / (sizes**2 + damping**2 + _TINY)
-        return _Factors(self, (right.T * inverse) @ left.T, off, row)
-
-    def _complement(self, change: Array) -> Array:
-        """Return the part of a change of the unknowns that the joints do not allow."""
-        run = self.matrix.run
-        return np.asarray(change - run.basis @ (run.projection @ change))
+        return _Inverse(back @ (right.T * inverse) @ (left.T @ to))
 
 
-class _Factors(NamedTuple):
-    """Inverse of a bordered matrix in terms of the basis; and column and row of the border."""
+class _Inverse(NamedTuple):
+    """Inverse of a bordered matrix."""
 
-    linear: PeriodLinearization
-    inverse: Array
-    off: Array
-    row: Array
+    values: Array
 
     def solve(self, right: Array) -> Array:
         """Return the solution for a right-hand side."""
-        run, off = self.linear.matrix.run, self.linear._complement(right[:-1])
-        reduced = np.append(run.projection @ right[:-1], right[-1] - self.row @ off)
-        *inner, last = self.inverse @ reduced
-        return np.append(run.basis @ inner + off - last * self.off, last)
+        return np.asarray(self.values @ right)
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,16 +311,18 @@ class PeriodProblem(Problem):
         if last is None:
             return PeriodLinearization(self, x, p, run, matrix)
         linear = PeriodLinearization(self, x, p, run, None, last.iterations + 1)
-        projection = matrix.run.projection
-        step = np.append(projection @ (run.state - last.run.state), p - last.p)
-        predicted = matrix.values @ step
-        error = projection @ (run.difference - last.run.difference) - predicted
+        at, move, change = matrix.run, run.state - last.run.state, p - last.p
+        predicted = at.projection @ (matrix.jacobian @ move + change * matrix.by_parameter)
+        error = at.projection @ (run.difference - last.run.difference) - predicted
         if run.relative_deviation <= self.tolerance.target:
             # Errors of the runs would spoil directions in which all states are periodic.
             return replace(linear, kept=matrix)
         if np.linalg.norm(error) <= _MAX_PREDICTION_ERROR * np.linalg.norm(predicted):
-            update = np.outer(error, step) / max(float(step @ step), _TINY)
-            return replace(linear, kept=replace(matrix, values=matrix.values + update))
+            inner = at.projection @ move
+            error = at.basis @ error / max(float(inner @ inner) + change**2, _TINY)
+            jacobian = matrix.jacobian + np.outer(error, inner @ at.projection)
+            by_parameter = matrix.by_parameter + change * error
+            return replace(linear, kept=ShootingMatrix(at, jacobian, by_parameter))
         return linear
 
     def shoot(self, x: Array, p: float, amplitudes: Array | None) -> PeriodRun:
@@ -444,7 +431,7 @@ def solve_shooting(
         row = rate @ run.projection
         control = lambda y, _: Row(float(row @ (y - x)), row, 0.0)  # noqa: E731
 
-    base = PeriodLinearization(problem, x, p, run, before and before.matrix)
+    base = PeriodLinearization(problem, x, p, run, before.matrix if before else None)
     problem = replace(problem, base=base)
     try:
         return linearization_at(problem.correct(control, control(x, p).value, x, p))

@@ -341,7 +341,7 @@ class SingularPoint:
             raise CurveError("its critical mode is not unique") from None
         change = direction.along
         for share, along in zip(shares, self._basis, strict=True):
-            change = change.plus(along, share)
+            change = Tangent(change.x + share * along.x, change.p + share * along.p)
         return change
 
     def _slopes(self, direction: Direction) -> Array:
@@ -357,10 +357,7 @@ class SingularPoint:
         return self._solve(-self.point.linearization.residual)
 
     def _move(self, change: Tangent) -> SingularPoint:
-        point, problem = self.point, self.point.problem
-        x, mu = point.x + change.x, point.p + change.p
-        point = Point(problem, x, mu, problem.linearize(x, mu))
-        return SingularPoint(point, self._system, self._is_limit)
+        return SingularPoint(self.point.plus(change), self._system, self._is_limit)
 
     def _solve(self, right: Array, last: float = 0.0) -> tuple[Array, float]:
         solution = self._factors.solve(np.append(right, last))
@@ -386,7 +383,8 @@ class FlutterPoint(RegularPoint):
         response = direction.along(self.respond(np.append(direction.forces(self.point), 0.0)).x)
         by_parameter = self._growth(response)
         by_load = self._growth(Direction.of_unknowns(self.point, self.system, load))
-        return response.along.plus(load, -float(np.mean(np.real(by_parameter / by_load))))
+        change = load.scale(-float(np.mean(np.real(by_parameter / by_load))))
+        return Tangent(response.along.x + change.x, response.along.p + change.p)
 
     def _growth(self, direction: Direction) -> Array:
         """Return the changes of the growth rates, or of the works without damping."""

@@ -217,9 +217,10 @@ def periodic_sensitivities(
     )
     run = PeriodRun(period_map, motion.solution)
     matrix = ShootingMatrix.of_free(run, tolerance=EXACT_RANK)
-    jacobian = matrix.values[:, :-1]
+    jacobian = run.projection @ matrix.jacobian @ run.basis
     if period is None:
-        jacobian = np.vstack([matrix.values, np.append(run.rates[0], 0.0)])
+        column = run.projection @ matrix.by_parameter
+        jacobian = np.vstack([np.column_stack([jacobian, column]), np.append(run.rates[0], 0.0)])
     singular_values = np.linalg.svd(jacobian, compute_uv=False)
     if not singular_values[-1] > _MIN_SINGULAR_VALUE * singular_values[0]:
         raise BeamdaeError(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -153,13 +152,3 @@ def complete_parameters(caller: str, model: Model, parameters: Any) -> dict[str,
     """Return the values of all parameters, of which `parameters` changes some, or is None."""
     given = {} if parameters is None else parameters
     return model.complete(require_mapping(caller, "parameters", given, "values by name"))
-
-
-def configure_model(caller: str, model: Model, parameters: Any, followed: str) -> Model:
-    """Return the model with `parameters`, values of all but the one to follow, as defaults."""
-    values = complete_parameters(caller, model, parameters)
-    if parameters is not None and followed in parameters:
-        raise BeamdaeError(
-            f"{caller}: parameters contains {followed!r}, the parameter to follow; omit it."
-        )
-    return replace(model, parameters=values)

@@ -350,7 +350,7 @@ def _check_prebuckling(begin: Point, solution: _Solution) -> list[str]:
         ]
     if has_potential:
         factors = (1.0 - _MAX_ERROR) * first, (1.0 + _MAX_ERROR) * first
-        ends = [problem_of(begin).point(begin.x + mu * solution.response.x, mu) for mu in factors]
+        ends = [begin.plus(solution.response.scale(mu)) for mu in factors]
         count, before, after = (stability_of(x).divergent for x in (begin, *ends))
         if before == count < after and max(map(_imbalance, ends)) < _MAX_IMBALANCE:
             return []

@@ -108,7 +108,7 @@ def resolve_parameter(
         If the name is unknown, or the quantity cannot vary continuously.
     """
     first = None if begin is None else require_finite("equilibrium", "from_", begin)
-    name = as_text(over)
+    name = as_text(over) or ""
     if name == TIME:
         return PathParameter(TIME, "s", first or 0.0, end, None, lambda _: equations)
     mechanism = equations.mechanism

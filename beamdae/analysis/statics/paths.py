@@ -266,8 +266,7 @@ def find_unloaded_equilibrium(
 
 def _relax(problem: StaticProblem, q: Array, mu: float, passed: list[Array] | None = None) -> Point:
     q, lam = relax_to_equilibrium(problem.system.at_factor(mu), q, passed)
-    x = problem.start(q)
-    x[len(q) : len(q) + len(lam)] = lam
+    x = problem.start(np.append(q, lam))
     point = problem.point(x, mu)
     # Rounding would move the mechanism along motions without stiffness.
     held = problem_of(_hold_neutral_motions(point))

@@ -31,7 +31,6 @@ from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.linear.fixed_order import FixedOrder, FixedOrderFactors
 from beamdae.linear.orderings import compute_bordered_ordering
 from beamdae.native.loop_functions import (
-    add,
     add_weighted,
     combine,
     count_negative_pivots,
@@ -119,8 +118,8 @@ class SaddlePoint:
         Weights of the terms in natural sizes, and their products with the first factors.
     skew, nonzeros
         Differences of opposite entries, and the saddle-point matrix.
-    shift, counting, ones
-        Shift of each coordinate, (n,), 0, 1, 2, ..., and ones for the norms of entries.
+    counting, ones
+        0, 1, 2, ..., and ones for the norms of entries.
     rigid
         Number of unknowns before the multipliers of constraints with compliance.
     reference
@@ -142,7 +141,6 @@ class SaddlePoint:
     values: Array
     skew: Array
     nonzeros: Array
-    shift: Array
     counting: Array
     ones: Array
     rigid: int
@@ -179,8 +177,7 @@ class SaddlePoint:
             values=np.zeros(count),
             skew=np.zeros(pairs),
             nonzeros=np.zeros(len(saddle.plan.sources)),
-            shift=np.zeros(len(parts)),
-            counting=np.arange(max(count, len(parts)), dtype=np.uint32),
+            counting=np.arange(count, dtype=np.uint32),
             ones=np.ones(2 * pairs),
             rigid=rigid,
         )
@@ -250,17 +247,17 @@ def count_signs(run: SaddlePoint, tangent: Array) -> None:
     assemble_saddle_point(run, tangent)
     run.below = run.above = count_negative_pivots(run.factors, run.nonzeros)
     if run.above < 0 or run.factors.smallest_pivot <= _MIN_PIVOT_RATIO * run.size:
-        shift_diagonal(run, -_SHIFT_RATIO * run.size)
+        _shift_diagonal(run, -_SHIFT_RATIO * run.size)
         run.above = count_negative_pivots(run.factors, run.nonzeros)
-        shift_diagonal(run, 2.0 * _SHIFT_RATIO * run.size)
+        _shift_diagonal(run, 2.0 * _SHIFT_RATIO * run.size)
         run.below = count_negative_pivots(run.factors, run.nonzeros)
 
 
-def shift_diagonal(run: SaddlePoint, shift: float) -> None:
+def _shift_diagonal(run: SaddlePoint, shift: float) -> None:
     """Add `shift` to the diagonal entries of the coordinates."""
     diagonal = run.pattern.diagonal
-    fill(run.shift, shift)
-    add(run.nonzeros, diagonal, run.shift, run.counting, 0, diagonal.size)
+    for k in range(diagonal.size):
+        run.nonzeros[diagonal[k]] += shift
 
 
 @bounded_cache(_MAX_CACHED_BYTES, array_bytes)

@@ -10,7 +10,8 @@ import numpy as np
 from beamdae.analysis.continuation.engine import Row
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
 from beamdae.errors import BeamdaeError, short_repr, suggest
-from beamdae.results.columns import Header, remove_unit
+from beamdae.results.columns import remove_unit
+from beamdae.results.equilibrium import static_headers
 
 Array = np.ndarray
 
@@ -44,16 +45,11 @@ class PrescribedColumn:
             If there is no such column, or it depends on velocities or reactions.
         """
         positions: dict[str, tuple[Observable, int]] = {}
+        without_rates = set(static_headers(equations))
         for observable in equations.observables:
             for k, header in enumerate(observable.headers):
-                has_reactions = observable.rows.stop > observable.rows.start
-                if (
-                    has_reactions
-                    or observable.has_accelerations
-                    or Header.of(header).suffix.endswith("_dot")
-                ):
-                    continue
-                positions[header] = positions[remove_unit(header)] = (observable, k)
+                if header in without_rates and observable.rows.stop == observable.rows.start:
+                    positions[header] = positions[remove_unit(header)] = (observable, k)
         if name not in positions:
             names = ", ".join(x for x in positions if not x.endswith("]")) or "none"
             raise BeamdaeError(

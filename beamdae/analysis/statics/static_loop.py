@@ -110,10 +110,9 @@ class StaticWorkspace:
     has_forces, has_tangent
         1 if forces and tangent have been evaluated at `inputs` and `mu`, else 0.
     has_factors
-        1 if the last factors are those for the tangent and `row`, with F_mu as column, else 0.
-    is_near
-        1 if all this holds for the point before the last correction of `CORRECT`, whose factors are
-        used again for the tangent of the path; else 0.
+        1 if the last factors are those of the tangent at the last point where it was evaluated and
+        `row`, with F_mu as column, else 0. A solution keeps those before its last correction for
+        the tangent of the path.
     """
 
     common: LoadPart
@@ -148,33 +147,38 @@ class StaticWorkspace:
     has_forces: int = 0
     has_tangent: int = 0
     has_factors: int = 0
-    is_near: int = 0
 
 
 def perform_task(run: StaticWorkspace) -> int:
     """Perform the task; return DONE, a code of `judge` or the code of the linear solver."""
-    task, size = run.task, run.forces.size
-    if run.is_near == 1 and (task != FIND_TANGENT or run.has_factors == 0):
-        forget_point(run)
+    task = run.task
     if task == CORRECT:
         return _correct(run)
-    if task in (EVALUATE_FORCES, FIND_TANGENT):
-        _evaluate_forces(run)
+    if task == FIND_TANGENT:
+        return _find_tangent(run)
     if task == EVALUATE_FORCES:
-        return DONE
-    _evaluate_tangent(run)
+        _evaluate_forces(run)
+    else:
+        _evaluate_tangent(run)
     if task == COUNT_SIGNS:
         count_signs(run.saddle, run.nonzeros)
-    if task == FIND_TANGENT:
-        fill(run.right[:size], 0.0)
-        run.right[size] = 1.0
-        return _solve_newton(run)
     return DONE
 
 
 def forget_point(run: StaticWorkspace) -> None:
     """Mark all values as those of another point."""
-    run.has_forces = run.has_tangent = run.has_factors = run.is_near = 0
+    run.has_forces = run.has_tangent = run.has_factors = 0
+
+
+def _find_tangent(run: StaticWorkspace) -> int:
+    """Find the derivatives by the control; return DONE or the code of the linear solver."""
+    size = run.forces.size
+    if run.has_factors == 0:
+        _evaluate_forces(run)
+        _evaluate_tangent(run)
+    fill(run.right[:size], 0.0)
+    run.right[size] = 1.0
+    return _solve_newton(run)
 
 
 def _correct(run: StaticWorkspace) -> int:
@@ -202,10 +206,7 @@ def _correct(run: StaticWorkspace) -> int:
         combine(lam, (1.0, share), (lam, run.right[n:size]))
         run.mu += share * run.right[size]
         run.deviation += share * inner_product(run.row, run.right)
-        if code == DONE:
-            run.is_near = 1
-        else:
-            forget_point(run)
+        run.has_forces = run.has_tangent = 0
         if run.is_linear == 0:
             return code
     return code
@@ -271,3 +272,4 @@ def _evaluate_tangent(run: StaticWorkspace) -> None:
     add(run.nonzeros, run.added_targets, run.added, run.counting, 0, run.added.size)
     run.nonzeros[run.scaled.size] = 1.0
     run.has_tangent = 1
+    run.has_factors = 0

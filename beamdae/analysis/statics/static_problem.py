@@ -414,9 +414,9 @@ class StaticProblem(Problem):
         """Inverse sizes of the coordinates that make all parts equally stiff as drawn."""
         return np.where(self._weights > 0.0, 1.0 / self.scales, 0.0)
 
-    def start(self, q: Array) -> Array:
-        """Return the unknowns (q, 0)."""
-        return np.append(q, np.zeros(len(self.weights) - self.n))
+    def start(self, x: Array) -> Array:
+        """Return the unknowns that begin with (q, ...), with zeros for the others."""
+        return np.append(x, np.zeros(len(self.weights) - len(x)))
 
     def linearize(self, x: Array, p: float, last: Any = None) -> StaticLinearization:
         """Return the equations, linearized about (x, p)."""

@@ -42,6 +42,7 @@ def compare_command(
     path: StudyPath,
     settings: Settings = None,
     model_name: ModelName = None,
+    out: Out = Path("results"),
     time_limit: TimeLimit = None,
     t_end: EndTime = None,
     output_step: OutputStep = None,
@@ -51,7 +52,6 @@ def compare_command(
     parquet: Parquet = False,
     page: Page = True,
     picture: Pictures = True,
-    out: Out = Path("results"),
 ) -> None:
     """Run a study, or one model with several integrators, and compare with a reference.
 

@@ -170,11 +170,11 @@ def fit_command(
     def write_tables(result: Fit) -> list[Path]:
         from beamdae.results.storage.files import write_escaped_table
 
-        tables = zip(further, (result.residual_table(), result.starts), strict=False)
-        return [
-            result.to_csv(files.table),
-            *(write_escaped_table(path, table) for path, table in tables),
-        ]
+        written = [result.to_csv(files.table)]
+        written.append(write_escaped_table(residuals, result.residual_table()))
+        if result.starts is not None:
+            written.append(write_escaped_table(searches, result.starts))
+        return written
 
     run_analysis(
         files,

@@ -140,10 +140,8 @@ def modes_command(
     if is_single:
 
         def animate_modes(modes: Any) -> None:
-            from beamdae.report.pictures.mode_shapes import animate_mode
-
             for k, file in animations.items():
-                files.write(file.name, lambda k=k, file=file: [animate_mode(modes, k, file)])
+                files.write(file.name, partial(_animate, modes, k, file))
 
         title = f"{model.name}, natural modes"
         describe = partial(_describe_modes, model.name)
@@ -202,3 +200,7 @@ def _draw_campbell(diagram: Any, path: Path, title: str) -> Path:
     from beamdae.report.pictures.mode_shapes import create_campbell_figure
 
     return save_figure(create_campbell_figure(diagram, title), path)
+
+
+def _animate(modes: Any, k: int, path: Path) -> list[Path]:
+    return [modes.animate(k, path)]

@@ -54,6 +54,7 @@ def run_command(
     integrator: IntegratorName = "auto",
     rtol: RelativeTolerance = None,
     step: FixedStep = None,
+    out: Out = Path("results"),
     rho_inf: Annotated[
         float | None,
         expert_option(
@@ -78,7 +79,6 @@ def run_command(
     t_end: EndTime = None,
     start: Starts = None,
     output_step: OutputStep = None,
-    out: Out = Path("results"),
     estimate: Annotated[
         bool, accuracy_option(help="Estimate the error of every column by a second run.")
     ] = True,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -52,16 +53,6 @@ if TYPE_CHECKING:
 
 _VALUE_FORMS = f"VALUE,VALUE,... or {SPACED_FORMS}"
 _MAX_MEASURES = 100
-_RUN_OPTIONS = (
-    "--integrator",
-    "--rtol",
-    "--step",
-    "--of",
-    "--time-limit",
-    "--t-end",
-    "--output-step",
-    "--start",
-)
 
 
 def sweep_command(
@@ -95,6 +86,7 @@ def sweep_command(
     integrator: IntegratorName = "auto",
     rtol: RelativeTolerance = None,
     step: FixedStep = None,
+    out: Out = Path("results"),
     time_limit: TimeLimit = None,
     t_end: EndTime = None,
     output_step: OutputStep = None,
@@ -104,7 +96,6 @@ def sweep_command(
     parquet: Parquet = False,
     page: Page = True,
     picture: Pictures = True,
-    out: Out = Path("results"),
 ) -> None:
     """Run a model over all combinations of parameter values; write a table, plots and a page.
 
@@ -117,10 +108,17 @@ def sweep_command(
     from beamdae.cli.model_files.model_file import ModelFile
 
     measure = _create_measure(modes, buckling)
+    named = None if integrator == "auto" else integrator
+    method_options = {"--integrator": named, "--rtol": rtol, "--step": step}
     if measure:
         if not over:
             raise BeamdaeError("sweep: --modes and --buckling require --over NAME=VALUES.")
-        _require_no_run_options(integrator, rtol, step, of, time_limit, t_end, output_step, start)
+        settings_of_runs = {"--of": of, "--time-limit": time_limit, "--t-end": t_end}
+        settings_of_runs |= {"--output-step": output_step, "--start": start}
+        reason = (
+            "is an option of runs, but with --modes or --buckling the model is not run; omit it."
+        )
+        _reject_options(method_options | settings_of_runs, reason)
         model = ModelFile(path).model(model_name)
         kind = "_".join(["sweep", *(["modes"] * bool(modes)), *(["buckling"] * bool(buckling))])
         sweep = _sweep_from_options(model, over, settings, measure, kind=kind)
@@ -130,7 +128,8 @@ def sweep_command(
         model = file.model(model_name)
         sweep = _sweep_from_options(model, over, settings, None, split_names(of, model), method)
     else:
-        _require_no_sweep_options(settings, integrator, rtol, step)
+        reason = "requires --over; to change a sweep in a file, edit the file."
+        _reject_options({"--set": settings, **method_options}, reason)
         sweep = _sweep_of_file(ModelFile(path), model_name)
         columns = tuple(split_names(of, sweep.cases[0].model))
         sweep = replace(sweep, columns=columns) if columns else sweep
@@ -182,15 +181,11 @@ def _create_measure(modes: int | None, buckling: int | None) -> dict[str, Any]:
     }
 
 
-def _require_no_run_options(integrator: str, *others: Any) -> None:
-    """Raise an error for options of runs, given in the order of `_RUN_OPTIONS`."""
-    values = (None if integrator == "auto" else integrator, *others)
-    for option, value in zip(_RUN_OPTIONS, values, strict=True):
+def _reject_options(options: Mapping[str, Any], reason: str) -> None:
+    """Raise an error for the first option that has a value."""
+    for option, value in options.items():
         if value is not None:
-            raise BeamdaeError(
-                f"sweep: {option} is an option of runs, but with --modes or --buckling the model "
-                f"is not run; omit {option}."
-            )
+            raise BeamdaeError(f"sweep: {option} {reason}")
 
 
 def parse_values(model: Model, name: str, text: str) -> list[Any]:
@@ -219,19 +214,6 @@ def _split_at_commas(text: str) -> list[str]:
         else:
             parts[-1] += character
     return parts
-
-
-def _require_no_sweep_options(
-    settings: list[str] | None, integrator: str, rtol: float | None, step: float | None
-) -> None:
-    """Raise an error for options that conflict with the definition of a sweep in a file."""
-    method = None if integrator == "auto" else integrator
-    options = {"--set": settings, "--integrator": method, "--rtol": rtol, "--step": step}
-    for option, value in options.items():
-        if value is not None:
-            raise BeamdaeError(
-                f"sweep: {option} requires --over; to change a sweep in a file, edit the file."
-            )
 
 
 def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:

@@ -218,18 +218,19 @@ def _compile_file(path: Path) -> CodeType:
         if separator and file.endswith(".py") and name:
             remedy = f"; choose a model of the file {path.with_name(file)} by name (--model {name})"
         raise BeamdaeError(f"{path}: a model file must be a Python file (.py){remedy}.")
-    if not path.exists():
-        raise BeamdaeError(f"{path}: there is no such file.")
-    if not path.is_file():
-        raise BeamdaeError(
-            f"{path}: the path is not a regular file; a model file must be a Python file (.py)."
-        )
     try:
-        source = path.read_bytes()
+        if not path.exists():
+            raise BeamdaeError(f"{path}: there is no such file.")
+        if not path.is_file():
+            raise BeamdaeError(
+                f"{path}: the path is not a regular file; a model file must be a Python file (.py)."
+            )
+        content = path.read_bytes()
     except OSError as problem:
         raise BeamdaeError(f"{path}: the file cannot be read: {problem.strerror}.") from problem
     register_input(path)
     with translate_errors(f"{path}: the import", path):
+        source = importlib.util.decode_source(content)
         return compile(source, path.absolute(), "exec", dont_inherit=True)
 
 

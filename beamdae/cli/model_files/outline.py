@@ -25,7 +25,7 @@ class OutlinedModel:
     parameters
         Parameters by name; defaults that are no plain values are source texts.
     about
-        First line of the docstring.
+        First line of the docstring of the function or, if missing, of the file.
     """
 
     t_end: Any
@@ -72,7 +72,8 @@ def read_outline(file: Path) -> Outline:
             kind = _public_name(decorator if call is None else call.func, names)
             if kind == _MODEL:
                 t_end = {x.arg: x.value for x in (call.keywords if call else ())}.get("t_end")
-                about = (ast.get_docstring(function) or "").partition("\n")[0]
+                about = ast.get_docstring(function) or ast.get_docstring(tree) or ""
+                about = about.partition("\n")[0]
                 models[function.name] = OutlinedModel(_plain(t_end), _parameters(function), about)
             elif kind in _STUDIES:
                 studies.append(function.name)

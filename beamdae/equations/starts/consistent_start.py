@@ -99,8 +99,11 @@ class ConsistencySolver(StateEvaluator):
         if not len(e.states):
             return v
         # The rows of these states are x' - f.
-        is_state = 1.0 - e.without_states(np.ones(e.n))
-        return v - is_state * self.force(time, q, v)
+        return v - self._is_state * self.force(time, q, v)
+
+    @property
+    def _is_state(self) -> Array:
+        return 1.0 - self.equations.without_states(np.ones(self.equations.n))
 
     def start_state(self, time: Array, q: Array, v: Array) -> State:
         """Return the consistent state at the start of a run.
@@ -150,7 +153,8 @@ class ConsistencySolver(StateEvaluator):
         if stiff_time > 0.0:
             change = self.evaluate_force_change(time, q, v, stiff_time)
             stiffness = self.stiffness_force(time, q, v, lam, stiff_time**2 * a)
-            force = force + change + stiffness
+            # The matrix has a unit diagonal for first-order states.
+            force = force + change + stiffness + self._is_state * a
         return force, levels[2]
 
     def evaluate_normal_jerk(

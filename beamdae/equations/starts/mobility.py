@@ -11,13 +11,13 @@ from scipy.sparse.csgraph import connected_components
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
-from beamdae.equations.starts.rank import RANK_TOLERANCE, ConstraintRank
+from beamdae.equations.starts.rank import RANK_TOLERANCE, ConstraintRank, list_tied_parts
 from beamdae.equations.starts.rigid_motions import (
     collect_bodies,
     compute_rigid_motions,
 )
 from beamdae.equations.starts.state_evaluator import StateEvaluator, plan_state_sums
-from beamdae.symbolic.sparse_operators import column_indices, row_indices
+from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
@@ -141,15 +141,10 @@ def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
     for k, part in enumerate(e.parts):
         owner[part.rows] = k
     block = plan_state_sums(e.structure).block
-    grounded, ties = set(), [owner[[block.pattern.indices, column_indices(block.pattern)]]]
-    for joint in e.joints:
-        columns = joint.operator.indices
-        copies = row_indices(joint.operator) // (joint.operator.shape[0] // joint.count)
-        for copy in range(joint.count):
-            tied = np.unique(owner[columns[copies == copy]])
-            ties.append(np.stack([tied[:1].repeat(len(tied)), tied]))
-            if len(tied) == 1:
-                grounded.add(int(tied[0]))
+    tied = list_tied_parts(e)
+    ties = [owner[[block.pattern.indices, column_indices(block.pattern)]]]
+    ties += [np.stack([x[:1].repeat(len(x)), x]) for x in tied]
+    grounded = {int(x[0]) for x in tied if len(x) == 1}
     grounded |= _find_parts_on_ground(e)
     pairs = np.hstack(ties)
     graph = sp.coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(e.parts), len(e.parts)))

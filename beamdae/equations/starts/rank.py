@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from beamdae.symbolic.sparse_operators import column_indices
+from beamdae.symbolic.sparse_operators import column_indices, row_indices
 
 Array = np.ndarray
 
 RANK_TOLERANCE = 1e-9  # smaller singular values of rows of length one are treated as zero
 _MAX_ENTRIES = 2_000_000  # of the matrices evaluated together
 MIN_RELATIVE_SHARE = 0.1  # relative to the largest; joints with smaller shares are not named
-_GROUND = ""
 
 
 def normalize_rows(matrix: Array) -> tuple[Array, Array]:
@@ -173,24 +173,28 @@ def build_constraint_jacobian(e: EquationsOfMotion) -> ConstraintJacobian:
     return ConstraintJacobian(StateEvaluator(e), e.m)
 
 
+def list_tied_parts(e: EquationsOfMotion) -> list[Array]:
+    """Return the indices of the parts with coordinates that each joint constrains."""
+    owner, ties = np.zeros(e.n, int), []
+    for k, part in enumerate(e.parts):
+        owner[part.rows] = k
+    for joint in e.joints:
+        copies = row_indices(joint.operator) // (joint.operator.shape[0] // joint.count)
+        owners = owner[joint.operator.indices]
+        ties += [np.unique(owners[copies == copy]) for copy in range(joint.count)]
+    return ties
+
+
 def has_closed_loops(e: EquationsOfMotion) -> bool:
     """Return True if joints or drivers form a loop; without loops, the rank of G is constant."""
-    owner = [name.rpartition(".")[0] for name in e.q_names]
-    group = {body: body for body in (*owner, _GROUND)}
-
-    def root(body: str) -> str:
-        while group[body] != body:
-            body = group[body]
-        return body
-
-    for joint in e.joints:
-        tied = {owner[column] for column in joint.operator.indices}
-        first, *others = [root(body) for body in (tied if len(tied) > 1 else {*tied, _GROUND})]
-        if not others or first in others or len(set(others)) < len(others):
-            return True
-        for other in others:
-            group[other] = first
-    return False
+    # Parts, then the ground, then joints; those of one part tie it to the ground.
+    ground = len(e.parts)
+    ties = [x if len(x) > 1 else np.append(x, ground) for x in list_tied_parts(e)]
+    joints = ground + 1 + np.repeat(np.arange(len(ties)), [len(x) for x in ties])
+    pairs = np.concatenate(ties) if ties else np.zeros(0, int), joints
+    size = ground + 1 + len(ties)
+    graph = sp.coo_array((np.ones(len(joints)), pairs), shape=(size, size))
+    return len(joints) > size - connected_components(graph, directed=False)[0]
 
 
 def scaled_null_space(rows: sp.csc_array, scales: Array) -> Array:

@@ -86,14 +86,10 @@ _MIN_ERROR = 1e-9
 def take_fixed_steps(run: AlphaWorkspace) -> int:
     """Take equal steps until the interval ends, the rows are full or a step fails.
 
-    After a jump of held inputs, store the state after the jump first. Return DONE, FULL, or the
-    code of a failure or of a request for new pivots.
+    Return DONE, FULL, or the code of a failure or of a request for new pivots.
     """
     if run.has_jumped == 1:
-        code = apply_input_jump(run)
-        if code != DONE:
-            return code
-        _store_row(run)
+        return apply_input_jump(run)
     while run.step_count < run.total_steps:
         if run.filled == run.most:
             return FULL

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -22,17 +21,15 @@ from beamdae.integrators.alpha.step_loop import (
     take_fixed_steps,
 )
 from beamdae.integrators.alpha.workspace import AlphaWorkspace, Motion
-from beamdae.integrators.compiled_run import FactorizedMatrix, RepeatedCall, StepLoop
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.method import (
     FIXED_STEPS_PER_CHECK,
-    MAX_TIME_BETWEEN_CHECKS,
     STEPS_PER_CHECK,
     StepError,
     allocate_rows,
     count_equal_steps,
 )
 from beamdae.integrators.multiplier_tolerances import UNTESTED_MULTIPLIERS, MultiplierTolerances
-from beamdae.integrators.sampling import Sampler
 from beamdae.native.return_codes import DONE, ERROR_TOO_LARGE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.outcome import Statistics
 
@@ -52,8 +49,6 @@ _RTOL_NOTE = (
     "rtol controls positions in smooth motion; errors of deflections, reactions and positions in "
     "abrupt motion may exceed the bound; use Radau(rtol) or Auto(rtol), or estimate the errors"
 )
-# Numbers of the workspace that change at samples of controllers.
-_SAMPLE_INPUTS = ("has_jumped", "step_count", "total_steps", "most", "start_time", "end")
 _FAILURES = {
     NOT_CONVERGED: "Newton's iteration did not converge",
     NOT_FINITE: "the residual is not finite",
@@ -119,8 +114,7 @@ class AlphaStepper:
                 nonzeros=matrix.nonzeros,
                 weights=weights,
                 reaction_weights=np.full(m, float(tests_reactions)),
-                # Each step may be followed by the state after a sample.
-                rows=allocate_rows(1 + 3 * n + m, 2 * self.steps_per_check),
+                rows=allocate_rows(1 + 3 * n + m, self.steps_per_check),
                 newton_tolerance=newton_tolerance,
                 min_correction_limit=INCREMENT_ROUNDING * max(1.0, size),
                 tolerance=tolerance,
@@ -231,13 +225,7 @@ class AlphaStepper:
 
 
 class FixedAlphaStepper(AlphaStepper):
-    """Stepper with equal steps of at most `step` [s] in each interval.
-
-    Attributes
-    ----------
-    sampler, awaits_sample
-        See `SamplingMethod`.
-    """
+    """Stepper with equal steps of at most `step` [s] in each interval."""
 
     resolved_options: ClassVar[dict[str, Any]] = {}
     steps_per_check: ClassVar[int] = FIXED_STEPS_PER_CHECK
@@ -246,91 +234,24 @@ class FixedAlphaStepper(AlphaStepper):
     def __init__(self, *settings: Any, step: float) -> None:
         super().__init__(*settings)
         self._step = step
-        self.sampler: Sampler | None = None
-        self.awaits_sample = False
-        self._call = RepeatedCall(self._step_loop, _SAMPLE_INPUTS, ("filled",))
-        self._problem: BeamdaeError | None = None
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
         """Begin the smooth interval from `start` to `end` [s] at a consistent state."""
         self._begin(start, end, branch, state)
-        run, self._problem = self._run, None
+        run = self._run
         run.accepted_motion.h = 0.0
         self._prepare_steps(end)
         self._set_initial_motion((run.end - start) / run.total_steps)
 
     def _prepare_steps(self, end: float) -> None:
         run = self._run
-        self._interval_end, self.awaits_sample = end, False
-        run.end = self._next_stop(run.t, end)
-        run.step_count, run.total_steps = 0, count_equal_steps(run.end - run.t, self._step)
-
-    def _next_stop(self, t: float, end: float) -> float:
-        return end if self.sampler is None else self.sampler.next_stop(t, end)
+        run.end, run.step_count = end, 0
+        run.total_steps = count_equal_steps(end - run.t, self._step)
 
     def _can_resume(self, end: float) -> bool:
-        return self._count_resumed_steps(self._run.t, self._next_stop(self._run.t, end)) > 0
-
-    def _count_resumed_steps(self, start: float, end: float) -> int:
-        """Return the number of steps of the present length from `start` to `end` [s], or zero."""
-        count, h = count_equal_steps(end - start, self._step), self._run.current.h
-        return count if abs((end - start) / count - h) <= SAME_STEP * h else 0
-
-    def advance(self, most: int) -> Array:
-        """Take 1 to `most` steps and the samples between them; see `SamplingMethod`.
-
-        Raises
-        ------
-        StepError
-            If no step is possible.
-        BeamdaeError
-            If the law of a controller fails.
-        """
-        if self.sampler is None:
-            return super().advance(most)
-        run = self._run
-        run.most, run.filled = min(most, len(run.rows)), 0
-        if self._code >= 0 and self._problem is None:
-            self._advance_through_samples(self.sampler)
-        if run.filled == 0 and not self.awaits_sample:
-            # Steps before a failure have been returned first.
-            if self._problem is not None:
-                raise self._problem
-            raise StepError(self._describe_failure(self._code), step=run.current.h)
-        return run.rows[: run.filled]
-
-    def _advance_through_samples(self, sampler: Sampler) -> None:
-        run, call = self._run, self._call
-        q, v, branch, most = run.current.q, run.current.v, run.branch, run.most
-        deadline = clock.perf_counter() + MAX_TIME_BETWEEN_CHECKS
-        call.begin()
-        try:
-            stop, before = run.end, len(run.rows)
-            code, (filled,) = call()
-            while code == DONE and stop < self._interval_end:
-                start, stop = stop, sampler.next_stop(stop, self._interval_end)
-                count = self._count_resumed_steps(start, stop)
-                if count == 0:
-                    self.awaits_sample = True
-                    break
-                # The state after the sample and a step need two rows.
-                is_full = filled == most or filled + 2 > len(run.rows)
-                if is_full or (filled and clock.perf_counter() > deadline):
-                    break
-                sampler.update(start, branch, q, v)
-                before, most = filled, min(most + 1, len(run.rows))
-                code, (filled,) = call(1, 0, count, most, start, stop)
-        except BeamdaeError as problem:
-            self._problem = problem
-        finally:
-            call.finish()
-        self._code = code
-        if run.has_jumped == 1:
-            # The driver restarts at this sample.
-            run.has_jumped, self._code, self.awaits_sample = 0, DONE, True
-        elif run.filled == before + 1:
-            # The state after a sample without a step.
-            run.filled = before
+        """Return True if steps of the present length fill the time to `end` [s]."""
+        rest, h = end - self._run.t, self._run.current.h
+        return abs(rest / count_equal_steps(rest, self._step) - h) <= SAME_STEP * h
 
 
 class AdaptiveAlphaStepper(AlphaStepper):

@@ -35,8 +35,6 @@ SAMPLE_SPACING = 1.0 / 1024.0
 _MIN_PEAK = 0.2
 # Smaller differences, relative to the largest value of the force, are rounding errors.
 _ROUNDING = 1e-12
-# Forces whose rough samples stay below this fraction of that threshold are not examined further.
-_ROUGH_SHARE = 0.5
 # Peaks in one step are separated by samples lower than this fraction of the highest one.
 _QUIET = 1e-2
 # The run restarts at the last sample before a peak that is lower than this fraction of its height.
@@ -87,32 +85,10 @@ class ForcePeakWatch:
         gap = first + np.repeat(np.arange(len(gaps)), counts)
         order = np.arange(len(gap)) - np.repeat(np.cumsum(counts) - counts, counts) + 1
         t = interval.nodes[gap] + order * np.repeat(gaps / (counts + 1), counts)
-        suspects = self._list_suspects(interval, t, first, gap)
-        if not suspects:
-            return None
         samples = _Samples(interval, t)
-        peaks = (self._find_first_of_force(k, samples, first, gap) for k in suspects)
+        forces = range(len(self.terms))
+        peaks = (self._find_first_of_force(k, samples, first, gap) for k in forces)
         return min((peak for peak in peaks if peak is not None), default=None)
-
-    def _list_suspects(self, interval: Interval, t: Array, first: int, gap: Array) -> list[int]:
-        """Return the numbers of the forces that may have peaks, from rough samples at times `t`.
-
-        Positions are interpolated like velocities. This takes a fraction of the time of `_Samples`,
-        which matters if controllers take frequent samples. For methods with stages, the positions
-        differ by less than the error test resolves; for other methods, they are the same.
-        """
-        weights, count, suspects = interval.velocity_weights_at(t), len(interval.nodes), []
-        times = np.concatenate([interval.nodes, t])
-        for k, term in enumerate(self.terms):
-            motion = (x[:, term.columns] for x in interval.rows[:2])
-            q, v = (np.concatenate([x, weights @ x]) for x in motion)
-            values = term.evaluate_local(times, interval.branch, q, v)
-            at_nodes, force = values[:count], values[count:]
-            excess = np.abs(force - weights @ at_nodes)
-            # Also true for values that are not numbers.
-            if not (excess <= _ROUGH_SHARE * _peak_threshold(force, at_nodes, first, gap)).all():
-                suspects.append(k)
-        return suspects
 
     def _find_first_of_force(
         self, force_index: int, samples: _Samples, first: int, gap: Array

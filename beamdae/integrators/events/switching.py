@@ -6,8 +6,9 @@ Positions change only as far as needed to close the small gaps of activated join
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +39,10 @@ _MIN_FLIGHT = 1e-9
 # They also accumulate if an impact after less than this fraction of the run has no impulse: the
 # bodies still separate, so that the flight is below the rounding errors of the positions.
 _MAX_UNRESOLVED_FLIGHT = 1e-3
+_IMPACT_ADVICE = (
+    "; activate a joint that keeps the bodies together with bd.activate(joint, as_is=True), or use "
+    "a Contact"
+)
 
 
 @dataclass(frozen=True)
@@ -158,60 +163,54 @@ def _require_closed(solver: ConsistencySolver, time: Array, q: Array) -> None:
         )
 
 
-@dataclass
 class MethodCache:
     """Methods of a run, one per configuration, created on first use.
 
     Attributes
     ----------
-    make
-        Function that creates the method for a plan.
-    first, configuration
-        Method at the start, and its configuration (None if the active parts never change).
+    first
+        Method at the start.
     """
 
-    make: Callable[[RunPlan], Method]
-    first: Method
-    configuration: Configuration | None
-    _by_inactive_parts: dict[frozenset[str], Method] = field(default_factory=dict, init=False)
-    # Configurations with frozen gaps never recur, so that only their last method is kept ...
-    _frozen: tuple[EquationsOfMotion | None, Method | None] = field(
-        default=(None, None), init=False
-    )
-    # ... with the counts of earlier methods.
-    _past_counts: list[Statistics] = field(default_factory=list, init=False)
-    _switch_times: list[float] = field(default_factory=list, init=False)
-    _impact_times: dict[str, float] = field(default_factory=dict, init=False)
-    _flights: dict[str, float] = field(default_factory=dict, init=False)
+    def __init__(
+        self,
+        make: Callable[[RunPlan], Method],
+        plan: RunPlan,
+        configuration: Configuration | None,
+    ) -> None:
+        """Create the method for the plan at the start; `make` creates those of all plans."""
+        self._make = make
+        self.first = make(plan)
+        self._methods = {self._key(configuration): self.first}
+        self._past_counts: list[Statistics] = []
+        self._switch_times: list[float] = []
+        self._impact_times: dict[str, float] = {}
+        self._flights: dict[str, float] = {}
 
-    def __post_init__(self) -> None:
-        configuration = self.configuration
-        if configuration is not None and configuration.frozen_gaps:
-            self._frozen = (configuration.equations, self.first)
-        else:
-            inactive = frozenset() if configuration is None else configuration.inactive
-            self._by_inactive_parts[inactive] = self.first
+    @staticmethod
+    def _key(configuration: Configuration | None) -> Any:
+        if configuration is None:
+            return frozenset()
+        # Configurations with frozen gaps are equal if their equations are.
+        return configuration.equations if configuration.frozen_gaps else configuration.inactive
 
     def get(self, plan: RunPlan, configuration: Configuration) -> Method:
         """Return the method of a configuration; create it for `plan` if there is none yet."""
-        if not configuration.frozen_gaps:
-            if configuration.inactive not in self._by_inactive_parts:
-                self._by_inactive_parts[configuration.inactive] = self.make(plan)
-            return self._by_inactive_parts[configuration.inactive]
-        equations, method = self._frozen
-        if method is None or equations is not configuration.equations:
-            if method is not None:
-                self._past_counts.append(method.counts)
-            method = self.make(plan)
-            self._frozen = (configuration.equations, method)
-        return method
+        key = self._key(configuration)
+        if key not in self._methods:
+            # Configurations with frozen gaps never recur: only their last method is kept.
+            for old in [x for x in self._methods if not isinstance(x, frozenset)]:
+                if configuration.frozen_gaps:
+                    self._past_counts.append(self._methods.pop(old).counts)
+            self._methods[key] = self._make(plan)
+        return self._methods[key]
 
     @property
     def counts(self) -> Statistics:
         """Sum of the statistics of all methods of the run."""
-        frozen = self._frozen[1]
-        methods = [*self._by_inactive_parts.values(), *([] if frozen is None else [frozen])]
-        counts = [*(vars(method.counts) for method in methods), *map(vars, self._past_counts)]
+        counts = [
+            vars(x) for x in [*(m.counts for m in self._methods.values()), *self._past_counts]
+        ]
         return Statistics(**{name: sum(count[name] for count in counts) for name in counts[0]})
 
     def stall_reason(self, event: EventTerm, t: float, duration: float) -> str | None:
@@ -228,7 +227,7 @@ class MethodCache:
             return None
         advice = "; separate the thresholds of the events"
         if select_impacts(event.do):
-            advice = self._advise(event)
+            advice = _IMPACT_ADVICE
         return (
             f"events acted {_MAX_SWITCHES} times within {window:.2g} s, the last one is "
             f"{event.name}{advice}"
@@ -253,28 +252,5 @@ class MethodCache:
     def _describe_accumulation(self, event: EventTerm, flight: float) -> str:
         return (
             f"impacts of event {event.name} accumulate, and the last two are {flight:.2g} s "
-            f"apart{self._advise(event)}"
+            f"apart{_IMPACT_ADVICE}"
         )
-
-    def _advise(self, event: EventTerm) -> str:
-        """Return the end of a message about impacts of an event that do not end."""
-        if beam := self._flexible_part(event):
-            return (
-                f", because an impact reverses only the section of {beam} that it hits, and the "
-                "rest follows; use a Contact"
-            )
-        return (
-            "; activate a joint that keeps the bodies together with bd.activate(joint, "
-            "as_is=True), or use a Contact"
-        )
-
-    def _flexible_part(self, event: EventTerm) -> str | None:
-        """Return the name of a part that deforms and defines the column of an event, or None."""
-        if self.configuration is None:
-            return None
-        columns = set(event.observable.operator.indices.tolist())
-        for part in self.configuration.equations.parts:
-            is_flexible = part.rigid_count < part.rows.stop - part.rows.start
-            if is_flexible and not columns.isdisjoint(range(part.rows.start, part.rows.stop)):
-                return part.name
-        return None

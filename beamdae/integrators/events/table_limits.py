@@ -33,40 +33,36 @@ class TableWatch:
 
     Attributes
     ----------
-    terms
-        Arguments of the tables in force formulas.
-    finds_peaks
-        True to detect peaks that a step passes over, for adaptive methods: their error test does
-        not see a peak between the places at which they evaluate the table.
-    grids
-        Arguments of each call of a table of two arguments, for peaks.
+    limited
+        Arguments whose tables end a run where it leaves them.
+    calls
+        Arguments of each call of a table whose peaks are detected, for adaptive methods: their
+        error test does not see a peak between the places at which they evaluate the table.
     """
 
-    terms: Sequence[TableArgumentTerm]
-    finds_peaks: bool
-    grids: Sequence[Sequence[TableArgumentTerm]] = ()
+    limited: Sequence[TableArgumentTerm]
+    calls: Sequence[Sequence[TableArgumentTerm]] = ()
     spacing: ClassVar[float] = 0.0
 
     def find_first(self, interval: Interval, begin: float) -> Stop | None:
         """Return the first stop in the steps after `begin` [s], or None."""
         first = int(np.searchsorted(interval.t, begin))
         t, state = interval.t[first:], State(*(x[first:] for x in interval.state))
-        stops = []
-        for term in self.terms if len(t) > 1 else ():
-            if term.part in interval.inactive:
-                continue
-            values = term.evaluate(t, interval.branch, state)
-            if term.is_limited:
-                stops.append(_find_end(term, interval, t, values))
-            if self.finds_peaks and len(term.table.axes) == 1:
-                stops.append(_find_peak(term, interval, t, values))
-        if self.finds_peaks and len(t) > 1:
-            grids = (grid for grid in self.grids if grid[0].part not in interval.inactive)
-            stops += [_find_peak_of_grid(grid, interval, t, state) for grid in grids]
+        if len(t) < 2:
+            return None
+        stops = [
+            *(_find_end(x, interval, t, state) for x in self.limited if _is_active(x, interval)),
+            *(_find_peak(x, interval, t, state) for x in self.calls if _is_active(x[0], interval)),
+        ]
         return min((stop for stop in stops if stop is not None), default=None)
 
 
-def _find_end(term: TableArgumentTerm, interval: Interval, t: Array, values: Array) -> Stop | None:
+def _is_active(term: TableArgumentTerm, interval: Interval) -> bool:
+    return term.part not in interval.inactive
+
+
+def _find_end(term: TableArgumentTerm, interval: Interval, t: Array, state: State) -> Stop | None:
+    values = term.evaluate(t, interval.branch, state)
     (outside,) = np.nonzero(term.distance_outside(values) > 0.0)
     if not len(outside):
         return None
@@ -76,78 +72,60 @@ def _find_end(term: TableArgumentTerm, interval: Interval, t: Array, values: Arr
     return Stop(when, when, term.describe(float(values[k])))
 
 
-def _find_peak(term: TableArgumentTerm, interval: Interval, t: Array, values: Array) -> Stop | None:
-    """Return the first row of the first peak that a step passed over; tables of one argument."""
-    knots, heights = term.table.list_rows(float(values.min()), float(values.max()))
-    place = np.searchsorted(knots, values)
-    # A peak lies between two other rows.
-    for k in np.flatnonzero((np.abs(np.diff(place)) > 1) & (np.diff(t) > 0.0)):
-        start, end = float(t[k]), float(t[k + 1])
-        ascends = place[k + 1] > place[k]
-        rows = np.arange(min(place[k : k + 2]), max(place[k : k + 2]))[:: 1 if ascends else -1]
-        middle = _evaluate(term, interval, 0.5 * (start + end))
-        seen = term.table(np.array([values[k], middle, values[k + 1]]))
-        excess = np.maximum(heights[rows] - seen.max(), seen.min() - heights[rows])
-        (peaks,) = np.nonzero(excess > _MIN_PEAK * np.ptp(heights))
-        if not len(peaks):
-            continue
-        peak = int(peaks[0])
-        probe = _locate(term, interval, start, end, float(knots[rows[peak]]))
-        foot = (
-            start
-            if peak == 0
-            else _locate(term, interval, start, probe, float(knots[rows[peak - 1]]))
-        )
-        return Stop(foot, probe)
-    return None
-
-
-def _find_peak_of_grid(
-    grid: Sequence[TableArgumentTerm], interval: Interval, t: Array, state: State
+def _find_peak(
+    call: Sequence[TableArgumentTerm], interval: Interval, t: Array, state: State
 ) -> Stop | None:
-    """Return the first peak of a table of two arguments that a step passed over.
+    """Return the row of a table before the first peak that a step passed over.
 
     The table is evaluated where the arguments, interpolated linearly, pass its rows, and between
     these places.
     """
-    table = grid[0].table
-    arguments = _evaluate_grid(grid, interval, t, state)
-    places = [np.searchsorted(*pair) for pair in zip(table.axes, arguments, strict=True)]
-    passed = sum(np.abs(np.diff(place)) for place in places)
+    table = call[0].table
+    arguments = _evaluate_call(call, interval, t, state)
+    knots = table.axes
+    if len(knots) == 1:
+        (x,) = arguments
+        knots = (table.list_rows(float(x.min()), float(x.max()))[0],)
+    places = [np.searchsorted(*pair) for pair in zip(knots, arguments, strict=True)]
+    passed = np.sum([np.abs(np.diff(place)) for place in places], axis=0)
+    # A peak lies between two other rows.
     for k in np.flatnonzero((passed > 1) & (np.diff(t) > 0.0)):
+        start, end = float(t[k]), float(t[k + 1])
         shares = [
-            (knots[min(place[k : k + 2]) : max(place[k : k + 2])] - x[k]) / (x[k + 1] - x[k])
-            for knots, place, x in zip(table.axes, places, arguments, strict=True)
+            (rows[min(place[k : k + 2]) : max(place[k : k + 2])] - x[k]) / (x[k + 1] - x[k])
+            for rows, place, x in zip(knots, places, arguments, strict=True)
             if place[k] != place[k + 1]
         ]
         rows = np.unique(np.concatenate([[0.0], *shares, [1.0]]))
-        share = np.sort(np.concatenate([rows, 0.5 * (rows[1:] + rows[:-1]), [0.5]]))
-        times = t[k] + share * (t[k + 1] - t[k])
-        values = table(*_evaluate_grid(grid, interval, times, interval.at(times)))
-        sampled = values[[0, int(np.searchsorted(share, 0.5)), -1]]
-        excess = np.maximum(values - sampled.max(), sampled.min() - values)
+        share = np.sort(np.concatenate([rows, 0.5 * (rows[1:] + rows[:-1])]))
+        middle = np.array([0.5 * (start + end)])
+        at_middle = _evaluate_call(call, interval, middle, interval.at(middle))
+        seen = table(
+            *(np.append(x[k : k + 2], y) for x, y in zip(arguments, at_middle, strict=True))
+        )
+        values = table(*(x[k] + share * (x[k + 1] - x[k]) for x in arguments))
+        excess = np.maximum(values - seen.max(), seen.min() - values)
         (peaks,) = np.nonzero(excess > _MIN_PEAK * np.ptp(table.values))
         if len(peaks):
             first = int(peaks[0])
-            foot = float(t[k] + rows[rows < share[first]][-1] * (t[k + 1] - t[k]))
-            probe = float(times[first + int(np.argmax(excess[first : first + 2]))])
+            highest = share[first + int(np.argmax(excess[first : first + 2]))]
+            term = next(x for x in call if places[x.axis][k] != places[x.axis][k + 1])
+            ends = arguments[term.axis][k : k + 2]
+            shares_of_stop = [rows[rows < share[first]][-1], highest]
+            levels = np.interp(shares_of_stop, [0.0, 1.0], ends).tolist()
+            foot, probe = (_locate(term, interval, start, end, level) for level in levels)
             return Stop(foot, probe)
     return None
 
 
-def _evaluate_grid(
-    grid: Sequence[TableArgumentTerm], interval: Interval, t: Array, state: State
+def _evaluate_call(
+    call: Sequence[TableArgumentTerm], interval: Interval, t: Array, state: State
 ) -> list[Array]:
     """Return all arguments of a call at times `t` [s]."""
-    arguments = [np.full(len(t), np.nan if x is None else x) for x in grid[0].constants]
-    for term in grid:
+    arguments = [np.full(len(t), np.nan if x is None else x) for x in call[0].constants]
+    for term in call:
         arguments[term.axis] = term.evaluate(t, interval.branch, state)
     return arguments
-
-
-def _evaluate(term: TableArgumentTerm, interval: Interval, t: float) -> float:
-    times = np.array([t])
-    return float(term.evaluate(times, interval.branch, interval.at(times))[0])
 
 
 def _locate(
@@ -158,7 +136,8 @@ def _locate(
     from scipy.optimize import brentq
 
     def difference(t: float) -> float:
-        return _evaluate(term, interval, t) - level
+        times = np.array([t])
+        return float(term.evaluate(times, interval.branch, interval.at(times))[0]) - level
 
     if difference(start) * difference(end) >= 0.0:
         return end if abs(difference(end)) < abs(difference(start)) else start

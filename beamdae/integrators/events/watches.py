@@ -23,11 +23,12 @@ def watch_tables_and_contacts(
         from beamdae.integrators.events.contact_onsets import ContactWatch
 
         watches.append(ContactWatch(gaps, equations.length))
-    terms = [term for term in find_distinct(arguments) if term.is_limited or is_adaptive]
-    if terms:
+    distinct = find_distinct(arguments)
+    limited = [term for term in distinct if term.is_limited]
+    calls = [(term,) for term in distinct if len(term.constants) == 1] if is_adaptive else []
+    if limited or calls or (is_adaptive and arguments):
         from beamdae.integrators.events.table_limits import TableWatch
 
-        watches.append(
-            TableWatch(terms, is_adaptive, group_grids(arguments) if is_adaptive else ())
-        )
+        grids = group_grids(arguments) if is_adaptive else ()
+        watches.append(TableWatch(limited, [*calls, *grids]))
     return tuple(watches)

@@ -194,12 +194,10 @@ def _iterate_newton(run: RadauWorkspace, h: float) -> int:
                 if is_rounding or size <= run.stagnation_limit:
                     # Rounding errors do not indicate how fast the iteration converged.
                     run.rate = last_rate if is_rounding else rate
-                    run.newton_error = max(run.newton_error, size)
                     return DONE
             if rate > (_MAX_SECOND_GROWTH if k == 1 else 1.0):
                 break
         if rate < 1.0 and size * rate <= 1.0 - rate:
-            run.newton_error = max(run.newton_error, size * rate / (1.0 - rate))
             run.rate = rate if k > 0 else 0.0
             return DONE
         if k > 0:

@@ -77,9 +77,6 @@ def take_radau_steps(run: RadauWorkspace) -> int:
             if multipliers > error:
                 error = multipliers
         if error < 1.0:
-            estimates = run.error[: run.test_weights.size]
-            minimum(run.lowest_errors[0], run.lowest_errors[0], 1.0, estimates)
-            minimum(run.lowest_errors[1], run.lowest_errors[1], -1.0, estimates)
             _accept_step(run, h, error)
             _store_step(run, h, h == remaining)
             continue

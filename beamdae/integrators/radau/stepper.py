@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import time as clock
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -21,12 +19,10 @@ from beamdae.equations.formulations.kinematic_reduction import (
     KinematicReduction,
     reduce_kinematics,
 )
-from beamdae.errors import BeamdaeError
-from beamdae.integrators.compiled_run import FactorizedMatrix, RepeatedCall, StepLoop
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.error_control import (
     POSITION_ROUNDING,
     STIFF_RATIO_RADAU,
-    ErrorControl,
     MotionScales,
     motion_scales,
     reduce_tolerance,
@@ -34,7 +30,6 @@ from beamdae.integrators.error_control import (
 )
 from beamdae.integrators.method import (
     MATRIX_SINGULAR,
-    MAX_TIME_BETWEEN_CHECKS,
     RESIDUAL_NOT_FINITE,
     StepError,
 )
@@ -46,8 +41,7 @@ from beamdae.integrators.multiplier_tolerances import (
 from beamdae.integrators.radau.step_loop import take_radau_steps
 from beamdae.integrators.radau.workspace import TOO_SMALL, RadauWorkspace, StepSizeState
 from beamdae.integrators.run_plan import RunPlan
-from beamdae.integrators.sampling import Sampler
-from beamdae.native.return_codes import DONE, ERROR_TOO_LARGE, NOT_CONVERGED, NOT_FINITE, SINGULAR
+from beamdae.native.return_codes import ERROR_TOO_LARGE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.outcome import Statistics
 
 if TYPE_CHECKING:
@@ -62,18 +56,6 @@ _MIN_STEP_SHARE = 1e-12
 # Fewer than with Ida, because a step of Radau costs as much as ten steps of Ida.
 _STEPS_PER_CHECK = 8
 _STAGES = 3
-# Numbers of the workspace that change at samples of controllers.
-_SAMPLE_INPUTS = (
-    "most",
-    "filled",
-    "end",
-    "step_size.smallest",
-    "step_size.next_step",
-    "step_size.last_step",
-    "step_size.last_error",
-    "step_size.is_retry",
-)
-_SAMPLE_OUTPUTS = ("filled", "step_size.next_step")
 _FAILURES = {
     NOT_CONVERGED: "Newton's iteration did not converge at the smallest step; check the model near "
     "this time",
@@ -175,18 +157,10 @@ class StepTolerance:
 
 
 class RadauStepper:
-    """Stepper of Radau IIA: up to 8 steps per call, with one row per stage.
-
-    Attributes
-    ----------
-    sampler, awaits_sample
-        See `SamplingMethod`.
-    """
+    """Stepper of Radau IIA: up to 8 steps per call, with one row per stage."""
 
     rows_per_step: ClassVar[int] = _STAGES
     steps_per_check: ClassVar[int] = _STEPS_PER_CHECK
-    sampler: Sampler | None = None
-    awaits_sample: bool = False
 
     def __init__(
         self,
@@ -198,9 +172,18 @@ class RadauStepper:
     ) -> None:
         self._form = form = formulate_first_order(plan.equations, STABILIZED_FORM, apart=True)
         self._scales = motion_scales(plan)
-        self._error_control = error_control
-        self._control, self._tolerance = self._resolve_tolerance(rtol, plan, self._scales)
-        tolerance = self._tolerance
+        self._control = resolve_error_control(
+            error_control,
+            _ORDER,
+            form.formulation,
+            rtol,
+            self._scales.rate,
+            STIFF_RATIO_RADAU,
+            plan.fastest_modes,
+        )
+        tested = self._control.tested_velocities(plan.equations, tangent_frames=True)
+        self._local = _local_tolerance(rtol, self._control.policy, self._scales.periods, form)
+        tolerance = StepTolerance(self._local, self._scales, tested)
         longest = plan.longest_step("Radau", max_step)
         pattern, jacobian, reduction = reduce_kinematics(form)
         real = plan.matrix("Radau", pattern)
@@ -226,49 +209,6 @@ class RadauStepper:
 
         self._step_loop = StepLoop(take_radau_steps, make_run, matrices, form.is_native)
         self._run = self._step_loop.work
-        self._call = RepeatedCall(self._step_loop, _SAMPLE_INPUTS, _SAMPLE_OUTPUTS)
-        self._problem: BeamdaeError | None = None
-
-    def _resolve_tolerance(
-        self, rtol: float, plan: RunPlan, scales: MotionScales
-    ) -> tuple[ErrorControl, StepTolerance]:
-        control = resolve_error_control(
-            self._error_control,
-            _ORDER,
-            self._form.formulation,
-            rtol,
-            scales.rate,
-            STIFF_RATIO_RADAU,
-            plan.fastest_modes,
-        )
-        tested = control.tested_velocities(plan.equations, tangent_frames=True)
-        local = plan.tolerance_factor * self._local_tolerance(rtol, control.policy, scales.periods)
-        return control, StepTolerance(local, scales, tested)
-
-    def _local_tolerance(self, rtol: float, policy: str, periods: float) -> float:
-        """Return the local tolerance that keeps the error of a run near `rtol`.
-
-        It decreases with the number of periods of the motion, because errors accumulate.
-        """
-        is_one_sided = any(term.kernel.is_one_sided for term in self._form.equations.forces)
-        factor, exponent = _ONE_SIDED_LAW if is_one_sided else _TOLERANCE_LAWS[policy]
-        by_period = _PERIOD_EXPONENT_VELOCITIES if policy == "velocities" else _PERIOD_EXPONENT
-        return factor * rtol**exponent * reduce_tolerance(periods, by_period, _PERIOD_EXPONENT_LONG)
-
-    def satisfies(self, rtol: float, plan: RunPlan) -> bool:
-        """Return True if all steps so far satisfy the tolerances of a run with `rtol` on `plan`.
-
-        If they do, `resolved_options` describe these tolerances.
-        """
-        control, tolerance = self._resolve_tolerance(rtol, plan, motion_scales(plan))
-        errors = -self._run.lowest_errors.min(axis=0)
-        iteration_weights = np.concatenate(tolerance.iteration_weights)
-        ratio = np.max(iteration_weights / np.concatenate(self._tolerance.iteration_weights))
-        is_accurate = np.max(errors * tolerance.test_weights) < 1.0
-        if not (is_accurate and self._run.newton_error * ratio <= 1.0):
-            return False
-        self._control, self._tolerance = control, tolerance
-        return True
 
     @property
     def workspace(self) -> RadauWorkspace:
@@ -282,7 +222,7 @@ class RadauStepper:
             "error_control": self._control.policy,
             "auto": self._control.reason,
             "method": "Radau",
-            "local_tolerance": self._tolerance.local,
+            "local_tolerance": self._local,
         }
 
     @property
@@ -307,13 +247,13 @@ class RadauStepper:
         Earlier factors are discarded.
         """
         run, size = self._run, self._run.step_size
-        run.t, run.branch, self._problem = start, branch, None
+        run.t, run.branch = start, branch
         self._set_end(start, end)
         run.y[:], run.yp[:] = self._form.pack(state)
         run.factors_step, run.iterations, run.rate, run.failure_code = 0.0, 0, 1.0, TOO_SMALL
         size.newton_limit = size.longest
         # A long run with a law that changes fast may ask for a first step too small for the clock.
-        first = max(self._scales.first_step(self._tolerance.local, state), size.smallest)
+        first = max(self._scales.first_step(self._local, state), size.smallest)
         size.next_step = min(first, size.longest)
         size.last_step, size.last_error, size.is_retry = 0.0, 0.0, 0
 
@@ -340,10 +280,9 @@ class RadauStepper:
         return state
 
     def _set_end(self, start: float, end: float) -> None:
-        """Set the interval from `start` to `end` [s], and the first stop in it."""
+        """Set the interval from `start` to `end` [s]."""
         run = self._run
-        self._interval_end, self.awaits_sample = end, False
-        run.end = end if self.sampler is None else self.sampler.next_stop(start, end)
+        run.end = end
         run.step_size.smallest = _MIN_STEP_SHARE * max(abs(start), abs(run.end))
 
     @cached_property
@@ -356,65 +295,29 @@ class RadauStepper:
     def advance(self, most: int) -> Array:
         """Take 1 to `most` steps, but at most 8; return rows (t, q, v, a, lam) of all stages.
 
-        If there is a sampler, take the samples between the steps, too; see `SamplingMethod`.
-
         Raises
         ------
         StepError
             If no step is possible.
-        BeamdaeError
-            If the law of a controller fails.
         """
         run = self._run
         run.most, run.filled = min(most, _STEPS_PER_CHECK), 0
         # Steps before a failure are returned first; the next call fails again.
-        if self.sampler is None:
-            code = self._step_loop()
-        elif self._problem is None:
-            code = self._advance_through_samples(self.sampler)
-        if run.filled == 0 and not self.awaits_sample:
-            raise self._problem or StepError(_FAILURES[code])
+        code = self._step_loop()
+        if run.filled == 0:
+            raise StepError(_FAILURES[code])
         return run.rows[: run.filled]
 
-    def _advance_through_samples(self, sampler: Sampler) -> int:
-        """Take up to `run.most` steps, and the samples between them; return the loop's code."""
-        run, call, most = self._run, self._call, self._run.most
-        n, y, yp = run.form.n, run.y, run.yp
-        q, v = y[:n], y[n : 2 * n]
-        deadline = clock.perf_counter() + MAX_TIME_BETWEEN_CHECKS
-        call.begin()
-        try:
-            stop, before = run.end, len(run.rows)
-            code, (filled, next_step) = call()
-            while code == DONE and stop < self._interval_end:
-                # The state after the sample and a step need as many rows as two steps.
-                is_full = filled >= _STAGES * most or filled + 2 * _STAGES > len(run.rows)
-                if is_full or (filled and clock.perf_counter() > deadline):
-                    break
-                start, stop = stop, sampler.next_stop(stop, self._interval_end)
-                has_jumped = sampler.update(start, run.branch, q, v)
-                if has_jumped and not self._input_jump.apply_in_place(start, run.branch, y, yp):
-                    self.awaits_sample = True
-                    break
-                rows = run.rows[filled : filled + _STAGES]
-                rows[:, 0] = start
-                rows[:, 1 : 1 + 2 * n] = y[: 2 * n]
-                rows[:, 1 + 2 * n :] = yp[n : n + rows.shape[1] - 1 - 2 * n]
-                before, most = filled, most + 1
-                smallest = _MIN_STEP_SHARE * max(abs(start), abs(stop))
-                values = most, filled + _STAGES, stop, smallest, max(next_step, smallest)
-                code, (filled, next_step) = call(*values, *((0.0, 0.0, 0) if has_jumped else ()))
-        except BeamdaeError as problem:
-            self._problem = problem
-        finally:
-            call.finish()
-        if self.awaits_sample:
-            # The held values have changed: the driver restarts.
-            run.t = math.nan
-        elif run.filled == before + _STAGES:
-            # The state after a sample without a step.
-            run.filled = before
-        return code
+
+def _local_tolerance(rtol: float, policy: str, periods: float, form: FirstOrderForm) -> float:
+    """Return the local tolerance that keeps the error of a run near `rtol`.
+
+    It decreases with the number of periods of the motion, because errors accumulate.
+    """
+    is_one_sided = any(term.kernel.is_one_sided for term in form.equations.forces)
+    factor, exponent = _ONE_SIDED_LAW if is_one_sided else _TOLERANCE_LAWS[policy]
+    by_period = _PERIOD_EXPONENT_VELOCITIES if policy == "velocities" else _PERIOD_EXPONENT
+    return factor * rtol**exponent * reduce_tolerance(periods, by_period, _PERIOD_EXPONENT_LONG)
 
 
 def make_workspace(
@@ -460,7 +363,6 @@ def make_workspace(
         entry_columns=np.repeat(np.arange(reduced_size), np.diff(pattern.indptr)),
         error=np.zeros(size),
         difference=np.zeros(size),
-        lowest_errors=np.zeros((2, 2 * n)),
         vector=np.zeros(reduced_size),
         product=np.zeros(reduced_size),
         constraint_errors=np.zeros(reduced_size),
@@ -472,8 +374,7 @@ def make_workspace(
         iteration_weights=np.concatenate([positions, velocities]),
         velocity_weights=velocities,
         velocity_rounding_weights=tolerance.rounding_weights,
-        # A state after a sample may precede each step.
-        rows=np.zeros((2 * _STAGES * _STEPS_PER_CHECK, 1 + 3 * n + m)),
+        rows=np.zeros((_STAGES * _STEPS_PER_CHECK, 1 + 3 * n + m)),
         rounding_ratio=tolerance.scales.rounding_ratio,
         stagnation_limit=_MAX_STAGNATION_FRACTION / tolerance.iteration_fraction,
     )

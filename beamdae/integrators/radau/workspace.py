@@ -86,9 +86,6 @@ class RadauWorkspace:
         Row and column indices of these non-zeros.
     error, difference
         Error estimate, and difference between the embedded solution and the step.
-    lowest_errors
-        Lowest error estimates of (q, v) in all accepted steps, and lowest negative ones,
-        (2, 2 n).
     vector, product, constraint_errors
         Work arrays of the reduced equations.
     test_weights
@@ -121,8 +118,6 @@ class RadauWorkspace:
     residuals, jacobians, failures, rejections
         Numbers of residual evaluations (three per iteration), of Jacobian evaluations, of failed
         Newton iterations and of rejected steps.
-    newton_error
-        Largest weighted estimate of the Newton error in all steps.
     failure_code
         Code of the last rejected attempt at the current or the previous step, or TOO_SMALL if there
         is none.
@@ -155,7 +150,6 @@ class RadauWorkspace:
     entry_columns: Array
     error: Array
     difference: Array
-    lowest_errors: Array
     vector: Array
     product: Array
     constraint_errors: Array
@@ -182,5 +176,4 @@ class RadauWorkspace:
     jacobians: int = 0
     failures: int = 0
     rejections: int = 0
-    newton_error: float = 0.0
     failure_code: int = TOO_SMALL

@@ -39,39 +39,7 @@ _COVERABLE_KINDS = ("guide", "surface", "gear")  # kinds of lines that labels ma
 
 
 def draw(mechanism: Mechanism) -> Plot:
-    """Draw a mechanism: bodies, joints, supports, springs and loads with their names.
-
-    The drawing shows the reference configuration, even if a different start is requested. Rigid
-    bodies are drawn by their shape or, without a shape, by lines between their attachment points,
-    or between a single attachment point and the center of mass; beams are drawn along their axis,
-    with the heights of their sections if any of these varies (times a factor above the drawing if
-    they are too thin to be visible).
-    Arrows of forces show the direction, not the magnitude, at t = 0 or, if the force is zero then,
-    at a later time.
-
-    Parameters
-    ----------
-    mechanism
-        The mechanism.
-
-    Returns
-    -------
-    Plot
-        The drawing, displayed by a notebook; `Plot.save` writes it to a file.
-
-    Raises
-    ------
-    BeamdaeError
-        If the argument is not a mechanism or has no parts that can be drawn.
-
-    Examples
-    --------
-    >>> import beamdae as bd
-    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
-    >>> bob = mech.add(bd.RigidBody("bob", mass=1.0, inertia=0.1, center=(1.0, 0.0)))
-    >>> hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
-    >>> path = mech.draw().save("pendulum.svg")
-    """
+    """Return the drawing of a mechanism, see `Mechanism.draw`."""
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError(f"draw: the argument must be a Mechanism, got {short_repr(mechanism)}.")
     return Plot(create_drawing(mechanism))

@@ -138,34 +138,10 @@ def create_modes_figure(modes: Modes | Buckling, title: str = "") -> Figure:
 def animate_mode(
     modes: Modes | Buckling, mode: int, path: str | Path | None = None, frames: int = 32
 ) -> Animation | Path:
-    """Animate one period of a mode, without decay or growth, in a notebook or in a file.
-
-    Parameters
-    ----------
-    modes
-        Modes of a mechanism, see `beamdae.modes` and `beamdae.buckling`.
-    mode
-        Number of the mode, starting at 1.
-    path
-        Path of a GIF or MP4 file, see `beamdae.animate`. Without a path, the animation is displayed
-        in a notebook.
-    frames
-        Number of frames per period, 2 to 500.
-
-    Returns
-    -------
-    Animation or Path
-        Animation for a notebook, or the path of the file.
-
-    Raises
-    ------
-    BeamdaeError
-        If an argument is invalid, the mode does not exist, there is no mechanism with parts that
-        can be drawn, ffmpeg is required but missing, or the file cannot be written.
-    """
-    scenes = ModeScenes("animate_mode", modes)
-    k = require_count("animate_mode", "mode", mode, most=len(modes)) - 1
-    number = require_count("animate_mode", "frames", frames, least=2, most=MAX_FRAMES)
+    """Return the animation of a mode, or write it; see `Modes.animate`."""
+    scenes = ModeScenes("animate", modes)
+    k = require_count("animate", "mode", mode, most=len(modes)) - 1
+    number = require_count("animate", "frames", frames, least=2, most=MAX_FRAMES)
     # With this phase, a real mode shape starts from zero displacement.
     phases = np.exp(2j * np.pi * (np.arange(number) / number - 0.25))
     scene, caption = scenes.vibrating(k, phases), f"mode {modes.describe(k)}"
@@ -182,7 +158,7 @@ def animate_mode(
     SceneArtists(axis, scenes.rest, is_pale=True)
     add_caption(axis).set_text(caption)
     artists, rate = SceneArtists(axis, scene), max(round(number / _DISPLAYED_PERIOD), 1)
-    return save_animation("animate_mode", path, figure, artists.show, number, rate)
+    return save_animation("animate", path, figure, artists.show, number, rate)
 
 
 def draw_campbell(diagram: Campbell, multiples: Sequence[int] | None = None) -> Plot:

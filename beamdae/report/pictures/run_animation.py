@@ -53,47 +53,7 @@ def animate(
     trail: Any = False,
     scale: float | None = None,
 ) -> Animation | Path:
-    """Animate a run in a notebook or in a file.
-
-    Bodies, joints, guides, springs, dampers, contacts and loads are drawn as in `draw`. The length
-    of a load arrow is proportional to the load, relative to the largest value in the frames.
-
-    Parameters
-    ----------
-    solution
-        The run.
-    path
-        Path of a file with the suffix .gif or .mp4; MP4 requires the program ffmpeg. Without a
-        path, the animation is displayed in a notebook.
-    speed
-        Playback speed relative to real time.
-    frames
-        Number of frames, 2 to 500. Defaults to 25 per second of the animation, within these
-        limits.
-    color
-        Quantity that colors the beams: "strain" or "stress" (largest magnitude in each section), or
-        the section force "N", "Q" or "M". The color scale covers the whole run.
-    trail
-        True to show the trails of all observed points, or the names of the points to trace.
-    scale
-        Factor of the displacements from the first frame. Defaults to 1 if the largest displacement
-        exceeds 1 % of the size of the mechanism or the mechanism contains contacts, whose gaps are
-        not enlarged. Otherwise, it defaults to a factor that makes the motion visible while no
-        section of a beam is drawn rotated by more than 0.3 rad and no rigid body by more than
-        0.1 rad from the first frame, or to 1 if there is none. The animation shows factors other
-        than 1.
-
-    Returns
-    -------
-    Animation or Path
-        Animation for a notebook, or the path of the file.
-
-    Raises
-    ------
-    BeamdaeError
-        If an argument is invalid, the run has no mechanism, the color quantity or a traced point
-        does not exist, ffmpeg is required but missing, or the file cannot be written.
-    """
+    """Return the animation of a run, or write it; see `Solution.animate`."""
     if not isinstance(solution, Solution):
         raise BeamdaeError(
             f"animate: solution must be a Solution of a run, got {short_repr(solution)}."

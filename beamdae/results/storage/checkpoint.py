@@ -16,7 +16,6 @@ from beamdae.parts.events import DIRECTIONS
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.read_only import read_only_data
 from beamdae.results.outcome import PILOT_RUN_SUFFIX
-from beamdae.results.provenance import state_hash
 from beamdae.results.run_data import RunData
 from beamdae.results.storage.documents import Format
 from beamdae.results.storage.files import require_file_path, write_bytes
@@ -94,11 +93,6 @@ class Checkpoint:
             event_signs=dict(run.event_signs),
             doubt=run.status.sentence if may_be_wrong else "",
         )
-
-    @property
-    def state(self) -> str:
-        """Hash of time, coordinates and velocities."""
-        return state_hash(self.t, list(self.q.values()), list(self.v.values()))
 
     def write(self, path: str | Path) -> Path:
         """Write the checkpoint to a JSON file atomically and return the path.

@@ -111,21 +111,6 @@ class Format(Generic[_T]):
         return convert(plain, self.content)
 
 
-def read_json(path: Path, kind: FileKind, content: type) -> dict[str, Any]:
-    """Return a JSON object that may have further fields than the type of its content.
-
-    Raises
-    ------
-    FileContentError
-        If the file cannot be read or is not JSON, or a field is missing or has a wrong type.
-    """
-    raw = read_bytes(path, kind, _MAX_JSON_BYTES)
-    with kind.errors_of(path):
-        plain = json.loads(raw)
-        convert(plain, content)
-        return dict(plain)
-
-
 def convert(plain: Any, content: type[_T]) -> _T:
     """Return the content of a JSON value that was read.
 

@@ -194,7 +194,9 @@ def write_escaped_table(
     file = require_file_path("to_csv", path)
     signs = _require_signs(sep, decimal)
     # Integers and booleans with missing values become objects.
-    columns = ((h, x.to_numpy(object, na_value=None) if x.hasnans else x) for h, x in table.items())
+    columns = (
+        (h, x.astype(object).where(x.notna(), None) if x.hasnans else x) for h, x in table.items()
+    )
     with atomic_write(file) as scratch:
         _write_columns(scratch, columns, *signs)
     return file

@@ -245,7 +245,7 @@ def require_consistent(packed: PackedRun, further: Mapping[str, str]) -> None:
         if sizes[name] != count:
             raise ContentError(f"{name} must be {count}, got {sizes[name]}")
     state = {name: (sizes["m" if name == "lam" else "n"],) for name in State._fields}
-    start = {name: state["q"] for name in ("q", "v", "closed_q")}
+    start = dict.fromkeys(("q", "v", "closed_q"), state["q"])
     for values, shapes in (*((x.state, state) for x in plain.events), (plain.start, start)):
         for name, shape in shapes.items():
             if (x := getattr(values, name, None)) is not None and x.shape != shape:

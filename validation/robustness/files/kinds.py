@@ -21,8 +21,6 @@ import numpy as np
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.results.storage.checkpoint import Checkpoint
-from beamdae.results.storage.continued_runs import RunParts
 from beamdae.results.storage.documents import checksum
 from beamdae.simulation import as_equations
 from beamdae.studies.execution.executors import SerialPool
@@ -188,35 +186,6 @@ def use_record(path: Path) -> None:
 # Tables of continued runs --------------------------------------------------------------------
 
 
-@cache
-def _parts_folder() -> tuple[Path, Checkpoint, bd.results.Solution]:
-    folder = Path(mkdtemp())
-    _solution().to_csv(folder / "run.csv")
-    checkpoint = Checkpoint.of(_solution())
-    later = bd.simulate(caught, _METHOD, _LATER, output_step=0.02, start=_solution())
-    return folder, checkpoint, later
-
-
-def write_parts(folder: Path, change: str, rng: random.Random) -> Path:
-    original, _, _ = _parts_folder()
-    shutil.copytree(original, folder, dirs_exist_ok=True)
-    path = folder / "run.json"
-    metadata = json.loads(path.read_text())
-    if change in mutations.JSON_MUTATIONS:
-        mutations.JSON_MUTATIONS[change](metadata, rng)
-    else:
-        table = folder / "run.csv"
-        table.write_text(mutations.change_csv(table.read_text(), rng))
-    path.write_text(json.dumps(metadata))
-    return path
-
-
-def use_parts(path: Path) -> None:
-    _, checkpoint, later = _parts_folder()
-    parts = RunParts.ending_at(path.with_suffix(".csv"), checkpoint)
-    parts.write(later)
-
-
 @dataclass(frozen=True)
 class Kind:
     """Kind of a file.
@@ -242,8 +211,7 @@ class Kind:
 
 _JSON = tuple(mutations.JSON_MUTATIONS)
 KINDS = {
-    "checkpoint": Kind(write_checkpoint, use_checkpoint, _JSON, 0.25),
-    "saved run": Kind(write_run, use_run, (*_JSON, "arrays", "shapes", "members"), 0.4),
-    "record": Kind(write_record, use_record, (*_JSON, "tables", "tables"), 0.2),
-    "continued run": Kind(write_parts, use_parts, (*_JSON, "tables"), 0.15),
+    "checkpoint": Kind(write_checkpoint, use_checkpoint, _JSON, 0.3),
+    "saved run": Kind(write_run, use_run, (*_JSON, "arrays", "shapes", "members"), 0.45),
+    "record": Kind(write_record, use_record, (*_JSON, "tables", "tables"), 0.25),
 }

@@ -117,14 +117,10 @@ MODE_CALLS: dict[str, WorkingCall] = {
             _pushed_bar_angle(box), "push.Fy", every=every, delay=delay
         ),
     ),
-    "animate_mode": WorkingCall(
-        lambda box: {
-            "modes": bd.modes(box.mech, about="equilibrium"),
-            "mode": 1,
-            "path": Path("out/mode.gif"),
-            "frames": 2,
-        },
+    "Modes.animate": WorkingCall(
+        lambda box: {"mode": 1, "path": Path("out/mode.gif"), "frames": 2},
         return_result,
+        lambda box, **settings: bd.modes(box.mech, about="equilibrium").animate(**settings),
     ),
     "Campbell.plot": WorkingCall(
         lambda box: {"multiples": (1, 2)},

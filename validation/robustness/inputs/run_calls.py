@@ -124,7 +124,6 @@ SOLUTION_CALLS: dict[str, WorkingCall] = {
         return_result,
         lambda box, other: box.solution.difference(other),
     ),
-    "draw": WorkingCall(lambda box: {"mechanism": box.mech}, return_result),
     "plot": WorkingCall(
         lambda box: {
             "solutions": [box.solution],
@@ -135,9 +134,8 @@ SOLUTION_CALLS: dict[str, WorkingCall] = {
         },
         return_result,
     ),
-    "animate": WorkingCall(
+    "Solution.animate": WorkingCall(
         lambda box: {
-            "solution": (box.beam, box.solution)[1],
             "path": box.folder / "run.gif",
             "speed": 1.0,
             "frames": 3,
@@ -146,6 +144,7 @@ SOLUTION_CALLS: dict[str, WorkingCall] = {
             "scale": 2.0,
         },
         return_result,
+        lambda box, **settings: (box.beam, box.solution)[1].animate(**settings),
     ),
     "Solution.observe": WorkingCall(
         lambda box: {"name": "middle", "what": box.bar.at(*KNEE)},
@@ -316,9 +315,8 @@ MODEL_CALLS: dict[str, WorkingCall] = {
         lambda box: {"default": 1.0, "unit": "m", "description": "length of the rope"},
         return_result,
     ),
-    "view": WorkingCall(
+    "Model.view": WorkingCall(
         lambda box: {
-            "model": box.swing,
             "ranges": {"mass": (1.0, 2.0)},
             "t_end": T_END,
             "time_limit": 1.0,
@@ -326,6 +324,7 @@ MODEL_CALLS: dict[str, WorkingCall] = {
             "browser": False,
         },
         _close_view,
+        lambda box, **settings: box.swing.view(**settings),
     ),
     "check": WorkingCall(
         lambda box: {
