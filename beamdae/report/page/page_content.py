@@ -174,4 +174,4 @@ class PageContent(TypedDict, total=False):
     cases: list[PageCase]
     # Functions that return curves by the id of the case, written to a folder beside the page that
     # has the name of the page, without ".html", and "_curves".
-    curve_files: list[Callable[[], Mapping[str, Curves | None]]]
+    curve_files: Sequence[Callable[[], Mapping[str, Curves | None]]]
