@@ -9,8 +9,6 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from beamdae.report.page.page_data import CurveBlock
-
 T = np.linspace(0.0, 2.0, 41)
 RESOLUTION = 1e-6  # of the reference
 HALF_STEP = 0.5 / 65534  # largest error of stored values, relative to their range
@@ -222,13 +220,9 @@ def sweep_page(without=()):
     }
 
 
-def curve_block(*numbers, key="first"):
-    """Return the curves of cases as a file beside the page."""
-    return CurveBlock(
-        tuple(f"case {k}" for k in numbers),
-        key,
-        lambda: {f"case {k}": build_curves(k) for k in numbers},
-    )
+def curve_block(*numbers):
+    """Return a function that returns the curves of cases, for a file beside the page."""
+    return lambda: {f"case {k}": build_curves(k) for k in numbers}
 
 
 def page_with_files():
@@ -244,39 +238,57 @@ def visible_labels(tab):
     return tab.locator("#table tbody tr:visible td.label").all_inner_texts()
 
 
-def find_point(tab, number):
-    return tab.locator(f".run[data-case='case {number}']")
+def find_point(tab, number, key="scatter"):
+    """Return the position in the window of the point or cell of a case."""
+    entry = """([key, id]) => state.charts.get(key).spec.series
+        .flatMap(({data}) => data).find(([, , other]) => other === id)"""
+    x, y, *_ = tab.evaluate(entry, [key, f"case {number}"])
+    return screen_position(tab, key, x, y)
+
+
+def click_point(tab, number, key="scatter"):
+    tab.mouse.click(*find_point(tab, number, key))
 
 
 def find_row(tab, number):
     return tab.locator(f"#table tr[data-case='case {number}']")
 
 
+def list_lines(tab, key="observed"):
+    """Return the name, color and dashes of each line of a chart over time."""
+    lines = """(key) => (state.charts.get(key)?.spec.series ?? []).filter(({data}) => data.length)
+        .map(({name, color, lineStyle}) => [name, color, String(lineStyle?.type)])"""
+    return tab.evaluate(lines, key)
+
+
 def count_curves(tab):
     """Return the number of curves in each panel."""
-    panels = tab.locator(".panel")
-    return [panels.nth(k).locator("path.curve").count() for k in range(4)]
+    return [len(list_lines(tab, key)) for key in ("observed", "energy", "error", "drift")]
 
 
-def list_classes(locator):
-    return [locator.nth(k).get_attribute("class") for k in range(locator.count())]
+def read_tooltip(tab):
+    """Return the text of the visible tooltip, or ""."""
+    tab.wait_for_timeout(50)
+    readings = tab.locator(".reading:visible")
+    return readings.first.inner_text() if readings.count() else ""
 
 
 def visible_ranges(tab, key):
-    """Return the visible ranges of x and y of a chart."""
-    ends = """({x, y}) =>
-        [x, y].flatMap((axis) => [axis.toValue(axis.start), axis.toValue(axis.end)])"""
-    x0, x1, y0, y1 = tab.evaluate(f"({ends})(state.charts.get({key!r}))")
-    return (x0, x1), (y0, y1)
+    """Return the visible ranges of x and y of a chart, of logarithmic axes as powers of ten."""
+    extents = """(key) => ["xAxis", "yAxis"].map((axis) =>
+        state.charts.get(key).instance.getModel().getComponent(axis).axis.scale.getExtent())"""
+    return tuple(map(tuple, tab.evaluate(extents, key)))
 
 
 def screen_position(tab, key, x, y):
     """Return the position of a point of a chart in the window."""
     tab.locator(f"[data-chart={key}] .plot").scroll_into_view_if_needed()
     position = """([key, x, y]) => {
-        const chart = state.charts.get(key), area = chart.plot.getBoundingClientRect();
-        const zoom = area.width / chart.box.width;
-        return [area.left + zoom * chart.x.toPosition(x), area.top + zoom * chart.y.toPosition(y)];
+        const { instance, spec, plot } = state.charts.get(key);
+        const area = plot.getBoundingClientRect();
+        const point = [fromValue(spec.x, x), fromValue(spec.y, y)];
+        const [u, v] = instance.convertToPixel({ xAxisIndex: 0, yAxisIndex: 0 }, point);
+        return [area.left + u, area.top + v];
     }"""
     return tab.evaluate(position, [key, x, y])
 

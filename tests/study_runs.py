@@ -4,19 +4,24 @@ from beamdae.cli.model_files.model_file import ModelFile
 from beamdae.errors import KernelWarning
 from beamdae.results.outcome import Status
 from beamdae.studies.case_summaries import summarize_cases
-from beamdae.studies.execution.executors import DaskPool, LocalPool, SerialPool, TaskResult
+from beamdae.studies.execution.executors import (
+    LocalPool,
+    SerialPool,
+    TaskResult,
+    create_executor,
+)
 from beamdae.studies.execution.study_run import run_study
 from beamdae.studies.study_page import create_study_page
 from beamdae.studies.tasks import Limits, Outcome
 
 __all__ = [
-    "DaskPool",
     "KernelWarning",
     "Limits",
     "LocalPool",
     "LosingPool",
     "ModelFile",
     "SerialPool",
+    "create_executor",
     "create_study_page",
     "run_serially",
     "run_study",

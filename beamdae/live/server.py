@@ -39,7 +39,7 @@ _FRAME_HEIGHT = 720  # of the page in a notebook [pixels]
 DEFAULT_TIME_LIMIT = 10.0  # wall time of a run [s]
 
 _STYLES = ("page", "charts", "tables", "mechanism", "media", "live")
-_SCRIPTS = ("decoding", "elements", "numbers", "axes", "mechanism", "player", "live")
+_SCRIPTS = ("decoding", "elements", "numbers", "markers", "mechanism", "player", "live")
 _POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; "
     "img-src data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'"

@@ -33,7 +33,6 @@ from beamdae.results.columns import Header
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.frequency_response import FrequencyResponse
 from beamdae.results.periodic_motion import PeriodicMotion
-from beamdae.results.solution import Solution
 from beamdae.results.storage.files import versions
 
 Array = np.ndarray
@@ -273,19 +272,13 @@ def build_critical_loads_page(result: Boundary | KnockDown, title: str) -> PageC
 def build_periodic_page(motion: PeriodicMotion, title: str) -> PageContent:
     """Return the page content of a periodic motion: one period as a run, and its stability."""
     page = build_run_page(motion.solution, title, warnings=motion.warnings)
-    cases = [case | {"extremes": _export_ranges(motion.solution)} for case in page["cases"]]
     amplitudes = motion.amplitudes()
     facts = {"title": "Periodic motion", "rows": list(periodic_facts(motion).items())}
     ranges = export_table("Amplitudes", terminal.amplitudes_table(amplitudes))
     added = [facts, ranges] if len(amplitudes) else [facts]
     tables = [table for table in page["tables"] if table["title"] != "Observed"]
     subtitle = f"{motion.status.sentence}; {motion.stability}"
-    return page | {"subtitle": subtitle, "tables": [*added, *tables], "cases": cases}
-
-
-def _export_ranges(solution: Solution) -> dict[str, list[float]]:
-    """Return the smallest and the largest value of each observed column by header."""
-    return {name: [x.least, x.largest] for name, x in solution._column_ranges.items()}
+    return page | {"subtitle": subtitle, "tables": [*added, *tables]}
 
 
 def build_response_page(response: FrequencyResponse, title: str) -> PageContent:
@@ -369,7 +362,6 @@ def build_response_page(response: FrequencyResponse, title: str) -> PageContent:
                 "curves": select_curves(
                     {TIME: point.solution.t, **point.solution.columns}, max_rows
                 ),
-                "extremes": _export_ranges(point.solution),
                 "frames": export_run_frames(point.solution, FRAMES_PER_PERIOD)
                 if k in moving
                 else None,

@@ -76,7 +76,6 @@ def build_run_page(
                 "family": method,
                 "status": "ok" if status.success else status.sentence,
                 "curves": select_curves(table, limit),
-                "extremes": {k: [x.min, x.max] for k, x in solution.step_extremes.items()},
             },
             *measured,
         ],
@@ -114,20 +113,29 @@ def _build_tables(
         facts["events"] = describe_events(
             solution.equations, solution.trajectory, solution.event_records
         )
-    observed = {name: columns[name] for name in observed_columns(columns)}
-    tables: list[PageTable] = [
-        export_table("Observed", terminal.range_table(observed, steps=solution.step_extremes)),
-        {"title": "Parameters", "rows": _list_parameters(solution)},
+    return [
+        _build_observed_table(solution, columns, errors),
+        {"title": "Parameters", "rows": _list_parameters(solution), "section": "motion"},
         {"title": "Run", "rows": list(facts.items()), "section": "solver"},
         {"title": "Provenance", "rows": _list_provenance(solution), "section": "solver"},
     ]
-    if errors is not None:
-        estimated = {name: x for name, x in observed.items() if not is_derivative(name)}
-        budget = export_table("Errors of the columns", terminal.range_table(estimated, errors))
-        # Without the extremes.
-        head, *rows = ([*x[:1], *x[4:]] for x in (budget["head"], *budget["rows"]))
-        tables.insert(2, budget | {"head": head, "rows": rows, "section": "errors"})
-    return tables
+
+
+def _build_observed_table(
+    solution: Solution, columns: Mapping[str, Any], errors: Mapping[str, Any] | None
+) -> PageTable:
+    """Return extremes and errors of the observed columns; derivatives have no errors."""
+    observed = {name: columns[name] for name in observed_columns(columns)}
+    table = export_table("Observed", terminal.range_table(observed, steps=solution.step_extremes))
+    if errors is None:
+        return table
+    estimated = {name: x for name, x in observed.items() if not is_derivative(name)}
+    # After the name and the extremes.
+    head, *rows = (row[:1] + row[4:] for row in terminal.range_table(estimated, errors).texts)
+    cells = {name: row for name, *row in rows}
+    missing = ["-"] * (len(head) - 1)
+    extended = [[*row, *cells.get(row[0], missing)] for row in table["rows"]]
+    return table | {"head": [*table["head"], *head[1:]], "rows": extended}
 
 
 def export_table(title: str, table: ResponsiveTable, section: str = "results") -> PageTable:

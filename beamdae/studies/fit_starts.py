@@ -23,7 +23,7 @@ from beamdae.read_only import read_only_data
 from beamdae.results.solution import Solution
 from beamdae.studies.case import FINGERPRINT_LENGTH, Case, DigestCache
 from beamdae.studies.definition import Study
-from beamdae.studies.execution.executors import Executor, SerialPool, create_executor
+from beamdae.studies.execution.executors import SerialPool, TaskExecutor, create_executor
 from beamdae.studies.execution.study_progress import StudyProgress
 from beamdae.studies.execution.study_run import StudyResults, run_study
 from beamdae.studies.run_values import format_output_column
@@ -156,7 +156,7 @@ def run_starts(
 def _run(
     study: StartStudy,
     folder: Path | None,
-    executor: Executor,
+    executor: TaskExecutor,
     progress: Callable[[StudyProgress], None] | None,
 ) -> StudyResults:
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,10 @@ import pandas as pd
 
 from beamdae.equations.measures import TIME
 from beamdae.report.page.page_content import PageCase, PageContent, PageGroup
-from beamdae.report.page.page_data import CurveBlock, compute_row_limit, select_curves
+from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.results.columns import Header
 from beamdae.results.storage.files import versions
-from beamdae.studies.case import Case
 from beamdae.studies.case_table import BOUND_COLUMN, ERROR_COLUMN
-from beamdae.studies.column_measures import MEASURES
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations, count_common_rows
 from beamdae.studies.execution.study_run import StudyResults
@@ -168,9 +167,11 @@ def _list_cases_in_files(results: StudyResults, with_curves: set[int]) -> list[i
 
 def _create_curve_files(
     results: StudyResults, table: pd.DataFrame, in_files: list[int]
-) -> list[CurveBlock]:
-    def create_curves(rows: list[int]) -> Callable[[], dict[str, dict[str, Any] | None]]:
-        return lambda: {
+) -> list[Callable[[], dict[str, dict[str, Any] | None]]]:
+    """Return functions that read the curves of ten cases each, by the id of the case."""
+
+    def create_curves(rows: list[int]) -> dict[str, dict[str, Any] | None]:
+        return {
             str(k): _create_curves(
                 results,
                 read_table(results.outcome(results.study.cases[k])),
@@ -180,18 +181,8 @@ def _create_curve_files(
             for k in rows
         }
 
-    # The curves are those of the last time if the values of the cases and the measures of their
-    # columns are.
-    records = table.iloc[in_files].to_dict("records")
-    texts = {
-        k: repr((record, shared_measures(results.outcome(results.study.cases[k]))))
-        for k, record in zip(in_files, records, strict=True)
-    }
-    batches = [in_files[k : k + _CASES_PER_FILE] for k in range(0, len(in_files), _CASES_PER_FILE)]
-    return [
-        CurveBlock(tuple(map(str, rows)), "\n".join(texts[k] for k in rows), create_curves(rows))
-        for rows in batches
-    ]
+    starts = range(0, len(in_files), _CASES_PER_FILE)
+    return [partial(create_curves, in_files[k : k + _CASES_PER_FILE]) for k in starts]
 
 
 def extra_column_key(name: str) -> str:
@@ -299,21 +290,12 @@ def _create_cases(
                 )
                 if k in with_curves
                 else None,
-                "extremes": _list_extremes(results, case),
                 "file": row["trajectory"] if is_stored else "",
             }
         )
         if k in blocks:
             cases[-1]["block"] = blocks[k]
     return cases
-
-
-def _list_extremes(results: StudyResults, case: Case) -> dict[str, list[float]]:
-    """Return the smallest and the largest value of each column over the steps of a run."""
-    smallest, largest = (list(MEASURES).index(name) for name in ("min", "max"))
-    measures = shared_measures(results.outcome(case)).items()
-    extremes = {header: [x[smallest], x[largest]] for header, x in measures}
-    return {header: pair for header, pair in extremes.items() if np.isfinite(pair).all()}
 
 
 def _rank_cases(study: Study) -> list[int]:

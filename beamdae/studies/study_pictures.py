@@ -1,9 +1,9 @@
-"""Figures of a study: comparison over time, work-precision, cost scaling, mesh convergence."""
+"""Figures of a study: comparison over time, work-precision, mesh convergence."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 _MARKERS = "osD^vPX"
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)))
-_SIZE_PARAMETERS = ("elements", "bodies")
 _ERROR_LABEL = "error / amplitude [-]"
 
 _MAX_COMPARED_RUNS = 8
@@ -77,7 +76,6 @@ def list_plots(results: StudyResults) -> dict[str, Plot]:
         plots["mesh_convergence"] = partial(_draw_mesh_convergence, results)
     else:
         plots["work_precision"] = partial(_draw_work_precision, results)
-        plots["cost_scaling"] = partial(_draw_cost_scaling, results)
     return plots
 
 
@@ -117,12 +115,12 @@ def _draw_work_precision(results: StudyResults) -> list[Path]:
     from the shortest to the longest wall time of repeated runs.
     """
     rows = _select_rows_with_error(results)
-    styles = _assign_styles(rows["series"], [""] * len(rows))
+    styles = _assign_styles(rows["series"])
     figure, axes = _create_panels(list(rows["group"].unique()))
     for group, axis in axes.items():
         panel_rows = rows[rows["group"] == group]
         for series, runs in panel_rows.groupby("series", sort=False):
-            style = styles[str(series), ""]
+            style = styles[str(series)]
             # Sort by setting: wall times scatter, so sorting by wall time would tangle the lines.
             runs = runs.sort_values(list(ACCURACY_COLUMNS.values()), ascending=False)
             is_bound = runs["below resolution"]
@@ -173,61 +171,24 @@ def _is_drawable(values: pd.Series) -> pd.Series:
 def _draw_mesh_convergence(results: StudyResults) -> list[Path]:
     table, over = results.table, str(results.study.over)
     rows = table[(table["status"] == "ok") & _is_drawable(table[ERROR_COLUMN])].sort_values(over)
-    styles = _assign_styles(rows["group"], [""] * len(rows))
+    styles = _assign_styles(rows["group"])
     figure, axes = _create_panels([""] if len(rows) else [])
     for axis in axes.values():
         for group, runs in rows.groupby("group", sort=False):
-            axis.loglog(runs[over], runs[ERROR_COLUMN], **styles[str(group), ""])
+            axis.loglog(runs[over], runs[ERROR_COLUMN], **styles[str(group)])
         _format_log_axes(axis, rows[over], over, _pad_limits(rows[ERROR_COLUMN]), _ERROR_LABEL)
         _set_size_ticks(axis, rows[over])
     return _save_figure(figure, styles, results.folder / "mesh_convergence")
 
 
-def _draw_cost_scaling(results: StudyResults) -> list[Path]:
-    table = results.table
-    parameters = [str(c) for c in table][1 : list(table).index("group")]
-    sizes = [c for c in _SIZE_PARAMETERS if c in parameters and table[c].nunique() > 1]
-    if not sizes or not pd.api.types.is_numeric_dtype(table[sizes[0]]):
-        return []
-    size, others = sizes[0], [c for c in parameters if c != sizes[0]]
-    rows = table[
-        (table["status"] == "ok")
-        & _is_drawable(table[WALL_TIME_COLUMN])
-        & _is_drawable(table[size])
-    ]
-    titles = [", ".join(f"{c}={row[c]}" for c in others) for _, row in rows.iterrows()]
-    rows = rows.assign(title=titles)
-    styles = _assign_styles(rows["series"], rows["label"])
-    figure, axes = _create_panels(list(dict.fromkeys(titles)))
-    for title, axis in axes.items():
-        panel_rows = rows[rows["title"] == title]
-        for (series, label), runs in panel_rows.groupby(["series", "label"], sort=False):
-            cost = runs.groupby(size)[WALL_TIME_COLUMN].median()
-            axis.loglog(cost.index, cost.to_numpy(), **styles[str(series), str(label)])
-        limits = _pad_limits(panel_rows[WALL_TIME_COLUMN])
-        _format_log_axes(axis, panel_rows[size], size, limits, WALL_TIME_COLUMN)
-        _set_size_ticks(axis, panel_rows[size])
-    return _save_figure(figure, styles, results.folder / "cost_scaling")
-
-
-def _assign_styles(
-    series: Sequence[str] | pd.Series, labels: Sequence[str] | pd.Series
-) -> dict[tuple[str, str], Style]:
-    """Return line styles by (series, label): a color per series, a marker per label of a series."""
-    styles: dict[tuple[str, str], Style] = {}
-    labels_by_series: dict[str, list[str]] = {}
-    for name, label in zip(map(str, series), map(str, labels), strict=True):
-        labels_of_series = labels_by_series.setdefault(name, [])
-        if label in labels_of_series:
-            continue
-        labels_of_series.append(label)
-        k = list(labels_by_series).index(name)
-        # After the last color, colors repeat with different markers and dashes.
+def _assign_styles(series: Iterable[str]) -> dict[str, Style]:
+    """Return a line style for each series; after the last color, markers and dashes differ."""
+    styles: dict[str, Style] = {}
+    for k, name in enumerate(dict.fromkeys(map(str, series))):
         cycle = k // len(pictures.COLORS)
-        marker = cycle + len(labels_of_series) - 1
-        styles[name, label] = {
+        styles[name] = {
             "color": pictures.COLORS[k % len(pictures.COLORS)],
-            "marker": _MARKERS[marker % len(_MARKERS)],
+            "marker": _MARKERS[cycle % len(_MARKERS)],
             "ls": _DASHES[cycle % len(_DASHES)],
             "ms": 4,
             "lw": 1.0,
@@ -299,11 +260,9 @@ def _set_size_ticks(axis: Axes, values: pd.Series) -> None:
     axis.minorticks_off()
 
 
-def _save_figure(figure: Figure, styles: dict[tuple[str, str], Style], path: Path) -> list[Path]:
+def _save_figure(figure: Figure, styles: dict[str, Style], path: Path) -> list[Path]:
     """Write a figure as PNG and SVG and return the paths; skip a figure without panels."""
     if not figure.axes:
         return []
-    pictures.add_legend(
-        figure, {label or series: style for (series, label), style in styles.items()}
-    )
+    pictures.add_legend(figure, styles)
     return [pictures.save_figure(figure, path.with_suffix(suffix)) for suffix in (".png", ".svg")]

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import copyreg
-import io
-import pickle
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import _lru_cache_wrapper, cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, cast
-
-import numpy as np
 
 from beamdae.errors import format_exception, require_positive, set_fields, short_repr
 from beamdae.function_pickler import pickle_with_functions
@@ -55,10 +51,6 @@ class Limits:
         for name in ("time", "memory", "patience"):
             if getattr(self, name) is not None:
                 set_fields(self, **{name: require_positive("Limits", name, getattr(self, name))})
-
-
-# Models and their serialized form, by the id() of the model, which stays valid while it is stored.
-SerializedModels = dict[int, tuple[Any, bytes]]
 
 
 @dataclass(frozen=True)
@@ -106,19 +98,10 @@ class Task:
     is_measured: bool = False
     is_checked: bool = False
 
-    def serialize(self, models: SerializedModels) -> bytes:
-        """Serialize the task for another process, including the code of the model.
-
-        The serialized model is cached in `models` if all parameters and settings are plain numbers,
-        strings or None. Other values, outputs and user-defined integrators may share objects with
-        the model; tasks that contain them are serialized as a whole.
-        """
-        case = self.case
-        values = (*case.parameters.values(), *vars(case.integrator).values())
-        builtin_integrator = type(case.integrator).__module__.startswith("beamdae.")
-        if not builtin_integrator or self.outputs or not all(map(_is_plain, values)):
-            return pickle_with_functions(self)
-        return serialize_with_model(self, case.model, models)
+    def serialize(self) -> bytes:
+        """Serialize the task for another process, including the code of the model."""
+        self.case.model.origin  # noqa: B018 reads the units from the docstring once for all copies
+        return pickle_with_functions(self)
 
 
 @read_only_data
@@ -215,28 +198,6 @@ def describe_exception(problem: BaseException, function: str = "the model") -> s
         code = "" if problem.code is None else short_repr(problem.code)
         return f"{function} called sys.exit({code})"
     return format_exception(problem)
-
-
-def serialize_with_model(task: Task, model: Any, models: SerializedModels) -> bytes:
-    """Serialize a task; the model is serialized only once and cached in `models`.
-
-    The task must not contain user functions that are not part of the model. Each deserialized task
-    gets a separate copy of the model.
-    """
-    if id(model) not in models:
-        model.origin  # noqa: B018 reads the units from the docstring once for all copies
-        models[id(model)] = model, pickle_with_functions(model)
-    stream = io.BytesIO()
-    pickler = pickle.Pickler(stream)
-    table: dict[type, Callable[[Any], Any]] = {**copyreg.dispatch_table}
-    table[type(model)] = lambda x: (pickle.loads, (models[id(x)][1],))
-    pickler.dispatch_table = table
-    pickler.dump(task)
-    return stream.getvalue()
-
-
-def _is_plain(value: Any) -> bool:
-    return type(value) in (bool, int, float, str, type(None)) or isinstance(value, np.generic)
 
 
 def _create_cached_property(

@@ -35,6 +35,7 @@ def open_page(browser, tmp_path):
         path = tmp_path / "page.html"
         write_page(path, page) if isinstance(page, dict) else page.page(path)
         context = browser.new_context(**settings)
+        context.set_default_navigation_timeout(120_000)  # of a busy machine
         contexts.append(context)
         tab = context.new_page()
         tab.on("console", lambda message: messages.append(message.text))

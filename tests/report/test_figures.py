@@ -242,10 +242,8 @@ def test_a_study_without_data_has_no_plots(tmp_path, rows):
         study(tmp_path, rows, "elements")
     )
     assert plots["work_precision"]() == []
-    if "wall time [s]" not in rows[0] and rows[0].get("status") == "ok":
-        assert plots["mesh_convergence"]() == []
     if rows[0].get("status") == "failed":
-        assert plots["cost_scaling"]() == plots["mesh_convergence"]() == []
+        assert plots["mesh_convergence"]() == []
 
 
 def test_a_group_without_a_success_has_no_panel(tmp_path, figure_of):
@@ -286,9 +284,8 @@ def test_lines_connect_runs_by_setting_and_show_the_range_of_times(tmp_path, fig
 def test_names_with_markup_give_valid_svg(tmp_path):
     name = f"{ODD}\x07\x1b[0m <!-- --> &"
     rows = [{"group": name, "series": f"_{name}", "label": name, "elements": n} for n in (2, 4)]
-    for plot in ("work_precision", "cost_scaling"):
-        _, svg = study_pictures.list_plots(study(tmp_path, rows))[plot]()
-        assert ElementTree.fromstring(svg.read_bytes()).tag.endswith("svg")
+    _, svg = study_pictures.list_plots(study(tmp_path, rows))["work_precision"]()
+    assert ElementTree.fromstring(svg.read_bytes()).tag.endswith("svg")
 
 
 @pytest.mark.slow(reason="many panels")
@@ -300,21 +297,20 @@ def test_of_many_groups_with_long_names_24_are_drawn(tmp_path, figure_of):
     ]  # fmt: skip
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        for plot in ("work_precision", "cost_scaling"):
-            results = study(tmp_path, rows)
-            assert colored_share(study_pictures.list_plots(results)[plot]()[0]) > 1e-3
-            figure = figure_of(results, plot)
-            figure.canvas.draw()
-            assert len(figure.axes) == 24
-            assert figure.get_suptitle() == "the first 24 of 40"
-            assert np.ptp([axis.get_position().width for axis in figure.axes]) < 1e-6
+        results = study(tmp_path, rows)
+        assert colored_share(study_pictures.list_plots(results)["work_precision"]()[0]) > 1e-3
+        figure = figure_of(results, "work_precision")
+        figure.canvas.draw()
+        assert len(figure.axes) == 24
+        assert figure.get_suptitle() == "the first 24 of 40"
+        assert np.ptp([axis.get_position().width for axis in figure.axes]) < 1e-6
 
 
 @pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("number", [13, 60])
 def test_regression_headings_of_sweep_pictures_do_not_cover_titles(number):
     """The line "12 of 17 columns" covered the titles of the first row."""
-    figure, axes = figures.create_panels(number, "", constrained=True)
+    figure, axes = figures.create_panels(number, "")
     for axis in axes:
         figures.format_axis(axis, "tip.y max", "[m]")
     figure.draw_without_rendering()

@@ -1,18 +1,19 @@
 """The page of a study in a browser."""
 
-import re
-
 import pytest
 from pages import (
     FAILURE,
     ODD_LABEL,
     ODD_NAMES,
     build_case,
+    click_point,
     count_curves,
     find_point,
     find_row,
-    list_classes,
+    list_lines,
     odd_page,
+    read_tooltip,
+    screen_position,
     study_page,
     visible_labels,
     wait_until,
@@ -32,13 +33,10 @@ def test_page_opens_and_fits_its_window(show):
 
 def test_points_have_tooltips_and_failures_are_listed(show):
     tab = show(study_page())
-    assert tab.locator(".run").count() == 6
-    find_point(tab, 4).hover()
-    tooltip = tab.inner_text("#tooltip")
+    tab.mouse.move(*find_point(tab, 4))
+    tooltip = read_tooltip(tab)
     for text in ("GeneralizedAlpha(step=0.001)", "5.00e-4", "0.4 s", "10000"):
         assert text in tooltip
-    tab.mouse.move(1, 1)
-    assert not tab.locator("#tooltip").is_visible()
     unplotted = tab.inner_text("#unplotted")
     assert "Failed, not drawn: 1" in unplotted
     assert f"Radau(rtol=1e-06) limited {FAILURE}" in " ".join(unplotted.split())
@@ -46,28 +44,34 @@ def test_points_have_tooltips_and_failures_are_listed(show):
 
 def test_unresolved_errors_are_hollow_points_at_the_resolution(show):
     tab = show(study_page())
-    hollow = tab.locator(".run.hollow")
-    assert hollow.count() == 1
-    assert hollow.locator(".arrow").count() == 1
-    height = float(tab.locator("#precision-plot .resolution").get_attribute("y1"))
-    position = float(re.findall(r"[\d.]+", hollow.get_attribute("transform"))[1])
-    # Rounded to 0.1 pixels.
-    assert position == pytest.approx(height, abs=0.06)
-    hollow.hover()
-    assert "at most 1.0e-6" in tab.inner_text("#tooltip")
-    fill = "element => getComputedStyle(element.querySelector('.marker')).fill"
-    assert hollow.evaluate(fill) == "rgb(255, 255, 255)"
-    assert find_point(tab, 2).evaluate(fill) == "rgb(0, 114, 178)"
+    assert "resolution of the reference: 1.0e-6" in tab.inner_text("#precision")
+    tab.mouse.move(*find_point(tab, 0))
+    assert "at most 1.0e-6" in read_tooltip(tab)
+    fills = tab.evaluate("""state.charts.get("scatter").spec.series
+        .filter(({type}) => type === "scatter")
+        .flatMap(({data, color, itemStyle}) =>
+            data.map((point) => [point[2], itemStyle.color ?? color]))""")
+    # The hollow point lies above the filled one.
+    assert dict(fills)["case 0"] == "#ffffff"
+    assert dict(fills)["case 2"] == "#0072b2"
+
+
+def describe_series(tab):
+    """Return color, dashes and the ends of the lines between the points of the scatter plot."""
+    return tab.evaluate("""state.charts.get("scatter").spec.series
+        .filter(({type, data}) => type === "line" && data.length)
+        .map(({color, lineStyle, data}) =>
+            [color, lineStyle.type !== "solid", data.map(([x]) => x)])""")
 
 
 def test_lines_join_the_cases_of_a_series(show):
-    lines = show(study_page()).locator("#precision-plot .series")
+    blue, orange = "#0072b2", "#e69f00"
     # Two lines between the three points of Ida, dashed where one is unresolved; one of
     # GeneralizedAlpha.
-    assert [(" dashed" in c, c.split()[1]) for c in list_classes(lines)] == [
-        (False, "color-0"),
-        (True, "color-0"),
-        (False, "color-1"),
+    assert describe_series(show(study_page())) == [
+        [blue, False, [0.1, 1.5, None]],
+        [blue, True, [1.5, 3.0, None]],
+        [orange, False, [0.2, 0.4, None]],
     ]
 
 
@@ -81,9 +85,7 @@ def test_lines_and_labels_follow_the_ranks(show):
         )
     ]
     tab = show(page)
-    starts = [float(x.get_attribute("x1")) for x in tab.locator("#precision-plot .series").all()]
-    assert len(starts) == 2
-    assert starts == sorted(starts)
+    assert [x for *_, x in describe_series(tab)] == [[0.1, 1.0, None, 1.0, 10.0, None]]
     tab.get_by_role("button", name="case", exact=True).click()
     assert visible_labels(tab) == ["Ida(rtol=0.001)", "Ida(rtol=1e-05)", "Ida(rtol=1e-06)"]
 
@@ -130,30 +132,29 @@ def test_rows_of_a_long_table_are_created_when_they_are_seen_found_or_printed(sh
     rows.first.locator("td.label").click()
     tab.fill("#filter", "")
     assert rows.count() == 100
-    tab.emulate_media(media="print")
-    wait_until(tab, "table.tBodies[0].rows.length === 357")
-    assert tab.locator("tr.selected").count() == 2
+    tab.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert rows.count() == 357
+    assert tab.locator("tr.selected").count() == 8
     assert len(set(tab.locator("#table tbody td.label").all_inner_texts())) == 357
 
 
 def test_clicks_select_cases_and_draw_their_curves(show):
     tab = show(study_page())
-    # Initially the most accurate case is selected.
-    assert tab.locator("tr.selected").count() == 1
+    # Initially, the curves of all cases are drawn.
+    assert count_curves(tab) == [7, 7, 7, 7]
     tab.get_by_role("button", name="Clear the selection").click()
     assert tab.locator(".panel").count() == 0
     assert "Select cases" in tab.inner_text("#panels")
-    find_point(tab, 2).click()
+    click_point(tab, 2)
     assert count_curves(tab) == [1, 1, 1, 1]
     find_row(tab, 5).locator("td.label").click()
     find_row(tab, 1).locator("input").press("Space")
     assert count_curves(tab) == [3, 3, 3, 3]
-    assert list_classes(tab.locator("tr.selected")) == ["selected"] * 3
-    assert tab.locator(".run.selected .number").all_text_contents() == ["1", "2", "3"]
-    colors = [re.search(r"color-\d", c)[0] for c in list_classes(tab.locator("#selection .curve"))]
+    assert tab.locator("tr.selected .badge").all_text_contents() == ["1", "3", "2"]
     # The first case of a family has its color; others get colors that belong to no family.
-    assert colors == ["color-0", "color-1", "color-3"]
-    find_point(tab, 2).click()
+    colors = [color for _, color, _ in list_lines(tab)]
+    assert colors == ["#0072b2", "#e69f00", "#d55e00"]
+    click_point(tab, 2)
     assert count_curves(tab) == [2, 2, 2, 2]
     assert not find_row(tab, 2).locator("input").is_checked()
 
@@ -161,21 +162,18 @@ def test_clicks_select_cases_and_draw_their_curves(show):
 def test_points_are_reached_and_selected_by_keys(show):
     tab = show(study_page())
     tab.click("#clear")
-    first = tab.locator(".run[tabindex='0']")
-    assert first.count() == 1
-    first.focus()
-    assert ODD_LABEL in tab.inner_text("#tooltip")
+    tab.locator("[data-chart=scatter] .plot").focus()
     # From left to right.
-    for label in ("Ida(rtol=0.001)", "GeneralizedAlpha(step=0.002)"):
+    for label in (ODD_LABEL, "Ida(rtol=0.001)", "GeneralizedAlpha(step=0.002)"):
         tab.keyboard.press("ArrowRight")
-        assert label in tab.inner_text("#tooltip")
-    # The key does not scroll: the point stays where it is in the window.
-    ring = find_point(tab, 5).locator(".ring")
-    top = ring.bounding_box()["y"]
+        assert label in tab.locator("#reading").text_content()
+    top = screen_position(tab, "scatter", 0.2, 2e-3)[1]
     tab.keyboard.press("Space")
-    assert ring.bounding_box()["y"] == pytest.approx(top, abs=1.0)
-    assert find_point(tab, 5).get_attribute("aria-pressed") == "true"
+    assert find_row(tab, 5).locator("input").is_checked()
     assert count_curves(tab) == [1, 1, 1, 1]
+    # The key does not scroll: the point stays where it is in the window.
+    assert screen_position(tab, "scatter", 0.2, 2e-3)[1] == pytest.approx(top, abs=1.0)
+    assert tab.evaluate("document.activeElement.closest('.chart').dataset.chart") == "scatter"
 
 
 def test_a_group_without_errors_curves_and_animation(show):
@@ -221,7 +219,7 @@ def test_odd_names_are_shown(show):
     choice = tab.get_by_label("Observed: quantity")
     for k in range(len(ODD_NAMES)):
         choice.select_option(index=k)
-        assert tab.locator("[data-panel=observed] path.curve").count() == 1
+        assert list_lines(tab)
     first = tab.locator("#table tr[data-case='case 2'] td").all_inner_texts()
     # The only odd column with a value is u16: inherited properties of JavaScript are no values.
     assert [text for text in first[-len(ODD_NAMES) :] if text != "\N{EN DASH}"] == ["u16"]

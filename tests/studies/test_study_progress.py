@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from study_models import swing
 from study_runs import SerialPool, run_study
@@ -22,7 +20,3 @@ def test_progress_reports_the_remaining_time(tmp_path):
     assert reports[0].remaining_time is None
     assert all(report.remaining_time >= 0.0 for report in reports[1:])
     assert reports[-1].remaining_time == 0.0
-    more = replace(study, cases=(*study.cases, bd.Case(swing, {}, bd.Radau(rtol=1e-3))))
-    again = []
-    run_study(more, tmp_path, SerialPool(), again.append)
-    assert again[0].remaining_time > 0.0, "stored runs count"

@@ -10,7 +10,7 @@ from beamdae.report.page.page_file import fill_template
 from beamdae.results.displays import ANIMATION_WIDTH, Animation
 
 _STYLES = ("page", "charts", "mechanism")
-_SCRIPTS = ("decoding", "elements", "numbers", "axes", "mechanism", "player", "notebook_player")
+_SCRIPTS = ("decoding", "elements", "numbers", "markers", "mechanism", "player", "notebook_player")
 
 # Size of the picture [units of the SVG view box]; must agree with script/mechanism.js.
 _DRAWING_WIDTH = 420.0

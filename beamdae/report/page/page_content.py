@@ -6,10 +6,8 @@ every page is motion, curves, results, error budget, solver.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Required, TypedDict
-
-from beamdae.report.page.page_data import CurveBlock
 
 # Animation, as returned by `beamdae.report.scene.frame_export.export_frames`.
 Frames = Mapping[str, Any]
@@ -20,7 +18,7 @@ Frames = Mapping[str, Any]
 # "velocity drift"; and "difference" from the reference, with "observed" and "energy" by name.
 Curves = Mapping[str, Any]
 
-# Section of a page: "results" (default), "errors" or "solver".
+# Section of a page: "results" (default), "motion" (below the animation), "errors" or "solver".
 Section = str
 
 
@@ -77,7 +75,6 @@ class PageCase(TypedDict, total=False):
     rank: float | None  # orders the cases of a series, and the table by label
     status: str  # "ok" or a sentence
     values: Mapping[str, Any]  # by key of the column
-    extremes: Mapping[str, Sequence[float]]  # smallest and largest value over all steps, by header
     error: float | None
     cost: float | None  # [s]
     below: bool  # True if the error is below the resolution of the reference
@@ -175,6 +172,6 @@ class PageContent(TypedDict, total=False):
     profiles: list[PageProfile]
     tables: list[PageTable]
     cases: list[PageCase]
-    # Written to a folder beside the page that has the name of the page, without ".html", and
-    # "_curves".
-    curve_files: list[CurveBlock]
+    # Functions that return curves by the id of the case, written to a folder beside the page that
+    # has the name of the page, without ".html", and "_curves".
+    curve_files: Sequence[Callable[[], Mapping[str, Curves | None]]]

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import json
 import math
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +13,7 @@ import numpy as np
 
 from beamdae.equations.measures import DRIFT_COLUMNS, LEDGER_COLUMNS, TIME
 from beamdae.results.columns import Header, observed_columns
-from beamdae.results.storage.files import versions, write_text
+from beamdae.results.storage.files import write_text
 
 Array = np.ndarray
 
@@ -36,7 +33,6 @@ _LOGARITHMIC: dict[str, tuple[str, ...]] = {
     "energy": ("imbalance",),
     "drift": (_POSITION_DRIFT, _VELOCITY_DRIFT),
 }
-_CURVE_FILE = re.compile(r"// SHA-256 (?P<checksum>[0-9a-f]{64})\n(?P<script>.*)", re.DOTALL)
 
 
 def compute_row_limit(curves: int) -> int:
@@ -105,58 +101,15 @@ def select_curves(
     }
 
 
-@dataclass(frozen=True)
-class CurveBlock:
-    """Curves of some cases, which a page loads from a file beside it when one is selected.
+def write_curves(path: Path, curves: Mapping[str, Mapping[str, Any] | None]) -> None:
+    """Write curves of cases, by id, which a page loads when one of the cases is selected.
 
     A page that is opened from a folder may load scripts but no data, so the file is a script.
-
-    Attributes
-    ----------
-    ids
-        Identifiers of the cases.
-    key
-        Text that changes if the curves change; an existing file with the same key is kept, unless
-        it is damaged.
-    create
-        Function that returns the curves by identifier, as returned by `select_curves`.
     """
-
-    ids: tuple[str, ...]
-    key: str
-    create: Callable[[], Mapping[str, Mapping[str, Any] | None]]
-
-    @property
-    def name(self) -> str:
-        """Name of the file."""
-        text = json.dumps([versions(), self.ids, self.key])
-        return f"curves_{_compute_checksum(text)[:16]}.js"
-
-    def write(self, folder: Path) -> None:
-        """Write the file, unless it exists and is undamaged."""
-        path = folder / self.name
-        if _is_undamaged(path):
-            return
-        curves = {name: encode_curves(x) for name, x in self.create().items()}
-        text = json.dumps(replace_nonfinite(curves), allow_nan=False, separators=(",", ":"))
-        # As text, because "__proto__" as a name in a script is not a name of a quantity.
-        script = f"addCurves({json.dumps(text)});\n"
-        write_text(path, f"// SHA-256 {_compute_checksum(script)}\n{script}")
-
-
-def _is_undamaged(path: Path) -> bool:
-    """Return True if a file of curves exists and its checksum is correct."""
-    if not path.is_file():
-        return False
-    try:
-        content = _CURVE_FILE.fullmatch(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError):
-        return False
-    return content is not None and _compute_checksum(content["script"]) == content["checksum"]
-
-
-def _compute_checksum(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
+    encoded = {name: encode_curves(x) for name, x in curves.items()}
+    text = json.dumps(replace_nonfinite(encoded), allow_nan=False, separators=(",", ":"))
+    # As text, because "__proto__" as a name in a script is not a name of a quantity.
+    write_text(path, f"addCurves({json.dumps(text)});\n")
 
 
 def encode_curves(curves: Mapping[str, Any] | None) -> dict[str, Any] | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import json
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -17,7 +17,12 @@ from urllib.parse import quote
 from beamdae.errors import BeamdaeError
 from beamdae.report.option_names import name_options
 from beamdae.report.page.page_content import PageContent
-from beamdae.report.page.page_data import encode_curves, encode_frames, replace_nonfinite
+from beamdae.report.page.page_data import (
+    encode_curves,
+    encode_frames,
+    replace_nonfinite,
+    write_curves,
+)
 from beamdae.report.text import make_printable
 from beamdae.results.storage.files import write_text
 
@@ -28,40 +33,19 @@ _SCRIPTS = (
     "elements",
     "numbers",
     "markers",
-    "axes",
-    "gestures",
-    "export",
     "chart",
     "cases",
     "curve_files",
-    "labels",
     "scatter",
     "curves",
-    "cursor",
     "mechanism",
     "player",
     "sliders",
-    "map",
-    "portrait",
-    "profile",
     "fact_tables",
     "case_table",
     "selection",
-    "print",
     "main",  # must be last because it initializes the page
 )
-
-# Scripts that only pages with this entry contain.
-_OPTIONAL_SCRIPTS = {"labels": "overlays", "profile": "profiles"}
-
-# Lines that begin with a comment, after indentation is removed.
-_COMMENT_LINES = re.compile(r"^(//.*|/\*[^*]*(\*(?!/)[^*]*)*\*/)\n", re.MULTILINE)
-
-# Comments at the ends of lines. Texts between quotation marks are not comments.
-_END_COMMENTS = re.compile(r"(?<=\S) +// [^\"'`\n]*$", re.MULTILINE)
-
-# Ends of lines, and spaces between a property and its value; those before texts stay.
-_STYLE_SPACES = re.compile(r"(?<=[;{}])\n|(?<=\w:) (?!\")")
 
 # Default values of optional entries.
 _GROUP_DEFAULTS: dict[str, Any] = {"label": "", "reference": None, "frames": None}
@@ -112,7 +96,7 @@ _PAGE_DEFAULTS: dict[str, Any] = {
 # Python number of a NumPy scalar, which JSON does not know.
 _TO_NUMBER = methodcaller("item")
 _FILE_SOURCES = " 'self' file:"
-_CURVE_FILE_NAME = re.compile(r"curves_[0-9a-f]{16}\.js")
+_CURVE_FILE_NAME = re.compile(r"curves_\d+\.js")
 
 
 def write_page(path: Path, page: PageContent) -> Path:
@@ -139,18 +123,19 @@ def write_page(path: Path, page: PageContent) -> Path:
     title = html.escape(make_printable(page.get("title", "")))
     content = _complete_page(page)
     content["notes"] = [name_options(sentence) for sentence in content["notes"]]
-    blocks = content["curve_files"]
-    folder = _curve_folder(path)
-    content["curve_files"] = [f"{quote(folder.name)}/{block.name}" for block in blocks]
-    sources = _FILE_SOURCES if blocks else ""
+    blocks, folder = content["curve_files"], _curve_folder(path)
     if blocks and folder.is_symlink():
         raise BeamdaeError(f"{folder}: the path must be a folder, but is a link; remove the link.")
-    for block in blocks:
-        block.write(folder)
-    scripts = [x for x in _SCRIPTS if x not in _OPTIONAL_SCRIPTS or content[_OPTIONAL_SCRIPTS[x]]]
-    page_text = fill_template("page", _STYLES, scripts, content, title=title, sources=sources)
+    remove_curve_files(path)
+    names = [f"curves_{k}.js" for k in range(len(blocks))]
+    for name, create_curves in zip(names, blocks, strict=True):
+        write_curves(folder / name, create_curves())
+    content["curve_files"] = [f"{quote(folder.name)}/{name}" for name in names]
+    sources = _FILE_SOURCES if blocks else ""
+    library = files("beamdae.report.page").joinpath("library", "echarts.min.js").read_text("utf-8")
+    texts = {"title": title, "sources": sources, "library": library}
+    page_text = fill_template("page", _STYLES, _SCRIPTS, content, **texts)
     write_text(path, page_text)
-    remove_curve_files(path, {block.name for block in blocks})
     return path
 
 
@@ -166,7 +151,7 @@ def list_page_files(page: Path) -> list[Path]:
     return [page, folder] if folder.is_dir() and not folder.is_symlink() else [page]
 
 
-def remove_curve_files(page: Path, used: Collection[str] = ()) -> None:
+def remove_curve_files(page: Path) -> None:
     """Remove the files of curves of an earlier page, and their folder if it is empty then.
 
     A link in place of the folder is not followed.
@@ -176,10 +161,9 @@ def remove_curve_files(page: Path, used: Collection[str] = ()) -> None:
         return
     with suppress(OSError):
         for file in folder.iterdir():
-            if _CURVE_FILE_NAME.fullmatch(file.name) and file.name not in used:
+            if _CURVE_FILE_NAME.fullmatch(file.name):
                 file.unlink()
-        if not used:
-            folder.rmdir()
+        folder.rmdir()
 
 
 def fill_template(
@@ -212,11 +196,7 @@ def fill_template(
 
 
 def _join_files(folder: Traversable, names: Sequence[str], suffix: str) -> str:
-    """Return the content of scripts or styles without indentation, empty lines and comments."""
-    text = "\n".join((folder / f"{n}{suffix}").read_text(encoding="utf-8") for n in names)
-    lines = _COMMENT_LINES.sub("", re.sub(r"^\s+", "", text, flags=re.MULTILINE))
-    # Only scripts need the ends of lines.
-    return _END_COMMENTS.sub("", lines) if suffix == ".js" else _STYLE_SPACES.sub("", lines)
+    return "\n".join((folder / f"{n}{suffix}").read_text(encoding="utf-8") for n in names)
 
 
 def _complete_page(content: PageContent) -> dict[str, Any]:

@@ -46,22 +46,8 @@ MAX_PANELS = 12
 # Largest number of ticks for which numbers with six digits do not overlap.
 _MAX_HORIZONTAL_TICKS = 5
 _RESOLUTION = 150  # of picture files [dots per inch]
-# Of 9; files are a tenth larger than by the default of 6, and compressed in two thirds of the time.
-_COMPRESSION_LEVEL = 3
-
-# Sizes in a figure of panels [inch]. Sizes of texts are fixed because measuring all texts, as the
-# constrained layout of Matplotlib does, takes longer than drawing the figure.
-_AXES_WIDTH, _AXES_HEIGHT = 3.7, 1.75
-_LEFT_MARGIN = 0.92  # for a y label and tick labels of eight characters
-_RIGHT_MARGIN = 0.2  # for half of the last tick label
-_TICK_LABELS_HEIGHT = 0.22
-_X_LABEL_HEIGHT = 0.22
-_PANEL_TITLE_HEIGHT = 0.3
-_HEADING_LINE_HEIGHT = 0.2
-_MARGIN = 0.08
-_Y_LABEL_DISTANCE = 0.68  # from the axes to the middle of the y label
-_X_LABEL_DISTANCE = 0.27  # from the axes to the top of the x label
-_POWER_DISTANCE = 0.6  # from the axes to the start of their power of ten, left of the title
+_PANEL_WIDTH, _PANEL_HEIGHT = 4.8, 2.35  # [inch]
+_HEADING_LINE_HEIGHT = 0.2  # [inch]
 
 # Larger values overflow when Matplotlib computes the range of an axis.
 MAX_DRAWABLE = 1e300
@@ -135,11 +121,7 @@ def _range(values: Any) -> float:
 
 
 def create_panels(
-    number: int,
-    title: str,
-    what: str = "columns",
-    x_label: str | None = "t [s]",
-    constrained: bool = False,
+    number: int, title: str, what: str = "columns", x_label: str | None = "t [s]"
 ) -> tuple[Figure, list[Axes]]:
     """Create a figure with panels, arranged in up to two columns.
 
@@ -154,10 +136,7 @@ def create_panels(
     what
         Name of the panel content in the title, for example "columns".
     x_label
-        Label below the lowest panels; None leaves space for a label below each panel.
-    constrained
-        If True, measure all texts to arrange the panels, for tick labels that may be long or
-        rotated and for color bars. This takes as long as drawing the figure.
+        Label below the lowest panels.
     """
     # Imported here because importing Matplotlib takes longer than some commands.
     from matplotlib.figure import Figure
@@ -168,26 +147,9 @@ def create_panels(
     # Shown above the panels because legends are placed below.
     omission = [f"{number} of {requested} {what}"] if requested > number else []
     heading = "\n".join(filter(None, [wrap_title(title), *omission]))
-
-    top = _MARGIN + _PANEL_TITLE_HEIGHT
-    top += _HEADING_LINE_HEIGHT * (heading.count("\n") + 1) if heading else 0.0
-    bottom = _TICK_LABELS_HEIGHT + _X_LABEL_HEIGHT + _MARGIN
-    row_gap = _PANEL_TITLE_HEIGHT + _TICK_LABELS_HEIGHT
-    row_gap += 0.0 if x_label is not None else _X_LABEL_HEIGHT
-    column_gap = _LEFT_MARGIN + _RIGHT_MARGIN
-    width = columns * (_AXES_WIDTH + column_gap)
-    height = rows * _AXES_HEIGHT + (rows - 1) * row_gap + top + bottom
-    figure = Figure(figsize=(width, height))
-    figure.set_layout_engine("constrained" if constrained else "none")
-    if not constrained:
-        figure.subplots_adjust(
-            left=_LEFT_MARGIN / width,
-            right=1.0 - _RIGHT_MARGIN / width,
-            bottom=bottom / height,
-            top=1.0 - top / height,
-            wspace=column_gap / _AXES_WIDTH,
-            hspace=row_gap / _AXES_HEIGHT,
-        )
+    lines = heading.count("\n") + 1 if heading else 0
+    size = (columns * _PANEL_WIDTH, rows * _PANEL_HEIGHT + lines * _HEADING_LINE_HEIGHT)
+    figure = Figure(figsize=size, layout="constrained")
     axes = [figure.add_subplot(rows, columns, k + 1) for k in range(number)]
     # The last row may have one panel; the panel above its empty place is labeled instead.
     for axis in axes[-columns:]:
@@ -195,9 +157,7 @@ def create_panels(
     if not axes:
         figure.text(0.5, 0.4, "there is nothing to draw", ha="center", color="0.4")
     if heading:
-        # The constrained layout makes room for headings only where it places them itself.
-        place = {} if constrained else {"y": 1.0 - _MARGIN / height}
-        figure.suptitle(heading, fontsize=11, **place)
+        figure.suptitle(heading, fontsize=11)
     return figure, axes
 
 
@@ -210,15 +170,8 @@ def format_axis(axis: Axes, title: str, ylabel: str) -> None:
     """Set title, y label, grid and ticks of an axis."""
     from beamdae.report.pictures.tick_labels import format_ticks
 
-    is_arranged = axis.figure.get_layout_engine() is not None
-    axis.set_title(title, fontsize=10, y=None if is_arranged else 1.0)
+    axis.set_title(title, fontsize=10)
     axis.set_ylabel(shorten_text(ylabel, MAX_LABEL_LETTERS))
-    if not is_arranged:
-        # Matplotlib would measure all tick labels to place the texts beside them.
-        width, height = axis.bbox.width / axis.figure.dpi, axis.bbox.height / axis.figure.dpi
-        axis.yaxis.set_label_coords(-_Y_LABEL_DISTANCE / width, 0.5)
-        axis.xaxis.set_label_coords(0.5, -_X_LABEL_DISTANCE / height)
-        axis.yaxis.get_offset_text().set_x(-_POWER_DISTANCE / width)
     draw_grid(axis)
     axis.margins(x=0.0)
     format_ticks(axis.yaxis)
@@ -268,7 +221,7 @@ def add_legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None
     widest = _LEGEND_LETTER_WIDTH * max(map(len, names), default=1) + _LEGEND_LINE_WIDTH
     columns = max(1, min(len(names), int(width / widest)))
     rows = math.ceil(len(names) / columns)
-    _add_space_below(figure, _LEGEND_ROW_HEIGHT * rows)
+    figure.set_figheight(figure.get_figheight() + _LEGEND_ROW_HEIGHT * rows)
     legend = figure.legend(
         handles=[Line2D([], [], **style) for style in entries.values()],
         labels=[""] * len(names),
@@ -279,18 +232,6 @@ def add_legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None
         handlelength=3.0,
     )
     set_legend_names(legend, names)
-
-
-def _add_space_below(figure: Figure, height: float) -> None:
-    """Increase the height of a figure [inch] and keep the sizes of its panels."""
-    before = figure.get_figheight()
-    after = before + height
-    figure.set_figheight(after)
-    if figure.get_layout_engine() is None:
-        top, bottom = figure.subplotpars.top, figure.subplotpars.bottom
-        figure.subplots_adjust(
-            top=1.0 - (1.0 - top) * before / after, bottom=(bottom * before + height) / after
-        )
 
 
 def set_legend_names(legend: Legend, names: Sequence[str]) -> None:
@@ -345,21 +286,5 @@ def save_figure(figure: Figure, path: Path) -> Path:
     with atomic_write(path) as scratch, warnings.catch_warnings():
         # Characters missing from the font are drawn as boxes; tables show them correctly.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        if kind == "png":
-            _write_png(figure, scratch)
-        else:
-            figure.savefig(scratch, dpi=_RESOLUTION, format=kind)
+        figure.savefig(scratch, dpi=_RESOLUTION, format=kind)
     return path
-
-
-def _write_png(figure: Figure, path: Path) -> None:
-    """Write a figure in PNG format; `Figure.savefig` would draw it twice."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    canvas, resolution = figure.canvas, figure.dpi
-    try:
-        figure.set_dpi(_RESOLUTION)
-        FigureCanvasAgg(figure).print_png(path, pil_kwargs={"compress_level": _COMPRESSION_LEVEL})
-    finally:
-        figure.set_dpi(resolution)
-        figure.set_canvas(canvas)

@@ -15,7 +15,7 @@ from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.errors import BeamdaeError, require_count, short_repr
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.page.motion_player import build_motion_player
-from beamdae.report.pictures.animation_files import FigureAnimation
+from beamdae.report.pictures.animation_files import save_animation
 from beamdae.report.pictures.figures import (
     COLORS,
     MAX_PANELS,
@@ -158,7 +158,7 @@ def animate_mode(
     SceneArtists(axis, scenes.rest, is_pale=True)
     add_caption(axis).set_text(caption)
     artists, rate = SceneArtists(axis, scene), max(round(number / _DISPLAYED_PERIOD), 1)
-    return FigureAnimation(figure, artists.show, number, rate).save("animate", path)
+    return save_animation("animate", path, figure, artists.show, number, rate)
 
 
 def draw_campbell(diagram: Campbell, multiples: Sequence[int] | None = None) -> Plot:

@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError, require_count, require_positive, short_repr
 from beamdae.report.page.motion_player import build_motion_player
-from beamdae.report.pictures.animation_files import FigureAnimation
+from beamdae.report.pictures.animation_files import save_animation
 from beamdae.report.pictures.scene_artists import (
     SceneArtists,
     add_caption,
@@ -79,7 +79,7 @@ def animate(
         return build_motion_player(data, (width, height), "", speed, color is not None)
     colors = None if color is None else compute_beam_colors("animate", solution, color, times)
     captions = _format_captions(times, speed, factor, describe_heights(scene))
-    return _create_animation(scene, colors, captions, rate).save("animate", path)
+    return _save(path, scene, colors, captions, rate)
 
 
 def _format_captions(times: Array, speed: float, scale: float, heights: str) -> list[str]:
@@ -92,9 +92,9 @@ def _format_captions(times: Array, speed: float, scale: float, heights: str) -> 
     return [f"t = {time:.{digits}f} s{suffix}" for time in times]
 
 
-def _create_animation(
-    scene: Scene, colors: BeamColors | None, captions: list[str], rate: float
-) -> FigureAnimation:
+def _save(
+    path: str | Path, scene: Scene, colors: BeamColors | None, captions: list[str], rate: float
+) -> Path:
     strip = 0.0 if colors is None else _COLOR_BAR_STRIP
     figure, axis = create_bare_axis(padded_extent([scene]), strip)
     artists, caption = SceneArtists(axis, scene, colors), add_caption(axis)
@@ -105,7 +105,7 @@ def _create_animation(
         caption.set_text(captions[frame])
         return [*artists.show(frame), caption]
 
-    return FigureAnimation(figure, show, len(captions), rate)
+    return save_animation("animate", path, figure, show, len(captions), rate)
 
 
 def _add_color_bar(figure: Figure, colors: BeamColors) -> None:

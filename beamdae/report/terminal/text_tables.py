@@ -360,74 +360,72 @@ def failure_sentences(table: pd.DataFrame) -> list[str]:
     return [make_printable(f"{label}: {reason}") for label, reason in reasons]
 
 
+def _create_table(
+    title: str,
+    table: pd.DataFrame,
+    first: str,
+    columns: Mapping[str, tuple[Column, int]],
+    source: str = "the CSV file",
+) -> ResponsiveTable:
+    """Return the column `first` of a table and others, given with their numbers of digits."""
+    rows = [
+        (
+            str(row[first]),
+            *(format_number(row[name], digits) for name, (_, digits) in columns.items()),
+        )
+        for row in table.to_dict("records")
+    ]
+    return ResponsiveTable(title, [column for column, _ in columns.values()], rows, source)
+
+
 def buckling_table(table: pd.DataFrame) -> ResponsiveTable:
     """Return a table of load factors and moving coordinates, given `Buckling.table()`."""
-    columns = [Column("load factor\n[-]"), Column("moves most", 1, sentences=True)]
-    rows = [
-        (str(row["mode"]), format_number(row["load factor [-]"], 6), str(row["moves most"]))
-        for _, row in table.iterrows()
-    ]
-    return ResponsiveTable("mode", columns, rows, "the CSV file")
+    columns = {
+        "load factor [-]": (Column("load factor\n[-]"), 6),
+        "moves most": (Column("moves most", 1, sentences=True), 0),
+    }
+    return _create_table("mode", table, "mode", columns)
 
 
 def amplitudes_table(table: pd.DataFrame) -> ResponsiveTable:
     """Return a table of observed columns, given `PeriodicMotion.amplitudes()`."""
-    names = ["mean", "half range", "least", "largest"]
-    columns = [Column(name, rank) for rank, name in zip((0, 0, 1, 1), names, strict=True)]
-    rows = [
-        (str(header), *(format_number(row[name], 5) for name in names))
-        for header, row in table.iterrows()
-    ]
-    return ResponsiveTable("observed", columns, rows, "--json")
+    ranks = {"mean": 0, "half range": 0, "least": 1, "largest": 1}
+    columns = {name: (Column(name, rank), 5) for name, rank in ranks.items()}
+    indexed = table.rename_axis("observed").reset_index()
+    return _create_table("observed", indexed, "observed", columns, "--json")
 
 
 def peaks_table(parameter: str, label: str, peaks: pd.DataFrame) -> ResponsiveTable:
     """Return a table of the peaks of response curves, given `FrequencyResponse.peak_table()`."""
-    names = ["half range", "largest magnitude"]
-    columns = [Column(label), *(Column(name.replace(" ", "\n")) for name in names)]
-    rows = [
-        (
-            str(x["observed"]),
-            format_number(x[parameter], 6),
-            *(format_number(x[name], 5) for name in names),
-        )
-        for _, x in peaks.iterrows()
-    ]
-    return ResponsiveTable("peak of", columns, rows, "--json")
+    columns = {
+        parameter: (Column(label), 6),
+        "half range": (Column("half\nrange"), 5),
+        "largest magnitude": (Column("largest\nmagnitude"), 5),
+    }
+    return _create_table("peak of", peaks, "observed", columns, "--json")
 
 
 def bode_table(peaks: pd.DataFrame) -> ResponsiveTable:
     """Return a table of the peaks of transfer functions, given `Bode.peak_table()`."""
-    columns = [
-        Column("frequency\n[Hz]"),
-        Column("magnitude"),
-        Column("unit"),
-        Column("phase\n[deg]", 1),
-    ]
-    rows = [
-        (str(name), format_number(f, 6), format_number(size, 5), str(unit), format_number(phase, 4))
-        for name, f, size, unit, phase in peaks.itertuples(index=False)
-    ]
-    return ResponsiveTable("peak of", columns, rows, "the CSV file")
+    first, frequency, size, unit, phase = map(str, peaks)
+    columns = {
+        frequency: (Column("frequency\n[Hz]"), 6),
+        size: (Column("magnitude"), 5),
+        unit: (Column("unit"), 0),
+        phase: (Column("phase\n[deg]", 1), 4),
+    }
+    return _create_table("peak of", peaks, first, columns)
 
 
 def estimates_table(table: pd.DataFrame, units: Mapping[str, str] | None = None) -> ResponsiveTable:
     """Return a table of estimates and their 95 % intervals, given `Fit.table()` and units."""
-    headers = format_headers(units or {})
-    columns = [
-        Column("value"),
-        Column("standard\ndeviation"),
-        Column("lower\n95 %", 1),
-        Column("upper\n95 %", 1),
-    ]
-    rows = [
-        (
-            headers.get(str(name), str(name)),
-            *(format_number(x, 5 if k != 1 else 2) for k, x in enumerate(row)),
-        )
-        for name, row in zip(table.index, table.to_numpy().tolist(), strict=True)
-    ]
-    return ResponsiveTable("estimate of", columns, rows, "the CSV file")
+    heads = ("value", "standard\ndeviation", "lower\n95 %", "upper\n95 %")
+    columns = {
+        str(name): (Column(head, k // 2), 2 if k == 1 else 5)
+        for k, (name, head) in enumerate(zip(table, heads, strict=True))
+    }
+    named = table.rename(index=format_headers(units or {})).rename_axis("name").reset_index()
+    return _create_table("estimate of", named, "name", columns)
 
 
 def searches_table(
@@ -464,28 +462,19 @@ def searches_table(
 
 def modes_table(table: pd.DataFrame) -> ResponsiveTable:
     """Return a table of frequencies, damping and moving parts, given `Modes.table()`."""
-    columns = [
-        Column("frequency\n[Hz]"),
-        Column("damping\nratio [-]", 2),
-        Column("growth rate\n[1/s]", 3),
-        Column("effective\nmass x [kg]", 4),
-        Column("effective\nmass y [kg]", 5),
-        Column("kind", 1, sentences=True),
-        Column("moves", 1, sentences=True),
-    ]
-    names = ["damping ratio [-]", "growth rate [1/s]"]
-    names += [name for name in map(str, table) if name.startswith("effective mass")]
-    rows = [
-        (
-            str(row["mode"]),
-            format_number(row["frequency [Hz]"], 6),
-            *(format_number(row[name]) for name in names),
-            str(row["kind"]),
-            str(row["moves"]),
-        )
-        for _, row in table.iterrows()
-    ]
-    return ResponsiveTable("mode", columns, rows, "the CSV file")
+    masses = [name for name in map(str, table) if name.startswith("effective mass")]
+    columns = {
+        "frequency [Hz]": (Column("frequency\n[Hz]"), 6),
+        "damping ratio [-]": (Column("damping\nratio [-]", 2), 3),
+        "growth rate [1/s]": (Column("growth rate\n[1/s]", 3), 3),
+        **{
+            name: (Column(f"effective\nmass {axis} [kg]", rank), 3)
+            for name, axis, rank in zip(masses, "xy", (4, 5), strict=True)
+        },
+        "kind": (Column("kind", 1, sentences=True), 0),
+        "moves": (Column("moves", 1, sentences=True), 0),
+    }
+    return _create_table("mode", table, "mode", columns)
 
 
 def campbell_table(table: pd.DataFrame) -> ResponsiveTable:
@@ -514,21 +503,15 @@ def campbell_table(table: pd.DataFrame) -> ResponsiveTable:
 
 def resonances_table(table: pd.DataFrame) -> ResponsiveTable:
     """Return a table of resonance speeds, given `Campbell.resonances()`."""
-    columns = [
-        Column("speed\n[rpm]"),
-        Column("frequency\n[Hz]"),
-        Column("mode"),
-        Column("multiple"),
-    ]
     rows = [
         (
             *_format_speed(row),
             format_number(row["frequency [Hz]"], 5),
-            f"{row['mode']:.0f}",
-            f"{row['multiple']:.0f}",
+            *(f"{row[name]:.0f}" for name in ("mode", "multiple")),
         )
         for _, row in table.iterrows()
     ]
+    columns = [Column(x) for x in ("speed\n[rpm]", "frequency\n[Hz]", "mode", "multiple")]
     return ResponsiveTable("resonance [rad/s]", columns, rows, "the CSV file")
 
 
@@ -565,13 +548,9 @@ def models_table(models: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
 def parameters_table(model: Mapping[str, Any]) -> ResponsiveTable:
     """Return a table of the parameters of a model, with their units and descriptions."""
     columns = [Column("default"), Column("unit", 1), Column("description", 2, sentences=True)]
+    texts = (model["units"], model["descriptions"])
     rows = [
-        (
-            name,
-            format_with_unit(value, ""),
-            model["units"].get(name, ""),
-            model["descriptions"].get(name, ""),
-        )
+        (name, format_with_unit(value, ""), *(by_name.get(name, "") for by_name in texts))
         for name, value in model["parameters"].items()
     ]
     return ResponsiveTable(str(model["name"]), columns, rows, "--json")

@@ -14,7 +14,6 @@ from typing import Any
 
 from beamdae.accuracy.runs import unchecked
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, working_folder
 from beamdae.memory import limit_memory, peak_memory, reset_peak_memory
 from beamdae.report.scene.frame_export import export_run_frames
@@ -38,7 +37,7 @@ from beamdae.studies.store.file_reads import (
     digest_reads,
     record_file_reads,
 )
-from beamdae.studies.store.trajectory_csv import format_numbers
+from beamdae.studies.store.store import format_trajectory
 from beamdae.studies.tasks import MEASURED, Limits, Outcome, Task, describe_exception
 from beamdae.symbolic.sums.sum_evaluator import compile_sums
 
@@ -130,7 +129,7 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
             except BeamdaeError as problem:
                 status = Status("failed", str(problem))
         rows = collect_rows(solution)
-        text = format_numbers(TIME, rows.headers, rows.numbers)
+        text = format_trajectory(rows.headers, rows.numbers)
         measures = measure_rows(rows.headers, rows.numbers, solution.step_extremes)
         frames = _export_frames(solution, task.frames) if task.frames else None
     simulation_time = sum(wall_times) + sum(s.statistics.setup_time for s in solutions)

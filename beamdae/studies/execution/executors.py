@@ -1,19 +1,18 @@
-"""Executors that run tasks in this process, in local processes or on a Dask cluster."""
+"""Executors that run tasks in this process, in local processes or on any other executor."""
 
 from __future__ import annotations
 
-import logging
 import os
-import re
 import warnings
 from collections import deque
-from collections.abc import Generator, Sequence
-from concurrent.futures import CancelledError
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import CancelledError, Executor, as_completed
 from typing import Any, NamedTuple, Protocol
 
 from beamdae.errors import (
     BeamdaeError,
     KernelWarning,
+    format_exception,
     format_message,
     require_count,
     short_repr,
@@ -29,7 +28,7 @@ from beamdae.studies.execution.worker_processes import (
     wait_for_workers,
 )
 from beamdae.studies.store.file_reads import clear_module_reads
-from beamdae.studies.tasks import Outcome, SerializedModels, Task, describe_exception
+from beamdae.studies.tasks import Outcome, Task, describe_exception
 
 _KILL_DELAY = 60.0  # time after the time limit of a task until its process is killed [s]
 _MAX_ATTEMPTS = 2  # per task, if its process dies
@@ -37,10 +36,6 @@ _MAX_WORKERS_PER_CORE = 16  # more bring no benefit, even if some processes wait
 _POLL_INTERVAL = 0.1  # time between checks of interrupts and deadlines [s]
 _CONNECT_TIMEOUT = 10.0  # maximum time for a Dask scheduler to answer [s]
 _MAX_ADDRESS_LETTERS = 80
-_MAX_PORT = 65535
-# Schemes of addresses with host and port; Dask checks addresses of other schemes.
-_NETWORK_SCHEMES = ("tcp", "tls", "ucx", "ws", "wss")
-_HOST_AND_PORT = re.compile(r"(?:\[[\w:.%]+\]|[\w.-]+):(?P<port>\d{1,5})")
 
 
 class TaskResult(NamedTuple):
@@ -64,7 +59,7 @@ class TaskResult(NamedTuple):
 TaskResults = Generator[TaskResult, None, None]
 
 
-class Executor(Protocol):
+class TaskExecutor(Protocol):
     """Runs tasks and yields their results in the order of completion.
 
     Attributes
@@ -98,10 +93,9 @@ class SerialPool:
 
         After the result of an interrupted task, KeyboardInterrupt is raised.
         """
-        models: SerializedModels = {}
         for task in tasks:
             clear_module_reads()
-            outcome = run_task(task.serialize(models))
+            outcome = run_task(task.serialize())
             yield TaskResult(task, outcome, storable=True)
             # After an interrupt, the integrator only ends its run, but the whole study must end.
             if outcome.status.kind == "interrupted":
@@ -135,12 +129,11 @@ class LocalPool:
         waiting = deque(_Attempt(task, 1) for task in tasks)
         workers: list[WorkerProcess[_Attempt]] = []
         results: list[TaskResult] = []
-        models: SerializedModels = {}
         with DeferredInterrupts() as interrupts:
             try:
                 while (waiting and self._capacity) or any(worker.current for worker in workers):
                     # Start the next tasks first, so that they run while the caller handles results.
-                    yield from self._assign_tasks(waiting, workers, models)
+                    yield from self._assign_tasks(waiting, workers)
                     yield from results
                     if interrupts.received:
                         raise KeyboardInterrupt
@@ -157,16 +150,13 @@ class LocalPool:
         yield from SerialPool().run_tasks([task for task, number in waiting if number == 1])
 
     def _assign_tasks(
-        self,
-        waiting: deque[_Attempt],
-        workers: list[WorkerProcess[_Attempt]],
-        models: SerializedModels,
+        self, waiting: deque[_Attempt], workers: list[WorkerProcess[_Attempt]]
     ) -> TaskResults:
         """Assign tasks to idle or new processes; yield results of unserializable tasks."""
         while waiting and sum(worker.current is not None for worker in workers) < self._capacity:
             attempt = waiting.popleft()
             task = attempt.task
-            serialized = _serialize_task(task, models)
+            serialized = _serialize_task(task)
             if isinstance(serialized, TaskResult):
                 yield serialized
                 continue
@@ -229,133 +219,88 @@ class LocalPool:
                 yield TaskResult(worker.current.task, Outcome(status), storable=True)
 
 
-def _serialize_task(task: Task, models: SerializedModels) -> bytes | TaskResult:
+def _serialize_task(task: Task) -> bytes | TaskResult:
     """Return the serialized task, or a failed result if it cannot be serialized."""
     try:
-        return task.serialize(models)
+        return task.serialize()
     except Exception as problem:  # Pickling objects of a model can raise any error.
         reason = f"the task cannot be serialized: {describe_exception(problem)}"
         return TaskResult(task, Outcome.failed(reason), storable=False)
 
 
-class DaskPool:
-    """Runs tasks on a Dask cluster; if a worker dies, another worker runs its task again.
+class FuturePool:
+    """Runs tasks on an executor of `concurrent.futures`, or on one with the same methods.
 
     Parameters
     ----------
-    address
-        Address of the scheduler, such as "tcp://host:8786".
-    source
-        Beginning of messages: the argument or option that sets the address.
-
-    Raises
-    ------
-    BeamdaeError
-        If Dask is not installed, the address is invalid, no scheduler answers within 10 s, or the
-        scheduler has no workers.
+    executor
+        The executor, for example of Dask, mpi4py or loky. Its workers are processes, because runs
+        change settings of their process, such as the filters of warnings.
+    workers
+        Number of tasks that it runs at the same time, for reports of progress.
+    close
+        Function that is called after the last task.
     """
 
-    def __init__(self, address: str, source: str = "scheduler") -> None:
-        _require_address(source, address)
-        label = f"{source} {shorten_text(address, _MAX_ADDRESS_LETTERS)}"
-        try:
-            from distributed import Client
-        except ImportError:
-            raise BeamdaeError(
-                f"{label} requires Dask, which is not installed; run pip install "
-                "'beamdae[cluster]'."
-            ) from None
-        # The object exists before the connection, so that it can be closed if the connection fails.
-        # Otherwise, its garbage collection could block for 20 s.
-        self._client = Client.__new__(Client)
-        try:
-            Client.__init__(self._client, address, timeout=_CONNECT_TIMEOUT)
-        except BaseException as problem:
-            self._client.close()
-            # Dask raises OSError, ValueError, TypeError and others, depending on the scheme.
-            if not isinstance(problem, Exception):
-                raise
-            raise BeamdaeError(
-                f"{label} does not answer ({format_message(problem)}); start a Dask scheduler or "
-                "correct the address."
-            ) from problem
-        self.workers = sum(self._client.nthreads().values())
-        if not self.workers:
-            self._client.close()
-            raise BeamdaeError(f"{label} has no workers; start at least one worker.")
+    def __init__(self, executor: Executor, workers: int, close: Callable[[], Any]) -> None:
+        self._executor, self.workers, self._close = executor, workers, close
 
     def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
-        """Yield the result of each task in the order of completion, then close the connection."""
-        from distributed import KilledWorker, as_completed
-
-        models: SerializedModels = {}
-        futures = {}
-        failures: list[TaskResult] = []
-        # The outcomes report a lost connection; the client would log tracebacks of its own tasks.
-        logger = logging.getLogger("distributed.client")
-        level = logger.level
-        logger.setLevel(logging.CRITICAL)
+        """Yield the result of each task in the order of completion."""
+        futures: dict[Any, Task] = {}
         try:
             for task in tasks:
-                serialized = _serialize_task(task, models)
+                serialized = _serialize_task(task)
                 if isinstance(serialized, TaskResult):
-                    failures.append(serialized)
-                    continue
-                key = f"beamdae-{task.key}"
-                future = self._client.submit(run_task, serialized, key=key, pure=False)
-                futures[future] = task
-            yield from failures
-            for future in as_completed(list(futures)):
-                task = futures[future]
+                    yield serialized
+                else:
+                    futures[self._executor.submit(run_task, serialized)] = task
+            for future in as_completed(futures):
                 try:
-                    yield TaskResult(task, future.result(), storable=True)
-                except KilledWorker as problem:
-                    # Each of several workers died during this task: the task is the cause.
-                    reason = f"the workers of the task died: {format_message(problem)}"
-                    yield TaskResult(task, Outcome.failed(reason), storable=False)
-                # `run_task` raises no exceptions, so the cause is the cluster.
-                # Dask cancels tasks if the scheduler ends; a lost result is an OSError.
-                except (CancelledError, OSError):
-                    reason = "the connection to the Dask cluster was lost"
-                    yield TaskResult(task, Outcome(Status("not run", reason)), storable=False)
-                except Exception as problem:
-                    reason = f"the Dask cluster failed: {describe_exception(problem)}"
-                    yield TaskResult(task, Outcome(Status("not run", reason)), storable=False)
+                    yield TaskResult(futures[future], future.result(), storable=True)
+                except (Exception, CancelledError) as problem:
+                    # `run_task` raises no exceptions, so the cause is the executor.
+                    status = Status("not run", f"the executor failed: {format_exception(problem)}")
+                    yield TaskResult(futures[future], Outcome(status), storable=False)
         finally:
-            self._client.cancel(list(futures))
-            self._client.close()
-            logger.setLevel(level)
+            for future in futures:
+                future.cancel()
+            self._close()
 
 
-def _require_address(source: str, address: str) -> None:
-    """Reject an address without a valid host and port, to which Dask might try to connect."""
-    scheme, separator, location = address.rpartition("://")
-    if separator and scheme not in _NETWORK_SCHEMES:
-        return
-    match = _HOST_AND_PORT.fullmatch(location)
-    if match is None or not 0 < int(match["port"]) <= _MAX_PORT:
+def _connect_to_dask(label: str, address: str) -> FuturePool:
+    """Return a pool that runs tasks on the workers of a Dask scheduler."""
+    try:
+        from distributed import Client
+    except ImportError:
         raise BeamdaeError(
-            f"{source} {short_repr(address)} is not the address of a Dask scheduler; pass a host "
-            "and a port, for example tcp://host:8786."
-        )
+            f"{label} requires Dask, which is not installed; run pip install 'beamdae[cluster]'."
+        ) from None
+    try:
+        client = Client(address, timeout=_CONNECT_TIMEOUT)
+    except Exception as problem:  # of many kinds, depending on the scheme of the address
+        raise BeamdaeError(
+            f"{label} does not answer ({format_message(problem)}); start a Dask scheduler or "
+            "correct the address."
+        ) from problem
+    workers = sum(client.nthreads().values())
+    if not workers:
+        client.close()
+        raise BeamdaeError(f"{label} has no workers; start at least one worker.")
+    return FuturePool(client.get_executor(pure=False), workers, client.close)
 
 
-def create_executor(part: str, prefix: str, workers: Any, scheduler: Any) -> Executor:
-    """Return a `DaskPool` if the address `scheduler` is given, otherwise a `LocalPool`.
+def create_executor(part: str, prefix: str, workers: Any, scheduler: Any) -> TaskExecutor:
+    """Return a pool of local processes or, with a `scheduler`, one that uses its workers.
 
     Messages begin with `part` and call the arguments `jobs` and `scheduler`, preceded by `prefix`.
 
     Raises
     ------
     BeamdaeError
-        If `workers` is not a count or is too large, `scheduler` is not a string, or the `DaskPool`
-        cannot be created.
+        If `workers` is not a count or is too large, or `scheduler` is neither an executor nor the
+        address of a Dask scheduler that answers.
     """
-    if scheduler is not None and not isinstance(scheduler, str):
-        raise BeamdaeError(
-            f"{part}: {prefix}scheduler must be the address of a Dask scheduler, "
-            f"got {short_repr(scheduler)}."
-        )
     option = f"{prefix}jobs"
     limit = _MAX_WORKERS_PER_CORE * (os.cpu_count() or 1)
     if workers is not None and require_count(part, option, workers) > limit:
@@ -365,7 +310,16 @@ def create_executor(part: str, prefix: str, workers: Any, scheduler: Any) -> Exe
         )
     if scheduler is None:
         return LocalPool(workers)
-    return DaskPool(scheduler, f"{part}: {prefix}scheduler")
+    if isinstance(scheduler, Executor):
+        # The caller shuts the executor down, which other studies may use.
+        return FuturePool(scheduler, workers or _count_cores(), lambda: None)
+    if not isinstance(scheduler, str):
+        raise BeamdaeError(
+            f"{part}: {prefix}scheduler must be the address of a Dask scheduler or an executor "
+            f"of concurrent.futures, got {short_repr(scheduler)}."
+        )
+    name = shorten_text(scheduler, _MAX_ADDRESS_LETTERS)
+    return _connect_to_dask(f"{part}: {prefix}scheduler {name}", scheduler)
 
 
 def _count_cores() -> int:

@@ -29,7 +29,7 @@ from beamdae.studies.case import Case, DigestCache
 from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.definition import Study
-from beamdae.studies.execution.executors import Executor
+from beamdae.studies.execution.executors import TaskExecutor
 from beamdae.studies.execution.study_progress import ProgressCounter, StudyProgress
 from beamdae.studies.references import (
     REFERENCE_NOT_RUN,
@@ -46,9 +46,6 @@ from beamdae.studies.unique_names import create_file_names
 
 # The warnings of a case are one text; each begins with the name of a part or column and a colon.
 _BETWEEN_WARNINGS = re.compile(r"(?<=\.) (?=(?:(?!\. )[^:;,]){1,60}: )")
-# Column and side of an extreme between output rows; further columns follow in the same warning.
-_MISSED_EXTREME = re.compile(r"^.*: the output rows miss its (?:smallest|largest) value")
-_FURTHER_COLUMNS = re.compile(r"(?=, also |; )")
 _CHECKED_EVERY = 20  # cases whose errors are measured, and the last one
 _MAX_WARNING_KINDS = 5  # kinds of warnings that are described
 _MAX_NOTES = 20  # notes on damaged files; further notes are only counted
@@ -208,27 +205,22 @@ class StudyResults:
     def describe_warnings(self) -> list[str]:
         """Return a sentence on each of the first five kinds of warnings of cases.
 
-        Warnings of one kind differ only in numbers, of which the ranges are given, or in columns
-        whose extremes the output rows miss.
+        Warnings of one kind differ only in numbers, of which the ranges are given.
         """
-        table = self.table
         # By kind, the first warning of each case.
         kinds: dict[str, dict[int, str]] = {}
-        if "warnings" not in table:
-            return []
-        for k, text in enumerate(table["warnings"]):
+        for k, text in enumerate(self.table.get("warnings", ())):
             for warning in _BETWEEN_WARNINGS.split(text) if isinstance(text, str) and text else ():
-                kinds.setdefault(_kind_of_warning(warning), {}).setdefault(k, warning)
+                kinds.setdefault(kind_of_message(f": {warning}"), {}).setdefault(k, warning)
         sentences = []
         for cases in list(kinds.values())[:_MAX_WARNING_KINDS]:
             row, text = next(iter(cases.items()))
-            group = table["group"].iloc[row]
-            tag = self.study.tag(self.study.cases[row])
+            group, tag = self.table["group"].iloc[row], self.study.tag(self.study.cases[row])
             label = f"{group}, {tag}" if group in self.references else tag
-            merged, example = _merge_warnings(list(cases.values())), f"for example {label}"
+            merged, example = merge_ranges(list(cases.values())), f"for example {label}"
             if merged != text:
                 text, example = merged, "with the ranges of numbers"
-            count = f"{len(cases)} of {len(table)} cases"
+            count = f"{len(cases)} of {len(self.table)} cases"
             sentences.append(f"{self.study.name}: warnings in {count}, {example}: {text}")
         if len(kinds) > _MAX_WARNING_KINDS:
             n_more = len(kinds) - _MAX_WARNING_KINDS
@@ -255,26 +247,10 @@ class StudyResults:
         return paths
 
 
-def _kind_of_warning(warning: str) -> str:
-    """Return a key of warnings that differ only in numbers or in the columns of missed extremes."""
-    if _MISSED_EXTREME.match(warning):
-        return "missed extreme"
-    # Further columns of a warning may differ, too.
-    return kind_of_message(f": {warning}").partition(", also ")[0]
-
-
-def _merge_warnings(warnings_of_kind: Sequence[str]) -> str:
-    """Return the first warning with the ranges of numbers, up to its list of further columns."""
-    if any(", also " in x for x in warnings_of_kind):
-        heads = [_FURTHER_COLUMNS.split(x, maxsplit=1)[0] for x in warnings_of_kind]
-        return merge_ranges(heads) + warnings_of_kind[0][len(heads[0]) :]
-    return merge_ranges(warnings_of_kind)
-
-
 def run_study(
     study: Study,
     folder: Path,
-    executor: Executor,
+    executor: TaskExecutor,
     progress: Callable[[StudyProgress], None] | None = None,
 ) -> StudyResults:
     """Run the cases of a study and their references, and write its tables to `folder`.
@@ -362,7 +338,7 @@ def _run_missing_tasks(
     plan: StudyPlan,
     outcomes: dict[str, Outcome],
     store: Store,
-    executor: Executor,
+    executor: TaskExecutor,
     progress: Callable[[StudyProgress], None] | None,
     interrupts: DeferredInterrupts,
 ) -> bool:
@@ -387,7 +363,7 @@ def _run_missing_tasks(
                 if storable and outcome.status.kind != "interrupted":
                     outcome = store.save(task, outcome)
                 outcomes[task.key] = outcome
-                counter.add(task, outcome)
+                counter.add(outcome)
                 counter.report(f"{task.case.group}, {task.case.label}")
         interrupts.immediate = False
     except KeyboardInterrupt:

@@ -2,24 +2,68 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from io import StringIO
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
+import numpy as np
 
+from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, FileContentError
+from beamdae.results.outcome import Status
 from beamdae.results.storage.documents import Format
-from beamdae.results.storage.files import atomic_write, remove_stale_scratch_files, write_bytes
+from beamdae.results.storage.files import (
+    atomic_write,
+    escape_cell,
+    format_rows,
+    remove_stale_scratch_files,
+    write_bytes,
+)
 from beamdae.results.storage.reader import FileKind, open_regular_file, read_bytes
 from beamdae.studies.store.file_reads import changed_files
-from beamdae.studies.store.record_rules import Record, parse_rows
-from beamdae.studies.store.trajectory_csv import format_trajectory
-from beamdae.studies.tasks import Outcome, Task, shared_measures, shared_table, trajectory_columns
+from beamdae.studies.tasks import (
+    Limits,
+    Outcome,
+    Task,
+    shared_measures,
+    shared_table,
+    trajectory_columns,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class StoredRows:
+    """Trajectory beside a record: its checksum, columns, and the measures of these columns."""
+
+    sha256: str
+    columns: list[str]
+    measures: dict[str, list[float]]
+
+
+@dataclass(frozen=True)
+class Record:
+    """Outcome of a task on disk; for the fields, see `Outcome` and `Task`."""
+
+    status: Status
+    values: dict[str, float | int | str | bool | None]
+    rows: StoredRows | None
+    frames: dict[str, Any] | None
+    read: dict[str, str | None]
+    limits: Limits
+    repetitions: int
+
 
 _FORMAT = Format(FileKind("record", "run the case again"), 4, Record)
 _TRAJECTORY = FileKind("trajectory", "run the case again")
@@ -63,7 +107,7 @@ class Store:
         """
         rows, columns = None, trajectory_columns(outcome)
         if columns is not None:
-            text = outcome.text or _format_rows(outcome)
+            text = outcome.text or _format_table(outcome)
             source = write_bytes(self.rows_path(task), text, durable=False)
             _link_trajectory(source, self.trajectory_path(task), text)
             rows = {
@@ -147,13 +191,33 @@ def _read_rows(path: Path, link: Path, record: Record) -> Callable[[], pd.DataFr
     if hashlib.sha256(csv_text).hexdigest() != record.rows.sha256:
         raise _TRAJECTORY.error(path, "the trajectory has changed since it was written")
     _link_trajectory(path, link, csv_text)
-    return partial(_parse_rows, path, csv_text, record)
+    return partial(_parse_trajectory, csv_text, record.rows.columns)
 
 
-def _format_rows(outcome: Outcome) -> bytes:
+def format_trajectory(columns: Sequence[str], numbers: Array) -> bytes:
+    """Return times and columns, (k, 1 + columns), as CSV text in UTF-8 without loss of precision.
+
+    Headers that a spreadsheet would evaluate are escaped.
+    """
+    head = StringIO()
+    csv.writer(head, lineterminator="\n").writerow([TIME, *map(escape_cell, columns)])
+    return (head.getvalue() + format_rows(numbers)).encode(errors="replace")
+
+
+def _format_table(outcome: Outcome) -> bytes:
     table = shared_table(outcome)
     assert table is not None
-    return format_trajectory(table)
+    return format_trajectory(list(map(str, table)), table.reset_index().to_numpy(float))
+
+
+def _parse_trajectory(text: bytes, columns: list[str]) -> pd.DataFrame:
+    """Return the table of `format_trajectory`, whose checksum is right."""
+    import pandas as pd
+
+    body = text.partition(b"\n")[2].replace(b"\n", b",")
+    cells = np.array([cell or b"nan" for cell in body.split(b",")[:-1]], bytes)
+    numbers = cells.astype(float).reshape(-1, 1 + len(columns))
+    return pd.DataFrame(numbers[:, 1:], pd.Index(numbers[:, 0], name=TIME), columns)
 
 
 def _link_trajectory(source: Path, path: Path, text: bytes) -> None:
@@ -174,11 +238,6 @@ def _link_trajectory(source: Path, path: Path, text: bytes) -> None:
             os.link(source, scratch)
         except OSError:  # The file system has no hard links.
             scratch.write_bytes(text)
-
-
-def _parse_rows(path: Path, csv_text: bytes, record: Record) -> pd.DataFrame:
-    with _TRAJECTORY.errors_of(path):
-        return parse_rows(csv_text, record)
 
 
 def _is_usable(task: Task, record: Record) -> bool:

@@ -15,7 +15,6 @@ from beamdae.errors import BeamdaeError
 from beamdae.report.pictures import figures
 from beamdae.report.text import shorten_text
 from beamdae.results.displays import Plot
-from beamdae.studies.store.drawn_files import draw_unless_unchanged
 from beamdae.studies.sweeps.parameter_study import (
     STATUS,
     ParameterStudy,
@@ -166,24 +165,15 @@ def list_response_plots(
     functions: dict[str, Callable[..., Plot]] = {"response": plot_curves}
     if len(study.varied) == 2:
         functions["map"] = plot_maps
-    columns = [*map(parameter_column, study.varied), STATUS]
-    columns += [column for panel in panels for column in panel.lines.values()]
-    values = [table[column].tolist() for column in columns]
-    content = (study.varied, study.settings, study.units, panels, values)
-
-    def write(name: str, plot: Callable[..., Plot]) -> list[Path]:
-        draw = partial(_save_files, partial(plot, study, table, panels), folder / name)
-        return draw_unless_unchanged(folder, name, content, draw)
-
-    return {name: partial(write, name, plot) for name, plot in functions.items()}
+    return {
+        name: partial(_save_files, partial(plot, study, table, panels), folder / name)
+        for name, plot in functions.items()
+    }
 
 
 def _save_files(draw: Callable[[], Plot], path: Path) -> list[Path]:
     figure = draw().figure
-    picture = figures.save_figure(figure, path.with_suffix(".png"))
-    # The layout takes as long as drawing: the second file uses that of the first.
-    figure.set_layout_engine(None)
-    return [picture, figures.save_figure(figure, path.with_suffix(".svg"))]
+    return [figures.save_figure(figure, path.with_suffix(x)) for x in (".png", ".svg")]
 
 
 def plot_curves(
@@ -212,7 +202,7 @@ def plot_curves(
     )
     styles = _create_styles(labels, graded)
     failed = (table[STATUS] != "ok").to_numpy()
-    figure, axes = figures.create_panels(len(panels), "", constrained=True)
+    figure, axes = figures.create_panels(len(panels), "")
     for axis, panel in zip(axes, panels, strict=False):
         for group, rows in groups.items():
             for measure, column in panel.lines.items():
@@ -352,7 +342,7 @@ def plot_maps(
         )
     vertical = ParameterScale.of(table, other, study.units.get(other, ""))
     panels = _remove_empty(table, [line for panel in panels for line in panel.split()])
-    figure, axes = figures.create_panels(len(panels), "", constrained=True)
+    figure, axes = figures.create_panels(len(panels), "")
     for axis, panel in zip(axes, panels, strict=False):
         (column,) = panel.lines.values()
         figures.format_axis(axis, shorten_text(panel.title, figures.MAX_LABEL_LETTERS), "")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -82,7 +83,7 @@ class Sweep(ParameterStudy):
         self,
         folder: str | Path | None = None,
         jobs: int | None = 1,
-        scheduler: str | None = None,
+        scheduler: str | Executor | None = None,
         progress: Callable[[StudyProgress], None] | None = None,
         *,
         partial: PartialResult = "raise",
@@ -253,7 +254,7 @@ def sweep(
     measure: Mapping[str, Measure] | None = None,
     folder: str | Path | None = None,
     jobs: int | None = 1,
-    scheduler: str | None = None,
+    scheduler: str | Executor | None = None,
     progress: Callable[[StudyProgress], None] | None = None,
     partial: PartialResult = "raise",
 ) -> SweepResults: ...
@@ -273,7 +274,7 @@ def sweep(
     measure: Mapping[str, Measure] | None = None,
     folder: str | Path | None = None,
     jobs: int | None = 1,
-    scheduler: str | None = None,
+    scheduler: str | Executor | None = None,
     progress: Callable[[StudyProgress], None] | None = None,
     partial: PartialResult = "raise",
 ) -> Any:
@@ -322,7 +323,8 @@ def sweep(
         Number of processes. With 1, all cases run in the current process; None starts one process
         per core.
     scheduler
-        Address of a Dask scheduler whose workers run the cases.
+        Address of a Dask scheduler whose workers run the cases, or an executor of
+        `concurrent.futures` with worker processes, for example of mpi4py or loky.
     progress
         Function that is called with a `StudyProgress` (`done`, `total`, `failed`, ...) at the start
         and after each run.

@@ -59,7 +59,7 @@ function showRows(count) {
   const added = cases.slice(body.rows.length, body.rows.length + count);
   for (const run of added.filter((each) => !rows.has(each.id))) rows.set(run.id, createRow(run));
   body.append(...added.map((run) => rows.get(run.id)));
-  markSelection(body);
+  markSelection();
 }
 
 // Add rows before the end of the table is in view; all rows are added before the page is printed.

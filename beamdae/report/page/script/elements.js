@@ -1,6 +1,4 @@
-// Creation of HTML and SVG elements, and the tooltip.
-
-const TOOLTIP_OFFSET = 14; // from the pointer [px]
+// Creation of HTML and SVG elements.
 
 function byId(id) {
   return document.getElementById(id);
@@ -24,28 +22,14 @@ function fillElement(element, attributes, children) {
   return element;
 }
 
-// Legend entry that shows or hides an item. `change` redraws the legend; afterwards, the new entry with the
-// same key receives the focus.
-function createLegendSwitch(key, isOn, change, ...children) {
-  const click = () => {
-    change();
-    [...document.querySelectorAll("[data-key]")].find((element) => element.dataset.key === key)?.focus();
+// List of options, whose redrawn list has the focus after a choice.
+function createSelect(label, options, selected, choose, textOf = (option) => option.label) {
+  const change = (event) => {
+    choose(options[event.target.selectedIndex]);
+    [...document.querySelectorAll("select")].find((list) => list.getAttribute("aria-label") === label)?.focus();
   };
-  const attributes = { type: "button", class: "switch", "data-key": key, "aria-pressed": String(isOn), click };
-  return html("button", attributes, ...children);
-}
-
-// Position of the select with the focus among those of an element. Redrawn selects get it back by `focusSelect`.
-function findFocusedSelect(element) {
-  return [...element.querySelectorAll("select")].indexOf(document.activeElement);
-}
-
-function focusSelect(element, position) {
-  element.querySelectorAll("select")[position]?.focus();
-}
-
-function toggleMember(set, value) {
-  if (!set.delete(value)) set.add(value);
+  const createOption = (option) => html("option", { selected: option === selected && "" }, textOf(option));
+  return html("select", { "aria-label": label, change }, ...options.map(createOption));
 }
 
 // Box that scrolls sideways; the keyboard reaches it, and screen readers announce it by its label.
@@ -63,24 +47,4 @@ function createIcon(width, ...children) {
     { class: "icon", width, height: 16, viewBox: `0 -8 ${width} 16`, "aria-hidden": "true" },
     ...children,
   );
-}
-
-function showTooltip(x, y, ...children) {
-  const tooltip = byId("tooltip");
-  tooltip.replaceChildren(...children);
-  tooltip.hidden = false;
-  const { width, height } = tooltip.getBoundingClientRect();
-  const left = Math.max(Math.min(x + TOOLTIP_OFFSET, window.innerWidth - width - 8), 4);
-  const fitsBelow = y + TOOLTIP_OFFSET + height <= window.innerHeight;
-  tooltip.style.left = `${left}px`;
-  tooltip.style.top = `${fitsBelow ? y + TOOLTIP_OFFSET : y - height - TOOLTIP_OFFSET}px`;
-}
-
-function hideTooltip() {
-  byId("tooltip").hidden = true;
-}
-
-function showTooltipBeside(element, children) {
-  const { right, bottom } = element.getBoundingClientRect();
-  showTooltip(right, bottom, ...children);
 }

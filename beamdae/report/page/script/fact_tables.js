@@ -2,7 +2,7 @@
 
 const MAX_NARROW_COLUMNS = 6; // of tables that are printed side by side
 const MAX_PHONE_CHARACTERS = 34; // beside the first column; rows of wider tables become blocks on a phone
-const FACT_SECTIONS = { results: "result-facts", errors: "error-facts", solver: "solver-facts" };
+const FACT_SECTIONS = { motion: "motion-facts", results: "result-facts", errors: "error-facts", solver: "solver-facts" };
 
 function drawFactTables() {
   for (const [section, id] of Object.entries(FACT_SECTIONS)) {

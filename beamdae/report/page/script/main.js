@@ -18,8 +18,8 @@ const state = {
   choices: {}, // label of the selected choice, by panel
   differences: {}, // by panel, true to show the difference from the reference
   charts: new Map(), // by id
-  views: {}, // visible ranges, by id of the chart
-  hidden: { families: new Set(), cases: new Set(), names: {} },
+  views: {}, // visible ranges, by id of the chart and axis
+  legends: {}, // entries that are shown, by id of the chart
 };
 
 function drawHeader() {
@@ -45,7 +45,6 @@ function drawHeader() {
   document.querySelector("main").classList.toggle("without-curves", isMoving && byId("curves").hidden);
   byId("top").hidden = !isMoving && byId("curves").hidden;
   if (page.leads) byId("curves").prepend(byId("precision"));
-  if (page.sequential) document.head.append(createShadeStyles());
 }
 
 function drawReference() {
@@ -63,13 +62,8 @@ function drawReference() {
 
 function showGroup(group) {
   state.group = group;
-  for (const key of ["scatter", "map", "portrait", "profile", ...PANELS.map((panel) => panel.key)]) {
-    state.views[key] = { x: null, y: null, ...page.views[key] };
-    state.hidden.names[key] = new Set();
-  }
+  state.views = { ...page.views };
   drawReference();
-  drawScatter();
-  drawMap();
   listUnplottedCases();
   drawFactTables();
   drawCaseTable();
@@ -96,7 +90,9 @@ function startPage() {
   byId("group").addEventListener("change", (event) => showGroup(page.groups[event.target.selectedIndex]));
   byId("filter").addEventListener("input", listCases);
   listenToTable();
-  listenToPrinting();
+  window.addEventListener("beforeprint", preparePrint);
+  window.addEventListener("afterprint", restoreScreen);
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => showSelection());
   byId("clear").addEventListener("click", clearSelection);
   listenToPlayer();
   if (page.cases.length) showGroup(page.groups[0]);

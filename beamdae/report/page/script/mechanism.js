@@ -178,12 +178,6 @@ function createColoredBeam(glyph, place, { scale, limits }, values, heightScale)
   return { element: svg("g", {}, svg("title", {}, glyph.name), ...levels), show };
 }
 
-function interpolateColor(scale, share) {
-  const position = share * (scale.length - 1);
-  const k = Math.min(Math.floor(position), scale.length - 2);
-  return `color-mix(in srgb, ${scale[k + 1]} ${(100 * (position - k)).toFixed(1)}%, ${scale[k]})`;
-}
-
 function createScaleBar(zoom, box, scale, heightScale) {
   const length = roundDownToNice(box.width / 4 / zoom);
   const [x, y] = [12, box.height - 10];

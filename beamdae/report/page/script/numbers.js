@@ -24,8 +24,10 @@ function clamp(value, low, high) {
   return Math.min(Math.max(value, low), high);
 }
 
-function isWithin(value, [low, high]) {
-  return value >= low && value <= high;
+// Largest of 1, 2 and 5 times a power of ten that does not exceed the value.
+function roundDownToNice(value) {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return power * [5, 2, 1].find((factor) => factor * power <= value * (1 + 1e-9));
 }
 
 function formatValue(value, digits = 4) {
@@ -67,10 +69,11 @@ function scaleTitle(title, order) {
   return `${name}[${scaleUnit(unit, order)}]`;
 }
 
-// Format as one digit and a power of ten, such as 2·10⁻³.
+// Text of a value on a logarithmic axis, such as 0.2, 32 or 2·10⁻³.
 function formatPower(value) {
+  if (value > 0.9e-2 && value < 1e4) return String(Number(value.toPrecision(2)));
   const exponent = Math.floor(Math.log10(value) + 1e-9);
-  const factor = Math.round(value / 10 ** exponent);
+  const factor = Number((value / 10 ** exponent).toPrecision(2));
   return `${factor === 1 ? "" : `${factor}·`}${formatPowerOfTen(exponent)}`;
 }
 

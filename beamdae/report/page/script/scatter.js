@@ -1,9 +1,9 @@
-// Scatter plot of the cases: error over wall time, or any two quantities.
+// Scatter plot of the cases, and map of a response over two parameters.
 
-const DOWN_ARROW_PATH = "M0 8V22M-4 17L0 22L4 17";
-const MAX_FAMILY_SWITCHES = 8; // more families of a sequence have a color scale instead of switches
-const POINT_RADIUS = 11; // radius of the area that reacts to the pointer [px]
-const RESOLUTION_SPAN = 100; // draw the resolution if it exceeds the smallest error divided by this
+const MAX_FAMILIES_IN_LEGEND = 8; // of families that follow a parameter, only the first and the last one are named
+const LABEL_SPACING = 0.1; // between labels on neighboring lines, relative to the lengths of the lines
+const POINT_SIZE = 11; // [px]
+const SELECTED_SIZE = 15; // [px]
 
 // The page of a single run has neither scatter plot nor case table.
 function isStudyPage() {
@@ -13,21 +13,15 @@ function isStudyPage() {
 function drawScatter() {
   byId("precision").hidden = !isStudyPage() || page.axes === null;
   const [x, y] = axisQuantities();
-  const focused = findFocusedSelect(byId("scatter-title"));
   const cases = x && y ? groupCases().filter((run) => isPlottable(run, x) && isPlottable(run, y)) : [];
+  if (byId("precision").hidden) return;
   byId("scatter-title").replaceChildren(...createScatterTitle(x, y));
-  focusSelect(byId("scatter-title"), focused);
-  byId("families").replaceChildren(...(cases.length ? createFamilyLegend(cases, y) : []));
-  if (!cases.length) {
+  if (cases.length) createChart(describeScatter(cases, x, y), byId("precision-plot"));
+  else {
+    removeChart("scatter");
     const both = x && y ? `${y.label} and ${x.label}` : "an error and a wall time";
     byId("precision-plot").replaceChildren(createPlaceholder(`No case of this model has both ${both}.`));
-    return;
   }
-  const chart = createChart(describeScatter(cases, x, y));
-  chart.plot.addEventListener("keydown", handlePointKey);
-  state.charts.set("scatter", chart);
-  byId("precision-plot").replaceChildren(chart.element);
-  drawChart(chart);
 }
 
 function createScatterTitle(x, y) {
@@ -36,240 +30,133 @@ function createScatterTitle(x, y) {
   const name = (quantity) => (quantity.kind === "number" ? quantity.label : capitalize(quantity.label));
   const title = html("h2", {}, x && y ? `${name(y)} over ${x.label}` : "Cases");
   if (quantities.length < 3) return [title];
-  return [title, createAxisSelect("y", y), createAxisSelect("x", x)];
-}
-
-function createAxisSelect(axis, selected) {
-  const options = quantities.map((quantity) =>
-    html("option", { selected: quantity === selected && "" }, quantity.title),
-  );
-  const change = (event) => {
-    state.axes[axis] = quantities[event.target.selectedIndex].key;
-    state.views.scatter = { x: null, y: null };
-    drawScatter();
-    listUnplottedCases();
-  };
-  return html("label", {}, `${axis} `, html("select", { "aria-label": `${axis} axis`, change }, ...options));
-}
-
-// Legend that hides and shows families.
-function createFamilyLegend(cases, y) {
-  const present = families.filter((family) => cases.some((run) => run.family === family));
-  if (families.length < 2) return [];
-  if (page.sequential && present.length > MAX_FAMILY_SWITCHES) {
-    return [createSequentialLegend(present)];
-  }
-  const hidden = state.hidden.families;
-  const entries = present.map((family) => {
-    const change = () => {
-      toggleMember(hidden, family);
+  const createAxisSelect = ([axis, selected]) => {
+    const choose = ({ key }) => {
+      state.axes[axis] = key;
+      delete state.views.scatter;
       drawScatter();
+      listUnplottedCases();
     };
-    const key = `family ${family}`;
-    return createLegendSwitch(key, !hidden.has(family), change, createFamilyIcon(family), family || "runs");
-  });
-  const unresolved = y.kind === "error" && cases.find((run) => run.below);
-  if (unresolved) {
-    const text = "upper bound: below the resolution of the reference";
-    entries.push(html("span", {}, createFamilyIcon(unresolved.family, "hollow"), text));
-  }
-  return entries;
+    return html("label", {}, `${axis} `, createSelect(`${axis} axis`, quantities, selected, choose, ({ title }) => title));
+  };
+  return [title, ...Object.entries({ y, x }).map(createAxisSelect)];
 }
 
 function describeScatter(cases, x, y) {
-  const visible = cases.filter((run) => !state.hidden.families.has(run.family));
   const showsErrors = y.kind === "error";
   // Lines of an overlay are straight and may start from zero, which a logarithmic axis cannot show.
-  const { lines: guides, marks } = findOverlay(x, y);
-  const isLinear = guides.length > 0;
-  const log = { x: !isLinear && needsLogAxis(x, cases), y: !isLinear && needsLogAxis(y, cases) };
-  const [low, high] = showsErrors ? findErrorExtent(cases) : findExtent([cases.map(y.value)]);
-  // Interpolated peaks can exceed all points.
-  const yExtent = [Math.min(low, ...guides.flatMap((line) => line.y)), Math.max(high, ...marks.map((mark) => mark.y))];
-  const position = (run, xScale, yScale) => [xScale.toPosition(x.value(run)), yScale.toPosition(y.value(run))];
-  const createPoints = (box, xScale, yScale) =>
-    visible
-      .map((run) => ({ run, at: position(run, xScale, yScale) }))
-      .filter(({ at }) => isWithin(at[0], [box.left, box.right]) && isWithin(at[1], [box.top, box.bottom]))
-      .sort((a, b) => a.at[0] - b.at[0]) // the arrow keys follow this order
-      .map(({ run, at }) => createPoint(run, at, showsErrors));
-  const isCount = (quantity) => !quantity.unit && cases.every((run) => Number.isInteger(quantity.value(run)));
+  const overlay = page.overlays.find((each) => each.x === x.key && each.y === y.key) ?? { lines: [], marks: [] };
+  const isLinear = overlay.lines.length > 0;
+  const describeAxis = (quantity) => ({
+    title: quantity.title,
+    log: !isLinear && needsLogAxis(quantity, cases),
+    isCount: !quantity.unit && cases.every((run) => Number.isInteger(quantity.value(run))),
+  });
+  const axes = { x: describeAxis(x), y: describeAxis(y) };
+  const present = families.filter((family) => cases.some((run) => run.family === family));
+  const isLong = page.sequential && present.length > MAX_FAMILIES_IN_LEGEND;
+  const numbers = new Map(selectedCases().map(({ run, number }) => [run.id, number]));
+  const isHollow = (run) => showsErrors && run.below;
+  const place = (run) => [x.value(run), y.value(run)];
+  const createPoints = (family) => ({
+    type: "scatter",
+    name: family || "runs",
+    color: familyColor(family),
+    symbol: familyMarker(family),
+    symbolSize: ([, , id]) => (numbers.has(id) ? SELECTED_SIZE : POINT_SIZE),
+    itemStyle: { opacity: 1 },
+    label: { show: true, position: "right", fontWeight: "bold", color: themeColor("ink"), formatter: ({ value }) => String(numbers.get(value[2]) ?? "") },
+    z: 3,
+    data: cases.filter((run) => run.family === family).map((run) => [...place(run), run.id]),
+  });
+  const createHollow = (family) => ({
+    ...createPoints(family),
+    itemStyle: { opacity: 1, color: themeColor("background"), borderColor: familyColor(family), borderWidth: 1.5 },
+    data: cases.filter((run) => run.family === family && isHollow(run)).map((run) => [...place(run), run.id]),
+    z: 4,
+  });
+  const guides = overlay.lines.map(({ label, x: xs, y: ys }) => ({
+    type: "line",
+    name: label,
+    color: themeColor("muted"),
+    lineStyle: { width: 1, type: [6, 4] },
+    symbol: "none",
+    silent: true,
+    data: xs.map((value, k) => [value, ys[k]]),
+  }));
+  const unresolved = present.filter((family) => cases.some((run) => run.family === family && isHollow(run)));
   return {
     id: "scatter",
     name: `${y.label} over ${x.label}`,
-    label: `${y.label} over ${x.label}, one point per case`,
-    x: { title: x.title, range: padRange(findExtent([cases.map(x.value)]), log.x), log: log.x, isCount: isCount(x) },
-    y: { title: y.title, range: padRange(yExtent, log.y), log: log.y, isCount: isCount(y) },
-    view: state.views.scatter,
+    label: `${y.label} over ${x.label}, one point per case: press the arrow keys to visit and Enter to select points`,
+    ...axes,
+    series: [
+      ...present.map(createPoints),
+      ...unresolved.map(createHollow),
+      ...createSeriesLines(cases, place, isHollow),
+      ...guides,
+      createGuideLabels(overlay.lines),
+      createMarks(overlay.marks.map(({ label, x: u, y: v }) => [u, v, undefined, label])),
+      ...(showsErrors ? [createResolutionLine(axes.y)] : []),
+    ],
+    legend: present.length > 1 && (isLong ? [present[0], present.at(-1)] : present),
     height: (width) => clamp(0.625 * width, 260, 460),
-    drawBackground: (box, _, yScale) => (showsErrors ? createUnresolvedBand(box, yScale) : []),
-    drawClipped: (_, xScale, yScale) => [
-      ...createOverlayLines(x, y, xScale, yScale),
-      ...createSeriesLines(visible, (run) => position(run, xScale, yScale), showsErrors),
-    ],
-    drawForeground: (box, xScale, yScale) => [
-      ...createOverlayMarks(x, y, box, xScale, yScale, visible),
-      ...(showsErrors ? createResolutionLine(box, yScale) : []),
-      ...createPoints(box, xScale, yScale),
-    ],
-    afterDraw: ({ plot }) => {
-      plot.querySelector(".run")?.setAttribute("tabindex", "0");
-      markSelection(plot);
-    },
-    legend: () =>
-      families
-        .filter((family) => visible.some((run) => run.family === family))
-        .map((family) => ({ icon: createFamilyIcon(family), text: family })),
+    read: ([, , id]) => describeCase(page.cases.find((run) => run.id === id)),
+    select: toggleCase,
     rows: () => [
       ["case", x.title, y.title, ...(showsErrors ? ["below what the reference resolves"] : [])],
-      ...visible.map((run) => [
-        run.label,
-        x.value(run),
-        y.value(run),
-        ...(showsErrors ? [run.below ? "yes" : "no"] : []),
-      ]),
+      ...cases.map((run) => [run.label, ...place(run), ...(showsErrors ? [run.below ? "yes" : "no"] : [])]),
     ],
   };
 }
 
-// Range of the errors, extended to the resolution of the reference if that is close.
-function findErrorExtent(cases) {
-  const [low, high] = findExtent([cases.map((run) => run.error)]);
+// Labels on lines, which may have a common point, at places that are staggered from their right ends.
+function createGuideLabels(lines) {
+  const place = (line, number) => {
+    const k = Math.max(line.x.length - 1 - Math.round(LABEL_SPACING * (number + 0.5) * line.x.length), 0);
+    return [line.x[k], line.y[k], undefined, line.label];
+  };
+  return {
+    ...createMarks(lines.map(place)),
+    name: "labels",
+    symbolSize: 0.1,
+    label: {
+      show: true,
+      position: "inside",
+      formatter: ({ value }) => value[3],
+      color: themeColor("ink"),
+      backgroundColor: themeColor("background"),
+    },
+  };
+}
+
+// Line at the smallest error that the reference resolves.
+function createResolutionLine(axis) {
   const resolution = referenceResolution();
-  const isClose = resolution && resolution > low / RESOLUTION_SPAN;
-  return isClose ? [Math.min(low, resolution), Math.max(high, resolution)] : [low, high];
+  const label = { formatter: `resolution of the reference: ${formatValue(resolution, 3)}`, position: "insideStartTop", color: themeColor("ink") };
+  const lines = resolution ? [{ yAxis: fromValue(axis, resolution) }] : [];
+  const lineStyle = { color: themeColor("muted"), type: [2, 3] };
+  return { type: "line", name: "resolution", silent: true, data: [], markLine: { symbol: "none", label, lineStyle, data: lines, animation: false } };
 }
 
-// Position of the reference resolution, or null if it is outside the plot.
-function resolutionPosition(box, y) {
-  const position = referenceResolution() ? y.toPosition(referenceResolution()) : null;
-  return position !== null && isWithin(position, [box.top, box.bottom]) ? position : null;
-}
-
-function createUnresolvedBand(box, y) {
-  const top = resolutionPosition(box, y);
-  return top === null ? [] : [createPlotArea({ ...box, top }, { class: "unresolved" })];
-}
-
-function createResolutionLine(box, y) {
-  const position = resolutionPosition(box, y);
-  if (position === null) return [];
-  const labelY = position < box.top + 20 ? position + 15 : position - 6;
-  return [
-    svg("line", { class: "resolution", x1: box.left, x2: box.right, y1: position, y2: position }),
-    svg(
-      "text",
-      { class: "halo", x: box.left + 6, y: labelY },
-      `resolution of the reference: ${formatValue(referenceResolution(), 3)}`,
-    ),
-  ];
-}
-
-// Lines that connect the cases of each series in the order of their ranks.
-function createSeriesLines(cases, position, showsErrors) {
-  return groupSeries(cases).flatMap((members) =>
-    members.slice(1).map((run, k) => {
-      const previous = members[k];
-      const [[x1, y1], [x2, y2]] = [position(previous), position(run)];
-      const isBound = showsErrors && (previous.below || run.below);
-      const isDashed = isBound || previous.dashed || run.dashed;
-      const classes = `series ${familyColor(run.family)} ${isDashed ? "dashed" : ""}`;
-      return svg("line", { class: classes, x1, y1, x2, y2 });
-    }),
-  );
-}
-
-function groupSeries(cases) {
-  return removeDuplicates(removeMissing(cases.map((run) => run.series))).map((series) =>
-    cases.filter((run) => run.series === series).sort((a, b) => a.rank - b.rank),
-  );
-}
-
-// Lines and marks that belong to these axes.
-function findOverlay(x, y) {
-  const overlay = page.overlays.find((each) => each.x === x.key && each.y === y.key);
-  return overlay ?? { lines: [], marks: [] };
-}
-
-function createOverlayLines(x, y, xScale, yScale) {
-  return findOverlay(x, y).lines.map((line) => {
-    const points = line.x.map((u, k) => [xScale.toPosition(u), yScale.toPosition(line.y[k])]);
-    const finite = points.map((point) => (point.every(Number.isFinite) ? point : null));
-    const format = (point) => point.map((position) => position.toFixed(1)).join(" ");
-    return svg("path", { class: "guide", d: formatPath(finite, format) });
+// Lines that connect the cases of each series in the order of their ranks; lines to unstable or unresolved cases are
+// dashed.
+function createSeriesLines(cases, place, isHollow) {
+  return removeDuplicates(removeMissing(cases.map((run) => run.series))).flatMap((series) => {
+    const members = cases.filter((run) => run.series === series).sort((a, b) => a.rank - b.rank);
+    const isDashed = (run) => Boolean(run.dashed || isHollow(run));
+    const createLine = (dashed) => {
+      const joins = members.slice(1).map((run, k) => (isDashed(run) || isDashed(members[k])) === dashed);
+      const data = members.slice(1).flatMap((run, k) => (joins[k] ? [place(members[k]), place(run), [null, null]] : []));
+      const lineStyle = { width: 1.3, opacity: 0.75, type: dashed ? [3, 4] : "solid" };
+      return { type: "line", name: members[0].family || "runs", color: familyColor(members[0].family), lineStyle, symbol: "none", silent: true, data };
+    };
+    return [false, true].map(createLine).filter(({ data }) => data.length);
   });
 }
 
-// Circles at the marks, labels of the marks, and labels on the lines.
-function createOverlayMarks(x, y, box, xScale, yScale, cases) {
-  const { lines, marks } = findOverlay(x, y);
-  if (!lines.length && !marks.length) return [];
-  const isInside = ([u, v]) => isWithin(u, [box.left - 1, box.right + 1]) && isWithin(v, [box.top - 1, box.bottom + 1]);
-  const place = (u, v) => [xScale.toPosition(u), yScale.toPosition(v)];
-  const placedMarks = marks.map(({ label, x: u, y: v }) => ({ label, at: place(u, v) })).filter(({ at }) => isInside(at));
-  const placedLines = lines.map(({ label, x: xs, y: ys }) => ({ label, path: xs.map((u, k) => place(u, ys[k])) }));
-  const circles = placedMarks.map(({ at: [cx, cy] }) => svg("circle", { class: "mark", cx, cy, r: 7 }));
-  const series = groupSeries(cases).map((members) => members.map((run) => place(x.value(run), y.value(run))));
-  const labels = placeLabels(box, placedLines, placedMarks, series);
-  return [...circles, ...labels.map(({ text, at }) => createLabel(text, at))];
-}
-
-function createLabel(text, [x, y]) {
-  return svg("text", { class: "halo label", x, y: y + LABEL_HEIGHT / 2 - 3, "text-anchor": "middle" }, text);
-}
-
-function createPoint(run, [x, y], showsErrors) {
-  const isBound = showsErrors && run.below;
-  const label = [run.label, ...listCaseFacts(run).map((row) => row.join(" "))].join(", ");
-  const attributes = {
-    class: `run ${familyColor(run.family)} ${isBound ? "hollow" : ""}`,
-    transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})`,
-    "data-case": run.id,
-    tabindex: "-1",
-    role: "button",
-    "aria-label": label,
-    "data-label": label,
-    click: () => toggleCase(run.id),
-    pointerenter: (event) => showTooltip(event.clientX, event.clientY, ...createCaseTooltip(run)),
-    pointerleave: hideTooltip,
-    focus: (event) => showTooltipBeside(event.currentTarget, createCaseTooltip(run)),
-    blur: hideTooltip,
-  };
-  const arrow = isBound ? [svg("path", { class: "arrow", d: DOWN_ARROW_PATH })] : [];
-  return svg(
-    "g",
-    attributes,
-    svg("circle", { class: "ring", r: POINT_RADIUS }),
-    ...arrow,
-    createMarker(run.family),
-    svg("text", { class: "number halo", x: 10, y: -8, "aria-hidden": "true" }),
-  );
-}
-
-function createCaseTooltip(run) {
-  const rows = listCaseFacts(run).map((row) => html("tr", {}, ...row.map((text) => html("td", {}, text))));
-  return [html("strong", {}, run.label), html("table", {}, ...rows)];
-}
-
-// Arrow keys move the focus from point to point, or to the adjacent cell of the map; Enter and Space select.
-function handlePointKey(event) {
-  const points = [...event.currentTarget.querySelectorAll(".run, .cell")];
-  const current = points.indexOf(document.activeElement);
-  const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
-  const isMap = points[0]?.matches(".cell");
-  if (current < 0 && step) moveFocus(points, points.find((point) => point.tabIndex === 0) ?? points[0]);
-  else if (event.key === "Enter" || event.key === " ") points[current] && toggleCase(points[current].dataset.case);
-  else if (step && isMap) moveFocus(points, adjacentCell(points, points[current], event.key));
-  else if (step) moveFocus(points, points[(current + step + points.length) % points.length]);
-  else return;
-  event.preventDefault();
-}
-
-// The focused point is the only one that the Tab key reaches.
-function moveFocus(points, target) {
-  if (!target) return;
-  points.forEach((point) => point.setAttribute("tabindex", point === target ? "0" : "-1"));
-  target.focus();
+function describeCase(run) {
+  return [html("strong", {}, run.label), createReadings(listCaseFacts(run))];
 }
 
 // List below the plot: failed cases, and the number of cases without values.
@@ -295,13 +182,108 @@ function listUnplottedCases() {
 }
 
 function createFailureEntry(run) {
-  const button = html(
-    "button",
-    { type: "button", click: () => toggleCase(run.id) },
-    createFamilyIcon(run.family),
-    " ",
-    run.label,
-  );
+  const click = () => toggleCase(run.id);
+  const button = html("button", { type: "button", click }, createFamilyIcon(run.family), " ", run.label);
   const tag = run.limited ? [html("span", { class: "tag" }, "limited"), " "] : [];
   return html("li", {}, button, " ", ...tag, run.status);
+}
+
+// Map of a response over two parameters: one cell per case, colored by the value.
+function drawMap() {
+  const responses = quantities.filter(({ kind }) => kind === "number");
+  byId("map").hidden = !page.map || !responses.length;
+  if (byId("map").hidden) return;
+  const response = responses.find(({ key }) => key === state.mapped) ?? axisQuantities()[1];
+  state.plane = findPlane();
+  const choose = ({ key }) => {
+    state.mapped = key;
+    drawMap();
+  };
+  byId("map-title").replaceChildren(
+    html("h2", {}, "Map"),
+    html("label", {}, "of ", createSelect("response of the map", responses, response, choose, ({ title }) => title)),
+    ...outerAxes().map((axis, k) => createPlaneSelect(axis, state.plane[k])),
+  );
+  const cases = groupCases().filter((run) => outerAxes().every((axis, k) => run.at[axis] === state.plane[k]));
+  createChart(describeMap(cases, response), byId("map-plot"));
+}
+
+// Redraw the map if the position has moved to another plane.
+function updateMap() {
+  if (!byId("map").hidden && findPlane().join() !== state.plane.join()) drawMap();
+}
+
+// Parameters that are not axes of the map.
+function outerAxes() {
+  return page.sliders.map((_, axis) => axis).filter((axis) => !page.map.includes(axis));
+}
+
+// Values of the parameters outside the map next to the position, as indices. Sweeps may lack some combinations.
+function findPlane() {
+  const near = nearestCase({ at: state.position }, groupCases(), outerAxes());
+  return outerAxes().map((axis) => near.at[axis]);
+}
+
+function formatParameter({ unit, values }, k) {
+  return [formatValue(values[k]), unit === "-" ? "" : unit].join(" ").trim();
+}
+
+function createPlaneSelect(axis, selected) {
+  const { label } = page.sliders[axis];
+  const nodes = removeDuplicates(groupCases().map((run) => run.at[axis])).sort((a, b) => a - b);
+  const options = nodes.map((node) => ({ node, label: formatParameter(page.sliders[axis], node) }));
+  const choose = ({ node }) => {
+    state.position[axis] = node;
+    showPosition();
+    drawMap();
+  };
+  const current = options.find(({ node }) => node === selected);
+  return html("label", {}, `at ${label} = `, createSelect(`${label} of the map`, options, current, choose));
+}
+
+function describeMap(cases, response) {
+  const [i, j] = page.map;
+  const titleOf = ({ label, unit }) => (unit && unit !== "-" ? `${label} [${unit}]` : label);
+  const axisOf = (axis) => ({
+    title: titleOf(page.sliders[axis]),
+    names: page.sliders[axis].values.map((value) => formatValue(value)),
+  });
+  const valueOf = (run) => (hasFailed(run) ? null : response.value(run));
+  const [low, high] = findExtent([cases.map(valueOf).filter(Number.isFinite)]);
+  const numbers = new Map(selectedCases().map(({ run, number }) => [run.id, number]));
+  const createCells = (isKnown) => ({
+    type: "heatmap",
+    encode: { x: 0, y: 1, value: 4 },
+    name: isKnown ? response.title : "missing",
+    label: { show: true, formatter: ({ value }) => String(numbers.get(value[2]) ?? ""), fontWeight: "bold", color: "#fff", textBorderColor: "#000", textBorderWidth: 2 },
+    itemStyle: { borderColor: themeColor("background"), borderWidth: 1 },
+    data: cases.filter((run) => Number.isFinite(valueOf(run)) === isKnown).map((run) => [run.at[i], run.at[j], run.id, undefined, valueOf(run) ?? 0]),
+  });
+  const plane = outerAxes().map((axis, k) => {
+    const slider = page.sliders[axis];
+    return ` at ${slider.label} = ${formatParameter(slider, state.plane[k])}`;
+  });
+  return {
+    id: "map",
+    name: ["map of ", response.title, ...plane].join(""),
+    label: [`${response.title} over ${page.sliders[i].label} and ${page.sliders[j].label}`, ...plane, ", one cell per case"].join(""),
+    x: axisOf(i),
+    y: axisOf(j),
+    series: [createCells(true), createCells(false)],
+    visualMap: [
+      { seriesIndex: 0, min: Math.min(low, high), max: Math.max(low, high), dimension: 4, orient: "horizontal", left: 90, top: 0, itemHeight: 150, text: [formatValue(high), formatValue(low)], inRange: { color: SEQUENCE.map(themeColor) } },
+      { seriesIndex: 1, show: false, dimension: 4, min: 0, max: 1, inRange: { color: [themeColor("surface"), themeColor("surface")] } },
+    ],
+    height: (width) => clamp(0.625 * width, 240, 460),
+    read: ([, , id, , value]) => {
+      const run = page.cases.find((other) => other.id === id);
+      const text = hasFailed(run) ? run.status : valueOf(run) === null ? "no value" : formatValue(value);
+      return [html("strong", {}, run.label), ` ${response.title}: ${text}`];
+    },
+    select: toggleCase,
+    rows: () => [
+      [titleOf(page.sliders[i]), titleOf(page.sliders[j]), response.title],
+      ...cases.map((run) => [page.sliders[i].values[run.at[i]], page.sliders[j].values[run.at[j]], valueOf(run)]),
+    ],
+  };
 }

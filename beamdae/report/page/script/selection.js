@@ -1,6 +1,6 @@
 // Selected cases. Each case occupies a slot, which determines its number, and has a color for its curves.
 
-const INITIAL_SELECTION = 4; // number of cases selected initially if no errors are known
+const INITIAL_SELECTION = 7; // largest number of cases selected initially, one of each color
 
 function toggleCase(id) {
   state.sliderSlot = null;
@@ -10,14 +10,13 @@ function toggleCase(id) {
     selectCase(page.cases.find((run) => run.id === id));
     showCase(page.cases.find((run) => run.id === id));
   }
-  state.hidden.cases.delete(id);
   keepInPlace(document.querySelector("[data-case]:hover") ?? document.activeElement, showSelection);
 }
 
 // Scroll the page so that an element stays where it is in the window, whatever changes above it.
 function keepInPlace(element, change) {
-  // The number of a selected point changes the size of the point, but not that of its ring.
-  const fixed = element.querySelector(".ring") ?? element;
+  // Charts are created again, their sections stay.
+  const fixed = element.closest("tr, section") ?? element;
   const before = fixed.getBoundingClientRect().top;
   change();
   if (fixed.isConnected) window.scrollBy(0, fixed.getBoundingClientRect().top - before);
@@ -32,8 +31,9 @@ function selectCase(run) {
 
 // Candidates are the color of the family, followed by the colors not used by any family.
 function leastUsedColor(run) {
-  const colors = page.sequential ? ["color-0"] : [familyColor(run.family)];
-  for (let k = page.sequential ? 1 : families.length; k < COLOR_COUNT; k += 1) colors.push(`color-${k}`);
+  const isOwn = !page.sequential;
+  const colors = isOwn ? [`color-${families.indexOf(run.family) % COLOR_COUNT}`] : ["color-0"];
+  for (let k = isOwn ? families.length : 1; k < COLOR_COUNT; k += 1) colors.push(`color-${k}`);
   const countUses = (color) => selectedCases().filter((entry) => entry.color === color).length;
   return colors.sort((a, b) => countUses(a) - countUses(b))[0];
 }
@@ -45,45 +45,39 @@ function selectedCases() {
 function clearSelection() {
   state.slots = [];
   state.sliderSlot = null;
-  state.hidden.cases.clear();
   showSelection();
 }
 
-// Select the most accurate case with curves, or the first cases if no errors are known; with measured data, all.
+// Select cases that are spread over all cases with curves; with measured data, all. Without any curves, the first case
+// that moves; with profiles, the first ones.
 function selectInitialCases() {
-  const inPage = groupCases().filter((run) => run.curves);
-  const candidates = inPage.length ? inPage : groupCases().filter(mayHaveCurves);
-  const byAccuracy = candidates
-    .filter((run) => !hasFailed(run) && run.error > 0 && run.cost > 0)
-    .sort((a, b) => a.error - b.error || a.cost - b.cost);
+  const cases = groupCases();
+  const drawn = cases.filter((run) => run.curves);
+  const candidates = drawn.length ? drawn : cases.filter(mayHaveCurves);
+  const moving = cases.filter((run) => run.frames);
   state.slots = [];
   state.sliderSlot = null;
-  state.hidden.cases.clear();
-  // Without any curves, the first case that moves; with profiles, the first ones.
-  const moving = groupCases().filter((run) => run.frames);
-  const hasData = candidates.some((run) => run.points);
-  const withoutCurves = moving.slice(0, page.profiles.length ? INITIAL_SELECTION : 1);
-  let initial = candidates.length ? spreadCases(candidates) : withoutCurves;
-  if (byAccuracy.length) initial = byAccuracy.slice(0, 1);
-  if (hasData) initial = candidates;
+  let initial = spreadCases(candidates);
+  if (candidates.some((run) => run.points)) initial = candidates;
+  if (!candidates.length) initial = moving.slice(0, page.profiles.length ? INITIAL_SELECTION : 1);
   initial.forEach(selectCase);
 }
 
-// The first cases, or cases spread over the parameters of a sweep.
 function spreadCases(candidates) {
   const count = Math.min(INITIAL_SELECTION, candidates.length);
-  if (!page.sliders.length) return candidates.slice(0, count);
   const last = candidates.length - 1;
   return Array.from({ length: count }, (_, k) => candidates[Math.round((k * last) / Math.max(count - 1, 1))]);
 }
 
 function showSelection() {
-  markSelection(document);
+  markSelection();
   byId("clear").disabled = !selectedCases().length;
   drawSelectionLegend();
   explainMissingCurves();
+  drawScatter();
+  drawMap();
   drawPortrait();
-  if (page.profiles.length) drawProfile();
+  drawProfile();
   drawPanels();
 }
 
@@ -98,7 +92,7 @@ function createCurveNote(run) {
   const fileState = describeCurveFile(run);
   if (hasFailed(run) && !fileState) return html("p", {}, `${run.label} has no curves: ${run.status}.`);
   const others = groupCases().filter((other) => other.curves);
-  if (isLoading(run) || !others.length) return html("p", {}, fileState ?? `${run.label} has no curves.`);
+  if (curveFiles.get(run.block) === "loading" || !others.length) return html("p", {}, fileState ?? `${run.label} has no curves.`);
   const count = `${others.length} of ${groupCases().length} cases`;
   const nearest = nearestCase(run, others);
   const button = html("button", { type: "button", click: () => toggleCase(nearest.id) }, nearest.label);
@@ -117,29 +111,15 @@ function nearestCase(run, others, axes = Object.keys(run.at ?? [])) {
   return others.reduce((best, other) => (gap(other) < gap(best) ? other : best));
 }
 
-// Mark the points and rows of the selected cases with their numbers.
-function markSelection(root) {
+// Mark the rows of the selected cases with their numbers.
+function markSelection() {
   const numbers = new Map(selectedCases().map(({ run, number }) => [run.id, number]));
-  for (const element of root.querySelectorAll("[data-case]")) {
-    const number = numbers.get(element.dataset.case);
-    const isSelected = number !== undefined;
-    element.classList.toggle("selected", isSelected);
-    const label = element.querySelector(".number");
-    if (label) label.textContent = number ?? "";
-    // The name of a point contains its visible number.
-    const { label: name } = element.dataset;
-    if (name) element.setAttribute("aria-label", isSelected ? `${number}: ${name}` : name);
-    if (isSelected && element.matches(".cell")) raiseCell(element);
-    if (element.matches(".run, .cell")) element.setAttribute("aria-pressed", isSelected);
-    else element.querySelector("input").checked = isSelected;
+  for (const row of document.querySelectorAll("#table [data-case]")) {
+    const number = numbers.get(row.dataset.case);
+    row.classList.toggle("selected", number !== undefined);
+    row.querySelector(".number").textContent = number ?? "";
+    row.querySelector("input").checked = number !== undefined;
   }
-}
-
-// The frame of a selected cell lies above its neighbors. Moving an element takes its focus away.
-function raiseCell(cell) {
-  const isFocused = cell === document.activeElement;
-  cell.parentNode.append(cell);
-  if (isFocused) cell.focus({ preventScroll: true });
 }
 
 function drawSelectionLegend() {
@@ -147,26 +127,10 @@ function drawSelectionLegend() {
   byId("selection").replaceChildren(...entries);
 }
 
-// Two buttons: the first hides or shows the curves of the case, the second deselects the case.
+// Button that removes a case from the selection.
 function createSelectionEntry({ run, number, color }) {
-  const hidden = state.hidden.cases;
-  const change = () => {
-    toggleMember(hidden, run.id);
-    drawSelectionLegend();
-    if (page.profiles.length) drawProfile();
-    drawPanels();
-  };
-  const content = [
-    html("span", { class: "badge" }, number),
-    createLineIcon({ ...lineStyle(color, number - 1), isData: run.points }),
-    run.label,
-    hasFailed(run) ? " (failed)" : "",
-  ];
-  const label = `${number} ${run.label}, remove`;
-  return html(
-    "span",
-    { class: "selection-entry" },
-    createLegendSwitch(`case ${run.id}`, !hidden.has(run.id), change, ...content),
-    html("button", { type: "button", "aria-label": label, click: () => toggleCase(run.id) }, "×"),
-  );
+  const icon = createLineIcon({ ...lineStyle(themeColor(color), number - 1), isData: run.points });
+  const badge = html("span", { class: "badge" }, number);
+  const attributes = { type: "button", class: "selection-entry", title: "remove", click: () => toggleCase(run.id) };
+  return html("button", attributes, badge, icon, run.label, hasFailed(run) ? " (failed)" : "", " ×");
 }
