@@ -452,7 +452,8 @@ class _RunInProgress:
             self._stop_at_next_sample(start)
             branch = branch_time(start, self._interval_ends[0])
             before = list(self._segments), self._history.count
-            problem, resumed = None, None
+            problem: BeamdaeError | None = None
+            resumed: State | None = None
             try:
                 # Measured before the jump of laws.
                 state = self._sampler.sample(start, branch, self._history.last_state)
