@@ -452,21 +452,22 @@ class _RunInProgress:
             self._stop_at_next_sample(start)
             branch = branch_time(start, self._interval_ends[0])
             before = list(self._segments), self._history.count
-            failure, resumed = None, None
+            law_error: BeamdaeError | None = None
+            resumed: State | None = None
             try:
                 # Measured before the jump of laws.
                 state = self._sampler.sample(start, branch, self._history.last_state)
                 resumed = self._resume_after_sample(start, state)
             except BeamdaeError as error:
-                failure = error
+                law_error = error
             if resumed is None:
                 end, outside = self._search(start)
                 if outside:
                     return self._limited(outside)
                 if end < start:
                     continue
-            if failure is not None:
-                return self._failure(failure)
+            if law_error is not None:
+                return self._failure(law_error)
             try:
                 if resumed is None:
                     state = self._restart_state(start, branch, state)
