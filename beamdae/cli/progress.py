@@ -39,15 +39,15 @@ class ProgressLine(NamedTuple):
         Remaining time [s], or None if unknown.
     label
         Name of the running task.
-    is_last
-        True for the line that is always printed without a terminal.
+    is_end
+        True for the first and the last line, which are always printed without a terminal.
     """
 
     fraction: float
     done: str
     remaining: float | None
     label: str
-    is_last: bool = False
+    is_end: bool = False
 
 
 @contextmanager
@@ -62,7 +62,7 @@ def show_progress(first: ProgressLine) -> Iterator[Callable[[ProgressLine], None
 
         def echo(line: ProgressLine) -> None:
             nonlocal last
-            is_due = line.is_last or monotonic() - last >= _LINE_INTERVAL
+            is_due = line.is_end or monotonic() - last >= _LINE_INTERVAL
             if is_due and not is_quiet():
                 text = f"{line.label}: {line.done}, {format_clock(line.remaining)} left"
                 typer.echo(text, err=True)
@@ -157,15 +157,17 @@ def show_design_progress(most: int) -> Iterator[Callable[[int, float, float], No
 @contextmanager
 def show_study_progress() -> Iterator[Callable[[StudyProgress], None]]:
     """Show the progress of a study; yield a function that takes a `StudyProgress`."""
+    is_first = True
     with show_progress(ProgressLine(0.0, "0 runs", None, "starting")) as show:
 
         def update(x: StudyProgress) -> None:
             counts = {"running": x.running, "failed": x.failed, "stored before": x.stored}
             texts = [f"{count} {kind}" for kind, count in counts.items() if count]
-            label = ", ".join(filter(None, [*texts, x.last_label]))
-            is_last, done = x.done == x.total, f"{x.done}/{x.total}"
-            remaining = 0.0 if is_last else x.remaining_time
-            show(ProgressLine(x.done / max(x.total, 1), done, remaining, label, is_last))
+            label = ", ".join(filter(None, [*texts, x.last_label])) or "runs"
+            nonlocal is_first
+            is_end, is_first = is_first or x.done == x.total, False
+            remaining, done = x.remaining_time if x.done < x.total else 0.0, f"{x.done}/{x.total}"
+            show(ProgressLine(x.done / max(x.total, 1), done, remaining, label, is_end))
 
         yield update
 

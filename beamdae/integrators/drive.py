@@ -388,6 +388,8 @@ class _RunInProgress:
         if self._segments:
             self._history.close()
         self._segments.append(RunSegment(StepHistory(t, state), branch, configuration, active))
+        # Number of rows, and of steps of the run, that the watches have searched.
+        self._searched = 1, self.steps
 
     def execute(self) -> tuple[Trajectory, Status]:
         """Integrate to the end or an early stop; return the steps taken and the status."""
@@ -450,22 +452,32 @@ class _RunInProgress:
             self._stop_at_next_sample(start)
             branch = branch_time(start, self._interval_ends[0])
             before = list(self._segments), self._history.count
+            law_error: BeamdaeError | None = None
+            resumed: State | None = None
             try:
                 # Measured before the jump of laws.
                 state = self._sampler.sample(start, branch, self._history.last_state)
-            except BeamdaeError as problem:
-                return self._failure(problem)
-            try:
                 resumed = self._resume_after_sample(start, state)
+            except BeamdaeError as error:
+                law_error = error
+            if resumed is None:
+                end, outside = self._search(start)
+                if outside:
+                    return self._limited(outside)
+                if end < start:
+                    continue
+            if law_error is not None:
+                return self._failure(law_error)
+            try:
                 if resumed is None:
                     state = self._restart_state(start, branch, state)
                     self._begin_segment(start, branch, state)
                 else:
                     self._history.append_jump(resumed)
-            except BeamdaeError as problem:
-                return Status("failed", f"no consistent restart at t = {start:g} s: {problem}")
-            except MemoryError as problem:
-                return self._out_of_memory(problem)
+            except BeamdaeError as error:
+                return Status("failed", f"no consistent restart at t = {start:g} s: {error}")
+            except MemoryError as error:
+                return self._out_of_memory(error)
             self._last_sample = *before, self._history, self._history.count
             status = self._integrate_to(self._interval_ends[0], resumed is not None)
 
@@ -532,9 +544,13 @@ class _RunInProgress:
         segment, method, limits = self._segments[-1], self.method, self._limits
         history, branch = segment.history, segment.branch
         if outside := self._reason_outside_table():
-            return self._limited(outside)
+            begin = history.end
+            reached, reason = self._search(begin)
+            if reason or reached == begin:
+                return self._limited(reason or outside)
+            # A stop of another kind precedes.
+            return REACHED_END
         steps_per_check = method.steps_per_check
-        unchecked, steps_checked = history.count, self.steps
         try:
             if not is_resumed:
                 method.begin(history.end, end, branch, history.last_state)
@@ -548,19 +564,18 @@ class _RunInProgress:
                     self.steps += _take_steps(method, history, most, end)
                 except (StepError, BeamdaeError):
                     # The steps before a failure are checked first; the next call fails again.
-                    has_failed = bool(self._watches) and history.count > unchecked
+                    has_failed = bool(self._watches) and history.count > self._searched[0]
                     if not has_failed:
                         raise
-                is_due = has_failed or self.steps >= steps_checked + _STEPS_PER_SEARCH
+                is_due = has_failed or self.steps >= self._searched[1] + _STEPS_PER_SEARCH
                 outside = ""
-                if self._watches and (is_due or self._max_batch or history.end >= end):
-                    end, outside = self._truncate_at_first_stop(unchecked, end)
-                    unchecked, steps_checked = history.count, self.steps
+                if is_due or self._max_batch or (history.end >= end and not self._continues(end)):
+                    end, outside = self._search(end)
                 if self._detector and (event := self._detector.find_terminal_event(segment, first)):
                     return self._status_at_event(event)
                 if outside:
                     return self._limited(outside)
-                history.release(unchecked if self._watches else history.count)
+                history.release(self._searched[0] if self._watches else history.count)
                 self.thinning.enforce(self._segments)
                 t = history.end
                 # Between samples, an interval may consist of one step: its end is checked, too.
@@ -612,12 +627,29 @@ class _RunInProgress:
     def _out_of_memory(self, problem: MemoryError) -> Status:
         return self._limited(problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY)
 
-    def _truncate_at_first_stop(self, first: int, end: float) -> tuple[float, str]:
-        """Drop the steps after the first stop of the watches in the rows from `first` on.
+    def _continues(self, end: float) -> bool:
+        """Return True if the method may continue beyond `end` [s]: steps are searched later.
+
+        Between frequent samples of controllers, searches would cost more than the steps. Events are
+        detected between samples, not across them.
+        """
+        return self._detector is None and len(self._interval_ends) > 1 and self._is_sample(end)
+
+    def _search(self, end: float) -> tuple[float, str]:
+        """Drop the steps after the first stop of the watches in rows not searched before.
 
         Return the new end [s], and the reason if the run ends there. Otherwise, the run restarts
-        there, and again inside the contact or peak, where the error test sees it.
+        there, and again inside the contact or peak, where the error test sees it. Samples after a
+        stop are taken again.
         """
+        if self._watches and self._history.count > self._searched[0]:
+            end, reason = self._truncate_at_first_stop(self._searched[0], end)
+            self._searched = self._history.count, self.steps
+            return end, reason
+        return end, ""
+
+    def _truncate_at_first_stop(self, first: int, end: float) -> tuple[float, str]:
+        """Truncate the segment at the first stop in the rows from `first` on; see `_search`."""
         segment = self._segments[-1]
         longest = segment.history.longest_gap(first)
         # Between frequent samples of controllers, a search would cost more than the steps.

@@ -117,19 +117,6 @@ def add_tiles(out: Array, vector: Array, stride: int, tiles: Array, begin: int, 
             out[index : index + height] += vector[first : first + height * stride : stride]
 
 
-def set_tiles(out: Array, vector: Array, stride: int, tiles: Array, begin: int, end: int) -> None:
-    """Set out[b_l + i] to vector[a + i * stride + l] for the tiles begin:end, see `pick_tiles`.
-
-    Zeros are set for further i up to `TILE_ROWS`.
-    """
-    for tile in tiles[begin:end]:
-        height = int(tile[_TILE_HEIGHT])
-        for lane, index in enumerate(tile[_TILE_LANES:].tolist()):
-            first = int(tile[_TILE_START]) + lane
-            out[index : index + height] = vector[first : first + height * stride : stride]
-            out[index + height : index + TILE_ROWS] = 0.0
-
-
 def gather(
     out: Array, at: Array, weights: Array, vector: Array, of: Array, begin: int, end: int
 ) -> None:

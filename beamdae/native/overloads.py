@@ -701,8 +701,8 @@ def _pick_tiles(context, builder, kinds, values):
                 builder.store(row, tile.row(out, start, stride, i), align=8)
 
 
-def _store_tiles(context, builder, kinds, values, join):
-    """Store the rows of tiles in the runs of their lanes; `join(pointer, run)` returns new runs."""
+@_overload_with(loop_functions.add_tiles)
+def _add_tiles(context, builder, kinds, values):
     out, vector = (context.make_array(kinds[k])(context, builder, values[k]).data for k in (0, 1))
     stride, begin, end = (values[k] for k in (2, 4, 5))
     with cgutils.for_range(builder, builder.sub(end, begin)) as loop:
@@ -722,20 +722,8 @@ def _store_tiles(context, builder, kinds, values, join):
         ]
         pointers = tile.runs(out)
         for pointer, run in zip(pointers, runs, strict=True):
-            builder.store(join(pointer, run), pointer, align=8)
-
-
-@_overload_with(loop_functions.add_tiles)
-def _add_tiles(context, builder, kinds, values):
-    def add(pointer, run):
-        return builder.fadd(builder.load(pointer, align=8), run)
-
-    _store_tiles(context, builder, kinds, values, add)
-
-
-@_overload_with(loop_functions.set_tiles)
-def _set_tiles(context, builder, kinds, values):
-    _store_tiles(context, builder, kinds, values, lambda pointer, run: run)
+            total = builder.fadd(builder.load(pointer, align=8), run)
+            builder.store(total, pointer, align=8)
 
 
 # Numbers of interior unknowns for which substitution keeps all of them in registers: one or two

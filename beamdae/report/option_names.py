@@ -27,7 +27,6 @@ _EXPRESSIONS = {
         (r"GeneralizedAlpha\(step=([^()]+)\)", r"--step \1"),
     ),
     "output_step": ((r"output_step=([\d.e+-]+\d)", r"--output-step \1"),),
-    "offset": ((r"fit\.profile\([^()]*\)", r"\g<0> in Python"),),
 }
 # An argument such as "period=", "about='equilibrium'", "bounds={...}", "offset=['tip.y']" or
 # "damping=False".

@@ -9,7 +9,6 @@ import pytest
 
 import beamdae as bd
 from beamdae.analysis.fit.problem import FitProblem
-from beamdae.analysis.fit.profile import bounded_interval
 
 METHOD = bd.GeneralizedAlpha(step=0.01)
 TIMES = np.linspace(0.0, 2.0, 41)
@@ -295,7 +294,9 @@ def test_regression_parameters_without_effect_cause_a_warning(exact):
     with pytest.warns(bd.BeamdaeWarning) as records:
         bd.fit(oscillator_with_unused_number, data, ["stiffness", "unused"], METHOD)
     texts = [str(x.message) for x in records]
-    assert texts == ["fit: Changes of unused by +1 % do not change the fitted columns."]
+    assert [x for x in texts if "unused" in x] == [
+        "fit: Changes of unused by +1 % do not change the fitted columns."
+    ]
 
 
 @bd.model(t_end=2.0)
@@ -464,44 +465,6 @@ def test_regression_intervals_beside_a_parameter_at_a_bound(noisy):
     np.testing.assert_allclose(result.table().loc[list(TRUE), names], expected, rtol=1e-3)
     np.testing.assert_allclose(result.table().loc["weak", names], [0.2, 0.4], rtol=1e-6)
     np.testing.assert_allclose(result.standard_deviations[:2], alone.standard_deviations, rtol=1e-2)
-
-
-@SLOW
-@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
-def test_regression_one_sided_intervals_agree_with_profiles(noisy):
-    """Stiffness and mass are dependent; a bound of the mass limits the stiffness on one side."""
-    bounds = {"mass": (1.05, 1.5)}
-    first = {"mass": 1.2}
-    by = ["stiffness", "mass"]
-
-    @bd.model(t_end=2.0)
-    def loaded(stiffness=30.0, mass=1.0):
-        mech = oscillator(stiffness=stiffness, damping=0.8 * mass, mass=mass)
-        mech.add(bd.Force("load", mech.parts["mass"].point, (0.2 * (mass - 1.0), 0.0)))
-        return mech
-
-    result = bd.fit(loaded, noisy, by, METHOD, sigma=NOISE, bounds=bounds, parameters=first)
-    assert result.at_bounds == ("mass",)
-    for name in by:
-        table = result.table().loc[name, ["lower 95 %", "upper 95 %"]]
-        assert result.profile(name).interval == pytest.approx(tuple(table), rel=2e-3)
-
-
-@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
-def test_intervals_within_bounds_are_conditional_on_one_side(unit):
-    correlation, quantile, infinite = 0.99, 1.959964, np.full(2, np.inf)
-    covariance = np.array([[1.0, correlation], [correlation, 1.0]])
-    jacobian = np.linalg.cholesky(np.linalg.inv(covariance)).T / [1.0, unit]
-    residuals = np.zeros(2)
-    whole = bounded_interval(jacobian, residuals, (-infinite, infinite), 0, quantile)
-    assert whole == pytest.approx((-quantile, quantile), rel=1e-5)
-    # The second variable is at its lower bound.
-    bounds = np.array([-np.inf, 0.0]), np.array([np.inf, 10.0 * unit])
-    given = quantile * np.sqrt(1.0 - correlation**2)
-    limits = bounded_interval(jacobian, residuals, bounds, 0, quantile)
-    assert limits == pytest.approx((-given, quantile), rel=1e-5)
-    limits = bounded_interval(jacobian, residuals, bounds, 1, quantile)
-    assert limits == pytest.approx((0.0, quantile * unit), rel=1e-5)
 
 
 @pytest.mark.slow(reason="a fit with 40 evaluations")

@@ -204,7 +204,7 @@ def test_regression_sigma_may_omit_the_unit_of_the_column(name):
         bd.BeamdaeError, match=r"^fit: sigma must name the observed columns of data, tip\.y \[mm\]"
     ):
         read_columns(data, sigma={name: 1.0})
-    with pytest.raises(bd.BeamdaeError, match=r"sigma of tip\.y .*measures another quantity"):
+    with pytest.raises(bd.BeamdaeError, match=r"sigma of tip\.y.*measures another quantity"):
         read_columns(data, sigma={name: "2 s", "tip.x": 0.5})
     plain = {"t [s]": [0.0, 1.0], "tip.y": [1.0, 2.0]}
     (column,) = read_columns(plain, ["tip.y [m]"], sigma="2 mm").values()

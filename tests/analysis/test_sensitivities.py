@@ -695,31 +695,6 @@ def spring_of(law):
     return model
 
 
-@pytest.mark.parametrize(
-    ("law", "count"),
-    [
-        (lambda x: 40.0 * x**3, 2),
-        (lambda x: 40.0 + x, 2),
-        (lambda x: 40.0 + np.sin(200.0 * x), 4),
-        (lambda x: 40.0 + np.exp(300.0 * (x - 1.0)), 4),
-    ],
-    ids=["power", "sum", "wave", "growth"],
-)
-def test_smooth_numbers_need_two_neighbors_for_fits(law, count):
-    model = spring_of(law)
-    base = bd.equations_of_motion(model())
-    values = dict(model.parameters)
-    exact, two = (
-        difference_model(
-            model, "value", values, base, bd.equations_of_motion, needs_high_order=needs_high_order
-        )
-        for needs_high_order in (True, False)
-    )
-    assert (len(exact.equations), len(two.equations)) == (4, count)
-    derivatives = [x.derivative(lambda e: e.p) for x in (exact, two)]
-    np.testing.assert_allclose(*derivatives, rtol=1e-5)
-
-
 @bd.model(t_end=0.02)
 def pinned(position=0.13):
     """Curved beam in a floating frame that is pinned between its nodes, at rest."""

@@ -49,7 +49,6 @@ COMMAND = ["periodic", "mass.py", "--settle", "1"]
             "use frequency:NUMBER:equilibrium.",
         ),
         ("optimize", "such as GeneralizedAlpha(step=1e-3)", "such as --step 1e-3"),
-        ("fit", "use fit.profile('E'), which", "use fit.profile('E') in Python, which"),
         ("fit", "with offset=['a.x', 'a.y'], or", "with --offset a.x,a.y, or"),
         # Code, and arguments of parts.
         (

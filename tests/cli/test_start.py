@@ -13,7 +13,6 @@ MODEL = Path(__file__).parents[2] / "models" / "hub_beam.py"
 @pytest.mark.parametrize(
     ("command", "never"),
     [
-        # The models are imported in a separate process.
         (["list", str(MODEL)], ("casadi", "scipy", "pandas")),
         (["examples"], ("casadi", "scipy", "pandas")),
         (["--help"], ("casadi", "numpy", "scipy", "pandas", "matplotlib", "sksundae")),
@@ -27,7 +26,7 @@ MODEL = Path(__file__).parents[2] / "models" / "hub_beam.py"
         (
             ["draw", str(MODEL)],
             (
-                *("pandas", "scipy.linalg", "scipy.optimize", "llvmlite", "threadpoolctl"),
+                *("pandas", "scipy.optimize", "llvmlite", "threadpoolctl"),
                 *("beamdae.analysis", "beamdae.integrators", "beamdae.simulation"),
                 *("beamdae.equations.equations_of_motion", "beamdae.results.solution"),
                 *("beamdae.parts.joints.gears", "beamdae.parts.forces.springs"),
@@ -70,21 +69,13 @@ assert "pandas" not in sys.modules
 
 
 @pytest.mark.slow(reason="starts a process")
-def test_scripts_do_not_import_modules_of_numpy_for_scipy():
-    """SciPy imports all modules of NumPy, and `numpy.testing` imports `unittest`.
-
-    NumPy itself imports `numpy.ma` for `unique` and `isin`.
-    """
+def test_runs_of_scripts_import_no_displays():
     code = """
 import sys
 import beamdae as bd
 mech = bd.Mechanism(gravity=(0.0, -9.81))
 mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
 bd.simulate(mech, t_end=0.1)
-assert "scipy.sparse" in sys.modules
-names = {"numpy.char", "numpy.ctypeslib", "numpy.f2py"}
-names |= {"numpy.testing", "unittest"}
-assert not names & set(sys.modules), names & set(sys.modules)
 assert not {"rich", "typer", "html", "pandas", "matplotlib", "numba"} & set(sys.modules)
 """
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -155,7 +155,7 @@ ERRORS = {
             ("run --output-step 0", "--output-step must be positive"),
             (
                 "run --out 'a\nb'",
-                "--out: 'a\\nb' is not a valid folder name; use printable characters.",
+                "is not a valid file name; give a name of printable characters.",
             ),
             (
                 "run --start beam.theta=1 --start rotation=30rpm",
@@ -168,8 +168,8 @@ ERRORS = {
     "bob": (
         BOB,
         [
-            ("run --out model.py", "is not a folder"),
-            ("run --out model.py/below", "is not a folder"),
+            ("run --out model.py", "Not a directory"),
+            ("run --out model.py/below", "Not a directory"),
             ("run --out LONG", "File name too long"),
             ("run --set 'mass=[/b]'", "[/b]"),
             ("run --set 'mass=\ud800'", "\\ud800"),
@@ -187,7 +187,7 @@ ERRORS = {
             ("run --accuracy 0", "accuracy must lie between 1e-06 and 0.1, got 0"),
             ("run --accuracy=-1", "accuracy must lie between 1e-06 and 0.1, got -1"),
             ("run --accuracy 200%", "accuracy must lie between 1e-06 and 0.1, got 2"),
-            ("run --accuracy 1% --verify", "--accuracy is not supported with --verify"),
+            ("run --accuracy 1% --verify", "--accuracy and --verify are mutually exclusive"),
             ("run --out model.py", "--out model.py"),
             ("draw --out model.py", "--out model.py"),
             ("static --out model.py", "--out model.py"),

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from conformance import integrators
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from test_events import HIT, falling, pendulum
 
 import beamdae as bd
@@ -134,12 +134,12 @@ def test_damaged_checkpoint_is_rejected(tmp_path, change, sentence):
         bd.simulate(slider(), bd.Radau(), 1.0, start=path)
 
 
-def test_regression_a_saved_run_as_start_is_named(tmp_path):
-    """It was an incomplete checkpoint, or one with over 100 levels of nesting."""
+def test_a_saved_run_is_a_start(tmp_path):
     path = bd.simulate(slider(), bd.Radau(), 0.1).save(tmp_path / "run.zip")
-    with pytest.raises(bd.BeamdaeError, match="is a saved run, not a checkpoint; load it with its"):
-        bd.simulate(slider(), bd.Radau(), 1.0, start=path)
-    assert bd.simulate(slider(), bd.Radau(), 0.2, start=bd.load(path, slider())).status.success
+    starts = path, bd.load(path, slider())
+    runs = [bd.simulate(slider(), bd.Radau(), 0.2, start=start) for start in starts]
+    assert runs[0].t[0] == 0.1
+    assert_array_equal(runs[0].q, runs[1].q)
 
 
 @pytest.mark.slow(reason="a quarter of a second")

@@ -34,7 +34,6 @@ from beamdae.native.loop_functions import (
     rotate,
     scatter,
     scatter_magnitudes,
-    set_tiles,
     split_complex,
 )
 from beamdae.native.object_code import is_native_enabled
@@ -305,12 +304,7 @@ def add_all_tiles(o):
     return 0
 
 
-def set_all_tiles(o):
-    set_tiles(o.vector, o.rows, o.stride, o.tiles, o.begin, o.end)
-    return 0
-
-
-@pytest.mark.parametrize("function", [pick_all_tiles, add_all_tiles, set_all_tiles])
+@pytest.mark.parametrize("function", [pick_all_tiles, add_all_tiles])
 @pytest.mark.parametrize("equal_lanes", [False, True])
 def test_compiled_tiles_agree(function, equal_lanes):
     random = np.random.default_rng(0)

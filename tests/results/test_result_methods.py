@@ -106,7 +106,7 @@ def results(disk):
         "Boundary": bd.results.Boundary(
             "limit point", "rise", two, two, points, np.zeros(2, int), two[:, None], ok, ("f",)
         ),
-        "ProfileLikelihood": bd.results.ProfileLikelihood("E", two, two, 3.84, (0.5, 2.5), {}),
+        "ProfileLikelihood": bd.results.ProfileLikelihood("E", two, two, 3.84, (0.5, 2.5), {}, ()),
         "FrequencyResponse": bd.results.FrequencyResponse(
             "frequency",
             tuple(bd.results.ResponsePoint(x, 0.1, run, np.ones(1)) for x in (1.0, 2.0)),

@@ -481,16 +481,18 @@ def read_measurements(part: str, data: Any, data_columns: Any = None) -> Measure
         columns = _read_long_table(part, table, name, names)
     elif table and all(isinstance(x, (pd.DataFrame, Mapping)) for x in table.values()):
         columns = []
-        for experiment in _as_names(part, "experiments", name, list(table)):
+        labels = _as_names(part, "experiments", name, list(table))
+        for experiment, inner in zip(labels, table.values(), strict=True):
             place = f"the experiment {experiment!r}"
-            inner = _as_columns(part, table[experiment], place)
+            inner = _as_columns(part, inner, place)
             columns += _read_wide_table(part, inner, place, names, experiment)
     else:
         columns = _read_wide_table(part, table, name, names, "")
+    sourced = tuple((Source(x, names.in_run(y), y), rows) for x, y, rows in columns)
     names.require_all_used(name)
-    if not columns:
+    if not sourced:
         raise BeamdaeError(f"{part}: {name} contains no values; fill in measured values.")
-    return Measurements(tuple(columns), SIGMA in table, name, path is not None)
+    return Measurements(sourced, SIGMA in table, name, path is not None)
 
 
 def _read_file(part: str, path: str) -> dict[str, Any]:
@@ -523,8 +525,8 @@ def _as_columns(part: str, data: Any, name: str) -> dict[str, Any]:
 
 def _read_wide_table(
     part: str, table: dict[str, Any], name: str, names: _ColumnNames, experiment: str
-) -> list[tuple[Source, pd.DataFrame]]:
-    """Return the columns of a table with a column of times and one column per observed column."""
+) -> list[tuple[str, str, pd.DataFrame]]:
+    """Return the experiment, the name and the rows of each column beside that of the times."""
     in_run = {x: names.in_run(x) for x in table}
     time = _find_time(part, in_run)
     if time is None or len(table) == 1:
@@ -537,21 +539,15 @@ def _read_wide_table(
             f"{hint if len(table) > 1 else ''}."
         )
     times = _read_times(part, table[time], time, in_run[time], name)
+    cells = {x: _as_cells(part, y, x, name, len(times)) for x, y in table.items() if x != time}
     return [
-        (
-            Source(experiment, in_run[x], x),
-            pd.DataFrame({TIME: times, VALUE: _as_cells(part, cells, x, name, len(times))}).assign(
-                sigma=1.0
-            ),
-        )
-        for x, cells in table.items()
-        if x != time
+        (experiment, x, pd.DataFrame({TIME: times, VALUE: y, SIGMA: 1.0})) for x, y in cells.items()
     ]
 
 
 def _read_long_table(
     part: str, table: dict[str, Any], name: str, names: _ColumnNames
-) -> list[tuple[Source, pd.DataFrame]]:
+) -> list[tuple[str, str, pd.DataFrame]]:
     """Return the columns of a table with one value per row; its rows may have any order."""
     own = (EXPERIMENT, _OBSERVABLE, VALUE, SIGMA)
     in_run = {x: names.in_run(x) for x in table if x not in own}
@@ -570,14 +566,10 @@ def _read_long_table(
     for key in {EXPERIMENT, _OBSERVABLE} & set(table):
         frame[key] = _as_names(part, key, name, cells[key])
     frame[_OBSERVABLE] = frame[_OBSERVABLE].map(standardize_header)
-    groups = frame.sort_values(TIME, kind="stable").groupby([EXPERIMENT, _OBSERVABLE], sort=False)
-    order = frame.drop_duplicates([EXPERIMENT, _OBSERVABLE])
+    groups = frame.groupby([EXPERIMENT, _OBSERVABLE], sort=False)[[TIME, VALUE, SIGMA]]
     return [
-        (
-            Source(experiment, names.in_run(column), column),
-            groups.get_group((experiment, column))[[TIME, VALUE, SIGMA]],
-        )
-        for experiment, column in zip(order[EXPERIMENT], order[_OBSERVABLE], strict=True)
+        (str(experiment), str(column), rows.sort_values(TIME, kind="stable"))
+        for (experiment, column), rows in groups
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,6 @@ import numpy as np
 
 from beamdae import deferred
 from beamdae.analysis.fit.problem import FitProblem
-from beamdae.analysis.fit.residual_checks import warn_of_ranges
 from beamdae.analysis.fit.result import Fit, create_fit
 from beamdae.analysis.fit.search import SearchResult, search
 from beamdae.analysis.fit.variables import Scaling
@@ -167,8 +167,7 @@ def fit(
     -----
     BeamdaeWarning
         Before the search, if columns of the data are not observed, have no unit in a file or have
-        times without a unit, or if the ranges of a column in the first run and in the data differ
-        by a factor above 100; if the search did not converge or explains less than half of the
+        times without a unit; if the search did not converge or explains less than half of the
         variation of the data, with the reason, for each sentence in `Fit.warnings`, which include
         those of the runs, and for each sentence in `Fit.undetermined` if a standard deviation is
         infinite.
@@ -212,12 +211,8 @@ def fit(
         condition = ", above 0 for those in log" if np.any(scaling.is_log) else ""
         require_start_bounds("fit", problem.variables, *scaling.ranges, condition)
     first, known, table, is_interrupted = scaling.first, None, None, False
-    try:
+    with suppress(ValueError, ArithmeticError):  # A search states the reason; others may succeed.
         known = problem.evaluate(scaling.values(first))
-        warn_of_ranges(problem, known)
-    except (ValueError, ArithmeticError):
-        if starts == 1:
-            raise  # Otherwise, other searches may succeed.
     if starts > 1:
         run_starts: Any = deferred.module("studies.fit_starts").run_starts
         first, table, is_interrupted = run_starts(

@@ -342,7 +342,6 @@ class FitProblem:
                 t_end,
                 parameters={**self.parameters, **self._settings[experiment], **fitted},
                 start=self.start,
-                needs_high_order=False,
             )
             if run.solution.trajectory.end < t_end:
                 raise BeamdaeError(

@@ -1,8 +1,8 @@
-"""Intervals of parameters: linearized within bounds, and profile likelihoods.
+"""Profile likelihoods of parameters.
 
-Both contain the values of a parameter for which the sum of squares, with all other parameters
-fitted again, exceeds its minimum by at most the square of a quantile (Venzon & Moolgavkar, Appl.
-Stat. 37 (1988) 87, doi:10.2307/2347496).
+Their intervals contain the values of a parameter for which the sum of squares, with all other
+parameters fitted again, exceeds its minimum by at most the square of a quantile (Venzon &
+Moolgavkar, Appl. Stat. 37 (1988) 87, doi:10.2307/2347496).
 """
 
 from __future__ import annotations
@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import brentq, lsq_linear
 
-from beamdae.analysis.fit.problem import FitProblem, column_lengths
+from beamdae.analysis.fit.problem import FitProblem
 from beamdae.analysis.fit.search import SearchResult, local_search
 from beamdae.analysis.fit.variables import Scaling
 from beamdae.errors import format_message, require_count
@@ -23,8 +22,6 @@ from beamdae.results.displays import HasTable, Plot, load_views
 
 Array = np.ndarray
 
-# Doublings of the half width for known other parameters until an interval counts as infinite.
-_MAX_DOUBLINGS = 60
 # Distance between values, relative to the half width of the interval on this side.
 _STEP = 0.35
 # First distance, relative to the value, of parameters without a finite interval. It doubles.
@@ -41,57 +38,6 @@ _MAX_OVERSHOOT = 2.0
 _MAX_HALVINGS = 6
 # Evaluations of each fit of the other parameters, at most. It starts at the neighboring value.
 _MAX_EVALUATIONS = 20
-
-
-def bounded_interval(
-    jacobian: Array, residuals: Array, bounds: tuple[Array, Array], k: int, quantile: float
-) -> tuple[float, float]:
-    """Return the limits of the changes of variable k within bounds, about a minimum.
-
-    A change t lies in the interval if the other variables can follow within their bounds so that
-
-        |J x + r|^2 <= |r|^2 + quantile^2,    x_k = t,    lower <= x <= upper.
-
-    Without bounds, it is the interval of `quantile` standard deviations; an interval that reaches a
-    bound of its variable ends there.
-
-    Parameters
-    ----------
-    jacobian
-        Derivatives J (N, k) of the residuals with respect to the variables.
-    residuals
-        Residuals r (N,) in standard deviations at the minimum.
-    bounds
-        Lower and upper bounds (k,) of the changes x, around zero; may be infinite.
-    k
-        Index of the variable.
-    quantile
-        Half width in standard deviations.
-    """
-    lengths = column_lengths(jacobian)
-    triangle: Array = np.linalg.qr(np.column_stack([jacobian / lengths, residuals]))[1]
-    matrix, offset = triangle[:, :-1], triangle[:, -1]
-    # The ends of searches are at bounds up to rounding.
-    lower, upper = np.minimum(bounds[0] * lengths, 0.0), np.maximum(bounds[1] * lengths, 0.0)
-    is_open = (np.arange(len(lengths)) != k) & (lower < upper)
-
-    def excess(t: float) -> float:
-        left = offset + matrix[:, k] * t
-        if is_open.any():
-            box = lower[is_open], upper[is_open]
-            left = lsq_linear(matrix[:, is_open], -left, box, method="bvls").fun
-        return float(left @ left - offset @ offset) - quantile**2
-
-    limits = []
-    for side, bound in ((-1.0, abs(lower[k])), (1.0, upper[k])):
-        end = min(quantile, bound)
-        while excess(side * end) < 0.0 and end < min(bound, quantile * 2.0**_MAX_DOUBLINGS):
-            end = min(2.0 * end, bound)
-        limit = side * np.inf if end < bound else side * bound
-        if excess(side * end) >= 0.0:
-            limit = brentq(excess, 0.0, side * end)
-        limits.append(float(limit / lengths[k]))
-    return limits[0], limits[1]
 
 
 @read_only_data

@@ -1,4 +1,4 @@
-"""Warnings about the data and the end of a fit: ranges, bounds, residuals, errors of the runs."""
+"""Warnings about the end of a fit: bounds, residuals, and errors of the runs."""
 
 from __future__ import annotations
 
@@ -8,19 +8,16 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtr, chdtrc
 
-from beamdae.analysis.fit.data import VALUE
-from beamdae.analysis.fit.problem import MAX_NOISE_CORRELATION, Evaluation, FitProblem, varies
+from beamdae.analysis.fit.problem import MAX_NOISE_CORRELATION, Evaluation, FitProblem
 from beamdae.analysis.fit.residual_causes import suggest_causes
 from beamdae.analysis.fit.search import SearchResult
 from beamdae.analysis.fit.variables import Scaling
 from beamdae.equations.measures import TIME
-from beamdae.errors import InputWarning, list_first, warn_user
-from beamdae.model_parameters import format_with_unit, split_unit
+from beamdae.errors import list_first
+from beamdae.model_parameters import format_with_unit
 
 Array = np.ndarray
 
-# Ratio of the ranges of a column in the first run and in the data that is reported.
-_MAX_RANGE_RATIO = 100.0
 # Changes of the estimates by refined runs, in standard deviations, that are reported, and those
 # at which recommended settings aim.
 _MAX_SHIFT, _AIM_OF_SHIFT = 0.4, 0.1
@@ -40,25 +37,6 @@ _NORMAL_DEVIATION = 1.4826  # standard deviation of normal noise by the median o
 _MAX_NAMED_OUTLIERS = 3
 # Share of chi-square of outliers that explain a large value.
 _MIN_OUTLIERS_SHARE = 0.5
-
-
-def warn_of_ranges(problem: FitProblem, first: Evaluation) -> None:
-    """Warn of columns whose ranges in the first run and in the data differ by a large factor.
-
-    Data that may be noise about a constant are not compared.
-    """
-    model, every = problem.recorded_values(first), problem.data.table[VALUE].to_numpy()
-    for source, rows in problem.data.rows:
-        ranges = [float(np.ptp(x[rows])) for x in (model, every)]
-        if max(ranges) > _MAX_RANGE_RATIO * min(ranges) and varies(every[rows]):
-            unit = split_unit(source.header)[1]
-            run, data = (format_with_unit(float(f"{x:.3g}"), unit) for x in ranges)
-            warn_user(
-                f"fit: {source.label} has a range of {run} in the first run and of {data} in the "
-                "data; check start=, loads, units and first values.",
-                InputWarning,
-                merges=False,
-            )
 
 
 def check_bounds(problem: FitProblem, scaling: Scaling, search: SearchResult) -> Iterator[str]:

@@ -17,7 +17,7 @@ from beamdae import deferred
 from beamdae.analysis.fit.data import COLUMN, SIGMA, VALUE
 from beamdae.analysis.fit.information import MAX_RELATIVE_DEVIATION, Information
 from beamdae.analysis.fit.problem import FitProblem
-from beamdae.analysis.fit.profile import ProfileLikelihood, bounded_interval, trace_profile
+from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
 from beamdae.analysis.fit.residual_causes import suggest_causes
 from beamdae.analysis.fit.residual_checks import check_bounds, check_errors, check_residuals
 from beamdae.analysis.fit.search import MIN_RELATIVE_RESIDUAL, SearchResult
@@ -298,12 +298,10 @@ class Fit:
     def table(self) -> pd.DataFrame:
         """Return a table of estimates, standard deviations and limits of 95 % intervals.
 
-        The limits are `quantile` standard deviations away from the estimates; for parameters in
-        `log`, those of the logarithms, so that both limits are positive. If such an interval of a
-        parameter would exceed its bounds, the intervals of all are those of the profile likelihood
-        within the bounds, for a model that is linear about the estimates: they end at bounds, and
-        are one-sided for estimates at a bound. There are no limits (NaN) if the search did not
-        reach a minimum.
+        The limits are `quantile` standard deviations away from the estimates, within the bounds;
+        for parameters in `log`, those of the logarithms, so that both limits are positive. They are
+        one-sided for estimates at a bound. There are no limits (NaN) if the search did not reach a
+        minimum. See `profile` for intervals without the linear approximation.
         """
         lower, upper = self._limits.T
         columns = {
@@ -318,25 +316,16 @@ class Fit:
     def _limits(self) -> Array:
         """Lower and upper limits (k, 2) of the 95 % intervals."""
         scaling, values = self._scaling, self.values
-        # Scales and offsets have no bounds.
-        others = np.full(len(values) - len(scaling.is_log), np.inf)
-        bounds = np.append(scaling.bounds[0], -others), np.append(scaling.bounds[1], others)
-        is_log = np.append(scaling.is_log, others < 0.0)
-        slopes = np.where(is_log, values, 1.0)
-        half = self.quantile * self.standard_deviations / slopes
-        changes = np.stack([-half, half], axis=1)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            below, above = (np.where(is_log, np.log(x / values), x - values) for x in bounds)
-            if self.status.success and (self.at_bounds or np.any((half > -below) | (half > above))):
-                jacobian, box = self._whole.jacobian * slopes, (below, above)
-                changes = np.array(
-                    [
-                        bounded_interval(jacobian, self.residuals, box, k, self.quantile)
-                        for k in range(len(values))
-                    ]
-                )
-            values = values[:, None]
-            return np.where(is_log[:, None], values * np.exp(changes), values + changes)
+        count = len(scaling.is_log)
+        is_log = np.append(scaling.is_log, np.zeros(len(values) - count, bool))
+        half = self.quantile * np.sqrt(np.diag(self.covariance))
+        half = half / np.where(is_log, values, 1.0) if self.status.success else half * np.nan
+        with np.errstate(over="ignore"):
+            limits = [np.where(is_log, values * np.exp(x), values + x) for x in (-half, half)]
+        for limit in limits:
+            # Scales and offsets have no bounds.
+            limit[:count] = np.clip(limit[:count], *scaling.bounds)
+        return np.stack(limits, axis=1)
 
     def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
         """Write `table` and the units of the estimates as CSV and return the path.

@@ -34,6 +34,8 @@ _ZERO_GRADIENT = 1e-15
 # e^3 costs one variance of the data, whose standard deviation is guessed, relative to that of the
 # motion, while it is unknown.
 _PRIOR_WEIGHT, _GUESSED_SIGMA = 1.0 / 3.0, 0.01
+# Distance from a bound, in first values or logarithms, up to which an estimate may be at the bound.
+_MAX_BOUND_DISTANCE = 1e-2
 # Length of the next Gauss-Newton step, in standard deviations of the estimates, up to which the end
 # of a search is a minimum.
 _MAX_NEXT_STEP = 0.1
@@ -300,20 +302,24 @@ def _find_next_step(
     inside the bounds in standard deviations; searches end in front of bounds, and in front of
     values at which runs fail or columns jump.
     """
-    x, at_bounds = record.scaling.variables(end.values), np.zeros(len(free), bool)
-    jacobian = np.vstack([end.projected_jacobian * record.scaling.derivatives(x), attraction])
-    residuals = np.append(end.residuals, attraction @ (x - record.scaling.first))
+    scaling, at_bounds = record.scaling, np.zeros(len(free), bool)
+    x = scaling.variables(end.values)
+    jacobian = np.vstack([end.projected_jacobian * scaling.derivatives(x), attraction])
+    residuals = np.append(end.residuals, attraction @ (x - scaling.first))
     if end.chi_square <= MIN_RELATIVE_RESIDUAL**2 * record.problem.weighted_square:
         return at_bounds, 0.0
-    lengths = column_lengths(jacobian)[free]
-    effects = jacobian[:, free] / lengths
-    lower, upper = ((limit - x)[free] * lengths for limit in record.scaling.limits)
-    box = np.minimum(lower, 0.0), np.maximum(upper, 0.0)
-    step = lsq_linear(effects, -residuals, box, method="bvls")
-    at_bounds[free] = step.active_mask != 0
-    change = effects @ np.where(step.active_mask, 0.0, step.x)
+    lengths = column_lengths(jacobian)
+    lower, upper = ((limit - x) * lengths for limit in scaling.limits)
+    box = np.minimum(lower, 0.0)[free], np.maximum(upper, 0.0)[free]
+    least = lsq_linear((jacobian / lengths)[:, free], -residuals, box, method="bvls")
+    step = np.zeros(len(x))
+    step[free] = least.x / lengths[free]
+    change = np.abs(scaling.values(x + step) - end.values) / scaling.sizes
+    is_near = np.minimum(np.abs(step), change) < _MAX_BOUND_DISTANCE
+    at_bounds[free] = (least.active_mask != 0) & is_near[free]
+    length = float(np.linalg.norm(jacobian @ np.where(at_bounds, 0.0, step)))
     freedom = max(record.problem.count - int(np.sum(free & ~at_bounds)), 1)
-    return at_bounds, float(np.linalg.norm(change) * np.sqrt(freedom / end.chi_square))
+    return at_bounds, length * np.sqrt(freedom / end.chi_square)
 
 
 def search(

@@ -85,11 +85,12 @@ def read_sensors(data: MeasuredData, scale: Any, offset: Any, shift: Any) -> tup
     """
     bounds = require_entries("fit", SHIFT, shift, _NAMES) if isinstance(shift, Mapping) else {}
     sensors = []
-    for name, (label, rows) in _select(data, SHIFT, bounds or shift).items():
-        low, high = _read_bounds(label, bounds.get(name), float(data.table[TIME][rows].min()))
+    for name, label, rows in _select(data, SHIFT, list(bounds) or shift):
+        given = bounds[name] if bounds else None
+        low, high = _read_bounds(label, given, float(data.table[TIME][rows].min()))
         sensors.append(Sensor(SHIFT, label, rows, 0.5 * (high - low), "s", (low, high)))
-    sensors += [Sensor(SCALE, label, rows) for label, rows in _select(data, SCALE, scale).values()]
-    for label, rows in _select(data, OFFSET, offset).values():
+    sensors += [Sensor(SCALE, label, rows) for _, label, rows in _select(data, SCALE, scale)]
+    for _, label, rows in _select(data, OFFSET, offset):
         half_range = 0.5 * float(np.ptp(data.table[VALUE][rows])) or 1.0
         header = next(x.header for x, at in data.rows if rows[at.start])
         sensors.append(Sensor(OFFSET, label, rows, half_range, split_unit(header)[1]))
@@ -118,10 +119,10 @@ def _read_bounds(label: str, bounds: Any, first: float) -> tuple[float, float]:
     return low, min(high, first)
 
 
-def _select(data: MeasuredData, kind: str, names: Any) -> dict[Any, tuple[str, Array]]:
-    """Return the name of the sensor, and True (N,) for its rows, by entry of an argument."""
+def _select(data: MeasuredData, kind: str, names: Any) -> list[tuple[Any, str, Array]]:
+    """Return the entries of an argument with names of sensors, and True (N,) for their rows."""
     names = [names] if isinstance(names, str) else names
-    selected: dict[Any, tuple[str, Array]] = {}
+    selected: list[tuple[Any, str, Array]] = []
     used = np.zeros(len(data.table), bool)
     for name in require_iterable("fit", kind, names, _NAMES):
         experiment, column = _split(data, kind, name)
@@ -142,13 +143,13 @@ def _select(data: MeasuredData, kind: str, names: Any) -> dict[Any, tuple[str, A
         rows = np.zeros(len(used), bool)
         for source, at in data.rows:
             rows[at] = source in chosen
-        if np.any(used & rows):
+        if np.any(used & rows) or label in [x for _, x, _ in selected]:
             raise BeamdaeError(
                 f"fit: {kind} contains {label.removeprefix(f'{kind} of ')} twice; remove one, or "
                 "name the experiments of both."
             )
         used |= rows
-        selected[name] = label, rows
+        selected.append((name, label, rows))
     return selected
 
 

@@ -94,10 +94,11 @@ class Scaling:
         return np.where(self.is_log, np.exp(np.where(self.is_log, points, 0.0)), points)
 
     @property
-    def ranges(self) -> list[Array]:
+    def ranges(self) -> tuple[Array, Array]:
         """Ends (K,) between which starts are distributed: bounds, or their logarithms in `log`."""
         with np.errstate(divide="ignore"):
-            return [np.where(self.is_log, np.log(np.abs(x)), x) for x in self.bounds]
+            lower, upper = (np.where(self.is_log, np.log(np.abs(x)), x) for x in self.bounds)
+        return lower, upper
 
     def variables(self, values: Array) -> Array:
         """Return the variables of values (K,)."""

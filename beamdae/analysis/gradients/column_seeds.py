@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -66,86 +66,169 @@ def differentiate_objective(objective: Objective, solution: Solution) -> ColumnS
     # By columns: most objectives depend on few of them, and only these need memory.
     states = [np.zeros((len(x.nodes), size), order="F") for x in trajectory.intervals]
     result, grid = ColumnSeeds.empty(equations, states), SampleGrid.of(trajectory)
-    terms_at: dict[bytes, tuple[Array, list[tuple[float, ColumnObjective]]]] = {}
+    samples_at: dict[bytes, list[_IntervalSample]] = {}
     for factor, term in objective.terms:
         times = term.sample_times(grid)
-        terms_at.setdefault(times.tobytes(), (times, []))[1].append((factor, term))
-    for times, terms in terms_at.values():
-        samples = _sample_intervals(trajectory, times)
-        parts = [x.states() for x in samples]
-        at = State(*map(_concatenate, zip(*parts, strict=True)))
-        branches = np.concatenate([np.full(len(x.times), x.interval.branch) for x in samples])
-        rows = np.stack([times, branches], axis=1)
-        is_direct = len(samples) == 1 and samples[0].nodes is not None
-        by_state = np.zeros((0 if is_direct else len(times), size), order="F")
-        if is_direct:
-            by_state = states[0][samples[0].nodes]
-        for factor, term in terms:
-            if not is_direct and _is_elastic(equations, term.column):
-                _add_elastic_term(result, equations, factor, term, samples, grid.weights)
+        key, column = times.tobytes(), _Column.of(equations, term.column)
+        if key not in samples_at:
+            samples_at[key] = _sample_intervals(trajectory, times)
+        samples, parts, values = samples_at[key], [], []
+        for sample in samples:
+            points = sample.points(column.is_elastic)
+            y, arguments = column.evaluate(points.rows, points.at)
+            values.append(sample.interpolate_forces(y, points.nodes) if column.is_elastic else y)
+            parts.append((points, arguments))
+        value, derivatives = term.evaluate(np.concatenate(values), grid.weights)
+        result.value += factor * value
+        ends = np.cumsum([len(x.times) for x in samples])[:-1]
+        by_samples = np.split(factor * derivatives, ends)
+        for sample, (points, arguments), by in zip(samples, parts, by_samples, strict=True):
+            by_nodes = states[sample.index]
+            if points.weights is not None:
+                by = points.weights.T @ by
+            is_between = points.nodes is None
+            shape = len(points.rows), size
+            by_state = np.zeros(shape, order="F") if is_between else by_nodes[points.nodes]
+            column.add_gradient(result, by_state, arguments, points.at, by)
+            if is_between:
+                sample.transpose(by_state, equations.n, by_nodes)
             else:
-                add_term(result, by_state, equations, factor, term, rows, at, grid.weights)
-        first = 0
-        for k, sample in enumerate(() if is_direct else samples):
-            last = first + len(sample.times)
-            sample.transpose(by_state[first:last], equations.n, result.states[k])
-            first = last
+                by_nodes[points.nodes] = by_state
     return result
 
 
-def _concatenate(parts: Sequence[Array]) -> Array:
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+class _Points(NamedTuple):
+    """States at which a column is evaluated.
+
+    Attributes
+    ----------
+    rows, at
+        Rows of (t, branch), and the states.
+    nodes
+        Indices of the nodes at which they are; None for states between nodes.
+    weights
+        Weights (times, nodes) of the values at the nodes; None if they are the values.
+    """
+
+    rows: Array
+    at: State
+    nodes: Any
+    weights: sp.csr_array | None
 
 
-class _IntervalSample(NamedTuple):
-    """Times within one interval; `nodes` selects them if they are consecutive nodes."""
+@dataclass(frozen=True)
+class _IntervalSample:
+    """Times within an interval; `nodes` selects them if they are consecutive nodes."""
 
+    index: int
     interval: Interval
     times: Array
     nodes: slice | None
 
-    def states(self) -> State:
-        """Return the states at the times."""
-        if self.nodes is None:
-            return self.interval.at(self.times, limited=True)
-        return State(*(x[self.nodes] for x in self.interval.rows))
+    def points(self, elastic: bool) -> _Points:
+        """Return the states of a column; elastic forces between nodes are interpolated."""
+        if self.nodes is None and not elastic:
+            return self._points_between
+        nodes: Any = self.nodes
+        weights = None
+        if nodes is None:
+            nodes, weights = self.interval.force_weights_at(self.times)
+        at = State(*(x[nodes] for x in self.interval.rows))
+        return _Points(self.interval.times[nodes], at, nodes, weights)
 
-    def force_weights(self) -> tuple[Array, sp.csr_array]:
-        """Return nodes, and their weights (times, nodes) in elastic forces at the times."""
-        if self.nodes is None:
-            return self.interval.force_weights_at(self.times)
-        return np.arange(self.nodes.start, self.nodes.stop), sp.eye_array(len(self.times)).tocsr()
+    @cached_property
+    def _points_between(self) -> _Points:
+        rows = np.stack([self.times, np.full(len(self.times), self.interval.branch)], axis=1)
+        return _Points(rows, self.interval.at(self.times, limited=True), None, None)
 
-    def interpolate_forces(self, values: Array) -> Array:
-        """Return elastic forces at the times, given those at the nodes of the interval."""
-        if self.nodes is None:
-            return self.interval.interpolate_forces(values, self.times)
-        return values[self.nodes]
+    def interpolate_forces(self, values: Array, nodes: Any) -> Array:
+        """Return elastic forces at the times, given those at some nodes of the interval."""
+        if self.nodes is not None:
+            return values
+        at_nodes = np.zeros((len(self.interval.nodes), 1))
+        at_nodes[nodes, 0] = values
+        return self.interval.interpolate_forces(at_nodes, self.times)[:, 0]
 
     def transpose(self, by_state: Array, n: int, by_nodes: Array) -> None:
         """Add derivatives with respect to (q, v, lam) at the times to those at the nodes."""
-        if self.nodes is not None:
-            by_nodes[self.nodes] += by_state
-        elif len(self.times):
-            weights = self.interval.weights_at(self.times)
-            q, v, lam = np.split(by_state, [n, 2 * n], axis=1)
-            by_nodes[:, :n] += weights.positions.T @ q
-            by_nodes[:, n : 2 * n] += weights.positions_by_velocities.T @ q
-            by_nodes[:, n : 2 * n] += weights.velocities.T @ v
-            by_nodes[:, 2 * n :] += weights.reactions.T @ lam
+        weights = self.interval.weights_at(self.times)
+        q, v, lam = np.split(by_state, [n, 2 * n], axis=1)
+        by_nodes[:, :n] += weights.positions.T @ q
+        by_nodes[:, n : 2 * n] += weights.positions_by_velocities.T @ q
+        by_nodes[:, n : 2 * n] += weights.velocities.T @ v
+        by_nodes[:, 2 * n :] += weights.reactions.T @ lam
 
 
 def _sample_intervals(trajectory: Trajectory, times: Array) -> list[_IntervalSample]:
-    """Distribute ascending times to the intervals of a run."""
+    """Distribute ascending times to the intervals of a run; intervals without times are omitted."""
     index, samples = trajectory.interval_index(times), []
-    for k, interval in enumerate(trajectory.intervals):
-        t = times[index == k]
+    for k in np.unique(index).tolist():
+        interval, t = trajectory.intervals[k], times[index == k]
         available = times_after_restart(interval.nodes) if k else interval.nodes
-        first = int(np.searchsorted(available, t[0])) if len(t) else 0
+        first = int(np.searchsorted(available, t[0]))
         nodes = slice(first, first + len(t))
         are_nodes = np.array_equal(available[nodes], t)
-        samples.append(_IntervalSample(interval, t, nodes if are_nodes else None))
+        samples.append(_IntervalSample(k, interval, t, nodes if are_nodes else None))
     return samples
+
+
+class _Column(NamedTuple):
+    """Column of an observable, or of the coordinates, if `number` is None."""
+
+    equations: EquationsOfMotion
+    number: int | None
+    column: int
+
+    @classmethod
+    def of(cls, equations: EquationsOfMotion, name: str) -> _Column:
+        return cls(equations, *locate_column(equations, name))
+
+    @property
+    def observable(self) -> Observable:
+        assert self.number is not None
+        return self.equations.observables[self.number]
+
+    @property
+    def is_elastic(self) -> bool:
+        return self.number is not None and is_elastic(self.equations, self.observable)
+
+    def evaluate(self, rows: Array, at: State) -> tuple[Array, tuple[Array, ...]]:
+        """Return the values (k,), and the arguments of the formula."""
+        if self.number is None:
+            return np.hstack([at.q, at.v, at.lam])[:, self.column], ()
+        # Operators have few columns; products with all coordinates would copy these.
+        o = self.observable
+        acting, operator = o.active_columns
+        q, v = (np.asarray(x[:, acting] @ operator.T) for x in (at.q, at.v))
+        arguments = rows, q, v, self.equations.p[o.data], at.lam[:, o.rows]
+        return o.function.output(self.column)(*arguments)[:, 0], arguments
+
+    def add_gradient(
+        self,
+        seeds: ColumnSeeds,
+        by_state: Array,
+        arguments: tuple[Array, ...],
+        at: State,
+        by: Array,
+    ) -> None:
+        """Add derivatives `by` (k,) with respect to the values to those by states and numbers."""
+        if self.number is None:
+            by_state[:, self.column] += by
+            return
+        o, n = self.observable, self.equations.n
+        gradient = o.function.output(self.column).weighted_gradient()(*arguments, by[:, None])
+        ends = np.cumsum([arguments[1].shape[1], arguments[2].shape[1], arguments[3].shape[-1]])
+        by_q, by_v, by_p, by_lam = np.split(gradient, ends, axis=1)
+        seeds.numbers[o.data] += by_p.sum(axis=0)
+        row = np.repeat(np.arange(o.operator.shape[0]), np.diff(o.operator.indptr))
+        acting, operator = o.active_columns
+        for first, part, x in ((0, by_q, at.q), (n, by_v, at.v)):
+            # Most columns depend either on positions or on velocities.
+            if part.any():
+                change = np.einsum("ti,ti->i", part[:, row], x[:, o.operator.indices])
+                seeds.operators[self.number] += change
+                by_state[:, first + acting] += part @ operator
+        by_state[:, 2 * n :][:, o.rows] += by_lam
 
 
 def add_term(
@@ -162,59 +245,11 @@ def add_term(
 
     `weights` are those of integrals, see `ColumnObjective.evaluate`.
     """
-    number, column = locate_column(equations, term.column)
-    if number is None:
-        values = np.hstack([at.q, at.v, at.lam])[:, column]
-        value, derivatives = term.evaluate(values, weights)
-        seeds.value += factor * value
-        by_state[:, column] += factor * derivatives
-        return
-    o = equations.observables[number]
-    arguments, function = _column_arguments(o, equations.p, rows, at), o.function.output(column)
-    value, derivatives = term.evaluate(function(*arguments)[:, 0], weights)
+    column = _Column.of(equations, term.column)
+    values, arguments = column.evaluate(rows, at)
+    value, derivatives = term.evaluate(values, weights)
     seeds.value += factor * value
-    gradient = function.weighted_gradient()(*arguments, factor * derivatives[:, None])
-    _add_gradient(seeds, by_state, equations, number, arguments, at, gradient)
-
-
-def _is_elastic(equations: EquationsOfMotion, column: str) -> bool:
-    number, _ = locate_column(equations, column)
-    return number is not None and is_elastic(equations, equations.observables[number])
-
-
-def _add_elastic_term(
-    seeds: ColumnSeeds,
-    equations: EquationsOfMotion,
-    factor: float,
-    term: ColumnObjective,
-    samples: Sequence[_IntervalSample],
-    weights: Array,
-) -> None:
-    """Add a term of a column that is interpolated between the nodes of each of the intervals."""
-    number, column = locate_column(equations, term.column)
-    assert number is not None
-    o = equations.observables[number]
-    function, parts, values = o.function.output(column), [], []
-    for sample in samples:
-        interval = sample.interval
-        nodes, by_node = sample.force_weights()
-        at = State(*(x[nodes] for x in interval.rows))
-        arguments = _column_arguments(o, equations.p, interval.times[nodes], at)
-        at_nodes = np.zeros((len(interval.nodes), 1))
-        at_nodes[nodes] = function(*arguments)
-        values.append(sample.interpolate_forces(at_nodes)[:, 0])
-        parts.append((at, arguments, nodes, by_node))
-    value, derivatives = term.evaluate(np.concatenate(values), weights)
-    seeds.value += factor * value
-    ends = np.cumsum([len(x.times) for x in samples])[:-1]
-    by_samples = np.split(factor * derivatives[:, None], ends)
-    for (at, arguments, nodes, by_node), by_sample, states in zip(
-        parts, by_samples, seeds.states, strict=True
-    ):
-        gradient = function.weighted_gradient()(*arguments, by_node.T @ by_sample)
-        by_state = states[nodes]
-        _add_gradient(seeds, by_state, equations, number, arguments, at, gradient)
-        states[nodes] = by_state
+    column.add_gradient(seeds, by_state, arguments, at, factor * derivatives)
 
 
 @cache_on_owner
@@ -248,39 +283,3 @@ def locate_column(equations: EquationsOfMotion, name: str) -> tuple[int | None, 
             "velocity, a force or bd.sensitivities."
         )
     return observed[header]
-
-
-def _add_gradient(
-    seeds: ColumnSeeds,
-    by_state: Array,
-    equations: EquationsOfMotion,
-    number: int,
-    arguments: tuple[Array, Array, Array, Array, Array],
-    at: State,
-    gradient: Array,
-) -> None:
-    """Add the gradient with respect to the arguments of an observable to those by states and p."""
-    o, n = equations.observables[number], equations.n
-    ends = np.cumsum([arguments[1].shape[1], arguments[2].shape[1], arguments[3].shape[-1]])
-    by_q, by_v, by_p, by_lam = np.split(gradient, ends, axis=1)
-    seeds.numbers[o.data] += by_p.sum(axis=0)
-    row = np.repeat(np.arange(o.operator.shape[0]), np.diff(o.operator.indptr))
-    for by, x in ((by_q, at.q), (by_v, at.v)):
-        if by.any():
-            changes = np.einsum("ti,ti->i", by[:, row], x[:, o.operator.indices])
-            seeds.operators[number] += changes
-    acting, operator = o.active_columns
-    for first, part in ((0, by_q), (n, by_v)):
-        # Most columns depend either on positions or on velocities.
-        if part.any():
-            by_state[:, first + acting] += part @ operator
-    by_state[:, 2 * n :][:, o.rows] += by_lam
-
-
-def _column_arguments(
-    o: Observable, p: Array, rows: Array, at: State
-) -> tuple[Array, Array, Array, Array, Array]:
-    # Operators have few columns; products with all coordinates would copy these.
-    acting, operator = o.active_columns
-    q, v = (np.asarray(x[:, acting] @ operator.T) for x in (at.q, at.v))
-    return rows, q, v, p[o.data], at.lam[:, o.rows]

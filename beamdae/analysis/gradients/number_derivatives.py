@@ -167,10 +167,7 @@ def differentiate_numbers(
         derivatives = np.zeros(numbers.shape)
         for k, name in enumerate(model.entries):
             # Name and call of a flat model are those of a model.
-            function, is_accurate = cast(Model, model), len(derivatives) <= _MAX_FOURTH_ORDER_GROUPS
-            difference = difference_model(
-                function, name, model.values, base, assemble, needs_high_order=is_accurate
-            )
+            difference = difference_model(cast(Model, model), name, model.values, base, assemble)
             if numbers.is_regular(difference):
                 derivatives[k] = difference.derivative(_numbers_of)
             else:

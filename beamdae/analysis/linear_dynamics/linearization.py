@@ -229,19 +229,19 @@ def _linearize_rotation(
 def _linearize_rest(
     name: str, model: Any, full_equations: EquationsOfMotion, about: Any, t: float
 ) -> Linearization:
+    word = about if isinstance(about, str) else ""
     if isinstance(about, Equilibrium):
         full_equations = about.to_checkpoint().start_equations(full_equations)
         description = f"equilibrium at load factor {about.factor:g}" if about.loads else EQUILIBRIUM
-    elif isinstance(about, Mapping) or about == EQUILIBRIUM:
+    elif isinstance(about, Mapping) or word == EQUILIBRIUM:
         require_start("about", about)
         full_equations = apply_initial_conditions(full_equations, about, t)
         assert full_equations.start is not None
-        is_word = isinstance(about, str)
-        description = EQUILIBRIUM if is_word else f"rest at {full_equations.start.description}"
-    elif isinstance(about, str) and about in (REFERENCE, AS_DRAWN):
+        description = word or f"rest at {full_equations.start.description}"
+    elif word in (REFERENCE, AS_DRAWN):
         description = REFERENCE
     else:
-        hint = suggest(about, (REFERENCE, EQUILIBRIUM)) if isinstance(about, str) else ""
+        hint = suggest(word, (REFERENCE, EQUILIBRIUM)) if word else ""
         raise BeamdaeError(
             f"{name}: about must be 'reference', 'equilibrium', positions by "
             "name, bd.rotation(...), solution.at(t) or a result of bd.equilibrium, "

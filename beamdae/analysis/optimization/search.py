@@ -36,7 +36,7 @@ Array = np.ndarray
 # Smallest decrease without constraints and bounds to which the possible decrease is relative, of
 # the scaled objective: gradients of minima in the interior vanish.
 _MIN_DECREASE = 0.1
-# A search ends if this number of designs in a row failed or were not better than the best one.
+# A search ends if this number of designs in a row failed or brought no progress.
 _MAX_IDLE_DESIGNS = 20
 # Relative decrease of the violation that is progress.
 _MIN_PROGRESS = 1e-3
@@ -158,9 +158,10 @@ class Search:
         self._trials: list[Trial] = []
         # Designs with the present stress sections, by the variables of the search.
         self._known: dict[bytes, Trial] = {}
-        # Violation and objective of the best design of the present solver, and the number of
-        # designs since then.
-        self._progress, self._idle = (np.inf, np.inf), 0
+        # Violations and objectives of designs that were progress of the present solver, and the
+        # number of designs since the last one.
+        self._progress: list[tuple[float, float]] = []
+        self._idle = 0
         self._end: Trial | None = None  # design at which the present solver converged
         self._minimizes_violation = False
 
@@ -224,7 +225,7 @@ class Search:
         problem, settings = self._scaled.problem, self._settings
         best = self._best()
         self._minimizes_violation, self._end = minimizes_violation, None
-        self._progress, self._idle = (np.inf, np.inf), 0
+        self._progress, self._idle = [], 0
         points = (problem.variables(x) for x in (best.numbers, problem.lower, problem.upper))
         smooth = SmoothProblem(self._values, self._gradients, len(problem.limits), *points)
         if minimizes_violation:
@@ -343,13 +344,20 @@ class Search:
         self._known[x.tobytes()] = trial
         self._idle += 1
         if not trial.failure:
+            # Progress is a design that is not dominated: the filter of Fletcher & Leyffer, Math.
+            # Program. 91 (2002) 239, doi:10.1007/s101070100244.
             violation, objective = self._violation(trial), scaled.objective(trial.values)
-            least, lowest = self._progress
-            change = max(float(scaled.problem.noise[0]), _MIN_PROGRESS * abs(lowest))
-            if violation < (1.0 - _MIN_PROGRESS) * least or (
-                violation <= least and objective < lowest - change
+            noise = max(self._settings.tolerance, float(scaled.problem.noise[0]))
+            if all(
+                violation < (1.0 - _MIN_PROGRESS) * other
+                or (
+                    not self._minimizes_violation
+                    and objective < lowest - max(noise, _MIN_PROGRESS * other)
+                )
+                for other, lowest in self._progress
             ):
-                self._progress, self._idle = (violation, objective), 0
+                self._progress.append((violation, objective))
+                self._idle = 0
             self._report(trial)
         return trial
 

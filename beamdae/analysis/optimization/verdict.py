@@ -25,17 +25,29 @@ _MAX_NAMES = 3  # in a sentence
 
 def conclude(search: SearchResult) -> SearchResult:
     """Return a search with the status of its best design."""
-    status = search.status
+    status, failures = search.status, [x.failure for x in search.trials if x.failure]
     if search.was_ended:
         return search
+    sentence = status.sentence
     if search.violation:
         sentence = _describe_violation(search)
     elif status.success and search.residual <= _OPTIMALITY_TOLERANCE:
         return replace(search, status=Status("ok", "converged"))
     else:
-        sentence = _describe_early_end(search)
-    kind = "limited" if status.success else status.kind
-    return replace(search, status=Status(kind, sentence + _describe_failures(search)))
+        if status.success:
+            cause = "analyses fail" if failures else "a quantity jumps or has a kink"
+            sentence = f"the search ended next to designs at which {cause}, before an optimum"
+        if search.problem.noise.any():
+            sentence += (
+                "; values of runs with adaptive steps change abruptly between designs, use a fixed "
+                "step, GeneralizedAlpha(step=...)"
+            )
+    if failures:
+        sentence += (
+            f"; {len(failures)} analyses failed, the last one: {failures[-1]}; pass bounds= that "
+            "exclude such designs"
+        )
+    return replace(search, status=Status("limited" if status.success else status.kind, sentence))
 
 
 def _describe_violation(search: SearchResult) -> str:
@@ -59,32 +71,6 @@ def _describe_violation(search: SearchResult) -> str:
     return (
         f"{sentence}; the search is local, start it from other values (parameters={{name: value}}) "
         "or increase starts="
-    )
-
-
-def _describe_early_end(search: SearchResult) -> str:
-    """Return the sentence of a search that ended before an optimum."""
-    sentence = search.status.sentence
-    if search.status.success:
-        has_failures = any(x.failure for x in search.trials)
-        cause = "analyses fail" if has_failures else "a quantity jumps or has a kink"
-        sentence = f"the search ended next to designs at which {cause}, before an optimum"
-    if search.problem.noise.any():
-        sentence += (
-            "; values of runs with adaptive steps change abruptly between designs, use a fixed "
-            "step, GeneralizedAlpha(step=...)"
-        )
-    return sentence
-
-
-def _describe_failures(search: SearchResult) -> str:
-    """Return the number of failed analyses with the last reason, and advice, or ""."""
-    failures = [x.failure for x in search.trials if x.failure]
-    if not failures:
-        return ""
-    return (
-        f"; {len(failures)} analyses failed, the last one: {failures[-1]}; pass bounds= that "
-        "exclude such designs"
     )
 
 

@@ -29,7 +29,7 @@ import scipy.sparse as sp
 from beamdae.analysis.sensitivities.directions import Directions
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.recorded_maps import Gradient, plan_transpose
-from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives, time_rate
+from beamdae.analysis.sensitivities.start_derivatives import STEP_FRACTION, StartDerivatives
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import formulate_first_order, plan_residual
 from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
@@ -91,7 +91,7 @@ class StepTables(NamedTuple):
 
 
 @dataclass(frozen=True)
-class StepEquations:
+class StageEquations:
     """Equations of the stages of a method.
 
     Attributes
@@ -130,12 +130,12 @@ class StepEquations:
 
 def formulate_steps(
     method: GeneralizedAlpha | Radau, equations: EquationsOfMotion
-) -> StepEquations:
+) -> StageEquations:
     """Return the equations of the stages of a method."""
     n, m = equations.n, equations.m
     if isinstance(method, GeneralizedAlpha):
         step = formulate_step(equations, False)
-        return StepEquations(
+        return StageEquations(
             equations, _plan_step_residual, 4 * n + 2 * m, n + m, step.sums[2], step.pattern,
             (2 * n, 3 * n), np.arange(n + m), np.arange(0), np.ones(1), step.is_native,
         )  # fmt: skip
@@ -143,7 +143,7 @@ def formulate_steps(
     pattern, plan, reduction = reduce_kinematics(form)
     corrected = reduction.corrected.astype(int)
     rows = np.concatenate([np.arange(n, 2 * n), corrected, np.arange(2 * n, form.size)])
-    return StepEquations(
+    return StageEquations(
         equations, _plan_stage_residual, 2 * form.size, form.size, plan, pattern,
         (form.size + n, form.size + 2 * n), rows, corrected, C, form.is_native,
     )  # fmt: skip
@@ -159,7 +159,8 @@ def _plan_stage_residual(structure: Structure) -> SumPlan:
 
 def tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
     """Return the coefficients of generalized-alpha for steps `h` [s]."""
-    c_v, c_a, c_f = (np.broadcast_to(x, h.shape) for x in member.coefficients(h))
+    coefficients = [member.coefficients(x) for x in h.tolist()]
+    c_v, c_a, c_f = np.array(coefficients).T
     one, zero, f = np.ones_like(h), np.zeros_like(h), 1.0 / (1.0 - member.alpha_m)
     # a after the step, as far as z predicts it.
     after = [zero, zero, f * member.alpha_f * one, -f * member.alpha_m * one]
@@ -169,7 +170,9 @@ def tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
     factors = [c_f, c_f * c_v, c_f * c_a, one, 1.0 / c_v, 1.0 / c_f, c_f]
     return StepTables(
         np.stack([np.stack(q, -1), np.stack(v, -1)], 1)[:, None],
-        *(x[:, None, None] for x in (c_v, c_a / c_v, 1.0 / c_f)),
+        c_v[:, None, None],
+        (c_a / c_v)[:, None, None],
+        (1.0 / c_f)[:, None, None],
         one[:, None, None, None],
         np.stack(factors, -1),
         np.stack([*after, -1.0 / c_f], -1),
@@ -352,10 +355,10 @@ def _differentiate_step(run: ForwardSteps, k: int) -> None:
     for i in range(s):
         _set_state(run, s * step + 1 + i, 1.0)
         for part in range(2):
-            factors = (c[step, i, part, 0], c[step, i, part, 1])
+            shares = (c[step, i, part, 0], c[step, i, part, 1])
             further = (1.0, c[step, i, part, 2], c[step, i, part, 3])
             change = inputs[n_inputs + part * n : n_inputs + (part + 1) * n]
-            combine(change, factors, (z[4 * k], z[4 * k + 1]))
+            combine(change, shares, (z[4 * k], z[4 * k + 1]))
             combine(change, further, (change, z[4 * k + 2], z[4 * k + 3]))
         combine(run.positions[i], (1.0,), (inputs[n_inputs : n_inputs + n],))
         combine(run.velocities[i], (1.0,), (inputs[n_inputs + n : n_inputs + 2 * n],))
@@ -667,20 +670,18 @@ def differentiate_steps(
 
 
 def _time_rates(steps: _Steps) -> Array:
-    """Return the derivatives of the residual by time at the stages, (stages, size)."""
-    form, x = steps.form, steps.interval
-    e, total = form.equations, form.residual(form.equations.structure).sum(False, form.equations.p)
-    result, value = np.zeros((steps.count, form.size)), np.zeros(form.size)
-    inputs = np.zeros(form.n_inputs)
-    for k, h in enumerate(steps.steps.tolist()):
-        inputs[: 3 * e.n + e.m] = np.concatenate([y[k + 1] for y in x.state])
-
-        def evaluate(time: Array) -> Array:
-            set_time(total, *time)
+    """Return the derivatives of the residual by time at the ends of steps, (steps, size)."""
+    form, interval = steps.form, steps.interval
+    e = form.equations
+    total, inputs = form.residual(e.structure).sum(False, e.p), np.zeros(form.n_inputs)
+    values = np.zeros((2, form.size))
+    result = np.zeros((steps.count, form.size))
+    for k, delta in enumerate((STEP_FRACTION * steps.steps).tolist()):
+        inputs[: 3 * e.n + e.m] = np.concatenate([x[k + 1] for x in interval.state])
+        for value, shift in zip(values, (delta, -delta), strict=True):
+            set_time(total, interval.t[k + 1] + shift, interval.branch)
             evaluate_sum(total, inputs, value)
-            return value.copy()
-
-        result[k] = time_rate(evaluate, np.array([x.t[k + 1], x.branch]), h)
+        result[k] = (values[0] - values[1]) / (2.0 * delta)
     return result
 
 
@@ -741,7 +742,7 @@ def transpose_steps(
             run.motion[2] += (1.0 - ratio) * run.motion[3]
             run.motion[3] *= ratio
         steps.run(loop, last, first)
-    by_start = (run.motion[0], run.motion[1], np.zeros(e.n), np.zeros(e.m))
+    by_start: tuple[Array, ...] = (*run.motion[:2], np.zeros(e.n), np.zeros(e.m))
     if steps.is_alpha:
         time, at = steps.node(0)
         alpha_start, h = steps.start(start.solver), float(steps.steps[0])

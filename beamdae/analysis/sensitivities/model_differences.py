@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -18,12 +17,11 @@ import numpy as np
 
 from beamdae.beams.beam import beams_of
 from beamdae.beams.section_samples import keep_numbers_of_sections
-from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, has_same_patterns
 from beamdae.errors import BeamdaeError, format_exception, warn_user
 from beamdae.interrupts import outermost_call
 from beamdae.model_functions import Model
-from beamdae.parts.events import select_impacts, select_switches
 
 Array = np.ndarray
 
@@ -177,8 +175,6 @@ def difference_model(
     parameters: Mapping[str, Any],
     base: EquationsOfMotion,
     assemble: Callable[[Any], EquationsOfMotion],
-    *,
-    needs_high_order: bool = True,
 ) -> Difference:
     """Return the models around the value of one parameter.
 
@@ -201,9 +197,6 @@ def difference_model(
         Equations of the model with `parameters`.
     assemble
         Function that returns the equations of a mechanism.
-    needs_high_order
-        False to use only two neighbors, with errors of the derivatives near 1e-9, if their numbers
-        are smooth enough and the equations have the structure of `base`.
 
     Raises
     ------
@@ -220,12 +213,6 @@ def difference_model(
     value = float(parameters[name])
     delta = RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
     build = partial(try_step, model, name, parameters, base, assemble)
-    if not needs_high_order and base.configurations is None:
-        # Parts that events activate have structures of their own, which need more neighbors.
-        with suppress(BeamdaeError):
-            two = build(delta, (TWO_NEIGHBORS,))
-            if two.change > 0.0 and two.is_smooth and two.difference.keeps_structure(base):
-                return two.difference
     best: Trial | None = None
     for _ in range(_MAX_TRIALS):
         try:
@@ -271,55 +258,16 @@ def difference_model(
 def has_effect(base: EquationsOfMotion, other: EquationsOfMotion) -> bool:
     """Return True if the model with another value of a parameter may differ from `base`.
 
-    Laws that events start are not compared.
+    Models with events may always differ: actions of events are not compared.
     """
-    if (
-        base.structure != other.structure
+    pairs = zip(base.observables, other.observables, strict=True)
+    return bool(
+        base.events
+        or base.structure != other.structure
         or base.breakpoints != other.breakpoints
         or not np.array_equal(numbers_and_start(base), numbers_and_start(other))
-    ):
-        return True
-    pairs = zip(base.observables, other.observables, strict=True)
-    if any(not np.array_equal(x.operator.data, y.operator.data) for x, y in pairs):
-        return True
-    return any(_event_differs(x, y) for x, y in zip(base.events, other.events, strict=True))
-
-
-def _event_differs(one: EventTerm, other: EventTerm) -> bool:
-    restitutions = [[x.restitution for x in select_impacts(e.do)] for e in (one, other)]
-    return (
-        one.crosses != other.crosses
-        or not np.array_equal(one.observable.operator.data, other.observable.operator.data)
-        or restitutions[0] != restitutions[1]
-        or any(switch.laws for switch in select_switches(other.do))
+        or any(not np.array_equal(x.operator.data, y.operator.data) for x, y in pairs)
     )
-
-
-def warn_of_idle_parameters(
-    model: Model,
-    parameters: Mapping[str, Any],
-    assemble: Callable[[Any], EquationsOfMotion],
-    names: Sequence[str],
-) -> list[str]:
-    """Warn of each parameter in `names` that has no effect on a model, and return these names.
-
-    See `difference_model` for the other arguments.
-    """
-    idle: list[str] = []
-    if not names:
-        return idle
-    base = assemble(model(**parameters))
-    for name in names:
-        value = float(parameters[name])
-        changed = value + (RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO)
-        try:
-            is_idle = not has_effect(base, assemble(model(**{**parameters, name: changed})))
-        except (BeamdaeError, ArithmeticError, ValueError):
-            continue
-        if is_idle:
-            warn_without_effect(model.name, name)
-            idle.append(name)
-    return idle
 
 
 def warn_without_effect(model: str, name: str) -> None:

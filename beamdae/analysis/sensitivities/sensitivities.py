@@ -20,9 +20,9 @@ from beamdae.analysis.sensitivities.model_differences import (
     Difference,
     derivative_call,
     difference_model,
+    difference_values,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_run_columns
-from beamdae.analysis.sensitivities.operator_changes import directional_plan_along, moves_operators
 from beamdae.analysis.sensitivities.requested_starts import assemble_neighbors
 from beamdae.analysis.sensitivities.restart_times import differentiate_event_time
 from beamdae.analysis.sensitivities.run_derivatives import differentiate_states
@@ -32,9 +32,6 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
     require_parameters,
 )
 from beamdae.equations import measures
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.sums import N_BALANCE_SCALARS
-from beamdae.equations.measures import ENERGIES, plan_balance
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError, record_warnings, require_choice, short_repr
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
@@ -57,8 +54,6 @@ from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 from beamdae.simulation import as_equations, simulate
-from beamdae.symbolic.sums.directional_sums import directional_plan
-from beamdae.symbolic.sums.kernel_sums import SumPlan, evaluate_sum, set_time
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
@@ -177,7 +172,15 @@ class Sensitivities(SensitivityResult):
         times, at = trajectory.at(self.t)
         columns = {measures.TIME: self.t}
         for name, along in self.trajectories.items():
-            rows = _differentiate_energies(self._differences[name], times, at, along.at(self.t)[1])
+            change, difference = along.at(self.t)[1], self._differences[name]
+            neighbors = zip(difference.equations, difference.steps, strict=True)
+            values = [
+                measures.balance_rows(e)(
+                    times, *(x + step * dx for x, dx in zip(at, change, strict=True))
+                )
+                for e, step in neighbors
+            ]
+            rows = difference_values(difference.weights, values)[:, : len(measures.ENERGIES)]
             headers = (derivative_header(x, name) for x in measures.LEDGER_COLUMNS)
             columns |= dict(zip(headers, rows.T, strict=False))
         return pd.DataFrame(columns)
@@ -322,11 +325,8 @@ def differentiate_run(
     *,
     parameters: Mapping[str, Any] | None,
     start: Any,
-    needs_high_order: bool = True,
 ) -> Sensitivities:
     """Return the result of `sensitivities` without a check of its errors.
-
-    See `difference_model` for `needs_high_order`.
 
     Raises
     ------
@@ -336,7 +336,7 @@ def differentiate_run(
     names = require_parameters("sensitivities", model, by)
     values = complete_parameters("sensitivities", model, parameters)
     method = require_differentiable_method(integrator)
-    run = _Run(model, names, values, method, t_end, output_step, start, needs_high_order)
+    run = _Run(model, names, values, method, t_end, output_step, start)
     return run.differentiate(*run.simulate())
 
 
@@ -413,7 +413,6 @@ class _Run:
     t_end: float | None
     output_step: float | None
     start: Any
-    needs_high_order: bool = True
 
     def simulate(
         self, progress: Progress | None = None, partial: PartialResult = "raise"
@@ -423,14 +422,7 @@ class _Run:
         base = as_equations(derivative_call(), mechanism, self.start)
         assemble = assemble_neighbors(base, self.start)
         differences = {
-            name: difference_model(
-                self.model,
-                name,
-                self.values,
-                base,
-                assemble,
-                needs_high_order=self.needs_high_order,
-            )
+            name: difference_model(self.model, name, self.values, base, assemble)
             for name in self.names
         }
         solution = simulate(
@@ -461,36 +453,3 @@ class _Run:
         """Return the derivatives of a changed mechanism by another integrator."""
         run = replace(self, model=transform_mechanisms(self.model, change), method=method)
         return run.differentiate(*run.simulate())
-
-
-def _differentiate_energies(difference: Difference, times: Array, at: State, along: State) -> Array:
-    """Return the derivatives of the kinetic, strain and gravitational energies [J], (rows, 3).
-
-    Parameters
-    ----------
-    difference
-        Models at neighboring values of the parameter.
-    times
-        Rows of (t, branch).
-    at, along
-        States of the run and their derivatives, one row per time.
-    """
-    e = difference.base
-
-    def balance(equations: EquationsOfMotion) -> SumPlan:
-        return plan_balance(equations.structure).total
-
-    size = 3 * e.n + e.m
-    plan = (
-        directional_plan_along(difference, balance, size)
-        if moves_operators(difference)
-        else directional_plan(balance(e), size)
-    )
-    total, dp = plan.sum(False, e.p), difference.derivative(lambda x: x.p)
-    value = np.zeros(N_BALANCE_SCALARS + size + e.m)
-    energies = np.zeros((len(times), len(ENERGIES)))
-    for k, inputs in enumerate(np.hstack([*at, *along])):
-        set_time(total, *times[k])
-        evaluate_sum(total, np.concatenate([inputs, dp]), value)
-        energies[k] = value[: len(ENERGIES)]
-    return energies

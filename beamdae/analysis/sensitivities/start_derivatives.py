@@ -31,12 +31,9 @@ from beamdae.equations.starts.state_evaluator import (
     Coefficients,
     PlanFunction,
     plan_balance,
-    plan_state_sums,
 )
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.integrators.alpha.family import JERK_INTERVAL, AlphaStart
-from beamdae.linear.factorizations import create_factorization
-from beamdae.symbolic.sparse_operators import transpose_pattern
 from beamdae.symbolic.sums.directional_sums import directional_plan
 from beamdae.symbolic.sums.kernel_sums import SumPlan
 
@@ -50,7 +47,7 @@ _MAX_EQUILIBRIUM_CORRECTION = 1e-4
 _MAX_EQUILIBRIUM_ERROR = 1e-6
 _EQUILIBRATION_STEPS = 8  # each takes the square root of the ratios of the largest entries
 # Difference of time for partial derivatives with respect to time, relative to the step.
-_STEP_FRACTION = 1e-3
+STEP_FRACTION = 1e-3
 # Stiffnesses of contacts are proportional to the square root of the penetration, whose slope has no
 # bound. Up to this penetration [m], starting values are differentiated with constant stiffnesses:
 # a slope at a penetration of 1e-15 m, due to rounding, would dominate the derivatives of the run.
@@ -198,9 +195,14 @@ class RecordingSolver(ConsistencySolver):
         x = solve(np.concatenate([value_of(y) for y in right]), False)
         if x.any():
             assert coefficients == MASS_COEFFICIENTS
-            change = self._change(time, q, v, np.zeros(e.m), np.concatenate([np.zeros(2 * e.n), x]))
+            at_rest = np.zeros(2 * e.n)
+            change = self._change(time, q, v, np.zeros(e.m), np.concatenate([at_rest, x]))
+            forces = change
+            if kept is not None:  # Impulses of joints cause no friction.
+                motion = np.concatenate([at_rest, x[: e.n], np.zeros(e.m)])
+                forces = self._change(time, q, v, np.zeros(e.m), motion)
             levels = self._split_levels(change)
-            right = [right[0] - change[: e.n] - change[e.n + 3 * e.m :], right[1] - levels[2]]
+            right = [right[0] - forces[: e.n] - change[e.n + 3 * e.m :], right[1] - levels[2]]
         solution = self.record.solve(solve, right, x)
         return solution[: e.n], solution[e.n :]
 
@@ -407,7 +409,7 @@ class StartDerivatives:
         self, h: float, at: State | None = None
     ) -> tuple[Record, tuple[RecordingSolver, RecordingSolver]]:
         """Return a record, and its solvers at fixed and at moving times."""
-        record = Record(len(self.equations.p), _STEP_FRACTION * h)
+        record = Record(len(self.equations.p), STEP_FRACTION * h)
         fixed, moving = (
             RecordingSolver(self.equations, self, record, moves, at) for moves in (False, True)
         )
@@ -433,59 +435,21 @@ class StartDerivatives:
         if key not in self._factors:
             if len(self._factors) >= _MAX_STATES:
                 self._factors.clear()
+            n, pattern = self.equations.n, self.solver.sums.saddle_pattern
             nonzeros = self.solver.saddle_matrix(time, q, v, None, coefficients, lam)
-            self._factors[key] = (
-                _TransposableFactors(self.equations.structure, nonzeros).solve
-                if kept is None
-                else self._factorize_kept(nonzeros, kept)
-            )
+            matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
+            rows = np.arange(pattern.shape[0])
+            if kept is not None:
+                # Impulses of joints cause no friction.
+                mass, gradient = matrix[:n, :n], matrix[n + kept, :n]
+                matrix = sp.block_array([[mass, gradient.T], [gradient, None]], format="csc")
+                rows = np.concatenate([np.arange(n), n + kept])
+            factors = splu(matrix)
+
+            def solve(right: Array, transposed: bool) -> Array:
+                solution = np.zeros(len(right))
+                solution[rows] = factors.solve(right[rows], "T" if transposed else "N")
+                return solution
+
+            self._factors[key] = solve
         return self._factors[key]
-
-    def _factorize_kept(self, nonzeros: Array, kept: Array) -> Callable[[Array, bool], Array]:
-        n, pattern = self.equations.n, self.solver.sums.saddle_pattern
-        rows = np.concatenate([np.arange(n), n + kept])
-        matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
-        factors = splu(sp.csc_array(matrix[rows][:, rows]))
-
-        def solve(right: Array, transposed: bool) -> Array:
-            solution = np.zeros(len(right))
-            solution[rows] = factors.solve(right[rows], "T" if transposed else "N")
-            return solution
-
-        return solve
-
-
-@cache_on_owner
-def _transpose_saddle_pattern(structure: Structure) -> tuple[sp.csc_array, Array]:
-    return transpose_pattern(plan_state_sums(structure).saddle_pattern)
-
-
-class _TransposableFactors:
-    """Factors of the saddle-point matrix, and those of its transpose, if they are needed."""
-
-    def __init__(self, structure: Structure, nonzeros: Array) -> None:
-        self._structure, self._nonzeros = structure, nonzeros
-        self._factors: dict[bool, Any] = {}
-
-    def solve(self, right: Array, transposed: bool) -> Array:
-        """Return the solution of the equations or of the transposed ones."""
-        if transposed not in self._factors:
-            pattern, nonzeros = plan_state_sums(self._structure).saddle_pattern, self._nonzeros
-            if transposed:
-                pattern, positions = _transpose_saddle_pattern(self._structure)
-                nonzeros = np.empty(pattern.nnz)
-                nonzeros[positions] = self._nonzeros
-            factors = create_factorization(pattern)
-            factors.factorize(nonzeros)
-            self._factors[transposed] = factors
-        return self._factors[transposed].solve(right)
-
-
-def time_rate(function: Callable[[Array], Array], time: Array, h: float) -> Array:
-    """Return the partial derivative of a function of (t, branch) with respect to t.
-
-    `h` is a step of the run [s], which resolves the laws.
-    """
-    delta = _STEP_FRACTION * h
-    ahead, behind = (function(time + np.array([d, 0.0])) for d in (delta, -delta))
-    return (ahead - behind) / (2.0 * delta)

@@ -21,6 +21,9 @@ from beamdae.results.storage.documents import Format
 from beamdae.results.storage.files import require_file_path, write_bytes
 from beamdae.results.storage.reader import FileKind, is_archive
 
+# Files of runs, whose last states are checkpoints.
+SAVED_RUN, SAVED_RUN_VERSION = FileKind("saved run", "simulate and save the run again"), 4
+
 
 @read_only_data
 @dataclass(frozen=True)
@@ -117,10 +120,7 @@ class Checkpoint:
         """
         path = Path(path)
         if is_archive(path):
-            # Imported here because saved runs contain checkpoints.
-            from beamdae.results.storage.saved_run import read_checkpoint
-
-            checkpoint = read_checkpoint(path)
+            checkpoint = _LAST_STATE.read_archive(path)[0].checkpoint
         else:
             checkpoint = _FORMAT.read(path)
         for values in ({"t": checkpoint.t}, checkpoint.q, checkpoint.v):
@@ -188,4 +188,12 @@ class Checkpoint:
         return "" if is_same else "other numbers or formulas"
 
 
+@dataclass(frozen=True)
+class _LastState:
+    """Last state of a saved run, whose other content is not read."""
+
+    checkpoint: Checkpoint
+
+
 _FORMAT = Format(FileKind("checkpoint", "run the model again from the start"), 4, Checkpoint)
+_LAST_STATE = Format(SAVED_RUN, SAVED_RUN_VERSION, _LastState)

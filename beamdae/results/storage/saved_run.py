@@ -16,7 +16,7 @@ from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives, require_derivatives
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.solution import Solution, unpack_solution
-from beamdae.results.storage.checkpoint import Checkpoint
+from beamdae.results.storage.checkpoint import SAVED_RUN, SAVED_RUN_VERSION, Checkpoint
 from beamdae.results.storage.documents import Format
 from beamdae.results.storage.files import atomic_write, require_file_path, write_result
 from beamdae.results.storage.packed_run import (
@@ -26,7 +26,6 @@ from beamdae.results.storage.packed_run import (
     require_consistent,
     unpack_derivatives,
 )
-from beamdae.results.storage.reader import FileKind
 from beamdae.results.time_series import TimeSeries
 
 if TYPE_CHECKING:
@@ -64,7 +63,7 @@ class SavedContent:
     checkpoint: Checkpoint
 
 
-_FORMAT = Format(FileKind("saved run", "simulate and save the run again"), 4, SavedContent)
+_FORMAT = Format(SAVED_RUN, SAVED_RUN_VERSION, SavedContent)
 
 
 @read_only_data
@@ -240,14 +239,3 @@ def load_saved_run(path: Any, equations: EquationsOfMotion | None) -> SavedRun |
                 "pass the model of this run, or omit the model to load only the tables."
             )
         return unpack_solution(equations, packed)
-
-
-def read_checkpoint(file: Path) -> Checkpoint:
-    """Return the last state of the saved run in a file.
-
-    Raises
-    ------
-    BeamdaeError
-        If the file cannot be read or is not a complete saved run of this version.
-    """
-    return _FORMAT.read_archive(file)[0].checkpoint
