@@ -389,7 +389,8 @@ def _read_sigma(source: Source, key: str, value: Any) -> float:
         number = parse_value("fit", label, text, unit)
         if number is not None:
             return require_positive("fit", label, number)
-    return require_positive("fit", label, value if text is None else as_real(text)) * source.factor
+    number = None if text is None else as_real(text)
+    return require_positive("fit", label, value if number is None else number) * source.factor
 
 
 def warn_of_columns(

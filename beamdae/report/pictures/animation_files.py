@@ -52,8 +52,8 @@ def save_animation(
             "ffmpeg or write a GIF file."
         )
     writer = PillowWriter(rate) if kind == ".gif" else FFMpegWriter(rate)
-    animation = FuncAnimation(figure, show, frames=frames, blit=False)
     with atomic_write(Path(path)) as scratch:
+        animation = FuncAnimation(figure, show, frames=frames, blit=False)
         # The writers select the format by the suffix.
         with_suffix = scratch.with_name(f"{scratch.name}{kind}")
         try:
