@@ -424,7 +424,7 @@ ERRORS = {
             ),
             (
                 "fit data.csv --by stiffness --sigma mass.x=a --step 0.002",
-                "of mass.x [m] must be a number, got 'a'",
+                "sigma of mass.x must be a number, got 'a'",
             ),
             (
                 "fit data.csv --by stiffness --experiment mass=2 --step 0.002",
