@@ -173,8 +173,8 @@ def rounding_limits(
     reactions at its joints and changes of accelerations. The limits are a strain of 1e-11, the
     stresses, forces and moments that it causes in the stiffest beam, the acceleration of the
     mechanism by this force or 1e-9 of gravity, and velocities of 1e-12 of the length of the
-    mechanism, or 1e-12 rad, in a mean `step` [s] of the run. They are zero for columns in other
-    units.
+    mechanism, or 1e-12 rad, in a mean `step` [s] of the run. Those of other units are the rounding
+    errors of first-order states, or zero.
     """
     mechanism, beams = equations.mechanism, beams_of(equations.mechanism)
     parts = [] if mechanism is None else mechanism.parts.values()
@@ -191,4 +191,7 @@ def rounding_limits(
         mass += sum(x.mass for x in parts if isinstance(x, (PointMass, RigidBody)))
         acceleration = max(acceleration, limits["N"] / mass)
     limits |= {"m/s^2": acceleration, "rad/s^2": acceleration / equations.length}
+    for k in equations.states:
+        rounding = float(np.finfo(float).eps * equations.position_scales[k])
+        limits.setdefault(equations.coordinates[k].unit, rounding)
     return np.array([limits.get(Header.of(x).unit, 0.0) for x in headers])

@@ -271,19 +271,12 @@ def test_a_run_at_its_time_limit_keeps_its_results(here):
 
 
 @pytest.mark.slow(reason="starts processes")
-def test_listing_does_not_wait_for_scripts(here):
+def test_listing_does_not_execute_scripts(here):
     """`list` executed a script without a guard for 120 s, also after SIGTERM."""
-    wait = "import time\ntry:\n    time.sleep(600)\nexcept BaseException:\n    time.sleep(600)"
-    Path("script.py").write_text(MODEL.replace("# importing", wait), encoding="utf-8")
+    Path("script.py").write_text(MODEL.replace("# importing", "import time\ntime.sleep(600)"))
     code, output, _ = shell("{beamdae} list .")
-    assert code == 1
+    assert code == 0
     assert "model.py" in output
-    assert "the import takes over 10 s" in " ".join(output.split())
-    command = process("list", ".")
-    time.sleep(3.0)
-    command.send_signal(signal.SIGTERM)
-    _, errors = command.communicate(timeout=60)
-    assert (command.returncode, has_no_traceback(errors)) == (143, True)
 
 
 # Studies.

@@ -70,8 +70,8 @@ def static_command(
         str | None,
         typer.Option(
             help="Quantity prescribed in each step: load, displacement or 'arc length'. Defaults "
-            "to displacement if --to names a column, to the value of --over, otherwise to the arc "
-            "length, which passes limit points."
+            "to displacement if --to names a column, to the value of --over, otherwise to the load "
+            "and, if that path ends before, to the arc length, which passes limit points."
         ),
     ] = None,
     step: Annotated[
@@ -111,8 +111,6 @@ def static_command(
     files = ResultFiles.plan(out, stem, page, picture, out / f"{stem}.json")
     parse_value = _value_parser(model, over)
     if over is None:
-        if control is None and not any("=" in target for target in to or []):
-            control = "arc length"  # passes limit points
         targets, size = _parse_targets(model, to, step, control == "arc length" or bool(switch))
     else:
         targets = [parse_value("--to", x) for x in to or []] or None
@@ -134,7 +132,12 @@ def static_command(
     def analyze() -> Equilibrium:
         from beamdae.analysis.statics.static_equilibrium import equilibrium
 
-        return equilibrium(model, **options, partial="return")
+        path = equilibrium(model, **options, partial="return")
+        is_by_load = control is None and over is None and path.settings.get("control") == "load"
+        if not is_by_load or path.status.kind in ("ok", "interrupted"):
+            return path
+        traced = equilibrium(model, **options | {"control": "arc length"}, partial="return")
+        return traced if traced.status.success else path
 
     def draw(result: Equilibrium, path: Path, title: str) -> Path:
         from beamdae.report.pictures.path_plots import save_path_figure
