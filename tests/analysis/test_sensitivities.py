@@ -473,7 +473,8 @@ def test_energies():
         )
         dx = result.sensitivity("mass.x", name).to_numpy()
         exact = 40.0 * x * dx + (0.5 * x**2 if name == "stiffness" else 0.0)
-        np.testing.assert_allclose(strain, exact, rtol=0.0, atol=1e-12)
+        # Rounding errors of differences of energies along the derivative.
+        np.testing.assert_allclose(strain, exact, rtol=0.0, atol=1e-11)
         # Without damping, the energy is that of the start, m speed^2 / 2.
         total = MASS * SPEED if name == "speed" else 0.0
         np.testing.assert_allclose(kinetic + strain, total, rtol=0.0, atol=1e-8)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import scipy.linalg as la
 
 from beamdae import deferred
 from beamdae.analysis.periodic.load_periods import Loads
@@ -188,7 +189,7 @@ def periodic(
                 status=Status("failed", sentence),
             )
         run, iterations = linear.run, linear.iterations
-        multipliers, change = _find_multipliers(run)
+        multipliers, change = _find_multipliers(run, is_free)
         status = _describe_outcome(run, iterations, limits, is_free)
         return PeriodicMotion(
             run.solution,
@@ -296,12 +297,20 @@ def _describe_outcome(run: PeriodRun, iterations: int, limits: Tolerance, is_fre
     return Status("failed", sentence)
 
 
-def _find_multipliers(run: PeriodRun) -> tuple[Array, float]:
-    """Return the Floquet multipliers, and the change of the largest one by halved steps."""
+def _find_multipliers(run: PeriodRun, is_free: bool) -> tuple[Array, float]:
+    """Return the Floquet multipliers, and the change of the largest one by halved steps.
+
+    Disturbances along a free motion have the multiplier 1. The others are those of disturbances
+    modulo these: rounding would split a double multiplier of a conservative motion by its root.
+    """
+    along = run.rates[0][None] if is_free else np.zeros((0, len(run.rates[0])))
+    across = la.null_space(along)
     previous = np.array([np.inf])
     for refinement in range(-1, _MAX_REFINEMENTS + 1):
         monodromy = run.monodromy(tolerance=_MULTIPLIER_RANK_TOLERANCE, refinement=refinement)
-        values = np.append(floquet_multipliers(monodromy), 0.0)
+        others = floquet_multipliers(across.T @ monodromy @ across)
+        values = np.concatenate([np.ones(len(monodromy) - len(others)), others, [0.0]])
+        values = values[np.argsort(-np.abs(values), kind="stable")]
         error, previous = float(np.min(np.abs(values[0] - previous))), values
         if error <= min(_MULTIPLIER_TOLERANCE, _MAX_RELATIVE_CHANGE * abs(values[0])):
             break
