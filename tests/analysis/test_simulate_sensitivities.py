@@ -185,4 +185,5 @@ def test_the_command_writes_derivatives(tmp_path):
     for option, value in (("--continue", "x.json"), ("--accuracy", "1%")):
         result = run("--sensitivities", "mass", option, value)
         assert result.exit_code == 2
-        assert f"--sensitivities is not supported with {option}" in " ".join(result.output.split())
+        message = " ".join(result.output.split())
+        assert f"--sensitivities and {option} are mutually exclusive" in message
