@@ -177,6 +177,8 @@ def _find_neighbor(sample: _Sample, way: float) -> Neighbor:
     tangent = sample.tangent.scale(way)
     move, count = sample.point.neighbor(tangent.scale(_NEIGHBOR_DISTANCE))
     sizes = np.append(sample.point.problem.weights, 1.0)
+    # Products of tiny motions would be zero.
+    sizes = sizes / (np.max(np.abs(sizes * tangent.packed), initial=0.0) or 1.0)
     one, other = sizes * move.packed, sizes * tangent.packed
     return Neighbor(count, float(one @ other) / float(other @ other))
 

@@ -32,6 +32,8 @@ Array = np.ndarray
 # Bound on the rounding errors of y^T A y, relative to that of all magnitudes, and of the stiffness
 # over the inertia, relative to their largest ratio.
 ROUNDING_RATIO = 2e-14
+# Squared rate [1/s^2] of motions without stiffness: inverses of smaller ones would overflow.
+_MIN_SQUARE = 1e-100
 # The same without stiff forces, for motions of natural size: below the stiffness of slow modes, but
 # so large that free motions, which its inverse amplifies, are removed without rounding errors.
 _HOLDING_RATIO = 1e-10
@@ -134,7 +136,8 @@ class LinearizedEquations:
         """Squared rate [1/s^2] near the rounding errors of the stiffness."""
         inertia, stiffness = self.tangent.mass.diagonal(), self.tangent.stiffness.diagonal()
         ratios = np.abs(stiffness[inertia > 0.0]) / inertia[inertia > 0.0]
-        return ROUNDING_RATIO * float(np.max(ratios, initial=0.0)) or 1.0
+        square = ROUNDING_RATIO * float(np.max(ratios, initial=0.0))
+        return square if square > _MIN_SQUARE else 1.0
 
     @cached_property
     def pencil(self) -> SaddlePencil:
