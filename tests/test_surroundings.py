@@ -100,7 +100,7 @@ def test_a_closed_terminal_keeps_the_results(quiet, folder):
     reader.join()
     os.close(master)
     assert command.wait(timeout=30) == 128 + signal.SIGHUP
-    assert {x.name for x in Path("results").iterdir()} == {"ball.csv", "ball.json", "ball_end.json"}
+    assert {x.name for x in Path("results").iterdir()} == {"ball.csv", "ball.json", "ball.run"}
 
 
 def _drain(master, end):
