@@ -232,7 +232,9 @@ def campbell(frame):
     f = FRAMES[frame]
     speeds = [f.turn(s, "rad/s") for s in (0.0, 20.0)]
     diagram = bd.campbell(rotor(frame=frame), speeds, 2, center=f.point(0.3, -0.2))
-    return [(np.abs(diagram.eigenvalues), "rad/s")]
+    # Mirrored speeds are negative, and ascend in the other order.
+    rows = np.argsort(np.abs(diagram.speeds))
+    return [(np.abs(diagram.eigenvalues)[rows], "rad/s")]
 
 
 def fit(frame):
