@@ -28,6 +28,8 @@ Array = np.ndarray
 # are as accurate as the values at the steps. A vibration that alternates from step to step is
 # amplified by 2.2 between the steps (1.6 with degree 3, 3.1 with degree 5).
 _DEGREE_OF_MOTION = 4  # for q and v
+# Times whose weights are computed together, so that their factors stay in the processor caches.
+_MAX_TIMES_AT_ONCE = 10_000
 _DEGREE_OF_REACTIONS = 3  # for a and lam, which may jump from step to step
 # Largest Legendre coefficient of the highest degree, relative to the range at the nodes, of smooth
 # components of a and lam. Jumps have 0.05 to 0.5, vibrations of at most 2 rad between these nodes
@@ -476,6 +478,12 @@ class Interval:
         `node` contains, for each time, the index of an earlier node: the start of the step or one
         of its stages. If `derivative` is True, the weights are differentiated with respect to t.
         """
+        if len(t) > _MAX_TIMES_AT_ONCE:
+            blocks = (
+                slice(k, k + _MAX_TIMES_AT_ONCE) for k in range(0, len(t), _MAX_TIMES_AT_ONCE)
+            )
+            parts = [self._lagrange_weights(t[x], node[x], degree, derivative) for x in blocks]
+            return sp.csr_array(sp.vstack(parts, format="csr"))
         degree = self._degree(degree)
         begins, lasts = self._pieces
         piece = np.searchsorted(begins, node, side="right") - 1
