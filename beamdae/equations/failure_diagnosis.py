@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from beamdae.equations.assembly.building import select_input_laws
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formula_forces import name_copies
 from beamdae.equations.formulations.sums import term_data
 from beamdae.equations.starts.rank import build_constraint_jacobian
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from beamdae.symbolic.kernel_groups import group_by_kernel
 
 Array = np.ndarray
 
@@ -113,17 +112,14 @@ def _describe_abrupt_force(e: EquationsOfMotion, time: Array, state: State, step
 def _measure_changes(e: EquationsOfMotion, times: Array, q: Array, v: Array) -> dict[str, float]:
     """Return the largest change of the force of each part from the first row on, in scaled form.
 
-    Inertia, floating frames, forces by multipliers and constrained systems are left out.
+    Inertia, floating frames and forces by multipliers are left out.
     """
     changes: dict[str, float] = {}
-    laws = select_input_laws({} if e.mechanism is None else e.mechanism.inputs)
-    forces = [x.with_laws(laws) for part in e.statements for x in part.forces]
-    for group, term in zip(group_by_kernel(forces), e.structure.forces, strict=False):
-        kernel, count, size = term.kernel, term.count, term.kernel.local.size
+    for term, names in zip(e.forces, name_copies(e), strict=True):
+        kernel, size = term.kernel, term.kernel.local.size
         if term.rotation is not None or kernel.has_accelerations or kernel.local.n_multipliers:
             continue
-        names = [forces[k].part for k in group.members for _ in range(forces[k].count)]
-        data = term_data(e, term).T.reshape(count, -1)
+        data = term_data(e, term).T.reshape(term.count, -1)
         for k, name in enumerate(names):
             operator = term.operator[k * size : (k + 1) * size]
             force = kernel.load_function(times, *((operator @ x.T).T for x in (q, v)), data[k])

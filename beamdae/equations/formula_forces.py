@@ -21,6 +21,8 @@ class FormulaForceTerm:
 
     Attributes
     ----------
+    part
+        Name of the part, see `name_copies`.
     kernel
         Kernel of the force.
     operator
@@ -33,6 +35,7 @@ class FormulaForceTerm:
         Numbers of the copy.
     """
 
+    part: str
     kernel: ForceKernel
     operator: sp.csr_array
     columns: Array
@@ -50,32 +53,34 @@ class FormulaForceTerm:
         return self.kernel.load_function(times, *local, self.numbers)
 
 
-def name_formula_forces(equations: EquationsOfMotion) -> list[str]:
-    """Return the name of the part of each force that `compile_formula_forces` returns."""
-    inputs = {} if equations.mechanism is None else equations.mechanism.inputs
-    laws = select_input_laws(inputs)
+def name_copies(equations: EquationsOfMotion) -> list[list[str]]:
+    """Return the name of the part of each copy of each term in `equations.forces`.
+
+    Equations of a `ConstrainedSystem` have no statements: their forces are called "force".
+    """
+    laws = select_input_laws({} if equations.mechanism is None else equations.mechanism.inputs)
     forces = [x.with_laws(laws) for part in equations.statements for x in part.forces]
-    names = []
-    for group, term in zip(group_by_kernel(forces), equations.forces, strict=False):
-        if term.kernel.may_have_peaks:
-            members = (forces[k] for k in group.members)
-            names += [x.part for x in members for _ in range(x.data.shape[1])]
-    # Equations of a `ConstrainedSystem` have no statements.
-    return names or ["force"] * len(compile_formula_forces(equations))
+    if not forces:
+        return [["force"] * term.count for term in equations.forces]
+    return [
+        [forces[k].part for k in group.members for _ in range(forces[k].count)]
+        for group in group_by_kernel(forces)
+    ]
 
 
 def compile_formula_forces(equations: EquationsOfMotion) -> tuple[FormulaForceTerm, ...]:
     """Return the forces that may have narrow peaks over time or over the motion."""
     terms = []
-    for term in equations.forces:
+    for term, names in zip(equations.forces, name_copies(equations), strict=True):
         if not term.kernel.may_have_peaks:
             continue
         size = term.kernel.local.size
         numbers = equations.p[term.data].reshape(term.count, -1)
-        for k in range(term.count):
+        for k, name in enumerate(names):
             operator = term.operator[k * size : (k + 1) * size]
             columns = np.unique(operator.indices)
+            to_local = operator[:, columns]
             terms.append(
-                FormulaForceTerm(term.kernel, operator, columns, operator[:, columns], numbers[k])
+                FormulaForceTerm(name, term.kernel, operator, columns, to_local, numbers[k])
             )
     return tuple(terms)

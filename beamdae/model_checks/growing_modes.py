@@ -6,15 +6,16 @@ resolve such a vibration damp it, and motions that nothing excites do not begin.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from beamdae import deferred
 from beamdae.beams.beam import beams_of
-from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.starts.rank import scaled_null_space
 from beamdae.errors import BeamdaeError
@@ -66,12 +67,16 @@ def growing_mode_warnings(
     if not _is_examined(equations, trajectory):
         return
     duration, is_pressed = trajectory.end - trajectory.start, _is_pressed(equations, largest_force)
+    # Most runs have no growing mode, and are not sampled.
+    sample = cache(
+        lambda: trajectory.at(np.linspace(trajectory.start, trajectory.end, _SAMPLES))[1]
+    )
     for begin, end in _PARTS:
         min_rate = max(_GROWTH / duration, _PART_GROWTH / (duration * (end - begin)))
         times = trajectory.start + duration * (begin + (end - begin) * _FRACTIONS)
         warning = ""
         with np.errstate(all="ignore"), suppress(*_NOT_LINEARIZED):
-            warning = _examine_part(equations, trajectory, times, min_rate, is_pressed)
+            warning = _examine_part(equations, trajectory, times, min_rate, is_pressed, sample)
         if warning:
             yield warning
             return
@@ -103,6 +108,7 @@ def _examine_part(
     times: Array,
     min_rate: float,
     is_pressed: bool,
+    sample: Callable[[], State],
 ) -> str:
     """Return a warning about a mode that grows in all states at `times`, the last one first."""
     warnings: dict[bool, str] = {}
@@ -114,7 +120,7 @@ def _examine_part(
         analysis = deferred.module("analysis.linear_dynamics.growing_modes")
         run = analysis.LinearizedState(at, loads)
         modes = run.find_growing(min_rate)
-        missed = _find_missed(at, modes, run.mass, trajectory) if len(modes.values) else {}
+        missed = _find_missed(at, modes, run.mass, sample()) if len(modes.values) else {}
         if k == 0:
             warnings = {
                 is_vibration: _describe_lost(run, modes.values[mode])
@@ -142,12 +148,11 @@ def _may_diverge(at: RunState, rate: float) -> bool:
     return False
 
 
-def _find_missed(at: RunState, modes: Any, mass: Any, trajectory: Trajectory) -> dict[bool, int]:
-    """Return the slowest vibration (True) and a motion (False) in which a run has no share.
+def _find_missed(at: RunState, modes: Any, mass: Any, states: State) -> dict[bool, int]:
+    """Return the slowest vibration (True) and a motion (False) in which states have no share.
 
     If the run contains a growing vibration, this one changes all others.
     """
-    _, states = trajectory.at(np.linspace(trajectory.start, trajectory.end, _SAMPLES))
     displacements = states.q - states.q[0]
     momenta = displacements @ mass.toarray(), states.v @ mass.toarray()
     scales = _ROUNDING * at.equations.position_scales

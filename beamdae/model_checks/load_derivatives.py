@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.assembly.building import select_input_laws
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formula_forces import name_copies
 from beamdae.equations.formulations.sums import term_data
 from beamdae.results.trajectory import Trajectory
-from beamdae.symbolic.kernel_groups import group_by_kernel
 
 Array = np.ndarray
 
@@ -64,12 +63,9 @@ def _differentiate_copies(at: RunState) -> Iterator[tuple[str, LoadDerivatives]]
     e, state = at.equations, at.state
     if e.mechanism is None:
         return
-    laws = select_input_laws(e.mechanism.inputs)
     states = {x.name for x in e.parts if x.is_state}
-    forces = [x.with_laws(laws) for part in e.statements for x in part.forces]
-    for group, term in zip(group_by_kernel(forces), e.structure.forces, strict=True):
+    for term, names in zip(e.forces, name_copies(e), strict=True):
         kernel, count, size = term.kernel, term.count, term.kernel.local.size
-        names = [forces[k].part for k in group.members for _ in range(forces[k].count)]
         if term.rotation is not None or kernel.has_accelerations or states.issuperset(names):
             continue
         operator = sp.csr_array(term.operator)

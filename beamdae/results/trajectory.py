@@ -28,9 +28,9 @@ Array = np.ndarray
 # are as accurate as the values at the steps. A vibration that alternates from step to step is
 # amplified by 2.2 between the steps (1.6 with degree 3, 3.1 with degree 5).
 _DEGREE_OF_MOTION = 4  # for q and v
+_DEGREE_OF_REACTIONS = 3  # for a and lam, which may jump from step to step
 # Times whose weights are computed together, so that their factors stay in the processor caches.
 _MAX_TIMES_AT_ONCE = 10_000
-_DEGREE_OF_REACTIONS = 3  # for a and lam, which may jump from step to step
 # Largest Legendre coefficient of the highest degree, relative to the range at the nodes, of smooth
 # components of a and lam. Jumps have 0.05 to 0.5, vibrations of at most 2 rad between these nodes
 # less than 0.04.

@@ -19,7 +19,6 @@ from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formula_forces import (
     FormulaForceTerm,
     compile_formula_forces,
-    name_formula_forces,
 )
 from beamdae.integrators.error_control import motion_rate
 from beamdae.integrators.events.stop import Stop
@@ -57,8 +56,8 @@ class ForcePeakWatch:
 
     Attributes
     ----------
-    terms, names
-        Forces that may have narrow peaks, and the names of their parts.
+    terms
+        Forces that may have narrow peaks.
     spacing
         Largest distance of samples [s].
     weigh_at
@@ -70,7 +69,6 @@ class ForcePeakWatch:
     """
 
     terms: Sequence[FormulaForceTerm]
-    names: Sequence[str]
     spacing: float
     weigh_at: Callable[[float, float, State], Callable[[Array], float]]
     state_scales: Mapping[int, float]
@@ -86,18 +84,17 @@ class ForcePeakWatch:
         order = np.arange(len(gap)) - np.repeat(np.cumsum(counts) - counts, counts) + 1
         t = interval.nodes[gap] + order * np.repeat(gaps / (counts + 1), counts)
         samples = _Samples(interval, t)
-        forces = range(len(self.terms))
-        peaks = (self._find_first_of_force(k, samples, first, gap) for k in forces)
+        peaks = (self._find_first_of_force(x, samples, first, gap) for x in self.terms)
         return min((peak for peak in peaks if peak is not None), default=None)
 
     def _find_first_of_force(
-        self, force_index: int, samples: _Samples, first: int, gap: Array
+        self, term: FormulaForceTerm, samples: _Samples, first: int, gap: Array
     ) -> Stop | None:
         """Return the first peak of one force; the samples follow the nodes with the indices `gap`.
 
         The steps before this peak are kept: an earlier peak, even a lower one, would be lost.
         """
-        interval, t, term = samples.interval, samples.t, self.terms[force_index]
+        interval, t = samples.interval, samples.t
         at_nodes = term.evaluate(interval.nodes, interval.branch, interval.rows.q, interval.rows.v)
         force = samples.evaluate(term)
         missed = force - samples.interpolate(at_nodes)
@@ -135,7 +132,7 @@ class ForcePeakWatch:
                 same_step = np.flatnonzero(gap[:k] == gap[k])
                 feet = same_step[height[same_step] <= _FOOT * height[k]]
                 begin = t[feet[-1]] if len(feet) else interval.nodes[gap[k]]
-                return Stop(float(begin), probe, force=self.names[force_index])
+                return Stop(float(begin), probe, force=term.part)
         return None
 
     def _weigh_missed(
@@ -237,8 +234,7 @@ def watch_force_peaks(plan: RunPlan, rtol: float) -> ForcePeakWatch | None:
         return math.inf if np.delete(impulse, states).any() else float(np.max(change, initial=0.0))
 
     state_scales = dict(zip(states.tolist(), plan.scales[states].tolist(), strict=True))
-    names = name_formula_forces(plan.equations)
-    return ForcePeakWatch(terms, names, SAMPLE_SPACING * plan.duration, weigh_at, state_scales)
+    return ForcePeakWatch(terms, SAMPLE_SPACING * plan.duration, weigh_at, state_scales)
 
 
 def _candidates(peak_height: Array, height: Array, gap: Array) -> Iterator[tuple[slice, int]]:

@@ -139,20 +139,6 @@ class Kernel:
         """The function, evaluated for many copies at a time."""
         return RowFunction(self.function)
 
-    @cached_property
-    def with_local_time(self) -> Kernel:
-        """The same kernel, with the time as a further, last local input if it depends on it."""
-        function = self.function
-        starts = function.jac_sparsity(0, 0).colind()
-        if starts[SHARED_T] == starts[SHARED_T + 1]:
-            return self
-        shared, local = SX.sym("shared", function.numel_in(0)), SX.sym("local", self.n_local + 1)
-        at_time = SX(shared)
-        at_time[SHARED_T] = local[-1]
-        value = function(at_time, local[:-1])
-        timed = ca.Function(f"{function.name()}_timed", [shared, local], [ca.densify(value)])
-        return Kernel(timed, self.outputs)
-
     @property
     def native(self) -> LaneKernel | None:
         """Machine code of the kernel; None if machine code is switched off or cannot be built."""
