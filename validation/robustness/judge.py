@@ -187,7 +187,7 @@ def outcome_of_command(code: int, out: str, err: str) -> TrialOutcome:
 _USAGE = re.compile(r"^(Usage:|Try ')")
 # Progress of studies, and of runs that take longer than ten seconds, for example because the
 # machine is loaded or code is compiled.
-_PROGRESS = re.compile(r"^\d+ of \d+ runs, |^.+: \S+/\S+ s, (-:--|[\d:]+) left$")
+_PROGRESS = re.compile(r"^.+: \S+/\d\S*( s)?, (-:--|[\d:]+) left$")
 
 
 def remove_progress(err: str) -> str:
