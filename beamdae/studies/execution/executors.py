@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import warnings
 from collections import deque
@@ -240,10 +241,15 @@ class FuturePool:
         Number of tasks that it runs at the same time, for reports of progress.
     close
         Function that is called after the last task.
+    name
+        Name in messages.
     """
 
-    def __init__(self, executor: Executor, workers: int, close: Callable[[], Any]) -> None:
+    def __init__(
+        self, executor: Executor, workers: int, close: Callable[[], Any], name: str = "executor"
+    ) -> None:
         self._executor, self.workers, self._close = executor, workers, close
+        self._name = name
 
     def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
         """Yield the result of each task in the order of completion."""
@@ -258,9 +264,14 @@ class FuturePool:
             for future in as_completed(futures):
                 try:
                     yield TaskResult(futures[future], future.result(), storable=True)
-                except (Exception, CancelledError) as problem:
-                    # `run_task` raises no exceptions, so the cause is the executor.
-                    status = Status("not run", f"the executor failed: {format_exception(problem)}")
+                # `run_task` raises no exceptions, so the cause is the executor.
+                except CancelledError:
+                    status = Status("not run", f"the connection to the {self._name} was lost")
+                    yield TaskResult(futures[future], Outcome(status), storable=False)
+                except Exception as problem:
+                    status = Status(
+                        "not run", f"the {self._name} failed: {format_exception(problem)}"
+                    )
                     yield TaskResult(futures[future], Outcome(status), storable=False)
         finally:
             for future in futures:
@@ -287,7 +298,16 @@ def _connect_to_dask(label: str, address: str) -> FuturePool:
     if not workers:
         client.close()
         raise BeamdaeError(f"{label} has no workers; start at least one worker.")
-    return FuturePool(client.get_executor(pure=False), workers, client.close)
+    # The outcomes report a lost connection; the client would log tracebacks of its own tasks.
+    logger = logging.getLogger("distributed.client")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+
+    def close() -> None:
+        client.close()
+        logger.setLevel(level)
+
+    return FuturePool(client.get_executor(pure=False), workers, close, "Dask cluster")
 
 
 def create_executor(part: str, prefix: str, workers: Any, scheduler: Any) -> TaskExecutor:
