@@ -1,0 +1,177 @@
+/* Arrays, and operations on whole arrays.
+
+   Results have the same bits on all processors: sums of products are accumulated in `LANES` partial
+   sums, and multiplications and additions are not fused. */
+
+#ifndef BEAMDAE_ARRAYS_H
+#define BEAMDAE_ARRAYS_H
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* Entries of a vector; arrays of lanes hold the first entry of all lanes, then the second one. */
+#define LANES 8
+
+typedef struct { double *at; int64_t size; } Reals;
+typedef struct { double *at; int64_t rows, columns; } Reals2;
+typedef struct { double *at; int64_t n0, n1, n2; } Reals3;
+typedef struct { double *at; int64_t n0, n1, n2, n3; } Reals4;
+typedef struct { double _Complex *at; int64_t size; } Complexes;
+typedef struct { uint32_t *at; int64_t size; } Indices;
+typedef struct { uint32_t *at; int64_t rows, columns; } Indices2;
+typedef struct { int64_t *at; int64_t size; } Integers;
+typedef struct { int64_t *at; int64_t rows, columns; } Integers2;
+typedef struct { int32_t *at; int64_t size; } Shorts;
+
+typedef double Vector __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
+
+/* The entries of a loop do not depend on each other. */
+#ifdef __clang__
+#define INDEPENDENT _Pragma("clang loop vectorize(assume_safety)")
+#else
+#define INDEPENDENT _Pragma("GCC ivdep")
+#endif
+
+static inline Reals part(Reals x, int64_t begin, int64_t end) {
+    return (Reals){x.at + begin, end - begin};
+}
+
+static inline Reals from(Reals x, int64_t begin) { return part(x, begin, x.size); }
+
+static inline Reals row(Reals2 x, int64_t i) { return (Reals){x.at + i * x.columns, x.columns}; }
+
+static inline Complexes complex_part(Complexes x, int64_t begin, int64_t end) {
+    return (Complexes){x.at + begin, end - begin};
+}
+
+static inline double entry3(Reals3 x, int64_t i, int64_t j, int64_t k) {
+    return x.at[(i * x.n1 + j) * x.n2 + k];
+}
+
+static inline double entry4(Reals4 x, int64_t i, int64_t j, int64_t k, int64_t l) {
+    return x.at[((i * x.n1 + j) * x.n2 + k) * x.n3 + l];
+}
+
+static inline double largest_of(double a, double b) { return b > a ? b : a; }
+static inline double smallest_of(double a, double b) { return b < a ? b : a; }
+
+static inline void fill(Reals out, double value) {
+    for (int64_t i = 0; i < out.size; i++) out.at[i] = value;
+}
+
+static inline void copy(Reals out, Reals x) {
+    INDEPENDENT for (int64_t i = 0; i < out.size; i++) out.at[i] = x.at[i];
+}
+
+/* Set `out`, which may be one of the vectors, to the sum of factors times vectors. */
+static inline void scale(Reals out, double a, Reals x) {
+    INDEPENDENT for (int64_t i = 0; i < out.size; i++) out.at[i] = a * x.at[i];
+}
+
+static inline void combine2(Reals out, double a, Reals x, double b, Reals y) {
+    INDEPENDENT for (int64_t i = 0; i < out.size; i++) out.at[i] = a * x.at[i] + b * y.at[i];
+}
+
+static inline void combine3(Reals out, double a, Reals x, double b, Reals y, double c, Reals z) {
+    INDEPENDENT for (int64_t i = 0; i < out.size; i++)
+        out.at[i] = a * x.at[i] + b * y.at[i] + c * z.at[i];
+}
+
+static inline void combine4(Reals out, double a, Reals x, double b, Reals y, double c, Reals z,
+                            double d, Reals w) {
+    INDEPENDENT for (int64_t i = 0; i < out.size; i++)
+        out.at[i] = a * x.at[i] + b * y.at[i] + c * z.at[i] + d * w.at[i];
+}
+
+static inline void add_to(Reals out, double a, Reals x) { combine2(out, 1.0, out, a, x); }
+
+static inline void multiply(Reals out, Reals x, Reals y) {
+    INDEPENDENT for (int64_t i = 0; i < out.size; i++) out.at[i] = x.at[i] * y.at[i];
+}
+
+/* Set `out` to the smaller of x and a * y, entry by entry; NaN is kept. */
+static inline void minimum(Reals out, Reals x, double a, Reals y) {
+    for (int64_t i = 0; i < out.size; i++) {
+        const double value = x.at[i], limit = a * y.at[i];
+        out.at[i] = value < limit || value != value ? value : limit;
+    }
+}
+
+static inline double sum_lanes(double total, Vector lanes) {
+    for (int k = 0; k < LANES; k++) total += lanes[k];
+    return total;
+}
+
+static inline double inner_product(Reals x, Reals y) {
+    Vector lanes = {0.0};
+    double total = 0.0;
+    int64_t i = 0;
+    for (; i + LANES <= x.size; i += LANES)
+        lanes += *(const Vector *)(x.at + i) * *(const Vector *)(y.at + i);
+    for (; i < x.size; i++) total += x.at[i] * y.at[i];
+    return sum_lanes(total, lanes);
+}
+
+/* Square root of the sum of squares of weighted entries. */
+static inline double euclidean_norm(Reals x, Reals weights) {
+    Vector lanes = {0.0};
+    double total = 0.0;
+    int64_t i = 0;
+    for (; i + LANES <= x.size; i += LANES) {
+        const Vector value = *(const Vector *)(x.at + i) * *(const Vector *)(weights.at + i);
+        lanes += value * value;
+    }
+    for (; i < x.size; i++) {
+        const double value = x.at[i] * weights.at[i];
+        total += value * value;
+    }
+    return sqrt(sum_lanes(total, lanes));
+}
+
+/* The larger of two sizes; NaN is kept. */
+static inline double join_largest(double total, double size) {
+    return size > total || size != size ? size : total;
+}
+
+/* Largest magnitude of weighted entries; NaN if one of them is NaN. */
+static inline double max_norm(Reals x, Reals weights) {
+    double lanes[LANES] = {0.0}, total = 0.0;
+    int64_t i = 0;
+    for (; i + LANES <= x.size; i += LANES)
+        for (int k = 0; k < LANES; k++)
+            lanes[k] = join_largest(lanes[k], fabs(x.at[i + k] * weights.at[i + k]));
+    for (; i < x.size; i++) total = join_largest(total, fabs(x.at[i] * weights.at[i]));
+    for (int k = 0; k < LANES; k++) total = join_largest(total, lanes[k]);
+    return total;
+}
+
+static inline int64_t locate_largest(Reals x, Reals weights) {
+    int64_t at = 0;
+    double largest = -1.0;
+    for (int64_t i = 0; i < x.size; i++) {
+        const double size = fabs(x.at[i] * weights.at[i]);
+        if (size > largest)
+            at = i, largest = size;
+        else if (size != size)
+            return i;
+    }
+    return at;
+}
+
+/* Entries of tables: out[at] = vector[of], for entries begin:end of `at` and `of`. */
+#define PICK(out, targets, vector, of, begin, end)                                                 \
+    for (int64_t k_ = (begin); k_ < (end); k_++) (out)[(targets)[k_]] = (vector)[(of)[k_]]
+#define ADD(out, targets, vector, of, begin, end)                                                  \
+    for (int64_t k_ = (begin); k_ < (end); k_++) (out)[(targets)[k_]] += (vector)[(of)[k_]]
+#define ADD_WEIGHTED(out, targets, weights, vector, of, begin, end)                                \
+    for (int64_t k_ = (begin); k_ < (end); k_++)                                                   \
+        (out)[(targets)[k_]] += (weights)[k_] * (vector)[(of)[k_]]
+/* As ADD_WEIGHTED, after setting the entries of `out` to zero. */
+#define GATHER(out, targets, weights, vector, of, begin, end)                                      \
+    do {                                                                                           \
+        for (int64_t k_ = (begin); k_ < (end); k_++) (out)[(targets)[k_]] = 0.0;                   \
+        ADD_WEIGHTED(out, targets, weights, vector, of, begin, end);                               \
+    } while (0)
+
+#endif

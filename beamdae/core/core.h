@@ -1,0 +1,428 @@
+/* Tables on which the loops of beamdae work, and the functions that Python calls.
+
+   A table holds one object, in words of 64 bits: integers, numbers, and for an array its address
+   and its shape. `tables.py` reads the structures in this file and fills tables from Python objects
+   with attributes of the same names, which describe the fields. Attributes that an object lacks are
+   zero; a field `base` holds attributes of the same object. */
+
+#ifndef BEAMDAE_CORE_H
+#define BEAMDAE_CORE_H
+
+#include "arrays.h"
+
+/* Return codes; negative codes are failures. DIVERGED and TOO_SMALL belong to different loops. */
+enum {
+    DONE = 0,
+    FULL = 1,       /* There is no room for more rows of results. */
+    NEW_PIVOTS = 2, /* A matrix needs other pivots. */
+    CORRECTED = 3,  /* Statics: another correction is needed. */
+    FIRST_STEP = 10, /* Alpha requests the starting values of an interval. */
+    NO_ADVANCE = 11, /* A step of IDA does not advance time. */
+    NOT_CONVERGED = -1,
+    NOT_FINITE = -2,
+    SINGULAR = -3,
+    ERROR_TOO_LARGE = -4,
+    TOO_SMALL = -5,
+    STEP_NOT_CHANGED = -6, /* Alpha: singular equations of the jerk. */
+    DIVERGED = -7
+};
+
+/* Linear systems */
+
+typedef struct {
+    Reals scale;
+    Indices matrix_starts, matrix_rows;
+    Integers2 batches;
+    Indices block_unknowns, block_entries, corner_entries;
+    Integers n_entries;
+    Indices rows, columns, starts, positions, sources;
+    Indices upper_starts, upper_rows, lower_starts, lower_rows;
+} EliminationPlan;
+
+typedef struct {
+    Reals matrix, entries, blocks, corner, block_x, upper, lower, inverse, x;
+    Reals solution, right, residual, terms;
+    Integers refinements;
+} Factors;
+
+typedef struct {
+    Complexes matrix, entries, blocks, corner, block_x, upper, lower, inverse, x;
+    Complexes solution, right, residual;
+    Reals terms;
+    Integers refinements;
+} ComplexFactors;
+
+typedef struct {
+    EliminationPlan plan;
+    Factors factors;
+    int64_t needs_pivots, is_untried, singular, factorizations, solves;
+    Indices lane_rows, lane_columns;
+    Reals lane_x;
+} LinearSolver;
+
+typedef struct {
+    EliminationPlan plan;
+    ComplexFactors factors;
+    int64_t needs_pivots, is_untried, singular, factorizations, solves;
+    Indices lane_rows, lane_columns;
+    Complexes lane_x;
+} ComplexSolver;
+
+typedef struct {
+    Indices order, starts, positions, sources, upper_starts, upper_rows, lower_starts, lower_rows;
+} FixedOrder;
+
+typedef struct {
+    FixedOrder plan;
+    Reals lower, pivots;
+    Indices first;
+    Reals x;
+    double smallest_pivot;
+} FixedOrderFactors;
+
+int factorize(LinearSolver *linear, Reals nonzeros);
+int factorize_complex(ComplexSolver *linear, Complexes nonzeros);
+void solve(LinearSolver *linear, Reals right);
+void solve_complex(ComplexSolver *linear, Complexes right);
+/* One right-hand side per lane; solutions are not refined, and plans have no blocks. */
+void solve_lanes(LinearSolver *linear, Reals right);
+void solve_complex_lanes(ComplexSolver *linear, Complexes right);
+/* Number of negative pivots, or -1 if a pivot or its reciprocal is not finite. */
+int64_t count_negative_pivots(FixedOrderFactors *run, Reals nonzeros);
+
+/* Sums of kernels */
+
+typedef struct {
+    Reals shared, local, out;
+    Integers kernels;
+    Integers2 batches;
+    Indices pick_targets, pick_sources, gather_targets, gather_sources;
+    Reals gather_weights;
+    Indices add_targets, add_sources, weighted_targets, weighted_sources;
+    Reals weights;
+    Indices2 pick_tiles, add_tiles;
+} Sum;
+
+void evaluate_sum(Sum *total, Reals x, Reals result);
+/* With `local` in place of the inputs of the copies in `total`. */
+void evaluate_with_data(Sum *total, Reals local, Reals x, Reals result);
+void set_time(Sum *total, double t, double branch);
+void set_matrix_factors(Sum *total, double c_q, double c_v, double c_a, double c_l, double c_h,
+                        double c_r);
+
+typedef struct {
+    Sum total;
+    Reals x, result;
+} Evaluation;
+
+int run_evaluation(Evaluation *evaluation);
+
+typedef struct {
+    Sum total;
+    int64_t n, m;
+    Reals2 times, states, results;
+    Reals value, is_force, ones;
+    int64_t n_rows;
+} BalanceBuffers;
+
+int evaluate_balance(BalanceBuffers *run);
+
+/* Forms of the equations */
+
+typedef struct {
+    int64_t n, m, stabilized;
+    Reals motion;
+    Integers velocity_rows;
+    Sum residual, anchor, matrix;
+} StepBuffers;
+
+typedef struct {
+    Reals q, v, a, before, coefficients;
+} StepPrediction;
+
+typedef struct {
+    int64_t n, size;
+    Reals x;
+    Sum residual, jacobian;
+} FirstOrderBuffers;
+
+typedef struct {
+    Indices corrected, defined, corrected_velocities, defined_velocities, remaining_velocities;
+} KinematicReduction;
+
+Reals evaluate_step_position(StepBuffers *form, const StepPrediction *at, Reals x);
+void evaluate_step_residual(StepBuffers *form, double t, double branch, const StepPrediction *at,
+                            Reals x, Reals result);
+void evaluate_step_matrix(StepBuffers *form, double t, double branch, const StepPrediction *at,
+                          Reals x, Reals result);
+void evaluate_residual(FirstOrderBuffers *form, double t, double branch, Reals y, Reals yp,
+                       Reals result);
+void evaluate_jacobian(FirstOrderBuffers *form, double t, double branch, double c, Reals y,
+                       Reals yp, Reals result);
+void evaluate_jacobian_parts(FirstOrderBuffers *form, double t, double branch, Reals y, Reals yp,
+                             Reals result);
+void reduce_unknowns(const KinematicReduction *at, int64_t n, Reals full, Reals reduced);
+
+/* Steps */
+
+double clip_step(double step, double remaining);
+void lower_weights(Reals weights, double tolerance, Reals values);
+
+typedef struct {
+    FirstOrderBuffers form;
+    Sum saddle;
+    LinearSolver linear;
+    Reals nonzeros, y, yp, residual, motion, change, weights;
+    Integers states;
+    int64_t has_impulses, max_iterations;
+    double t, branch;
+} InputJumpWorkspace;
+
+int solve_jump(InputJumpWorkspace *run);
+
+typedef struct {
+    Reals q, v, ddq, a, lam;
+    double h;
+} Motion;
+
+typedef struct {
+    Sum accelerations, saddle;
+    LinearSolver linear;
+    Reals motion, ahead, behind, nonzeros, unknowns;
+} JerkBuffers;
+
+typedef struct {
+    StepBuffers form;
+    LinearSolver linear;
+    double alpha_m, alpha_f, gamma, beta, defect;
+    Motion current, accepted_motion;
+    StepPrediction prediction;
+    Reals a_predicted, ddq_n, a_n, lam_n, x, first_multipliers, change, nonzeros;
+    Reals weights, reaction_weights;
+    Reals2 rows;
+    double newton_tolerance, min_correction_limit, tolerance, max_step, min_step;
+    Integers states;
+    int64_t has_started, has_jumped, filled;
+    double step_ratio;
+    int64_t most;
+    double correction_limit, reaction_factor, rate, t, branch, start_time, end;
+    int64_t step_count, total_steps;
+    double next_step, unclipped_step;
+    int64_t steps_checked;
+    double max_error, error;
+    int64_t residuals, jacobians, failures, rejections;
+    /* Adaptive steps */
+    JerkBuffers jerk;
+    int64_t corrects_velocities;
+    Reals multiplier_weights;
+    double multiplier_tolerance, shortest_tested_step;
+    Reals lam_before;
+} AlphaWorkspace;
+
+int take_fixed_steps(AlphaWorkspace *run);
+int take_adaptive_steps(AlphaWorkspace *run);
+
+typedef struct {
+    Reals nodes;
+    Reals2 to_stages, from_stages, rates, rate_blocks, polynomial;
+    Reals embedded, start, uniform, eigenvalues;
+} Tableau;
+
+typedef struct {
+    double longest, smallest, next_step, newton_limit, last_step, last_error;
+    int64_t is_retry;
+} StepSizeState;
+
+/* Stages, of the motion or of a block of disturbances. */
+typedef struct {
+    Tableau tableau;
+    LinearSolver real_solver;
+    ComplexSolver complex_solver;
+    KinematicReduction reduction;
+    StepSizeState step_size;
+    Reals y, yp;
+    Reals2 last_w, w, stages, rates;
+    Reals real_change, complex_real, complex_imaginary, right, real_nonzeros;
+    Complexes complex_change, complex_right, complex_nonzeros;
+    Reals2 extrapolation;
+    Reals velocities;
+} Stages;
+
+typedef struct {
+    Stages base;
+    FirstOrderBuffers form;
+    Reals2 stage_residuals;
+    Reals jacobian;
+    Integers entry_rows, entry_columns;
+    Reals error, difference, vector, product, constraint_errors;
+    Reals test_weights, tested_velocity_weights, multiplier_weights, iteration_weights;
+    Reals velocity_weights, velocity_rounding_weights;
+    Reals2 rows;
+    double rounding_ratio, stagnation_limit, multiplier_tolerance, shortest_tested_step;
+    int64_t filled, most;
+    double t, branch, end, factors_step;
+    int64_t iterations;
+    double rate;
+    int64_t residuals, jacobians, failures, rejections, failure_code;
+} RadauWorkspace;
+
+int take_radau_steps(RadauWorkspace *run);
+void predict_stages(Stages *run, double h);
+void set_stages(Stages *run, double h);
+/* Set the non-zeros of both matrices to parts of a reduced matrix, and factorize them. */
+int factorize_stages(Stages *run, double h, Reals jacobian);
+void subtract_corrections(Stages *run, double h);
+
+typedef struct {
+    int64_t n;
+    Integers rows, columns, entry_indices;
+    Reals weights, factors;
+} KinematicRowScaling;
+
+typedef struct {
+    FirstOrderBuffers form;
+    LinearSolver linear;
+    Reals raw_residual, nonzeros;
+    KinematicRowScaling kinematic;
+    double correction_fraction, branch;
+    int64_t has_factors;
+    double c;
+    int64_t age, renew_address, residuals, jacobians;
+} NewtonState;
+
+typedef struct {
+    int64_t IDASolve, IDASetStopTime, IDAGetLastOrder, IDAGetEstLocalErrors;
+    int64_t N_VGetArrayPointer, SUNBandMatrix_Data;
+} SundialsFunctions;
+
+typedef struct {
+    NewtonState newton;
+    SundialsFunctions sundials;
+    int64_t has_impulses;
+    Reals2 rows;
+    Integers orders, limiting_counts;
+    Reals weights, t, y, yp;
+    Shorts order;
+    Reals errors;
+    int64_t t_address, order_address, y_vector, yp_vector, errors_vector, memory;
+    int64_t residual_vector;
+    double end;
+    int64_t filled, most;
+} IdaWorkspace;
+
+int take_ida_steps(IdaWorkspace *run);
+/* Callbacks of IDA; their last or seventh argument is the table. */
+int residual_callback(double t, void *y, void *yp, void *out, IdaWorkspace *run);
+int jacobian_callback(double t, double c, void *y, void *yp, void *residual, void *matrix,
+                      IdaWorkspace *run, void *work_1, void *work_2, void *work_3);
+
+/* Analyses */
+
+typedef struct {
+    int64_t count;
+    double last, earlier, share, bound;
+} Corrections;
+
+typedef struct {
+    Sum residual, tangent;
+    Reals forces, nonzeros;
+} LoadPart;
+
+typedef struct {
+    Indices targets, diagonal;
+} SaddlePattern;
+
+typedef struct {
+    SaddlePattern pattern;
+    FixedOrderFactors factors;
+    Indices left, right;
+    Reals weights, values, skew, nonzeros;
+    Indices counting;
+    Reals ones;
+    double reference, size, asymmetry;
+    int64_t below, above;
+} SaddlePoint;
+
+typedef struct {
+    LoadPart common, unloaded, loaded;
+    LinearSolver linear;
+    SaddlePoint saddle;
+    Reals nonzeros, scaled, products, sizes, inputs, forces, by_factor, row;
+    Indices row_targets, counting;
+    Reals right, remainder;
+    Indices added_targets;
+    Reals added, weights;
+    Corrections corrections;
+    int64_t column_start, joint_count;
+    double deviation, mu, center, scale;
+    int64_t task, is_linear, has_forces, has_tangent, has_factors;
+} StaticWorkspace;
+
+/* Tasks of `perform_task`. */
+enum { EVALUATE_FORCES, EVALUATE_TANGENT, COUNT_SIGNS, CORRECT, FIND_TANGENT };
+
+int perform_task(StaticWorkspace *run);
+
+typedef struct {
+    Stages base;
+    FirstOrderBuffers form;
+    Reals times;
+    Reals2 states, state_rates;
+    Reals h;
+    Reals2 disturbances, ends, disturbances_w, ends_w;
+    Reals scales, weights;
+    Reals2 jacobians;
+    Indices row_starts, entry_columns, entry_sources;
+    Reals2 residuals;
+    Reals unknowns;
+    double tolerance, rate, branch;
+    int64_t steps, next, count;
+} VariationalWorkspace;
+
+int propagate_disturbances(VariationalWorkspace *run);
+
+typedef struct {
+    Reals4 predict;
+    Reals3 velocity, acceleration, reaction;
+    Reals4 blocks;
+    Reals2 factors, after;
+} StepTables;
+
+typedef struct {
+    int64_t n, m;
+    double branch;
+    Reals times, nodes;
+    Reals2 states;
+    StepTables tables;
+    Sum matrix;
+    Reals parts, block;
+    LinearSolver linear;
+    Reals nonzeros;
+    Indices2 targets;
+    Indices entries;
+    Reals inputs;
+    int64_t acceleration_at, reaction_at;
+    Indices rows;
+    Reals scales;
+    Indices corrected;
+    Reals right;
+    Reals2 positions, velocities, accelerations, reactions, motion;
+    Reals next_a;
+    int64_t step, last;
+    /* Forward */
+    Sum directional;
+    Reals2 data;
+    Reals residual, shifts;
+    Reals2 time_rates, results;
+    /* Backward */
+    Sum transposed;
+    Reals weights, gradient;
+    Reals2 seeds;
+    Reals numbers;
+    Reals2 before;
+} LinearSteps;
+
+int forward(LinearSteps *run);
+int backward(LinearSteps *run);
+
+#endif

@@ -1,0 +1,140 @@
+/* Linear systems: instances of elimination.h for real and complex numbers, and the elimination of
+   symmetric matrices in a fixed order. */
+
+#include "core.h"
+
+#include <complex.h>
+#include <string.h>
+
+/* A solution is accurate if its backward error does not exceed this value. */
+#define MAX_BACKWARD_ERROR 1e-10
+/* Pivots that require more steps of iterative refinement are rejected. */
+#define MAX_REFINEMENTS 2
+/* Bound on the interior unknowns of a block, see linear/lane_blocks.py. */
+#define MAX_INTERIOR 16
+
+/* Row of `EliminationPlan.batches`. */
+typedef struct {
+    int64_t interior, neighbors, shared, first_unknown, first_entry, first_corner;
+} Batch;
+
+typedef struct { Vector re, im; } ComplexVector;
+typedef double _Complex Complex;
+
+static inline Vector real_times(Vector x, Vector y) { return x * y; }
+static inline Vector real_subtract_product(Vector z, Vector x, Vector y) { return z - x * y; }
+static inline Vector real_broadcast(double x) { return x - (Vector){0.0}; }
+static inline Vector real_invert_lane(Vector x) { return 1.0 / x; }
+static inline Vector real_scale_lane(double a, Vector x) { return a * x; }
+static inline Vector real_times_number(double a, Vector x) { return a * x; }
+static inline Vector real_add_scaled(Vector z, double a, Vector x) { return z + a * x; }
+static inline double real_invert(double x) { return 1.0 / x; }
+static inline double real_modulus(double x) { return fabs(x); }
+static inline int real_is_finite(double x) { return isfinite(x); }
+
+static inline ComplexVector complex_times(ComplexVector x, ComplexVector y) {
+    return (ComplexVector){x.re * y.re - x.im * y.im, x.re * y.im + x.im * y.re};
+}
+static inline ComplexVector complex_subtract_product(ComplexVector z, ComplexVector x,
+                                                     ComplexVector y) {
+    const ComplexVector p = complex_times(x, y);
+    return (ComplexVector){z.re - p.re, z.im - p.im};
+}
+static inline ComplexVector complex_broadcast(Complex x) {
+    return (ComplexVector){real_broadcast(creal(x)), real_broadcast(cimag(x))};
+}
+static inline ComplexVector complex_invert_lane(ComplexVector x) {
+    const Vector reciprocal = 1.0 / (x.re * x.re + x.im * x.im);
+    return (ComplexVector){x.re * reciprocal, -x.im * reciprocal};
+}
+static inline ComplexVector complex_scale_lane(double a, ComplexVector x) {
+    return (ComplexVector){a * x.re, a * x.im};
+}
+static inline ComplexVector complex_times_number(Complex a, ComplexVector x) {
+    return complex_times(x, complex_broadcast(a));
+}
+static inline ComplexVector complex_add_scaled(ComplexVector z, Complex a, ComplexVector x) {
+    const ComplexVector p = complex_times_number(a, x);
+    return (ComplexVector){z.re + p.re, z.im + p.im};
+}
+/* Smith's division, which does not overflow. */
+static inline Complex complex_invert(Complex x) {
+    const double re = creal(x), im = cimag(x);
+    if (fabs(re) >= fabs(im)) {
+        const double ratio = im / re, denominator = re + im * ratio;
+        return CMPLX(1.0 / denominator, -ratio / denominator);
+    }
+    const double ratio = re / im, denominator = re * ratio + im;
+    return CMPLX(ratio / denominator, -1.0 / denominator);
+}
+/* 1 to 1.42 times the modulus, but much cheaper to compute. */
+static inline double complex_modulus(Complex x) { return fabs(creal(x)) + fabs(cimag(x)); }
+static inline int complex_is_finite(Complex x) {
+    return isfinite(creal(x)) && isfinite(cimag(x));
+}
+
+typedef Factors real_Factors;
+typedef LinearSolver real_Solver;
+#define real_factorize factorize
+#define real_solve solve
+#define real_solve_each_lane solve_lanes
+typedef ComplexFactors complex_Factors;
+typedef ComplexSolver complex_Solver;
+#define complex_factorize factorize_complex
+#define complex_solve solve_complex
+#define complex_solve_each_lane solve_complex_lanes
+
+#define NUMBER double
+#define ARRAY Reals
+#define LANE Vector
+#define PARTS 1
+#define NAME(x) real_##x
+#include "elimination.h"
+#undef NUMBER
+#undef ARRAY
+#undef LANE
+#undef PARTS
+#undef NAME
+
+#define NUMBER Complex
+#define ARRAY Complexes
+#define LANE ComplexVector
+#define PARTS 2
+#define NAME(x) complex_##x
+#include "elimination.h"
+
+/* The order depends on the pattern only, so that no search for pivots is needed, and the matrix has
+   as many negative eigenvalues as negative pivots (Sylvester's law of inertia). Of the symmetric
+   matrix, entries below the diagonal count. */
+int64_t count_negative_pivots(FixedOrderFactors *run, Reals nonzeros) {
+    const FixedOrder *plan = &run->plan;
+    const uint32_t *lower_starts = plan->lower_starts.at, *lower_rows = plan->lower_rows.at;
+    double *x = run->x.at, *lower = run->lower.at, *pivots = run->pivots.at;
+    uint32_t *first = run->first.at;
+    int64_t count = 0;
+    run->smallest_pivot = INFINITY;
+    fill(run->x, 0.0);
+    for (int64_t j = 0; j < run->x.size; j++) {
+        for (uint32_t e = plan->starts.at[j]; e < plan->starts.at[j + 1]; e++)
+            x[plan->positions.at[e]] = nonzeros.at[plan->sources.at[e]];
+        for (uint32_t p = plan->upper_starts.at[j]; p < plan->upper_starts.at[j + 1]; p++) {
+            const uint32_t k = plan->upper_rows.at[p];
+            x[k] = 0.0;
+            /* The rows of each column ascend, so that its first unused entry is in row j. */
+            const double factor = lower[first[k]] * pivots[k];
+            for (uint32_t q = first[k]; q < lower_starts[k + 1]; q++)
+                x[lower_rows[q]] -= lower[q] * factor;
+            first[k]++;
+        }
+        const double pivot = x[j];
+        if (pivot == 0.0 || !isfinite(pivot) || !isfinite(1.0 / pivot)) return -1;
+        pivots[j] = pivot, first[j] = lower_starts[j], x[j] = 0.0;
+        count += pivot < 0.0;
+        run->smallest_pivot = smallest_of(run->smallest_pivot, fabs(pivot));
+        for (uint32_t q = lower_starts[j]; q < lower_starts[j + 1]; q++) {
+            lower[q] = x[lower_rows[q]] / pivot;
+            x[lower_rows[q]] = 0.0;
+        }
+    }
+    return count;
+}

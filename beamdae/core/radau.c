@@ -1,0 +1,444 @@
+/* Steps of three-stage Radau IIA of order 5; see integrators/radau.
+
+   A step h from (t, y) solves R(t + c_i h, Y_i, Y'_i) = 0 with Y_i = y + h sum_j a_ij Y'_j and ends
+   at Y_3. In terms of W, with Y - y = T W and h Y' = RATES W, Newton's equations decouple into real
+   and complex equations; see integrators/radau/coefficients.py. */
+
+#include "core.h"
+
+#include <complex.h>
+
+#define MAX_ITERATIONS 10
+/* Rate of convergence assumed in the first iteration; later iterations measure it. */
+#define FIRST_RATE 0.99
+/* The iteration continues if the second correction grows by less than this factor: the first,
+   linear correction stretches a rotating beam, and the second correction removes the stretch. */
+#define MAX_SECOND_GROWTH 2.0
+/* The iteration stagnates at its rounding errors if a correction shrinks by less than this
+   factor. */
+#define STAGNATION_RATE 0.5
+/* Relative rounding error of positions in the residual, two units in the last place. Corrections of
+   strips of 0.1 and 1 mm stagnated at 0.004 to 0.5 of the estimate. */
+#define POSITION_ROUNDING 0x1p-51
+/* The local error of the embedded third-order method is of order 4. */
+#define ERROR_EXPONENT 0.25
+#define SAFETY 0.9
+/* Bounds on the ratio of successive steps. */
+#define MIN_FACTOR 0.2
+#define MAX_FACTOR 4.0
+/* Lower bound on the error, relative to the tolerance, from which the next step is computed. */
+#define MIN_ERROR 1e-2
+/* The step, and with it the factors, is kept if it would grow by less than this factor and Newton's
+   iteration converges faster than KEEP_RATE. */
+#define KEPT_GROWTH 1.2
+#define KEEP_RATE 0.05
+/* Relative difference below which two steps are equal: steps between the samples of a controller
+   differ by rounding. */
+#define STEP_ROUNDING 1e-9
+/* Factor that reduces the step, and limits the next ones, after a failure of Newton's iteration,
+   and growth factor of this limit per step while the iteration converges faster than SLOW_RATE. */
+#define FAILURE_FACTOR 0.5
+#define RECOVERY_FACTOR 1.1
+#define SLOW_RATE 0.2
+
+static inline double entry(Reals2 x, int64_t i, int64_t j) { return x.at[i * x.columns + j]; }
+
+/* Stages; also of disturbances, see variational.c. */
+
+static inline double real_eigenvalue(const Stages *run) { return run->tableau.eigenvalues.at[0]; }
+
+static inline double _Complex complex_eigenvalue(const Stages *run) {
+    return CMPLX(run->tableau.eigenvalues.at[1], run->tableau.eigenvalues.at[2]);
+}
+
+/* Where no correction by joints enters q' = v, set velocities of the stages to the derivatives of
+   their positions. */
+static void derive_velocities(Stages *run, double h) {
+    const Tableau *tableau = &run->tableau;
+    const KinematicReduction *at = &run->reduction;
+    const int64_t n = run->velocities.size;
+    const Reals v = from(run->y, n);
+    for (int i = 0; i < 3; i++) {
+        const double *rates = row(tableau->rate_blocks, i).at;
+        combine4(run->velocities, rates[0] / h, row(run->w, 0), rates[1] / h, row(run->w, 1),
+                 rates[2] / h, row(run->w, 2), -tableau->start.at[i], v);
+        PICK(row(run->w, i).at, at->defined_velocities.at, run->velocities.at, at->defined.at, 0,
+             at->defined.size);
+    }
+}
+
+/* Predict W from the last collocation polynomial, or with constant y' in a first step. */
+void predict_stages(Stages *run, double h) {
+    const Tableau *tableau = &run->tableau;
+    const double last_step = run->step_size.last_step;
+    if (last_step == 0.0) {
+        for (int i = 0; i < 3; i++) scale(row(run->w, i), h * tableau->uniform.at[i], run->yp);
+        derive_velocities(run, h);
+        return;
+    }
+    double *extrapolation = run->extrapolation.at;
+    for (int i = 0; i < 9; i++) extrapolation[i] = 0.0;
+    for (int k = 0; k < 3; k++) {
+        const double x = 1.0 + tableau->nodes.at[k] * (h / last_step);
+        for (int j = 0; j < 3; j++) {
+            double stage = (x - 1.0) * entry(tableau->polynomial, 0, j) +
+                           (x * x - 1.0) * entry(tableau->polynomial, 1, j);
+            stage += (x * x * x - 1.0) * entry(tableau->polynomial, 2, j);
+            for (int i = 0; i < 3; i++)
+                extrapolation[3 * i + j] += entry(tableau->from_stages, i, k) * stage;
+        }
+    }
+    for (int i = 0; i < 3; i++) {
+        const double *factors = extrapolation + 3 * i;
+        combine3(row(run->w, i), factors[0], row(run->last_w, 0), factors[1], row(run->last_w, 1),
+                 factors[2], row(run->last_w, 2));
+    }
+    derive_velocities(run, h);
+}
+
+/* Compute the stages Y and Y' from W. */
+void set_stages(Stages *run, double h) {
+    const Reals w0 = row(run->w, 0), w1 = row(run->w, 1), w2 = row(run->w, 2);
+    for (int i = 0; i < 3; i++) {
+        const double *to_stages = row(run->tableau.to_stages, i).at;
+        const double *rates = row(run->tableau.rates, i).at;
+        combine4(row(run->stages, i), 1.0, run->y, to_stages[0], w0, to_stages[1], w1,
+                 to_stages[2], w2);
+        combine3(row(run->rates, i), rates[0] / h, w0, rates[1] / h, w1, rates[2] / h, w2);
+    }
+}
+
+static Reals jacobian_part(const Stages *run, Reals jacobian, int power) {
+    const int64_t size = run->real_nonzeros.size;
+    return part(jacobian, power * size, (power + 1) * size);
+}
+
+int factorize_stages(Stages *run, double h, Reals jacobian) {
+    const double rate = real_eigenvalue(run) / h;
+    const double _Complex complex_rate = complex_eigenvalue(run) / h;
+    const double _Complex square = complex_rate * complex_rate;
+    const Reals a = jacobian_part(run, jacobian, 0), b = jacobian_part(run, jacobian, 1);
+    const Reals c = jacobian_part(run, jacobian, 2);
+    combine3(run->real_nonzeros, 1.0, a, rate, b, rate * rate, c);
+    for (int64_t i = 0; i < a.size; i++)
+        run->complex_nonzeros.at[i] = a.at[i] + complex_rate * b.at[i] + square * c.at[i];
+    const int real_code = factorize(&run->real_solver, run->real_nonzeros);
+    const int complex_code = factorize_complex(&run->complex_solver, run->complex_nonzeros);
+    if (real_code == NEW_PIVOTS || complex_code == NEW_PIVOTS) return NEW_PIVOTS;
+    run->real_solver.singular = run->complex_solver.singular = 0;
+    return real_code == SINGULAR || complex_code == SINGULAR ? SINGULAR : DONE;
+}
+
+/* Remaining entries of a right-hand side. */
+#define REDUCE_RIGHT(reduction, n, full, reduced)                                                  \
+    do {                                                                                           \
+        const int64_t count_ = (reduction)->corrected.size, n_ = (n);                              \
+        for (int64_t i_ = 0; i_ < n_; i_++) (reduced).at[i_] = (full).at[n_ + i_];                 \
+        PICK((reduced).at, (reduction)->remaining_velocities.at, (full).at,                        \
+             (reduction)->corrected.at, 0, count_);                                                \
+        for (int64_t i_ = n_ + count_; i_ < (reduced).size; i_++)                                  \
+            (reduced).at[i_] = (full).at[i_ - count_ + n_];                                        \
+    } while (0)
+
+/* Correction of all unknowns, with x_v = c x_q for defined velocities. */
+#define EXPAND_SOLUTION(reduction, n, c, reduced, full)                                            \
+    do {                                                                                           \
+        const int64_t count_ = (reduction)->corrected.size, n_ = (n);                              \
+        for (int64_t i_ = 0; i_ < n_; i_++) (full).at[i_] = (reduced).at[i_];                      \
+        for (int64_t i_ = 0; i_ < n_; i_++) (full).at[n_ + i_] = (c) * (reduced).at[i_];           \
+        PICK((full).at, (reduction)->corrected_velocities.at, (reduced).at,                        \
+             (reduction)->remaining_velocities.at, 0, count_);                                     \
+        for (int64_t i_ = 2 * n_; i_ < (full).size; i_++)                                          \
+            (full).at[i_] = (reduced).at[i_ - n_ + count_];                                        \
+    } while (0)
+
+/* Subtract the corrections from W that belong to the solutions `right` and `complex_right` of the
+   reduced equations. */
+void subtract_corrections(Stages *run, double h) {
+    const int64_t n = run->velocities.size;
+    const double rate = real_eigenvalue(run) / h;
+    const double _Complex complex_rate = complex_eigenvalue(run) / h;
+    EXPAND_SOLUTION(&run->reduction, n, rate, run->right, run->real_change);
+    EXPAND_SOLUTION(&run->reduction, n, complex_rate, run->complex_right, run->complex_change);
+    for (int64_t i = 0; i < run->complex_change.size; i++) {
+        run->complex_real.at[i] = creal(run->complex_change.at[i]);
+        run->complex_imaginary.at[i] = cimag(run->complex_change.at[i]);
+    }
+    add_to(row(run->w, 0), -1.0, run->real_change);
+    add_to(row(run->w, 1), -1.0, run->complex_real);
+    add_to(row(run->w, 2), -1.0, run->complex_imaginary);
+}
+
+/* Newton's iteration */
+
+/* Evaluate and factorize both matrices at the second stage, which lies between the other two. */
+static int factorize_matrices(RadauWorkspace *run, double h) {
+    Stages *base = &run->base;
+    run->factors_step = 0.0;
+    evaluate_jacobian_parts(&run->form, run->t + base->tableau.nodes.at[1] * h, run->branch,
+                            row(base->stages, 1), row(base->rates, 1), run->jacobian);
+    const int code = factorize_stages(base, h, run->jacobian);
+    if (code != NEW_PIVOTS) run->jacobians++;
+    if (code == DONE) run->factors_step = h;
+    return code;
+}
+
+/* Subtract the corrections from W that belong to the residuals of the stages; rows q' = v must hold
+   already. */
+static void correct_stages(RadauWorkspace *run, double h) {
+    Stages *base = &run->base;
+    const double *a = base->tableau.from_stages.at;
+    const Reals r0 = row(run->stage_residuals, 0), r1 = row(run->stage_residuals, 1);
+    const Reals r2 = row(run->stage_residuals, 2);
+    combine3(base->real_change, a[0], r0, a[1], r1, a[2], r2);
+    for (int64_t i = 0; i < base->complex_change.size; i++)
+        base->complex_change.at[i] = CMPLX(a[3] * r0.at[i] + a[4] * r1.at[i] + a[5] * r2.at[i],
+                                           a[6] * r0.at[i] + a[7] * r1.at[i] + a[8] * r2.at[i]);
+    REDUCE_RIGHT(&base->reduction, run->form.n, base->real_change, base->right);
+    REDUCE_RIGHT(&base->reduction, run->form.n, base->complex_change, base->complex_right);
+    solve(&base->real_solver, base->right);
+    solve_complex(&base->complex_solver, base->complex_right);
+    subtract_corrections(base, h);
+}
+
+/* Largest modulus of the first weighted entries; NaN if one of them is NaN. */
+static double max_modulus(Complexes x, Reals weights) {
+    double largest = 0.0;
+    for (int64_t i = 0; i < weights.size; i++)
+        largest = join_largest(largest, cabs(x.at[i] * weights.at[i]));
+    return largest;
+}
+
+/* Return 1 if rounding errors of the residual explain corrections of a weighted size.
+
+   Rounding errors eps |q| of positions cause errors of up to eps |R_q| |q| of the residual R. In a
+   thin beam, these errors of axial and shear forces are large compared with the bending stiffness.
+   The resulting corrections of velocities are those of positions divided by the step, so that a
+   shorter step does not reduce them. Corrections of positions above `stagnation_limit` are not
+   accepted. */
+static int is_rounding(RadauWorkspace *run, double h, double size) {
+    Stages *base = &run->base;
+    const int64_t n = run->form.n;
+    const Reals weights = run->iteration_weights, positions = part(weights, 0, n);
+    const double real_size = max_norm(part(base->real_change, 0, n), positions);
+    if (largest_of(real_size, max_modulus(base->complex_change, positions)) >
+        run->stagnation_limit)
+        return 0;
+    fill(run->vector, 0.0);
+    scale(part(run->vector, 0, n), POSITION_ROUNDING, row(base->stages, 1));
+    fill(base->right, 0.0);
+    for (int64_t e = 0; e < run->entry_rows.size; e++)
+        base->right.at[run->entry_rows.at[e]] +=
+            fabs(run->jacobian.at[e] * run->vector.at[run->entry_columns.at[e]]);
+    solve(&base->real_solver, base->right);
+    EXPAND_SOLUTION(&base->reduction, n, real_eigenvalue(base) / h, base->right, run->error);
+    return size <= max_norm(part(run->error, 0, weights.size), weights);
+}
+
+static int iterate_newton(RadauWorkspace *run, double h) {
+    Stages *base = &run->base;
+    const Reals weights = run->iteration_weights;
+    double previous = INFINITY, rate = FIRST_RATE, last_rate = 0.0;
+    for (int k = 0; k < MAX_ITERATIONS; k++) {
+        run->iterations = k + 1;
+        if (k > 0) set_stages(base, h);
+        for (int i = 0; i < 3; i++)
+            evaluate_residual(&run->form, run->t + base->tableau.nodes.at[i] * h, run->branch,
+                              row(base->stages, i), row(base->rates, i),
+                              row(run->stage_residuals, i));
+        run->residuals += 3;
+        correct_stages(run, h);
+        const double real_size = max_norm(part(base->real_change, 0, weights.size), weights);
+        const double complex_size = max_modulus(base->complex_change, weights);
+        if (!isfinite(real_size) || !isfinite(complex_size)) return NOT_FINITE;
+        const double size = largest_of(real_size, complex_size);
+        if (k > 0) {
+            rate = previous > 0.0 ? size / previous : 0.0;
+            if (rate > STAGNATION_RATE) {
+                const int rounds = is_rounding(run, h, size);
+                if (rounds || size <= run->stagnation_limit) {
+                    /* Rounding errors do not indicate how fast the iteration converged. */
+                    run->rate = rounds ? last_rate : rate;
+                    return DONE;
+                }
+            }
+            if (rate > (k == 1 ? MAX_SECOND_GROWTH : 1.0)) break;
+        }
+        if (rate < 1.0 && size * rate <= 1.0 - rate) {
+            run->rate = k > 0 ? rate : 0.0;
+            return DONE;
+        }
+        if (k > 0) last_rate = rate;
+        previous = size;
+    }
+    return NOT_CONVERGED;
+}
+
+/* Solve for the stages of a step h; `renew` requests new factors. */
+static int solve_stages(RadauWorkspace *run, double h, int renew) {
+    predict_stages(&run->base, h);
+    set_stages(&run->base, h);
+    minimum(from(run->iteration_weights, run->form.n), run->velocity_weights,
+            h / run->rounding_ratio, run->velocity_rounding_weights);
+    if (renew) {
+        const int code = factorize_matrices(run, h);
+        if (code != DONE) return code;
+    }
+    return iterate_newton(run, h);
+}
+
+/* Error test */
+
+/* Set `out` to a part of the matrix times a vector. */
+static void multiply_part(const RadauWorkspace *run, int power, Reals x, Reals out) {
+    const Reals values = jacobian_part(&run->base, run->jacobian, power);
+    fill(out, 0.0);
+    for (int64_t e = 0; e < values.size; e++)
+        out.at[run->entry_rows.at[e]] += values.at[e] * x.at[run->entry_columns.at[e]];
+}
+
+/* Write the error estimate, filtered to damp stiff components, to `error`.
+
+   With y^ = y_n + h (y'_n / gamma + sum_i b^_i Y'_i), of order 3, and e = y^ - y_{n+1}, the filter
+   (R_y + (gamma/h) R_y') x = (gamma/h) R_y' e passes slow components and damps fast ones. For
+   R = M y' - f(y), this is the estimate of RADAU5. Constraints do not contain y', so their rows of
+   R_y' e are zero. In these rows, the right-hand side is R_y e: the error of the prescribed motion,
+   which is the only error if all motions are prescribed. Multipliers enter R by their derivatives,
+   in the same columns of both matrices, so that their errors do not affect other components. */
+static void estimate_error(RadauWorkspace *run, double h) {
+    Stages *base = &run->base;
+    const KinematicReduction *at = &base->reduction;
+    const int64_t n = run->form.n, first = n + at->corrected.size;
+    const double rate = real_eigenvalue(base) / h, *embedded = base->tableau.embedded.at;
+    const Reals difference = run->difference, velocities = base->velocities, right = base->right;
+    combine4(difference, 1.0 / rate, base->yp, embedded[0], row(base->w, 0), embedded[1],
+             row(base->w, 1), embedded[2], row(base->w, 2));
+    /* In rows q' = v, the right-hand side is rate * e_q. The reduced equations require zeros there:
+       x_v + rate * e_q replaces x_v, and e_v + rate * e_q replaces e_v in the other rows. */
+    combine2(velocities, 1.0, from(difference, n), rate, difference);
+    fill(run->vector, 0.0);
+    copy(part(run->vector, 0, n), velocities);
+    /* The parts of R_y in the rows of constraints, and of (gamma/h) R_y' in the others. */
+    multiply_part(run, 2, run->vector, right);
+    multiply_part(run, 1, run->vector, run->constraint_errors);
+    reduce_unknowns(at, n, difference, run->vector);
+    multiply_part(run, 1, run->vector, run->product);
+    combine2(right, rate, right, rate, run->product);
+    multiply_part(run, 0, run->vector, run->product);
+    combine2(from(right, first), 1.0, from(run->constraint_errors, first), 1.0,
+             from(run->product, first));
+    solve(&base->real_solver, right);
+    EXPAND_SOLUTION(at, n, rate, right, run->error);
+    combine2(velocities, rate, right, -rate, difference);
+    PICK(run->error.at, at->defined_velocities.at, velocities.at, at->defined.at, 0,
+         at->defined.size);
+}
+
+/* Largest error of the tested components relative to their tolerances. The estimate of multipliers
+   is that of their integrals over the step. */
+static double measure_error(RadauWorkspace *run, double h) {
+    const int64_t n = run->form.n;
+    /* Rounding errors of positions divided by a short step are errors of velocities. */
+    minimum(from(run->test_weights, n), run->tested_velocity_weights, h,
+            run->velocity_rounding_weights);
+    const double error = max_norm(part(run->error, 0, run->test_weights.size), run->test_weights);
+    if (h <= run->shortest_tested_step) return error;
+    const Reals weights = run->multiplier_weights;
+    const Reals tested = part(run->error, 2 * n, 2 * n + weights.size);
+    return largest_of(error, max_norm(tested, weights) * (real_eigenvalue(&run->base) / h));
+}
+
+/* Steps */
+
+static int can_reuse_factors(const RadauWorkspace *run, double h) {
+    return fabs(h - run->factors_step) <= STEP_ROUNDING * h && run->rate <= KEEP_RATE;
+}
+
+/* Step ratio that the error allows, reduced after many Newton iterations. */
+static double step_factor(const RadauWorkspace *run, double error) {
+    const int64_t most = 2 * MAX_ITERATIONS;
+    return SAFETY * (most + 1) / (most + run->iterations) / pow(error, ERROR_EXPONENT);
+}
+
+/* Set the next step after an accepted step h; see `StepSizeState`. */
+static void accept_step(RadauWorkspace *run, double h, double error) {
+    StepSizeState *size = &run->base.step_size;
+    error = largest_of(error, MIN_ERROR);
+    double factor = step_factor(run, error);
+    if (size->last_step > 0.0)
+        factor *= smallest_of(1.0, h / size->last_step *
+                                       pow(size->last_error / error, ERROR_EXPONENT));
+    factor = smallest_of(largest_of(factor, MIN_FACTOR), size->is_retry ? 1.0 : MAX_FACTOR);
+    if (run->rate < SLOW_RATE)
+        size->newton_limit = smallest_of(RECOVERY_FACTOR * size->newton_limit, size->longest);
+    const double candidate = smallest_of(factor * h, size->newton_limit);
+    const int keep = h <= candidate && candidate <= KEPT_GROWTH * h && can_reuse_factors(run, h);
+    size->next_step = keep ? h : candidate;
+    /* After a rejected attempt, its failure explains why the next step may be too small. */
+    if (!size->is_retry) run->failure_code = TOO_SMALL;
+    size->last_step = h;
+    size->last_error = error;
+    size->is_retry = 0;
+}
+
+/* Store the stages of an accepted step as rows; the last stage starts the next step. */
+static void store_step(RadauWorkspace *run, double h, int last) {
+    Stages *base = &run->base;
+    const int64_t n = run->form.n;
+    set_stages(base, h);
+    for (int i = 0; i < 3; i++) {
+        const Reals stored = row(run->rows, run->filled + i);
+        stored.at[0] = run->t + base->tableau.nodes.at[i] * h;
+        copy(part(stored, 1, 1 + 2 * n), row(base->stages, i));
+        /* The multipliers are derivatives of unknowns and follow the accelerations in y'. */
+        copy(from(stored, 1 + 2 * n), from(row(base->rates, i), n));
+        copy(row(base->last_w, i), row(base->w, i));
+    }
+    lower_weights(run->multiplier_weights, run->multiplier_tolerance,
+                  from(row(base->rates, 2), 2 * n));
+    run->t = last ? run->end : run->t + h;
+    row(run->rows, run->filled + 2).at[0] = run->t;
+    run->filled += 3;
+    copy(base->y, row(base->stages, 2));
+    copy(base->yp, row(base->rates, 2));
+}
+
+/* Take steps that pass the error test until the interval ends or the rows are full. Return DONE,
+   FULL, NEW_PIVOTS, or the code of the last failure if steps become too small. */
+int take_radau_steps(RadauWorkspace *run) {
+    StepSizeState *size = &run->base.step_size;
+    while (run->t < run->end) {
+        if (run->filled == 3 * run->most) return FULL;
+        const double remaining = run->end - run->t, h = clip_step(size->next_step, remaining);
+        /* The next step is NaN after an error estimate that is NaN. */
+        if (size->next_step != size->next_step || h < smallest_of(size->smallest, remaining))
+            return (int)run->failure_code;
+        const int renew = !can_reuse_factors(run, h);
+        const int code = solve_stages(run, h, renew);
+        if (code == NEW_PIVOTS) return code;
+        if (code != DONE) {
+            run->failures++;
+            run->factors_step = 0.0;
+            if (renew) {
+                run->rejections++;
+                run->failure_code = code;
+                size->next_step = size->newton_limit = FAILURE_FACTOR * h;
+                size->is_retry = 1;
+            }
+            continue;
+        }
+        estimate_error(run, h);
+        const double error = measure_error(run, h);
+        if (error < 1.0) {
+            accept_step(run, h, error);
+            store_step(run, h, h == remaining);
+            continue;
+        }
+        run->rejections++;
+        run->failure_code = ERROR_TOO_LARGE;
+        size->next_step = h * smallest_of(largest_of(step_factor(run, error), MIN_FACTOR), SAFETY);
+        if (error != error) size->next_step = error;
+        size->is_retry = 1;
+    }
+    return DONE;
+}

@@ -1,0 +1,200 @@
+/* Static equations with a load factor and one control equation; see analysis/statics.
+
+       [[F_x, column], [row, corner]] solution = right
+
+   with F(x; mu) = C + U + mu (L - U): C are the forces and joints that the load factor does not
+   change, U and L those that are particular to the unloaded and to the loaded mechanism. */
+
+#include "core.h"
+
+#define MAX_ITERATIONS 12
+/* Corrections below this size, in natural sizes, are rounding errors of solutions. If corrections
+   stop decreasing, they are rounding errors up to the second size. */
+#define TOLERANCE 1e-10
+#define ROUNDING 1e-7
+/* Convergence is quadratic if the last but one correction is below the first number: the next one
+   is then predicted, and need not be made if it is below the second one. */
+#define QUADRATIC 1e-3
+#define NEGLIGIBLE 1e-15
+/* Largest correction of one iteration, in natural sizes: farther, the linearization says nothing.
+   It grows while the equations are linear: the next correction then has the predicted size. */
+#define MAX_CORRECTION 0.5
+#define CORRECTION_GROWTH 10.0
+#define MAX_PREDICTION_ERROR 0.3
+/* Shifts relative to the largest entry of the stiffness. Above 2e-16, signs of pivots are right for
+   all zero eigenvalues that were tried: free beams with h/L = 1e-5 to 3e-2 and 2 to 128 elements in
+   any position, prestressed beams, and linkages of up to 60 bodies. */
+#define SHIFT_RATIO 1e-15
+/* Motions with a pivot below this fraction may have no stiffness: pivots of coordinates are their
+   stiffness if all later ones are free to move. */
+#define MIN_PIVOT_RATIO 1e-13
+
+/* Negative pivots of the tangent; see analysis/statics/pivot_signs.py. */
+
+static void assemble_saddle_point(SaddlePoint *run, Reals tangent) {
+    const Reals values = run->values;
+    const int64_t pairs = run->skew.size;
+    for (int64_t k = 0; k < values.size; k++)
+        values.at[k] = run->weights.at[k] * tangent.at[run->left.at[k]];
+    combine2(run->skew, 1.0, values, -1.0, from(values, pairs));
+    run->size = largest_of(2.0 * max_norm(part(values, 0, 2 * pairs), run->ones), run->reference);
+    run->asymmetry = 2.0 * max_norm(run->skew, run->ones);
+    fill(run->nonzeros, 0.0);
+    ADD_WEIGHTED(run->nonzeros.at, run->pattern.targets.at, values.at, tangent.at, run->right.at, 0,
+                 values.size);
+}
+
+static void shift_diagonal(SaddlePoint *run, double shift) {
+    const Indices diagonal = run->pattern.diagonal;
+    for (int64_t k = 0; k < diagonal.size; k++) run->nonzeros.at[diagonal.at[k]] += shift;
+}
+
+static void count_signs(SaddlePoint *run, Reals tangent) {
+    assemble_saddle_point(run, tangent);
+    run->below = run->above = count_negative_pivots(&run->factors, run->nonzeros);
+    if (run->above >= 0 && run->factors.smallest_pivot > MIN_PIVOT_RATIO * run->size) return;
+    shift_diagonal(run, -SHIFT_RATIO * run->size);
+    run->above = count_negative_pivots(&run->factors, run->nonzeros);
+    shift_diagonal(run, 2.0 * SHIFT_RATIO * run->size);
+    run->below = count_negative_pivots(&run->factors, run->nonzeros);
+}
+
+/* Forces and tangent */
+
+static void evaluate_forces(StaticWorkspace *run) {
+    if (run->has_forces) return;
+    LoadPart *common = &run->common, *unloaded = &run->unloaded, *loaded = &run->loaded;
+    const int64_t n = run->inputs.size - run->forces.size, joints = run->joint_count;
+    evaluate_sum(&common->residual, run->inputs, common->forces);
+    evaluate_sum(&unloaded->residual, run->inputs, unloaded->forces);
+    evaluate_sum(&loaded->residual, run->inputs, loaded->forces);
+    /* Increments, so that entries without loads are independent of mu to the last digit. */
+    combine2(run->by_factor, run->scale, loaded->forces, -run->scale, unloaded->forces);
+    combine3(run->forces, 1.0, common->forces, 1.0, unloaded->forces, run->mu - run->center,
+             run->by_factor);
+    add_to(from(run->forces, n + joints), -1.0, from(run->inputs, 2 * n + joints));
+    run->has_forces = 1;
+}
+
+static void evaluate_tangent(StaticWorkspace *run) {
+    if (run->has_tangent) return;
+    LoadPart *common = &run->common, *unloaded = &run->unloaded, *loaded = &run->loaded;
+    const double mu = (run->mu - run->center) * run->scale;
+    evaluate_sum(&common->tangent, run->inputs, common->nonzeros);
+    evaluate_sum(&unloaded->tangent, run->inputs, unloaded->nonzeros);
+    evaluate_sum(&loaded->tangent, run->inputs, loaded->nonzeros);
+    combine3(run->nonzeros, 1.0, common->nonzeros, 1.0 - mu, unloaded->nonzeros, mu,
+             loaded->nonzeros);
+    ADD(run->nonzeros.at, run->added_targets.at, run->added.at, run->counting.at, 0,
+        run->added.size);
+    run->nonzeros.at[run->scaled.size] = 1.0;
+    run->has_tangent = 1;
+    run->has_factors = 0;
+}
+
+/* Let axial and shear forces depend on the multipliers alone, until the strains follow them.
+   Strains of other points are much larger than those of equilibria. */
+static void determine_resultants(StaticWorkspace *run) {
+    const int64_t m = run->remainder.size;
+    const Reals multipliers = from(run->inputs, run->inputs.size - m);
+    const Reals constraints = from(run->forces, run->forces.size - m);
+    for (int64_t k = 0; k < m; k++)
+        multipliers.at[k] -= run->remainder.at[k] * constraints.at[k];
+    run->has_forces = run->has_tangent = run->has_factors = 0;
+    evaluate_forces(run);
+}
+
+/* Newton's method */
+
+/* Solve with F_mu and `row` as border. */
+static int solve_newton(StaticWorkspace *run) {
+    const int64_t size = run->forces.size, first = run->column_start;
+    if (!run->has_factors) {
+        PICK(run->nonzeros.at, run->row_targets.at, run->row.at, run->counting.at, 0, size + 1);
+        copy(part(run->nonzeros, first, first + size), run->by_factor);
+        multiply(run->scaled, run->nonzeros, run->products);
+        const int code = factorize(&run->linear, run->scaled);
+        if (code != DONE) return code;
+        run->has_factors = 1;
+    }
+    multiply(run->right, run->right, run->sizes);
+    solve(&run->linear, run->right);
+    multiply(run->right, run->right, run->sizes);
+    return DONE;
+}
+
+/* Return 1 if a point is a solution after a correction; the previous one is `last`. */
+static int is_negligible(double size, double last) {
+    if (last <= QUADRATIC && size * size * size <= NEGLIGIBLE * (last * last)) return 1;
+    return size <= TOLERANCE || (size <= ROUNDING && size > 0.5 * last);
+}
+
+/* Add a correction, and set its share; return DONE if the point is a solution after it, CORRECTED
+   if another one is needed, or the code of a failure. */
+static int judge(Corrections *run, double size) {
+    const double share = run->share, last = run->last;
+    run->count++;
+    run->share = 1.0;
+    if (!isfinite(size)) return NOT_FINITE;
+    if (is_negligible(size, last)) return DONE;
+    if (run->count > 3 && size > 2.0 * largest_of(last, run->earlier)) return DIVERGED;
+    if (share < 1.0) {
+        const double error = fabs(size - (1.0 - share) * last);
+        const int is_linear = error <= MAX_PREDICTION_ERROR * share * last;
+        run->bound = is_linear ? run->bound * CORRECTION_GROWTH : MAX_CORRECTION;
+    }
+    if (size > run->bound) run->share = run->bound / size;
+    run->last = size;
+    run->earlier = last;
+    return run->count < MAX_ITERATIONS ? CORRECTED : NOT_CONVERGED;
+}
+
+/* Correct a point by Newton's method until it is a solution, or once if the control is not linear.
+   After DONE, the factors are those before the last correction. */
+static int correct(StaticWorkspace *run) {
+    const int64_t size = run->forces.size, n = run->inputs.size - size;
+    const Reals right = run->right, q = part(run->inputs, 0, n), lam = from(run->inputs, 2 * n);
+    int code = CORRECTED;
+    while (code == CORRECTED) {
+        if (!run->has_forces) {
+            evaluate_forces(run);
+            determine_resultants(run);
+        }
+        evaluate_tangent(run);
+        scale(part(right, 0, size), -1.0, run->forces);
+        right.at[size] = -run->deviation;
+        const int solver_code = solve_newton(run);
+        if (solver_code != DONE) return solver_code;
+        code = judge(&run->corrections, max_norm(part(right, 0, size), run->weights));
+        const double share = run->corrections.share;
+        add_to(q, share, right);
+        add_to(lam, share, from(right, n));
+        run->mu += share * right.at[size];
+        run->deviation += share * inner_product(run->row, right);
+        run->has_forces = run->has_tangent = 0;
+        if (!run->is_linear) return code;
+    }
+    return code;
+}
+
+/* Find the derivatives by the control. */
+static int find_tangent(StaticWorkspace *run) {
+    if (!run->has_factors) {
+        evaluate_forces(run);
+        evaluate_tangent(run);
+    }
+    fill(run->right, 0.0);
+    run->right.at[run->forces.size] = 1.0;
+    return solve_newton(run);
+}
+
+int perform_task(StaticWorkspace *run) {
+    if (run->task == CORRECT) return correct(run);
+    if (run->task == FIND_TANGENT) return find_tangent(run);
+    if (run->task == EVALUATE_FORCES)
+        evaluate_forces(run);
+    else
+        evaluate_tangent(run);
+    if (run->task == COUNT_SIGNS) count_signs(&run->saddle, run->nonzeros);
+    return DONE;
+}
