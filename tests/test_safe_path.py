@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import beamdae as bd
-from beamdae.export import compilers
+from beamdae.core import compilers
 
 # Modules of Python and packages that beamdae or multiprocessing import.
 NAMES = (

@@ -10,11 +10,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.bounded_cache import array_bytes, bounded_cache
+from beamdae.core.library import load_core
+from beamdae.core.tables import Loop
 from beamdae.equations.formulations.sums import N_BALANCE_SCALARS, InputLayout, assemble_balance
 from beamdae.equations.structure import Structure, share_plans
-from beamdae.native.loop_functions import combine, max_norm
-from beamdae.native.loops import prepare_loop
-from beamdae.native.return_codes import DONE
 from beamdae.symbolic.sparse_operators import ConstantOperator
 from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_sum
 
@@ -157,25 +156,6 @@ class BalanceBuffers:
     n_rows: int = 0
 
 
-def evaluate_balance(run: BalanceBuffers) -> int:
-    """Evaluate energies, powers and norms (see `plan_balance`) of the rows in use; return DONE."""
-    n, m, value = run.n, run.m, run.value
-    forces = N_BALANCE_SCALARS
-    gaps = forces + _N_FORCE_NORMS * n
-    for i in range(run.n_rows):
-        combine(run.total.shared, (1.0,), (run.times[i],))
-        evaluate_sum(run.total, run.states[i], value)
-        row = run.results[i]
-        combine(row[:forces], (1.0,), (value[:forces],))
-        for k in range(_N_FORCE_NORMS):
-            row[forces + k] = max_norm(value[forces + k * n : forces + (k + 1) * n], run.is_force)
-        for k in range(_N_GAP_NORMS):
-            row[forces + _N_FORCE_NORMS + k] = max_norm(
-                value[gaps + k * m : gaps + (k + 1) * m], run.ones
-            )
-    return DONE
-
-
 class BalanceRows:
     """Evaluates the energy balance of one run, in machine code if available.
 
@@ -187,9 +167,8 @@ class BalanceRows:
             # Not a test of the length, because a concurrent thread may take the last one.
             self._run, self._loop = balance._idle.pop()
         except IndexError:
-            self._run, self._loop = prepare_loop(
-                evaluate_balance, lambda native: balance.buffers(native, p), balance.total.is_native
-            )
+            self._run = balance.buffers(balance.total.is_native, p)
+            self._loop = None if load_core() is None else Loop("evaluate_balance", self._run)
         else:
             balance.total.set_data(self._run.total, p)
         finalize(self, balance._idle.append, (self._run, self._loop)).atexit = False
@@ -209,11 +188,27 @@ class BalanceRows:
             if self._loop is not None:
                 self._loop()
             else:
-                # Overflowing forces show in the norms.
-                with np.errstate(over="ignore", invalid="ignore"):
-                    evaluate_balance(run)
+                _evaluate_balance(run)
             results[block] = run.results[: run.n_rows]
         return results
+
+
+# Overflowing forces show in the norms.
+@np.errstate(over="ignore", invalid="ignore")
+def _evaluate_balance(run: BalanceBuffers) -> None:
+    """Evaluate the rows in use without the core."""
+    n, m = run.n, run.m
+    for time, state, result in zip(run.times, run.states, run.results[: run.n_rows], strict=False):
+        run.total.shared[:] = time
+        evaluate_sum(run.total, state, run.value)
+        scalars, forces, gaps = np.split(
+            run.value, np.cumsum([N_BALANCE_SCALARS, _N_FORCE_NORMS * n])
+        )
+        norms = [
+            np.abs(forces.reshape(_N_FORCE_NORMS, n) * run.is_force),
+            np.abs(gaps.reshape(_N_GAP_NORMS, m)),
+        ]
+        result[:] = np.concatenate([scalars, *(np.max(x, axis=1, initial=0.0) for x in norms)])
 
 
 @share_plans

@@ -18,6 +18,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdae.beams.damping import EXAMPLE_DAMPING, find_undamped_beams
+from beamdae.core.compilers import (
+    PLATFORMS,
+    Platform,
+    compile_objects,
+    current_platform,
+    find_compiler,
+    link_library,
+    link_program,
+)
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.equations.table_arguments import compile_table_arguments
@@ -36,15 +45,6 @@ from beamdae.errors import (
     warn_user,
 )
 from beamdae.export.c_code import UnsupportedOperationError, format_string
-from beamdae.export.compilers import (
-    PLATFORMS,
-    Platform,
-    compile_objects,
-    current_platform,
-    find_compiler,
-    link_library,
-    link_program,
-)
 from beamdae.export.model_description import (
     Description,
     write_build_description,

@@ -1,4 +1,4 @@
-"""Compiled or interpreted step loops of integrators, and the matrices they factorize."""
+"""Step loops in the core, and the matrices they factorize."""
 
 from __future__ import annotations
 
@@ -10,46 +10,17 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.core.library import load_core
+from beamdae.core.linear_solver import LaneSolver, LinearSolver
+from beamdae.core.return_codes import NEW_PIVOTS
+from beamdae.core.tables import Loop
+from beamdae.errors import BeamdaeError
 from beamdae.linear.elimination import EliminationPlan, empty_plan
-from beamdae.linear.factorizations import SingularMatrixError, create_factorization
+from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.linear.pivots import propose_plans
-from beamdae.native.linear_solver import LaneSolver, LinearSolver
-from beamdae.native.loops import prepare_loop
-from beamdae.native.return_codes import NEW_PIVOTS
 
 Array = np.ndarray
 W = TypeVar("W")
-
-
-class InterpretedSolver:
-    """Linear solver of an interpreted loop, with the counters of the compiled `LinearSolver`.
-
-    Attributes
-    ----------
-    singular
-        Always 0: `try_factorize` returns False instead. Step loops may reset it, as in
-        `LinearSolver`.
-    factorizations, solves
-        Counters as in `LinearSolver`.
-    """
-
-    def __init__(self, pattern: sp.csc_array, method: str, dtype: type) -> None:
-        self._factors = create_factorization(pattern, method, dtype)
-        self.singular = self.factorizations = self.solves = 0
-
-    def try_factorize(self, nonzeros: Array) -> bool:
-        """Factorize the matrix with these non-zeros; return False if it is singular."""
-        self.factorizations += 1
-        try:
-            self._factors.factorize(nonzeros)
-        except SingularMatrixError:
-            return False
-        return True
-
-    def solve(self, right: Array) -> Array:
-        """Return the solution of matrix @ x = right."""
-        self.solves += 1
-        return self._factors.solve(right)
 
 
 @dataclass
@@ -66,7 +37,7 @@ class FactorizedMatrix:
         Matrix with the same pattern whose pivots are tried first, because a search for pivots takes
         longer than many factorizations; None if there is none.
     in_lanes
-        True if right-hand sides hold one system per vector lane, see `loop_functions.solve_lanes`.
+        True if right-hand sides hold one system per vector lane.
     """
 
     pattern: sp.csc_array
@@ -88,14 +59,9 @@ class FactorizedMatrix:
         """Return a zero matrix with this pattern."""
         return cls(pattern, np.zeros(pattern.nnz, dtype), pivot_source, in_lanes)
 
-    def make_solver(self, native: bool, method: str) -> Any:
-        """Return the solver for a compiled loop (`native`) or an interpreted loop.
-
-        `method` is "auto", "dense" or "sparse"; compiled loops ignore it.
-        """
+    def make_solver(self) -> LinearSolver:
+        """Return the solver for a loop."""
         dtype = self.nonzeros.dtype.type
-        if not native:
-            return InterpretedSolver(self.pattern, method, dtype)
         return (LaneSolver if self.in_lanes else LinearSolver).empty(dtype)
 
     def renew_pivots(self, linear: LinearSolver) -> None:
@@ -133,50 +99,55 @@ class FactorizedMatrix:
 
 
 class StepLoop(Generic[W]):
-    """Loop over steps, in machine code if available, otherwise in plain Python.
+    """Loop of the core that factorizes matrices.
 
     Attributes
     ----------
     work
-        Workspace of the loop, a dataclass of numbers and arrays. Between calls, numbers may be
-        assigned, but arrays must be changed in place.
+        Workspace of the loop, with the fields of its structure in `core.h`. Between calls, numbers
+        may be assigned, but arrays must be changed in place.
     is_native
-        True if the loop runs in machine code.
+        True if kernels run in machine code, False if they run in CasADi's virtual machine.
     """
 
     def __init__(
         self,
-        function: Callable[[W], int],
+        function: str,
         make: Callable[[bool], W],
         matrices: Callable[[W], Sequence[tuple[Any, FactorizedMatrix]]],
         native: bool,
-        compiles: bool = True,
     ) -> None:
-        """Compile the loop if possible.
+        """Bind the loop.
 
         Parameters
         ----------
         function
-            The loop, restricted to the language that numba compiles and to `native.loop_functions`.
-            It returns a code of `native.return_codes` or a loop-specific code.
+            Name of the loop in `core.h`. It returns a code of `core.return_codes`.
         make
-            Function that creates the workspace for machine code (True) or plain Python (False).
+            Function that creates the workspace, for kernels in machine code if its argument is
+            True.
         matrices
             Function that returns the linear solvers in the workspace, each with the matrix it
             factorizes.
         native
-            True to compile the loop if possible, False to run it in plain Python.
-        compiles
-            False to use only machine code in the cache.
+            Argument of `make`.
+
+        Raises
+        ------
+        BeamdaeError
+            If there is no core.
         """
-        self._function = function
-        self.work, self._loop = prepare_loop(function, make, native, compiles)
-        self.is_native = self._loop is not None
+        if load_core() is None:
+            raise BeamdaeError(
+                f"{function.replace('_', ' ')}: this calculation requires the compiled core; "
+                'install a C compiler by `pip install "beamdae[fmu]"`.'
+            )
+        self.work, self.is_native = make(native), native
+        self._loop = Loop(function, self.work)
         self._matrices = matrices(self.work)
 
     def forget_pivots(self) -> None:
-        """Remove the pivots of a compiled loop, so that later results do not depend on them."""
-        assert self._loop is not None
+        """Remove the pivots, so that later results do not depend on them."""
         if any(len(linear.plan.rows) for linear, _ in self._matrices):
             for linear, matrix in self._matrices:
                 matrix.forget_pivots(linear)
@@ -184,16 +155,10 @@ class StepLoop(Generic[W]):
 
     def __call__(self) -> int:
         """Run the loop, renewing pivots whenever it requests new ones; return its code."""
-        if self._loop is None:
-            return self._function(self.work)
         while (code := self._loop()) == NEW_PIVOTS:
-            self._renew_pivots()
+            renewed = [(linear, matrix) for linear, matrix in self._matrices if linear.needs_pivots]
+            for linear, matrix in renewed:
+                matrix.renew_pivots(linear)
+            # The arrays of the new pivots differ in size and address.
+            self._loop.bind(*(linear for linear, _ in renewed))
         return code
-
-    def _renew_pivots(self) -> None:
-        assert self._loop is not None
-        renewed = [(linear, matrix) for linear, matrix in self._matrices if linear.needs_pivots]
-        for linear, matrix in renewed:
-            matrix.renew_pivots(linear)
-        # The arrays of the new pivots differ in size and address.
-        self._loop.bind(*(linear for linear, _ in renewed))

@@ -1,35 +1,27 @@
 """Accelerations and multipliers after a jump of the inputs that sampled controllers hold.
 
 Positions and velocities are continuous; only the rates of first-order states, the accelerations and
-the multipliers change. The functions are plain Python over arrays; `native.loops` compiles them if
-possible.
+the multipliers change.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from beamdae.core.return_codes import DONE
 from beamdae.equations.equations_of_motion import State
-from beamdae.equations.formulations.first_order import (
-    FirstOrderBuffers,
-    FirstOrderForm,
-    evaluate_residual,
-)
+from beamdae.equations.formulations.first_order import FirstOrderBuffers, FirstOrderForm
 from beamdae.equations.starts.state_evaluator import plan_state_sums
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
-from beamdae.native.loop_functions import combine, factorize, fill, max_norm, solve
-from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE
-from beamdae.symbolic.sums.kernel_sums import Sum, evaluate_sum, set_matrix_factors, set_time
+from beamdae.symbolic.sums.kernel_sums import Sum
 
 Array = np.ndarray
 
 # Friction in joints depends on the reactions, so that the equations are not linear.
 _MAX_FRICTION_ITERATIONS = 50
-_FRICTION_TOLERANCE = 1e-10
 
 
 @dataclass(slots=True)
@@ -73,45 +65,6 @@ class InputJumpWorkspace:
     branch: float = 0.0
 
 
-def solve_jump(run: InputJumpWorkspace) -> int:
-    """Make the rates of states, the accelerations and the multipliers consistent.
-
-    Return DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR or NEW_PIVOTS.
-    """
-    n, y, yp, residual, change = run.form.n, run.y, run.yp, run.residual, run.change
-    m = change.size - n
-    lam = (yp if run.has_impulses == 1 else y)[2 * n : 2 * n + m]
-    evaluate_residual(run.form, run.t, run.branch, y, yp, residual)
-    # The rows of first-order states are x' - f.
-    for k in run.states:
-        y[n + k] -= residual[n + k]
-        yp[k] = y[n + k]
-    for _ in range(run.max_iterations):
-        evaluate_residual(run.form, run.t, run.branch, y, yp, residual)
-        combine(change[:n], (-1.0,), (residual[n : 2 * n],))
-        fill(change[n:], 0.0)
-        for k in run.states:
-            change[k] = 0.0
-        combine(run.motion[: 2 * n], (1.0,), (y[: 2 * n],))
-        combine(run.motion[2 * n : 3 * n], (1.0,), (yp[n : 2 * n],))
-        combine(run.motion[3 * n :], (1.0,), (lam,))
-        set_time(run.saddle, run.t, run.branch)
-        set_matrix_factors(run.saddle, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
-        evaluate_sum(run.saddle, run.motion, run.nonzeros)
-        code = factorize(run.linear, run.nonzeros)
-        if code != DONE:
-            return code
-        solve(run.linear, change)
-        combine(yp[n : 2 * n], (1.0, 1.0), (yp[n : 2 * n], change[:n]))
-        combine(lam, (1.0, 1.0), (lam, change[n:]))
-        size = max(max_norm(yp[n : 2 * n], run.weights[:n]), max_norm(lam, run.weights[n:]))
-        if not math.isfinite(size + max_norm(yp[:n], run.weights[:n])):
-            return NOT_FINITE
-        if run.max_iterations == 1 or max_norm(change, run.weights) <= _FRICTION_TOLERANCE * size:
-            return DONE
-    return NOT_CONVERGED
-
-
 class InputJump:
     """Consistent states after jumps of held inputs, for methods on a first-order form."""
 
@@ -125,7 +78,7 @@ class InputJump:
             return InputJumpWorkspace(
                 form=form.buffers(native),
                 saddle=sums.saddle.sum(native, equations.p),
-                linear=matrix.make_solver(native, "auto"),
+                linear=matrix.make_solver(),
                 nonzeros=matrix.nonzeros,
                 y=np.zeros(form.size),
                 yp=np.zeros(form.size),
@@ -143,7 +96,7 @@ class InputJump:
 
         is_native = form.is_native and sums.saddle.is_native
         self._form = form
-        self._loop = StepLoop(solve_jump, make_workspace, matrices, is_native)
+        self._loop = StepLoop("solve_jump", make_workspace, matrices, is_native)
 
     def apply(self, t: float, branch: float, q: Array, y: Array, yp: Array) -> State | None:
         """Return the state after a jump, given (y, y') before it; None if there is none.

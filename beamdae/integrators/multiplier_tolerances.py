@@ -61,14 +61,3 @@ def plan_multiplier_tolerances(
     largest = np.maximum(np.abs(plan.state.lam), forces)
     shortest = _SHORTEST_TESTED_STEP / scales.rate
     return MultiplierTolerances(1.0 / (tolerance * largest), tolerance, shortest)
-
-
-def lower_weights(weights: Array, tolerance: float, values: Array) -> None:
-    """Lower the weights of multipliers whose values (m,) are the largest so far.
-
-    The function is plain Python over arrays; `native.loops` compiles it if possible.
-    """
-    for k in range(weights.size):
-        limit = tolerance * abs(values[k])
-        if limit * weights[k] > 1.0:
-            weights[k] = 1.0 / limit

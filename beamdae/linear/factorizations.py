@@ -1,7 +1,4 @@
-"""Factorizations of matrices with a fixed sparsity pattern, called from Python.
-
-Compiled code uses `elimination` instead.
-"""
+"""Factorizations of matrices with a fixed sparsity pattern, called from Python."""
 
 from __future__ import annotations
 
@@ -11,7 +8,6 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import get_lapack_funcs
 
-from beamdae.linear.elimination import MAX_BACKWARD_ERROR, MAX_REFINEMENTS
 from beamdae.linear.orderings import (
     compute_bordered_ordering,
     factorize_in_order,
@@ -24,6 +20,10 @@ Array = np.ndarray
 # Number of unknowns up to which LAPACK is used: it is as fast as SuperLU between 150 and 300
 # (validation/performance, --linear).
 DENSE_LIMIT = 250
+# A solution is accurate if its backward error does not exceed this value.
+MAX_BACKWARD_ERROR = 1e-10
+# Pivots that require more steps of iterative refinement are rejected.
+MAX_REFINEMENTS = 2
 
 
 class SingularMatrixError(ArithmeticError):

@@ -1,8 +1,8 @@
 """Elimination of sparse symmetric matrices in a fixed order, with diagonal pivots.
 
 The order depends on the pattern only, so that no search for pivots is needed, and the matrix has as
-many negative eigenvalues as negative pivots (Sylvester's law of inertia). `eliminate` is a plain
-loop over arrays that numba can compile.
+many negative eigenvalues as negative pivots (Sylvester's law of inertia). The core
+eliminates: `linear.c`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from beamdae.linear.pivots import compute_fill, flatten_columns
 
@@ -86,59 +85,3 @@ class FixedOrderFactors:
         """Return the arrays of the factors, filled with zeros."""
         pivots, x = np.zeros((2, len(plan.order)))
         return cls(plan, np.zeros(len(plan.lower_rows)), pivots, plan.lower_starts.copy(), x)
-
-
-def eliminate(run: FixedOrderFactors, nonzeros: Array) -> int:
-    """Factorize the symmetric matrix with these CSC non-zeros, of which those below count.
-
-    Return the number of negative pivots, or -1 if a pivot or its reciprocal is not finite.
-    """
-    plan, lower, pivots, first, x = run.plan, run.lower, run.pivots, run.first, run.x
-    starts, positions, sources = plan.starts, plan.positions, plan.sources
-    upper_starts, upper_rows = plan.upper_starts, plan.upper_rows
-    lower_starts, lower_rows = plan.lower_starts, plan.lower_rows
-    count, run.smallest_pivot = 0, np.inf
-    for j in range(len(x)):
-        x[j] = 0.0
-    for j in range(len(x)):
-        for e in range(starts[j], starts[j + 1]):
-            x[positions[e]] = nonzeros[sources[e]]
-        for p in range(upper_starts[j], upper_starts[j + 1]):
-            k = upper_rows[p]
-            x[k] = 0.0
-            # The rows of each column ascend, so that its first unused entry is in row j.
-            factor = lower[first[k]] * pivots[k]
-            for q in range(first[k], lower_starts[k + 1]):
-                x[lower_rows[q]] -= lower[q] * factor
-            first[k] += 1
-        pivot = x[j]
-        if pivot == 0.0 or not (np.isfinite(pivot) and np.isfinite(1.0 / pivot)):
-            return -1
-        pivots[j], first[j], x[j] = pivot, lower_starts[j], 0.0
-        count += pivot < 0.0
-        run.smallest_pivot = min(run.smallest_pivot, abs(pivot))
-        for q in range(lower_starts[j], lower_starts[j + 1]):
-            row = lower_rows[q]
-            lower[q] = x[row] / pivot
-            x[row] = 0.0
-    return count
-
-
-def eliminate_by_scipy(run: FixedOrderFactors, nonzeros: Array) -> int:
-    """Perform `eliminate` by SuperLU; only `pivots` and `smallest_pivot` are set."""
-    plan, run.smallest_pivot = run.plan, 0.0
-    size = len(plan.order)
-    data = (nonzeros[plan.sources], plan.positions.astype(np.int32), plan.starts.astype(np.int32))
-    lower = sp.tril(sp.csc_array(data, shape=(size, size)))
-    matrix = sp.csc_matrix(lower + sp.tril(lower, -1).T)
-    matrix.sort_indices()
-    options = {"SymmetricMode": True}
-    try:
-        factors = splu(matrix, "NATURAL", 0.0, relax=1, panel_size=1, options=options)
-    except RuntimeError:
-        return -1
-    if not np.array_equal(factors.perm_r, np.arange(size)):
-        return -1
-    run.pivots[:] = factors.U.diagonal()
-    run.smallest_pivot = float(np.min(np.abs(run.pivots), initial=np.inf))
-    return int(np.sum(run.pivots < 0.0))

@@ -20,7 +20,7 @@ from beamdae.linear.elimination import (
     UNUSED_ENTRY,
     ZERO_ENTRY,
 )
-from beamdae.linear.lane_operations import LANES
+from beamdae.linear.lanes import LANES
 from beamdae.linear.orderings import classify_unknowns
 
 Array = np.ndarray

@@ -40,7 +40,7 @@ _ROUNDING = 1e-10
 # Rows whose length [doubles] is a multiple of this map to few sets of the processor cache, so that
 # tangents take up to 1.7 times as long.
 _CACHE_CONFLICT_STRIDE = 128
-_KERNEL_SIGNATURE = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)
+KERNEL_SIGNATURE = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)
 # Number of points at which a new kernel is compared with the virtual machine: three vectors.
 _N_TEST_COPIES = 3 * LANE_WIDTH
 
@@ -83,7 +83,7 @@ class LaneKernel:
 
     @cached_property
     def _call(self) -> Any:
-        return _KERNEL_SIGNATURE(self.address)
+        return KERNEL_SIGNATURE(self.address)
 
     def __call__(self, shared: Array, local: Array, out: Array | None = None) -> Array:
         """Return values (n_out, padded) for `shared` (n_shared,) and `local` (n_local, padded).

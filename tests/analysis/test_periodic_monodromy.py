@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from beamdae.linear.lane_operations import LANES
 
 import beamdae as bd
 from beamdae.analysis.periodic.monodromy import (
@@ -12,7 +13,6 @@ from beamdae.analysis.periodic.monodromy import (
 )
 from beamdae.analysis.periodic.period_map import PeriodMap, PeriodRun, build_periodic_equations
 from beamdae.equations.formulations.first_order import FirstOrderForm
-from beamdae.linear.lane_operations import LANES
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-
-from beamdae.native import loops
 from beamdae.native.loop_functions import (
     array_at,
     call_for_int,
@@ -17,6 +15,8 @@ from beamdae.native.loop_functions import (
     locate_largest,
 )
 from beamdae.native.loops import CompiledLoop
+
+from beamdae.native import loops
 from beamdae.native.object_code import is_native_enabled
 
 compiled = pytest.mark.skipif(not is_native_enabled(), reason="requires machine code")

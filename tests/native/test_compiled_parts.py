@@ -8,16 +8,16 @@ import casadi as ca
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from beamdae.native.linear_solver import LinearSolver, factorize_linear, solve_linear
+from beamdae.native.loop_functions import call_kernel, combine, factorize, solve
 from chains import pattern_of_elements
 from numpy.testing import assert_allclose, assert_array_equal
 from test_loops import compile_without_warnings
 
+from beamdae.core.return_codes import DONE, NEW_PIVOTS, SINGULAR
 from beamdae.linear.pivots import propose_plans
 from beamdae.native.lane_kernels import LANE_WIDTH, build_lane_kernel
-from beamdae.native.linear_solver import LinearSolver, factorize_linear, solve_linear
-from beamdae.native.loop_functions import call_kernel, combine, factorize, solve
 from beamdae.native.object_code import is_native_enabled
-from beamdae.native.return_codes import DONE, NEW_PIVOTS, SINGULAR
 
 pytestmark = pytest.mark.skipif(not is_native_enabled(), reason="requires machine code")
 

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from numpy.testing import assert_allclose
-
-from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.linear.lane_operations import LANES, aligned_zeros, multiply_rows
 from beamdae.native.loop_functions import factorize, solve_lanes
+from numpy.testing import assert_allclose
+
+from beamdae.core.return_codes import DONE
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.native.object_code import is_native_enabled
-from beamdae.native.return_codes import DONE
 
 NATIVE = pytest.param(
     True, marks=pytest.mark.skipif(not is_native_enabled(), reason="requires machine code")

@@ -6,7 +6,6 @@ import sys
 
 import numpy as np
 import pytest
-
 from beamdae.native.loops import _iterate_code
 
 FACTOR, SHIFT = 2.0, 1.0 + 2.0j

@@ -10,14 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from beamdae.native.loop_functions import combine
+from beamdae.native.loops import CompiledLoop
 from numpy.testing import assert_array_equal
 
+from beamdae.core.return_codes import DONE, FULL
 from beamdae.errors import KernelWarning
 from beamdae.native import loops
 from beamdae.native.llvm import MachineCodeError
-from beamdae.native.loop_functions import combine
-from beamdae.native.loops import CompiledLoop
-from beamdae.native.return_codes import DONE, FULL
 
 FACTOR, OFFSETS = 3, (0.25, -2.0)
 TABLE = np.array([[1.0, 2.0], [3.0, 4.0]])

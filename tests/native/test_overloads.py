@@ -6,14 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
-from test_loops import compile_without_warnings
-
-from beamdae.linear.fixed_order import FixedOrder, FixedOrderFactors
 from beamdae.linear.lane_operations import substitute_backward, substitute_forward
-from beamdae.native import loop_functions
 from beamdae.native.loop_functions import (
     accumulate,
     add,
@@ -36,6 +29,13 @@ from beamdae.native.loop_functions import (
     scatter_magnitudes,
     split_complex,
 )
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from test_loops import compile_without_warnings
+
+from beamdae.linear.fixed_order import FixedOrder, FixedOrderFactors
+from beamdae.native import loop_functions
 from beamdae.native.object_code import is_native_enabled
 
 pytestmark = pytest.mark.skipif(not is_native_enabled(), reason="requires machine code")

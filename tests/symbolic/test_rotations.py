@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from beamdae.native.loops import CompiledLoop
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -22,7 +23,6 @@ from beamdae.equations.formulations.step_equations import (
     formulate_step,
 )
 from beamdae.equations.formulations.sums import term_data
-from beamdae.native.loops import CompiledLoop
 from beamdae.native.object_code import is_native_enabled
 
 TIME = np.array([0.1, 0.5])

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from beamdae.native.loops import CompiledLoop
 
 import beamdae as bd
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from beamdae.native.loops import CompiledLoop
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.functions import row_kernels
 from beamdae.symbolic.sums import sum_evaluator

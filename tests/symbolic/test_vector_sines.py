@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 import pytest
+from beamdae.native.loops import CompiledLoop
 from hub_beam import hub_beam
 from numpy.testing import assert_allclose, assert_array_equal
 
 import beamdae as bd
 from beamdae.equations.formulations.step_equations import formulate_step
-from beamdae.native.loops import CompiledLoop
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.sums.kernel_sums import Sum, evaluate_sum, set_time
 from beamdae.symbolic.sums.vector_sines import expand_sines, sine_and_cosine

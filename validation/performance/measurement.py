@@ -18,9 +18,9 @@ from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
+from beamdae.native.loops import CompiledLoop
 
 import beamdae as bd
-from beamdae.native.loops import CompiledLoop
 
 Array = np.ndarray
 

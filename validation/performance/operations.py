@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from beamdae.native.loop_functions import combine, factorize, solve
+from beamdae.native.return_codes import DONE
 
 import beamdae as bd
 from beamdae.equations.formulations.first_order import (
@@ -30,8 +32,6 @@ from beamdae.equations.formulations.step_equations import (
 )
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
-from beamdae.native.loop_functions import combine, factorize, solve
-from beamdae.native.return_codes import DONE
 
 Array = np.ndarray
 OperationTimers = dict[str, Callable[[], float]]

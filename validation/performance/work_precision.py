@@ -30,13 +30,13 @@ import pandas as pd
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+from beamdae.native.loops import CompiledLoop
 from measurement import RESULTS, time_action, time_calls, time_integration, write_table
 from systems import exact_hub_beam, exact_pendulum
 from workers import Worker, start_exudyn
 
 import beamdae as bd
 from beamdae.integrators import drive
-from beamdae.native.loops import CompiledLoop
 
 Array = np.ndarray
 

@@ -26,7 +26,7 @@ from beamdae.analysis.continuation.newton import (
     is_negligible,
     judge,
 )
-from beamdae.native.return_codes import DONE
+from beamdae.core.return_codes import DONE
 
 Array = np.ndarray
 

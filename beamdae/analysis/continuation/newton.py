@@ -1,6 +1,6 @@
 """When Newton's method has found a solution, when it fails, and how far it moves.
 
-The functions are plain loops over numbers that `native.loops` can compile.
+`statics.c` contains the same law.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE
+from beamdae.core.return_codes import CORRECTED, DIVERGED, DONE, NOT_CONVERGED, NOT_FINITE
 
 _MAX_ITERATIONS = 12
 # Corrections below this size, in natural sizes, are rounding errors of solutions.
@@ -23,8 +23,6 @@ _QUADRATIC, NEGLIGIBLE = 1e-3, 1e-15
 _MAX_CORRECTION = 0.5
 _CORRECTION_GROWTH, _MAX_PREDICTION_ERROR = 10.0, 0.3
 
-# Codes of `judge` besides `DONE`, `NOT_CONVERGED` and `NOT_FINITE`.
-CORRECTED, DIVERGED = 1, -5
 FAILURES = {
     NOT_CONVERGED: f"Newton's method did not converge in {_MAX_ITERATIONS} iterations",
     NOT_FINITE: "the equations are not finite at the next point",

@@ -18,16 +18,9 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from beamdae.analysis.continuation.engine import CurveError
-from beamdae.analysis.periodic.variational_loop import (
-    VariationalWorkspace,
-    propagate_disturbances,
-)
+from beamdae.analysis.periodic.variational_loop import VariationalWorkspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.first_order import (
-    FirstOrderForm,
-    evaluate_jacobian_parts,
-    formulate_first_order,
-)
+from beamdae.equations.formulations.first_order import FirstOrderForm, formulate_first_order
 from beamdae.equations.formulations.kinematic_reduction import (
     KinematicReduction,
     reduce_kinematics,
@@ -37,7 +30,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.radau.coefficients import C
 from beamdae.integrators.radau.workspace import StepSizeState
-from beamdae.linear.lane_operations import LANES, aligned_zeros, index_lanes
+from beamdae.linear.lanes import LANES, aligned_zeros, index_lanes
 from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.symbolic.sparse_operators import column_indices
 from beamdae.symbolic.sums.kernel_sums import SumPlan
@@ -99,8 +92,8 @@ class VariationalEquations:
             lanes |= {name: _lane_zeros(size, _STAGES) for name in stages}
             return VariationalWorkspace(
                 form=buffers,
-                real_solver=real.make_solver(native, "auto"),
-                complex_solver=complex_.make_solver(native, "auto"),
+                real_solver=real.make_solver(),
+                complex_solver=complex_.make_solver(),
                 reduction=KinematicReduction(*map(index_lanes, reduction)),
                 step_size=StepSizeState(math.inf),
                 times=np.zeros(rows),
@@ -132,7 +125,7 @@ class VariationalEquations:
         def matrices(run: VariationalWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
             return [(run.real_solver, real), (run.complex_solver, complex_)]
 
-        return StepLoop(propagate_disturbances, make_workspace, matrices, form.is_native)
+        return StepLoop("propagate_disturbances", make_workspace, matrices, form.is_native)
 
     def admissible_disturbances(
         self, trajectory: Trajectory, scales: Array
@@ -173,8 +166,7 @@ class VariationalEquations:
         """Return the scaled derivatives of the constraints with respect to (q, v)."""
         form, n, m = self.form, self.equations.n, self.equations.m
         y, yp = form.pack(state)
-        nonzeros = np.zeros(2 * form.pattern.nnz)
-        evaluate_jacobian_parts(form.buffers(), time[0], time[1], y, yp, nonzeros)
+        nonzeros = form.jacobian(time, y, yp)
         by_y = np.zeros((form.size, form.size))
         by_y[form.pattern.indices, column_indices(form.pattern)] = nonzeros[: form.pattern.nnz]
         return by_y[2 * n : 2 * (n + m), : 2 * n] * scales

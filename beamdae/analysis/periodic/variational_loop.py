@@ -1,51 +1,22 @@
-"""Compiled loop of the variational equations: linearized Radau steps for disturbances.
+"""Work arrays of the variational equations: linearized Radau steps for disturbances.
 
-The steps propagate a block of disturbances at a time, one per vector lane: factors and matrices
-are read once per block. Vectors hold the first entry of all lanes, then the second one; indices
-and `KinematicReduction` refer to such vectors.
-
-The functions are plain Python over arrays; `native.loops` compiles them if possible.
+The steps, in `disturbances.c`, propagate a block of disturbances at a time, one per vector lane:
+factors and matrices are read once per block. Vectors hold the first entry of all lanes, then the
+second one; indices and `KinematicReduction` refer to such vectors.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from beamdae.equations.formulations.first_order import FirstOrderBuffers, evaluate_jacobian_parts
-from beamdae.equations.formulations.kinematic_reduction import KinematicReduction, reduce_unknowns
-from beamdae.integrators.radau.coefficients import (
-    COMPLEX_EIGENVALUE,
-    REAL_EIGENVALUE,
-    T_INVERSE,
-    TO_COMPLEX,
-    T,
-)
-from beamdae.integrators.radau.stages import (
-    factorize_both,
-    predict_stages,
-    set_stages,
-    subtract_corrections,
-)
-from beamdae.integrators.radau.workspace import StepSizeState
-from beamdae.linear.lane_operations import LANES, multiply_rows
-from beamdae.native.loop_functions import combine, fill, max_norm, solve_lanes
-from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE
+from beamdae.equations.formulations.first_order import FirstOrderBuffers
+from beamdae.equations.formulations.kinematic_reduction import KinematicReduction
+from beamdae.integrators.radau.workspace import TABLEAU, StepSizeState, Tableau
 
 Array = np.ndarray
-
-_MAX_ITERATIONS = 20
-# The iteration stagnates at its rounding errors if a correction shrinks by less than this factor;
-# corrections below this multiple of the tolerance are then accepted.
-_STAGNATION_RATE = 0.5
-_STAGNATION_FACTOR = 1e3
-# Rate of convergence assumed in the first iteration of a step; later iterations measure it.
-_FIRST_RATE = 0.9
-# Disturbances whose size is smaller have decayed; products with tolerances would underflow.
-_MIN_SIZE = 1e-280
 
 
 @dataclass(slots=True)
@@ -82,7 +53,7 @@ class VariationalWorkspace:
     real_nonzeros, complex_nonzeros
         Non-zeros of the real and the complex matrix.
     row_starts, entry_columns, entry_sources
-        All parts side by side, by rows, as in `lane_operations.multiply_rows`: starts of the rows,
+        All parts side by side, by rows: starts of the rows,
         columns, and indices of the entries in a row of `jacobians`.
     y, yp, w, last_w, stages, rates, right, complex_right, extrapolation, velocities
         As in `RadauWorkspace`, for a block of disturbances; `yp` is zero.
@@ -100,6 +71,8 @@ class VariationalWorkspace:
         Number of steps, and index of the next step.
     count
         Number of blocks.
+    tableau
+        Coefficients of Radau IIA.
     """
 
     form: FirstOrderBuffers
@@ -145,115 +118,4 @@ class VariationalWorkspace:
     steps: int = 0
     next: int = 0
     count: int = 0
-
-
-def propagate_disturbances(run: VariationalWorkspace) -> int:
-    """Propagate the disturbances through the steps from `next` on; return the code.
-
-    A step that fails leaves the disturbances unchanged.
-    """
-    while run.next < run.steps:
-        h = run.h[run.next]
-        code = _factorize_step(run, h)
-        if code != DONE:
-            return code
-        run.rate = 0.0
-        for k in range(run.count):
-            code = _propagate(run, h, k)
-            if code != DONE:
-                return code
-        for k in range(run.count):
-            combine(run.disturbances[k], (1.0,), (run.ends[k],))
-            for i in range(3):
-                combine(run.disturbances_w[3 * k + i], (1.0,), (run.ends_w[3 * k + i],))
-        run.step_size.last_step = h
-        run.next += 1
-    return DONE
-
-
-def _factorize_step(run: VariationalWorkspace, h: float) -> int:
-    """Evaluate the Jacobians of a step and factorize both matrices at its second stage."""
-    first, size = 3 * run.next, run.real_nonzeros.size
-    for i in range(3):
-        t, y, yp = run.times[first + i], run.states[first + i], run.state_rates[first + i]
-        evaluate_jacobian_parts(run.form, t, run.branch, y, yp, run.jacobians[i])
-    middle = run.jacobians[1]
-    parts = (middle[:size], middle[size : 2 * size], middle[2 * size : 3 * size])
-    rate, complex_rate = REAL_EIGENVALUE / h, COMPLEX_EIGENVALUE / h
-    combine(run.real_nonzeros, (1.0, rate, rate * rate), parts)
-    combine(run.complex_nonzeros, (1.0, complex_rate, complex_rate * complex_rate), parts)
-    return factorize_both(run)
-
-
-def _propagate(run: VariationalWorkspace, h: float, k: int) -> int:
-    """Write block `k` of the disturbances at the end of the step to `ends`.
-
-    The linear stage equations are solved by the simplified Newton iteration of `radau.stages`. It
-    begins with the extrapolation of the last step.
-    """
-    w, weights, residuals = run.w, run.weights, run.residuals
-    combine(run.y, (1.0,), (run.disturbances[k],))
-    for i in range(3):
-        combine(run.last_w[i], (1.0,), (run.disturbances_w[3 * k + i],))
-    predict_stages(run, h)
-    _set_weights(run)
-    # All disturbances have the same iteration matrix.
-    previous, rate = math.inf, (run.rate if run.rate > 0.0 else _FIRST_RATE)
-    for iteration in range(_MAX_ITERATIONS):
-        set_stages(run, h)
-        for i in range(3):
-            _multiply_parts(run, i)
-        stage_residuals = (residuals[0], residuals[1], residuals[2])
-        factors = (T_INVERSE[0, 0], T_INVERSE[0, 1], T_INVERSE[0, 2])
-        combine(run.right, factors, stage_residuals)
-        complex_factors = (TO_COMPLEX[0], TO_COMPLEX[1], TO_COMPLEX[2])
-        combine(run.complex_right, complex_factors, stage_residuals)
-        solve_lanes(run.real_solver, run.right)
-        solve_lanes(run.complex_solver, run.complex_right)
-        subtract_corrections(run, h)
-        size = max(
-            max_norm(run.real_change[: weights.size], weights),
-            max_norm(run.complex_real[: weights.size], weights),
-            max_norm(run.complex_imaginary[: weights.size], weights),
-        )
-        if not math.isfinite(size):
-            return NOT_FINITE
-        if iteration > 0:
-            rate = size / previous if previous > 0.0 else 0.0
-        stagnates = rate > _STAGNATION_RATE and size <= _STAGNATION_FACTOR
-        if stagnates or (rate < 1.0 and size * rate <= 1.0 - rate):
-            if iteration > 0:
-                run.rate = max(run.rate, rate)
-            combine(run.ends[k], (1.0, T[2, 0], T[2, 1], T[2, 2]), (run.y, w[0], w[1], w[2]))
-            # The equations do not depend on the time integrals of the multipliers.
-            fill(run.ends[k, weights.size :], 0.0)
-            for i in range(3):
-                combine(run.ends_w[3 * k + i], (1.0,), (w[i],))
-            return DONE
-        previous = size
-    return NOT_CONVERGED
-
-
-def _set_weights(run: VariationalWorkspace) -> None:
-    """Set the weights in which errors of the stages are at most 1 in each lane.
-
-    They are relative to the disturbance of the lane, which is zero in lanes without one.
-    """
-    for lane in range(LANES):
-        size = run.tolerance * max_norm(run.y[lane : run.weights.size : LANES], run.scales)
-        factor = 1.0 / size if size > _MIN_SIZE else 0.0
-        combine(run.weights[lane::LANES], (factor,), (run.scales,))
-
-
-def _multiply_parts(run: VariationalWorkspace, i: int) -> None:
-    """Set the residual of stage `i` to the sum of all parts times their unknowns.
-
-    The parts act on the stage, on its rates, and on accelerations; q' = v holds for defined
-    velocities.
-    """
-    at, n, size, unknowns = run.reduction, run.velocities.size, run.right.size, run.unknowns
-    reduce_unknowns(at, n, run.stages[i], unknowns[:size])
-    reduce_unknowns(at, n, run.rates[i], unknowns[size : 2 * size])
-    combine(unknowns[2 * size :], (1.0,), (run.rates[i, n : 2 * n],))
-    starts, columns, sources = run.row_starts, run.entry_columns, run.entry_sources
-    multiply_rows(run.residuals[i], starts, columns, run.jacobians[i], sources, unknowns)
+    tableau: Tableau = TABLEAU

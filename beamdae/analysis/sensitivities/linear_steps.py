@@ -13,7 +13,7 @@ with its own matrix M for the corrections u of all stages, and ends at the last 
 The transposed equations, solved from the last step to the first, give the gradient of an objective;
 Sandu, Daescu & Carmichael, Atmos. Environ. 37 (2003) 5083, doi:10.1016/j.atmosenv.2003.08.019.
 
-The loops are plain Python over arrays; `native.loops` compiles them if possible.
+The loops are in `linear_steps.c`.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from beamdae.analysis.sensitivities.directions import Directions
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.recorded_maps import Gradient, plan_transpose
 from beamdae.analysis.sensitivities.start_derivatives import STEP_FRACTION, StartDerivatives
+from beamdae.core.return_codes import DONE
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import formulate_first_order, plan_residual
 from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
@@ -41,19 +42,11 @@ from beamdae.integrators.alpha.family import AlphaParameters, AlphaStart, family
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.radau.coefficients import A, C
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
-from beamdae.native.loop_functions import combine, factorize, fill, gather, pick, solve
-from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sparse_operators import transpose_pattern
 from beamdae.symbolic.sums.directional_sums import direction_inputs, motion_plan
-from beamdae.symbolic.sums.kernel_sums import (
-    Sum,
-    SumPlan,
-    evaluate_sum,
-    evaluate_with_data,
-    set_matrix_factors,
-    set_time,
-)
+from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, set_time
+from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
 
@@ -302,173 +295,6 @@ class BackwardSteps(LinearSteps):
     before: Array
 
 
-def _set_state(run: Any, row: int, factor: float) -> None:
-    """Write a state to the inputs, with multipliers times a factor."""
-    n, state, x = run.n, run.states[row], run.inputs
-    combine(x[: 2 * n], (1.0,), (state[: 2 * n],))
-    a, lam = run.acceleration_at, run.reaction_at
-    combine(x[a : a + n], (1.0,), (state[2 * n : 3 * n],))
-    combine(x[lam : lam + state.size - 3 * n], (factor,), (state[3 * n :],))
-
-
-def _stage_time(run: Any, i: int) -> float:
-    start = run.times[run.step]
-    if i == run.nodes.size - 1:
-        return run.times[run.step + 1]
-    return start + run.nodes[i] * (run.times[run.step + 1] - start)
-
-
-def _factorize(run: Any) -> int:
-    """Factorize M, or its transpose, of the current step; return the code."""
-    s, size, c, blocks = run.nodes.size, run.block.size, run.tables.factors, run.tables.blocks
-    k, block = run.step, run.block
-    for i in range(s):
-        _set_state(run, s * k + 1 + i, c[k, 6])
-        set_time(run.matrix, _stage_time(run, i), run.branch)
-        set_matrix_factors(run.matrix, c[k, 0], c[k, 1], c[k, 2], c[k, 3], c[k, 4], c[k, 5])
-        evaluate_sum(run.matrix, run.inputs, run.parts)
-        for j in range(s):
-            combine(block, (blocks[k, i, j, 0],), (run.parts[:size],))
-            for part in range(1, blocks.shape[3]):
-                values = run.parts[part * size : (part + 1) * size]
-                combine(block, (1.0, blocks[k, i, j, part]), (block, values))
-            pick(run.nonzeros, run.targets[s * i + j], block, run.entries, 0, size)
-    return factorize(run.linear, run.nonzeros)
-
-
-def forward(run: ForwardSteps) -> int:
-    """Differentiate steps along all directions; return DONE, NEW_PIVOTS or SINGULAR."""
-    while run.step < run.last:
-        code = _factorize(run)
-        if code != DONE:
-            return code
-        for k in range(run.shifts.size):
-            _differentiate_step(run, k)
-        run.step += 1
-    return DONE
-
-
-def _differentiate_step(run: ForwardSteps, k: int) -> None:
-    n, m, s, step, tables = run.n, run.m, run.nodes.size, run.step, run.tables
-    unknowns, inputs, z, c = run.rows.size, run.inputs, run.motion, run.tables.predict
-    n_inputs = inputs.size // 2
-    for i in range(s):
-        _set_state(run, s * step + 1 + i, 1.0)
-        for part in range(2):
-            shares = (c[step, i, part, 0], c[step, i, part, 1])
-            further = (1.0, c[step, i, part, 2], c[step, i, part, 3])
-            change = inputs[n_inputs + part * n : n_inputs + (part + 1) * n]
-            combine(change, shares, (z[4 * k], z[4 * k + 1]))
-            combine(change, further, (change, z[4 * k + 2], z[4 * k + 3]))
-        combine(run.positions[i], (1.0,), (inputs[n_inputs : n_inputs + n],))
-        combine(run.velocities[i], (1.0,), (inputs[n_inputs + n : n_inputs + 2 * n],))
-        t = _stage_time(run, i)
-        set_time(run.directional, t, run.branch)
-        evaluate_with_data(run.directional, run.data[k], inputs, run.residual)
-        if run.shifts[k] != 0.0:
-            rate = run.time_rates[s * step + i]
-            combine(run.residual, (1.0, run.shifts[k]), (run.residual, rate))
-        right = run.right[i * unknowns : (i + 1) * unknowns]
-        gather(right, run.entries, run.scales, run.residual, run.rows, 0, unknowns)
-    solve(run.linear, run.right)
-    after = tables.after
-    factors = (after[step, 0], after[step, 1], after[step, 2], after[step, 3])
-    combine(run.next_a, factors, (z[4 * k], z[4 * k + 1], z[4 * k + 2], z[4 * k + 3]))
-    last = run.right[(s - 1) * unknowns :]
-    combine(run.next_a, (1.0, after[step, 4]), (run.next_a, last[:n]))
-    first = n + run.corrected.size
-    # Accelerations serve as work array for the corrections of velocities.
-    for i in range(s):
-        correction = run.accelerations[i]
-        fill(correction, 0.0)
-        for j in range(s):
-            x = run.right[j * unknowns : j * unknowns + n]
-            combine(correction, (1.0, tables.velocity[step, i, j]), (correction, x))
-        x = run.right[i * unknowns + n : i * unknowns + first]
-        pick(correction, run.corrected, x, run.entries, 0, x.size)
-    for i in range(s):
-        x = run.right[i * unknowns : (i + 1) * unknowns]
-        row = run.results[(s * step + i) * run.shifts.size + k]
-        combine(row[:n], (1.0, -1.0), (run.positions[i], x[:n]))
-        combine(row[n : 2 * n], (1.0, -1.0), (run.velocities[i], run.accelerations[i]))
-        fill(row[2 * n :], 0.0)
-        a, lam = row[2 * n : 3 * n], row[3 * n :]
-        for j in range(s):
-            combine(a, (1.0, -tables.acceleration[step, i, j]), (a, run.accelerations[j]))
-            x = run.right[j * unknowns + first : j * unknowns + first + m]
-            combine(lam, (1.0, -tables.reaction[step, i, j]), (lam, x))
-    row = run.results[(s * step + s - 1) * run.shifts.size + k]
-    for b in range(3):
-        combine(z[4 * k + b], (1.0,), (row[b * n : (b + 1) * n],))
-    combine(z[4 * k + 3], (1.0,), (run.next_a,))
-
-
-def backward(run: BackwardSteps) -> int:
-    """Transpose steps, the last one first; return DONE, NEW_PIVOTS or SINGULAR."""
-    while run.step > run.last:
-        run.step -= 1
-        code = _factorize(run)
-        if code != DONE:
-            run.step += 1
-            return code
-        _transpose_step(run)
-    return DONE
-
-
-def _transpose_step(run: BackwardSteps) -> None:
-    n, m, s, step, tables = run.n, run.m, run.nodes.size, run.step, run.tables
-    unknowns, z, c, after = run.rows.size, run.motion, run.tables.predict, run.tables.after
-    for i in range(s):
-        seed = run.seeds[s * step + i]
-        combine(run.positions[i], (1.0,), (seed[:n],))
-        combine(run.velocities[i], (1.0,), (seed[n : 2 * n],))
-        combine(run.reactions[i], (1.0,), (seed[2 * n :],))
-    q, v = run.positions[s - 1], run.velocities[s - 1]
-    combine(q, (1.0, 1.0), (q, z[0]))
-    combine(v, (1.0, 1.0), (v, z[1]))
-    first = n + run.corrected.size
-    for i in range(s):
-        correction = run.accelerations[i]
-        share = -tables.acceleration[step, s - 1, i]
-        combine(correction, (-1.0, share), (run.velocities[i], z[2]))
-        x = run.right[i * unknowns : (i + 1) * unknowns]
-        combine(x[:n], (-1.0,), (run.positions[i],))
-        fill(x[n:], 0.0)
-        pick(x[n:first], run.entries, correction, run.corrected, 0, run.corrected.size)
-        for j in range(run.corrected.size):
-            correction[run.corrected[j]] = 0.0
-        for j in range(s):
-            lam = x[first : first + m]
-            combine(lam, (1.0, -tables.reaction[step, j, i]), (lam, run.reactions[j]))
-    x = run.right[(s - 1) * unknowns : (s - 1) * unknowns + n]
-    combine(x, (1.0, after[step, 4]), (x, z[3]))
-    for i in range(s):
-        x = run.right[i * unknowns : i * unknowns + n]
-        for j in range(s):
-            combine(x, (1.0, tables.velocity[step, j, i]), (x, run.accelerations[j]))
-    solve(run.linear, run.right)
-    for b in range(4):
-        combine(run.before[b], (after[step, b],), (z[3],))
-    n_inputs = run.inputs.size - run.weights.size
-    for i in range(s):
-        x = run.right[i * unknowns : (i + 1) * unknowns]
-        fill(run.weights, 0.0)
-        gather(run.weights, run.rows, run.scales, x, run.entries, 0, unknowns)
-        _set_state(run, s * step + 1 + i, 1.0)
-        combine(run.inputs[n_inputs:], (1.0,), (run.weights,))
-        set_time(run.transposed, _stage_time(run, i), run.branch)
-        evaluate_sum(run.transposed, run.inputs, run.gradient)
-        combine(run.numbers, (1.0, 1.0), (run.numbers, run.gradient[n_inputs:]))
-        q, v = run.positions[i], run.velocities[i]
-        combine(q, (1.0, 1.0), (q, run.gradient[:n]))
-        combine(v, (1.0, 1.0), (v, run.gradient[n : 2 * n]))
-        for b in range(4):
-            factors = (1.0, c[step, i, 0, b], c[step, i, 1, b])
-            combine(run.before[b], factors, (run.before[b], q, v))
-    for b in range(4):
-        combine(z[b], (1.0,), (run.before[b],))
-
-
 # Matrices M of a run, and positions of the entries of their blocks, by the pattern of the blocks
 # and whether they are transposed; pivots of the last interval are tried first.
 Matrices = dict[tuple[int, bool], tuple[FactorizedMatrix, Array, sp.csc_array]]
@@ -519,7 +345,7 @@ class _Steps:
 
     def make_loop(
         self,
-        loop: Callable[[Any], int],
+        loop: str,
         make: Callable[[bool, dict[str, Any]], Any],
         transposed: bool,
         is_native: bool,
@@ -565,7 +391,7 @@ class _Steps:
         }
 
         def make_fields(native: bool) -> Any:
-            solver = matrix.make_solver(native, "auto")
+            solver = matrix.make_solver()
             matrix_sum = form.matrix.sum(native, e.p)
             return make(native, {**common, "matrix": matrix_sum, "linear": solver})
 
@@ -655,7 +481,7 @@ def differentiate_steps(
             results=results[count:],
         )
 
-    loop = steps.make_loop(forward, make, False, plan.is_native, 2 * form.n_inputs)
+    loop = steps.make_loop("forward", make, False, plan.is_native, 2 * form.n_inputs)
     z = loop.work.motion.reshape(count, 4, n)
     for first, last in steps.parts:
         if first > 0:
@@ -673,15 +499,14 @@ def _time_rates(steps: _Steps) -> Array:
     """Return the derivatives of the residual by time at the ends of steps, (steps, size)."""
     form, interval = steps.form, steps.interval
     e = form.equations
-    total, inputs = form.residual(e.structure).sum(False, e.p), np.zeros(form.n_inputs)
-    values = np.zeros((2, form.size))
+    total, inputs = SumEvaluator(form.residual(e.structure), e.p), np.zeros(form.n_inputs)
     result = np.zeros((steps.count, form.size))
     for k, delta in enumerate((STEP_FRACTION * steps.steps).tolist()):
         inputs[: 3 * e.n + e.m] = np.concatenate([x[k + 1] for x in interval.state])
-        for value, shift in zip(values, (delta, -delta), strict=True):
-            set_time(total, interval.t[k + 1] + shift, interval.branch)
-            evaluate_sum(total, inputs, value)
-        result[k] = (values[0] - values[1]) / (2.0 * delta)
+        for sign in (1.0, -1.0):
+            set_time(total, interval.t[k + 1] + sign * delta, interval.branch)
+            result[k] += sign * total(inputs, form.size)
+        result[k] /= 2.0 * delta
     return result
 
 
@@ -730,7 +555,7 @@ def transpose_steps(
         )
 
     n_inputs = form.n_inputs + form.size
-    loop = steps.make_loop(backward, make, True, plan.is_native, n_inputs)
+    loop = steps.make_loop("backward", make, True, plan.is_native, n_inputs)
     run, numbers = loop.work, np.zeros(len(e.p))
     for first, last in reversed(steps.parts):
         if last < steps.count:

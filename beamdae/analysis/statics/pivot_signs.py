@@ -30,30 +30,15 @@ import scipy.sparse as sp
 from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.linear.fixed_order import FixedOrder, FixedOrderFactors
 from beamdae.linear.orderings import compute_bordered_ordering
-from beamdae.native.loop_functions import (
-    add_weighted,
-    combine,
-    count_negative_pivots,
-    fill,
-    gather,
-    max_norm,
-)
 
 Array = np.ndarray
 
-# Shifts relative to the largest entry of the stiffness. Above 2e-16, signs of pivots are right for
-# all zero eigenvalues that were tried: free beams with h/L = 1e-5 to 3e-2 and 2 to 128 elements in
-# any position, prestressed beams, and linkages of up to 60 bodies.
-_SHIFT_RATIO = 1e-15
 # Asymmetry up to which the stiffness is treated as symmetric, relative to its largest entry. It is
 # small because a follower load is small compared with the axial stiffness of a thin beam.
 ASYMMETRY_TOLERANCE = 1e-13
 # If no entry of the stiffness exceeds this value [J], all are zeros or rounding errors, as without
 # loads and springs. The thermal energy of a coordinate is larger (2e-21 J at room temperature).
 NEGLIGIBLE_STIFFNESS = 1e-22
-# Motions with a pivot below this fraction may have no stiffness: pivots of coordinates are their
-# stiffness if all later ones are free to move.
-_MIN_PIVOT_RATIO = 1e-13
 # Steps of equilibration: each halves the logarithm of the ratio of rows. Largest compliance, and
 # size of multipliers before.
 _EQUILIBRATIONS, _MAX_COMPLIANCE, _FIRST_SIZE = 10, 0.5, 0.5
@@ -216,7 +201,7 @@ def scale_by_reference(run: SaddlePoint, tangent: Array, sizes: Array) -> None:
     scales[run.rigid :] = np.minimum(scales[run.rigid :], math.sqrt(_MAX_COMPLIANCE))
     _set_weights(run, scales)
     run.reference = 0.0
-    assemble_saddle_point(run, tangent)
+    measure_entries(run, tangent)
     run.reference = run.size
 
 
@@ -230,34 +215,10 @@ def _set_weights(run: SaddlePoint, scales: Array) -> None:
     run.weights[:] = pattern.shares * weights[pattern.left] * weights[pattern.right]
 
 
-def assemble_saddle_point(run: SaddlePoint, tangent: Array) -> None:
-    """Set `size`, `asymmetry` and `nonzeros` for a tangent with these non-zeros and a 1."""
-    values, count, pairs = run.values, run.values.size, run.skew.size
-    gather(values, run.counting, run.weights, tangent, run.left, 0, count)
-    halves, opposite = values[:pairs], values[pairs : 2 * pairs]
-    combine(run.skew, (1.0, -1.0), (halves, opposite))
-    run.size = max(2.0 * max_norm(values[: 2 * pairs], run.ones), run.reference)
-    run.asymmetry = 2.0 * max_norm(run.skew, run.ones[:pairs])
-    fill(run.nonzeros, 0.0)
-    add_weighted(run.nonzeros, run.pattern.targets, values, tangent, run.right, 0, count)
-
-
-def count_signs(run: SaddlePoint, tangent: Array) -> None:
-    """Set `size`, `asymmetry`, `below` and `above` for a tangent with these non-zeros and a 1."""
-    assemble_saddle_point(run, tangent)
-    run.below = run.above = count_negative_pivots(run.factors, run.nonzeros)
-    if run.above < 0 or run.factors.smallest_pivot <= _MIN_PIVOT_RATIO * run.size:
-        _shift_diagonal(run, -_SHIFT_RATIO * run.size)
-        run.above = count_negative_pivots(run.factors, run.nonzeros)
-        _shift_diagonal(run, 2.0 * _SHIFT_RATIO * run.size)
-        run.below = count_negative_pivots(run.factors, run.nonzeros)
-
-
-def _shift_diagonal(run: SaddlePoint, shift: float) -> None:
-    """Add `shift` to the diagonal entries of the coordinates."""
-    diagonal = run.pattern.diagonal
-    for k in range(diagonal.size):
-        run.nonzeros[diagonal[k]] += shift
+def measure_entries(run: SaddlePoint, tangent: Array) -> None:
+    """Set `size` for a tangent with these non-zeros and a 1, see `statics.c`."""
+    entries = (run.weights * tangent[run.left])[: 2 * len(run.skew)]
+    run.size = max(2.0 * float(np.max(np.abs(entries), initial=0.0)), run.reference)
 
 
 @bounded_cache(_MAX_CACHED_BYTES, array_bytes)

@@ -1,10 +1,10 @@
-"""Static equations with a load factor and one control equation, in machine code if available.
+"""Static equations with a load factor and one control equation.
 
     [[F_x, column], [row, corner]] solution = right
 
 with F(x; mu) = C + U + mu (L - U): C are the forces and joints that the load factor does not
-change, U and L those that are particular to the unloaded and to the loaded mechanism. The loop is
-plain Python over arrays; `native.loops` compiles it if possible.
+change, U and L those that are particular to the unloaded and to the loaded mechanism. The core
+solves them: `statics.c`.
 """
 
 from __future__ import annotations
@@ -14,25 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.continuation.newton import CORRECTED, Corrections, is_negligible, judge
-from beamdae.analysis.statics.pivot_signs import SaddlePoint, count_signs
-from beamdae.native.loop_functions import (
-    add,
-    combine,
-    factorize,
-    fill,
-    inner_product,
-    max_norm,
-    multiply,
-    pick,
-    solve,
-)
-from beamdae.native.return_codes import DONE
-from beamdae.symbolic.sums.kernel_sums import Sum, evaluate_sum
+from beamdae.analysis.continuation.newton import Corrections
+from beamdae.analysis.statics.pivot_signs import SaddlePoint
+from beamdae.symbolic.sums.kernel_sums import Sum
 
 Array = np.ndarray
 
-# Tasks of `perform_task`.
+# Tasks of `perform_task`, as in `core.h`.
 EVALUATE_FORCES = 0
 EVALUATE_TANGENT = 1
 COUNT_SIGNS = 2
@@ -149,127 +137,6 @@ class StaticWorkspace:
     has_factors: int = 0
 
 
-def perform_task(run: StaticWorkspace) -> int:
-    """Perform the task; return DONE, a code of `judge` or the code of the linear solver."""
-    task = run.task
-    if task == CORRECT:
-        return _correct(run)
-    if task == FIND_TANGENT:
-        return _find_tangent(run)
-    if task == EVALUATE_FORCES:
-        _evaluate_forces(run)
-    else:
-        _evaluate_tangent(run)
-    if task == COUNT_SIGNS:
-        count_signs(run.saddle, run.nonzeros)
-    return DONE
-
-
 def forget_point(run: StaticWorkspace) -> None:
     """Mark all values as those of another point."""
     run.has_forces = run.has_tangent = run.has_factors = 0
-
-
-def _find_tangent(run: StaticWorkspace) -> int:
-    """Find the derivatives by the control; return DONE or the code of the linear solver."""
-    size = run.forces.size
-    if run.has_factors == 0:
-        _evaluate_forces(run)
-        _evaluate_tangent(run)
-    fill(run.right[:size], 0.0)
-    run.right[size] = 1.0
-    return _solve_newton(run)
-
-
-def _correct(run: StaticWorkspace) -> int:
-    """Correct a point by the law of `Problem.correct`, once if the control is not linear.
-
-    Return a code of `judge`. After DONE, the factors are those before the last correction.
-    """
-    size = run.forces.size
-    n, code = run.inputs.size - size, CORRECTED
-    while code == CORRECTED:
-        if run.has_forces == 0:
-            _evaluate_forces(run)
-            _determine_resultants(run)
-        _evaluate_tangent(run)
-        combine(run.right[:size], (-1.0,), (run.forces,))
-        run.right[size] = -run.deviation
-        solver_code = _solve_newton(run)
-        if solver_code != DONE:
-            return solver_code
-        change, q = max_norm(run.right[:size], run.weights), run.inputs[:n]
-        last = run.corrections.last
-        code = judge(run.corrections, change, is_negligible(change, last))
-        share, lam = run.corrections.share, run.inputs[2 * n :]
-        combine(q, (1.0, share), (q, run.right[:n]))
-        combine(lam, (1.0, share), (lam, run.right[n:size]))
-        run.mu += share * run.right[size]
-        run.deviation += share * inner_product(run.row, run.right)
-        run.has_forces = run.has_tangent = 0
-        if run.is_linear == 0:
-            return code
-    return code
-
-
-def _determine_resultants(run: StaticWorkspace) -> None:
-    """Let axial and shear forces depend on the multipliers alone, until the strains follow them.
-
-    Strains of other points are much larger than those of equilibria.
-    """
-    m = run.remainder.size
-    multipliers, constraints = run.inputs[run.inputs.size - m :], run.forces[run.forces.size - m :]
-    for k in range(m):
-        multipliers[k] -= run.remainder[k] * constraints[k]
-    forget_point(run)
-    _evaluate_forces(run)
-
-
-def _solve_newton(run: StaticWorkspace) -> int:
-    """Solve with F_mu and `row` as border; return DONE or the code of the linear solver."""
-    size, first = run.forces.size, run.column_start
-    if run.has_factors == 0:
-        pick(run.nonzeros, run.row_targets, run.row, run.counting, 0, size + 1)
-        combine(run.nonzeros[first : first + size], (1.0,), (run.by_factor,))
-        multiply(run.scaled, run.nonzeros[: run.scaled.size], run.products)
-        code = factorize(run.linear, run.scaled)
-        if code != DONE:
-            return code
-        run.has_factors = 1
-    multiply(run.right, run.right, run.sizes)
-    solve(run.linear, run.right)
-    multiply(run.right, run.right, run.sizes)
-    return DONE
-
-
-def _evaluate_forces(run: StaticWorkspace) -> None:
-    if run.has_forces == 1:
-        return
-    common, unloaded, loaded, size = run.common, run.unloaded, run.loaded, run.forces.size
-    evaluate_sum(common.residual, run.inputs, common.forces)
-    evaluate_sum(unloaded.residual, run.inputs, unloaded.forces)
-    evaluate_sum(loaded.residual, run.inputs, loaded.forces)
-    # Increments, so that entries without loads are independent of mu to the last digit.
-    combine(run.by_factor, (run.scale, -run.scale), (loaded.forces, unloaded.forces))
-    change = run.mu - run.center
-    combine(run.forces, (1.0, 1.0, change), (common.forces, unloaded.forces, run.by_factor))
-    n = run.inputs.size - size
-    constraints = run.forces[n + run.joint_count :]
-    combine(constraints, (1.0, -1.0), (constraints, run.inputs[2 * n + run.joint_count :]))
-    run.has_forces = 1
-
-
-def _evaluate_tangent(run: StaticWorkspace) -> None:
-    if run.has_tangent == 1:
-        return
-    common, unloaded, loaded = run.common, run.unloaded, run.loaded
-    evaluate_sum(common.tangent, run.inputs, common.nonzeros)
-    evaluate_sum(unloaded.tangent, run.inputs, unloaded.nonzeros)
-    evaluate_sum(loaded.tangent, run.inputs, loaded.nonzeros)
-    mu = (run.mu - run.center) * run.scale
-    parts = (common.nonzeros, unloaded.nonzeros, loaded.nonzeros)
-    combine(run.nonzeros, (1.0, 1.0 - mu, mu), parts)
-    add(run.nonzeros, run.added_targets, run.added, run.counting, 0, run.added.size)
-    run.nonzeros[run.scaled.size] = 1.0
-    run.has_tangent = 1
-    run.has_factors = 0

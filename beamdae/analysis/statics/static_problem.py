@@ -5,7 +5,6 @@ from __future__ import annotations
 import weakref
 from collections import Counter, deque
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from itertools import compress
@@ -48,8 +47,8 @@ from beamdae.analysis.statics.static_loop import (
     LoadPart,
     StaticWorkspace,
     forget_point,
-    perform_task,
 )
+from beamdae.core.return_codes import DONE, SINGULAR
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.compliant_equations import (
     CompliantEquations,
@@ -71,7 +70,6 @@ from beamdae.equations.structure import (
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.native.object_code import is_native_enabled
-from beamdae.native.return_codes import DONE, SINGULAR
 from beamdae.symbolic.sparse_operators import column_indices
 from beamdae.symbolic.sums.kernel_sums import SumPlan, set_matrix_factors, set_time
 
@@ -363,7 +361,7 @@ class StaticProblem(Problem):
                 common=common,
                 unloaded=unloaded,
                 loaded=loaded,
-                linear=matrix.make_solver(native, "auto"),
+                linear=matrix.make_solver(),
                 saddle=SaddlePoint.of(
                     self.pattern,
                     np.append(plan.tangent_targets, nnz),
@@ -392,7 +390,7 @@ class StaticProblem(Problem):
             )
 
         native = all(x.load_native(compiles) for plans in plan.sums for x in plans)
-        return StepLoop(perform_task, make, lambda run: [(run.linear, matrix)], native, compiles)
+        return StepLoop("perform_task", make, lambda run: [(run.linear, matrix)], native)
 
     @property
     def is_native(self) -> bool:
@@ -552,9 +550,7 @@ class StaticProblem(Problem):
         """Run the loop; return its code."""
         run = self._loop.work
         run.task = task
-        # Plain Python warns of numbers that are not finite.
-        with nullcontext() if self.is_native else np.errstate(over="ignore", invalid="ignore"):
-            code = self._loop()
+        code = self._loop()
         if code == SINGULAR:
             run.linear.singular = 0
             raise CurveError(_SINGULAR)

@@ -43,17 +43,11 @@ from beamdae.equations.formulations.sums import (
 )
 from beamdae.equations.structure import Structure, cache_on_owner, share_plans
 from beamdae.errors import require_choice
-from beamdae.native.loop_functions import combine
 from beamdae.symbolic.constraint_kernel import NO_LEVEL
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
 from beamdae.symbolic.local_symbols import C_A
-from beamdae.symbolic.sums.kernel_sums import (
-    Sum,
-    SumPlan,
-    evaluate_sum,
-    set_matrix_factors,
-    set_time,
-)
+from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, set_matrix_factors, set_time
+from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
 
@@ -115,12 +109,15 @@ class FirstOrderForm:
     sums
         Plans of the sums of kernels that evaluate the residual and the Jacobian, with the inputs
         (y, y').
+    apart
+        True if dR/dy and dR/dy' are evaluated separately.
     """
 
     equations: EquationsOfMotion
     formulation: Formulation
     pattern: sp.csc_array
     sums: tuple[SumPlan, SumPlan]
+    apart: bool = False
 
     @property
     def size(self) -> int:
@@ -148,25 +145,29 @@ class FirstOrderForm:
         return State(y[..., q], y[..., v], yp[..., v], multipliers[..., lam])
 
     @cached_property
-    def _buffers(self) -> FirstOrderBuffers:
-        return self.buffers()
+    def _evaluators(self) -> list[SumEvaluator]:
+        return [SumEvaluator(plan, self.equations.p) for plan in self.sums]
 
     def residual(self, time: Array, y: Array, yp: Array) -> Array:
-        """Return R, (size,), at time = (t, branch); in loops, use `evaluate_residual`."""
-        result = np.zeros(self.size)
-        t, branch = time
-        evaluate_residual(self._buffers, t, branch, y, yp, result)
+        """Return R, (size,), at time = (t, branch); for loops, see `core.h`."""
+        n, evaluate = self.equations.n, self._evaluators[0]
+        set_time(evaluate, *time)
+        result = evaluate(np.concatenate([y, yp]), self.size)
+        result[:n] += yp[:n]
+        result[:n] -= y[n : 2 * n]
         return result
 
-    def jacobian(self, time: Array, y: Array, yp: Array, c: float) -> Array:
+    def jacobian(self, time: Array, y: Array, yp: Array, c: float = 1.0) -> Array:
         """Return the non-zeros of dR/dy + c dR/dy' on `pattern` at time = (t, branch).
 
-        The form must have been built without `apart`.
+        For a form built with `apart`, these are the non-zeros of dR/dy, then those of dR/dy', and
+        `c` must be 1.
         """
-        result = np.zeros(self.pattern.nnz)
-        t, branch = time
-        evaluate_jacobian(self._buffers, t, branch, c, y, yp, result)
-        return result
+        evaluate = self._evaluators[1]
+        set_time(evaluate, *time)
+        set_matrix_factors(evaluate, 1.0, 1.0, c, c, 1.0, 1.0)
+        parts = 2 if self.apart else 1
+        return evaluate(np.concatenate([y, yp]), parts * self.pattern.nnz)
 
     @property
     def names(self) -> list[str]:
@@ -201,7 +202,7 @@ def formulate_first_order(
     name
         One of `FIRST_ORDER`.
     apart
-        True to evaluate dR/dy and dR/dy' separately, see `evaluate_jacobian_parts`.
+        True to evaluate dR/dy and dR/dy' separately.
 
     Raises
     ------
@@ -211,7 +212,7 @@ def formulate_first_order(
     form = FORMULATIONS[require_choice("formulation", "name", name, FIRST_ORDER)]
     pattern, jacobian = plan_jacobian(equations.structure, name, apart)
     return FirstOrderForm(
-        equations, form, pattern, (plan_residual(equations.structure, name), jacobian)
+        equations, form, pattern, (plan_residual(equations.structure, name), jacobian), apart
     )
 
 
@@ -224,43 +225,6 @@ class FirstOrderBuffers:
     x: Array
     residual: Sum
     jacobian: Sum
-
-
-def evaluate_residual(
-    form: FirstOrderBuffers, t: float, branch: float, y: Array, yp: Array, result: Array
-) -> None:
-    """Write R(t, y, y') into `result`."""
-    _set_inputs(form, form.residual, t, branch, y, yp)
-    evaluate_sum(form.residual, form.x, result)
-    n = form.n
-    kinematic = result[:n]
-    combine(kinematic, (1.0, 1.0, -1.0), (kinematic, yp[:n], y[n : 2 * n]))
-
-
-def evaluate_jacobian(
-    form: FirstOrderBuffers, t: float, branch: float, c: float, y: Array, yp: Array, result: Array
-) -> None:
-    """Write the non-zeros of dR/dy + c dR/dy' into `result`."""
-    _set_inputs(form, form.jacobian, t, branch, y, yp)
-    set_matrix_factors(form.jacobian, 1.0, 1.0, c, c, 1.0, 1.0)
-    evaluate_sum(form.jacobian, form.x, result)
-
-
-def evaluate_jacobian_parts(
-    form: FirstOrderBuffers, t: float, branch: float, y: Array, yp: Array, result: Array
-) -> None:
-    """Write the non-zeros of dR/dy, then of dR/dy'; requires a form built with `apart`."""
-    _set_inputs(form, form.jacobian, t, branch, y, yp)
-    set_matrix_factors(form.jacobian, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-    evaluate_sum(form.jacobian, form.x, result)
-
-
-def _set_inputs(
-    form: FirstOrderBuffers, total: Sum, t: float, branch: float, y: Array, yp: Array
-) -> None:
-    combine(form.x[: form.size], (1.0,), (y,))
-    combine(form.x[form.size :], (1.0,), (yp,))
-    set_time(total, t, branch)
 
 
 def _size(structure: Structure, form: Formulation) -> int:

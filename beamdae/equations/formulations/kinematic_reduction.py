@@ -15,7 +15,6 @@ import scipy.sparse as sp
 
 from beamdae.equations.formulations.first_order import FirstOrderForm, plan_jacobian
 from beamdae.equations.structure import Structure, share_plans
-from beamdae.native.loop_functions import combine, pick
 from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
@@ -110,30 +109,5 @@ def _plan_reduction(
     return reduced, plan, KinematicReduction(*map(_to_unsigned, indices))
 
 
-def reduce_unknowns(at: KinematicReduction, n: int, full: Array, reduced: Array) -> None:
-    """Write the remaining unknowns."""
-    combine(reduced[:n], (1.0,), (full[:n],))
-    pick(reduced, at.remaining_velocities, full, at.corrected_velocities, 0, at.corrected.size)
-    combine(reduced[n + at.corrected.size :], (1.0,), (full[2 * n :],))
-
-
-def reduce_right(at: KinematicReduction, n: int, full: Array, reduced: Array) -> None:
-    """Write the remaining entries of a right-hand side."""
-    combine(reduced[:n], (1.0,), (full[n : 2 * n],))
-    pick(reduced, at.remaining_velocities, full, at.corrected, 0, at.corrected.size)
-    combine(reduced[n + at.corrected.size :], (1.0,), (full[2 * n :],))
-
-
-def expand_solution(
-    at: KinematicReduction, n: int, c: complex, reduced: Array, full: Array
-) -> None:
-    """Write the correction of all unknowns, with x_v = c x_q for defined velocities."""
-    combine(full[:n], (1.0,), (reduced[:n],))
-    combine(full[n : 2 * n], (c,), (reduced[:n],))
-    pick(full, at.corrected_velocities, reduced, at.remaining_velocities, 0, at.corrected.size)
-    combine(full[2 * n :], (1.0,), (reduced[n + at.corrected.size :],))
-
-
 def _to_unsigned(indices: Array) -> Array:
-    # Compiled loops check signed indices for wrap-around from the end.
     return indices.astype(np.uint32)

@@ -22,15 +22,9 @@ from beamdae.equations.formulations.sums import (
     select_holonomic,
 )
 from beamdae.equations.structure import Structure, cache_on_owner, share_plans
-from beamdae.native.loop_functions import combine, fill
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
-from beamdae.symbolic.sums.kernel_sums import (
-    Sum,
-    SumPlan,
-    evaluate_sum,
-    set_matrix_factors,
-    set_time,
-)
+from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, set_matrix_factors, set_time
+from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
 
@@ -79,22 +73,45 @@ class StepEquations:
         return self.equations.n + self.equations.m * (2 if self.stabilized else 1)
 
     @cached_property
-    def _buffers(self) -> StepBuffers:
-        return self.buffers()
+    def _evaluators(self) -> list[SumEvaluator]:
+        return [SumEvaluator(plan, self.equations.p) for plan in self.sums]
 
     def residual(self, time: Array, at: StepPrediction, x: Array) -> Array:
-        """Return the residual (size,) at (t, branch); for loops, see `evaluate_step_residual`."""
-        result = np.zeros(self.pattern.shape[0])
-        t, branch = time
-        evaluate_step_residual(self._buffers, t, branch, at, x, result)
-        return result[: self.size]
+        """Return the residual (size,) at time = (t, branch); for loops, see `core.h`."""
+        n, m, (c_v, _, c_f) = self.equations.n, self.equations.m, at.coefficients
+        evaluate = self._evaluators[0]
+        set_time(evaluate, *time)
+        result = evaluate(self._inputs(time, at, x, 1.0 / c_f), self.size)
+        result[:n] *= c_f
+        result[self._velocity_rows] /= c_v
+        result[n + m :] *= 1.0 / c_v
+        return result
 
     def jacobian(self, time: Array, at: StepPrediction, x: Array) -> Array:
         """Return the non-zeros of the iteration matrix on `pattern` at time = (t, branch)."""
-        result = np.zeros(self.pattern.nnz)
-        t, branch = time
-        evaluate_step_matrix(self._buffers, t, branch, at, x, result)
-        return result
+        (c_v, c_a, c_f), evaluate = at.coefficients, self._evaluators[2]
+        set_time(evaluate, *time)
+        set_matrix_factors(evaluate, c_f, c_f * c_v, c_f * c_a, 1.0, 1.0 / c_v, 1.0 / c_f)
+        return evaluate(self._inputs(time, at, x, 1.0), self.pattern.nnz)
+
+    def position(self, time: Array, at: StepPrediction, x: Array) -> Array:
+        """Return the positions q, (n,), at the unknowns x."""
+        return self._inputs(time, at, x, 1.0)[: self.equations.n]
+
+    def _inputs(self, time: Array, at: StepPrediction, x: Array, lam_factor: float) -> Array:
+        """Return the inputs of the sums, with multipliers times a factor."""
+        n, m, (c_v, c_a, _) = self.equations.n, self.equations.m, at.coefficients
+        d, lam, eta = np.split(x, [n, n + m])
+        motion = np.zeros(4 * n + 2 * m)
+        motion[3 * n : 3 * n + m] = lam_factor * lam
+        motion[:n] = at.q + d
+        if self.stabilized:
+            motion[3 * n + m : 4 * n + m], motion[4 * n + m :] = at.before, eta
+            evaluate = self._evaluators[1]
+            set_time(evaluate, *time)
+            motion[:n] -= evaluate(motion, n)
+        motion[n : 2 * n], motion[2 * n : 3 * n] = at.v + c_v * d, at.a + c_a * d
+        return motion
 
     @property
     def is_native(self) -> bool:
@@ -160,58 +177,6 @@ class StepPrediction:
     a: Array
     before: Array
     coefficients: Array
-
-
-def evaluate_step_position(form: StepBuffers, at: StepPrediction, x: Array) -> Array:
-    """Return the positions q (n,) at the unknowns x, as a view of `form.motion`."""
-    n, m = form.n, form.m
-    q = form.motion[:n]
-    if form.stabilized == 1:
-        combine(form.motion[3 * n + m : 4 * n + m], (1.0,), (at.before,))
-        combine(form.motion[4 * n + m :], (1.0,), (x[n + m : n + 2 * m],))
-        evaluate_sum(form.anchor, form.motion, q)
-        combine(q, (1.0, 1.0, -1.0), (at.q, x[:n], q))
-    else:
-        combine(q, (1.0, 1.0), (at.q, x[:n]))
-    return q
-
-
-def _set_motion(form: StepBuffers, at: StepPrediction, x: Array, lam_factor: float) -> None:
-    n, m, c = form.n, form.m, at.coefficients
-    evaluate_step_position(form, at, x)
-    combine(form.motion[n : 2 * n], (1.0, c[0]), (at.v, x[:n]))
-    combine(form.motion[2 * n : 3 * n], (1.0, c[1]), (at.a, x[:n]))
-    combine(form.motion[3 * n : 3 * n + m], (lam_factor,), (x[n : n + m],))
-
-
-def evaluate_step_residual(
-    form: StepBuffers, t: float, branch: float, at: StepPrediction, x: Array, result: Array
-) -> None:
-    """Write the residual at x into `result`, followed by zeros for r if stabilized."""
-    n, m, c = form.n, form.m, at.coefficients
-    set_time(form.anchor, t, branch)
-    set_time(form.residual, t, branch)
-    _set_motion(form, at, x, 1.0 / c[2])
-    evaluate_sum(form.residual, form.motion, result)
-    combine(result[:n], (c[2],), (result[:n],))
-    for row in form.velocity_rows:
-        result[row] /= c[0]
-    if form.stabilized == 1:
-        velocities = result[n + m : n + 2 * m]
-        combine(velocities, (1.0 / c[0],), (velocities,))
-        fill(result[n + 2 * m :], 0.0)
-
-
-def evaluate_step_matrix(
-    form: StepBuffers, t: float, branch: float, at: StepPrediction, x: Array, result: Array
-) -> None:
-    """Write the non-zeros of the iteration matrix at x into `result`."""
-    c = at.coefficients
-    set_time(form.anchor, t, branch)
-    set_time(form.matrix, t, branch)
-    set_matrix_factors(form.matrix, c[2], c[2] * c[0], c[2] * c[1], 1.0, 1.0 / c[0], 1.0 / c[2])
-    _set_motion(form, at, x, 1.0)
-    evaluate_sum(form.matrix, form.motion, result)
 
 
 @cache_on_owner

@@ -14,7 +14,6 @@ import scipy.sparse as sp
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import (
     FirstOrderForm,
-    evaluate_jacobian_parts,
     formulate_first_order,
     plan_residual,
 )
@@ -100,9 +99,7 @@ def compute_tangent(e: EquationsOfMotion, time: Array, state: State) -> Tangent:
     """Return the `Tangent` at a state and `time` = (t, branch), exact up to rounding."""
     form = _formulate(e)
     y, rates = form.pack(state)
-    nonzeros = np.zeros(2 * form.pattern.nnz)
-    evaluate_jacobian_parts(form.buffers(), time[0], time[1], y, rates, nonzeros)
-    return _create_tangent(form, nonzeros, form.residual(time, y, rates))
+    return _create_tangent(form, form.jacobian(time, y, rates), form.residual(time, y, rates))
 
 
 def compute_residual(e: EquationsOfMotion, time: Array, state: State) -> Array:

@@ -2,5 +2,5 @@
 
 May import: equations, symbolic, native, results, errors, the shared modules of integrators, and
 `radau` for pilot runs.
-To extend: add a member of the family to `family`; change the steps of all members in `step_loop`.
+To extend: add a member of the family to `family`; change their steps in `core/alpha.c`.
 """

@@ -85,8 +85,6 @@ class GeneralizedAlpha(Integrator):
         1/100 of the discretization error, or 1/50 for multipliers (published systems, steps of 0.25
         to 4 ms). If rho_inf is near 1, Newton errors accumulate in the multipliers of the index-3
         form: use 1e-10 for convergence studies of lam.
-    linear_solver
-        Solver of runs without machine code: "dense", "sparse", or "auto" by size.
     time_limit
         Maximum wall time [s]. Defaults to no limit.
     family
@@ -119,7 +117,6 @@ class GeneralizedAlpha(Integrator):
     formulation: str = "index3"
     start: str = "cured"
     newton_tolerance: float = 1e-6
-    linear_solver: str = "auto"
     time_limit: float | None = None
     family: str = "generalized-alpha"
     rtol: float | None = None
@@ -144,9 +141,6 @@ class GeneralizedAlpha(Integrator):
             )
         require_choice("GeneralizedAlpha", "formulation", self.formulation, FORMULATIONS)
         require_choice("GeneralizedAlpha", "start", self.start, ("cured", "plain"))
-        require_choice(
-            "GeneralizedAlpha", "linear_solver", self.linear_solver, ("auto", "dense", "sparse")
-        )
         require_limits(self)
         self._check_adaptivity()
 
@@ -231,7 +225,7 @@ class GeneralizedAlpha(Integrator):
         index3 = self.formulation == "index3"
         form = formulate_step(plan.equations, not index3)
         start = AlphaStart(self._member, plan.starter, index3, self.start == "cured")
-        common = (form, start, _limited_scales(plan), self.newton_tolerance, self.linear_solver)
+        common = (form, start, _limited_scales(plan), self.newton_tolerance)
         if self.rtol is None:
             return FixedAlphaStepper(*common, step=self.step)
         is_one_sided = any(term.kernel.is_one_sided for term in plan.equations.forces)

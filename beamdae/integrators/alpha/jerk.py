@@ -1,7 +1,6 @@
 """Jerk prescribed by the constraints, which corrects velocities after a change of the step.
 
-The functions are plain Python over arrays; `native.loops` compiles them if possible. The equivalent
-for the start of an interval is `ConsistencySolver.evaluate_normal_jerk`.
+The equivalent for the start of an interval is `ConsistencySolver.evaluate_normal_jerk`.
 """
 
 from __future__ import annotations
@@ -15,17 +14,9 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.sums import InputLayout, assemble_accelerations
 from beamdae.equations.starts.state_evaluator import plan_state_sums
 from beamdae.equations.structure import Structure, share_plans
-from beamdae.integrators.alpha.workspace import AlphaWorkspace, Motion
+from beamdae.integrators.alpha.workspace import AlphaWorkspace
 from beamdae.integrators.compiled_run import FactorizedMatrix
-from beamdae.native.loop_functions import combine, factorize, fill, solve
-from beamdae.native.return_codes import DONE
-from beamdae.symbolic.sums.kernel_sums import (
-    Sum,
-    SumPlan,
-    evaluate_sum,
-    set_matrix_factors,
-    set_time,
-)
+from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan
 
 Array = np.ndarray
 
@@ -74,7 +65,7 @@ class JerkEquations:
         return JerkBuffers(
             accelerations=self.accelerations.sum(native, p),
             saddle=self.saddle.sum(native, p),
-            linear=self.matrix.make_solver(native, "auto"),
+            linear=self.matrix.make_solver(),
             motion=np.zeros(3 * n + m),
             ahead=np.zeros(m),
             behind=np.zeros(m),
@@ -133,44 +124,3 @@ class AdaptiveAlphaWorkspace(AlphaWorkspace):
     multiplier_tolerance: float
     shortest_tested_step: float
     lam_before: Array
-
-
-def evaluate_normal_jerk(
-    jerk: JerkBuffers, t: float, branch: float, at: Motion, interval: float
-) -> int:
-    """Evaluate the jerk P q''' prescribed by holonomic constraints; return the code.
-
-    The result is in the first n entries of `jerk.unknowns`. d(g_ddot)/dt at constant acceleration
-    is approximated by a central difference over +-`interval` [s]. See
-    `ConsistencySolver.evaluate_normal_jerk`.
-    """
-    n = at.q.size
-    _evaluate_constraint_accelerations(jerk, t, branch, at, interval, jerk.ahead)
-    _evaluate_constraint_accelerations(jerk, t, branch, at, -interval, jerk.behind)
-    motion = jerk.motion
-    combine(motion[:n], (1.0,), (at.q,))
-    combine(motion[n : 2 * n], (1.0,), (at.v,))
-    fill(motion[2 * n :], 0.0)
-    set_time(jerk.saddle, t, branch)
-    set_matrix_factors(jerk.saddle, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
-    evaluate_sum(jerk.saddle, motion, jerk.nonzeros)
-    code = factorize(jerk.linear, jerk.nonzeros)
-    if code == DONE:
-        fill(jerk.unknowns[:n], 0.0)
-        factor = 0.5 / interval
-        combine(jerk.unknowns[n:], (-factor, factor), (jerk.ahead, jerk.behind))
-        solve(jerk.linear, jerk.unknowns)
-    return code
-
-
-def _evaluate_constraint_accelerations(
-    jerk: JerkBuffers, t: float, branch: float, at: Motion, delta: float, result: Array
-) -> None:
-    """Evaluate g_ddot at `t` + `delta` [s] for constant acceleration; write it to `result`."""
-    n, motion, total = at.q.size, jerk.motion, jerk.accelerations
-    combine(motion[:n], (1.0, delta, 0.5 * delta * delta), (at.q, at.v, at.ddq))
-    combine(motion[n : 2 * n], (1.0, delta), (at.v, at.ddq))
-    combine(motion[2 * n : 3 * n], (1.0,), (at.ddq,))
-    fill(motion[3 * n :], 0.0)
-    set_time(total, t + delta, branch)
-    evaluate_sum(total, motion, result)

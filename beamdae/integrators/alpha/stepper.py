@@ -1,25 +1,25 @@
-"""Steppers of `GeneralizedAlpha` with fixed and adaptive steps around the compiled loops."""
+"""Steppers of `GeneralizedAlpha` with fixed and adaptive steps around the loops of the core."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 import numpy as np
 
+from beamdae.core.return_codes import (
+    DONE,
+    ERROR_TOO_LARGE,
+    FIRST_STEP,
+    NOT_CONVERGED,
+    NOT_FINITE,
+    SINGULAR,
+    STEP_NOT_CHANGED,
+)
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import StepEquations, StepPrediction
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.alpha.family import AlphaStart
 from beamdae.integrators.alpha.jerk import AdaptiveAlphaWorkspace, JerkEquations
-from beamdae.integrators.alpha.step_loop import (
-    FIRST_STEP,
-    SAME_STEP,
-    STEP_NOT_CHANGED,
-    set_step,
-    take_adaptive_steps,
-    take_fixed_steps,
-)
 from beamdae.integrators.alpha.workspace import AlphaWorkspace, Motion
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.method import (
@@ -30,11 +30,12 @@ from beamdae.integrators.method import (
     count_equal_steps,
 )
 from beamdae.integrators.multiplier_tolerances import UNTESTED_MULTIPLIERS, MultiplierTolerances
-from beamdae.native.return_codes import DONE, ERROR_TOO_LARGE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 
+# Relative difference below which two steps are equal.
+SAME_STEP = 1e-9
 # Rounding error of an increment, relative to the scale of its coordinate or to the size of the
 # mechanism. A value ten times larger would change the sixth digit of long runs.
 INCREMENT_ROUNDING = 1e-15
@@ -63,7 +64,7 @@ class AlphaStepper:
 
     rows_per_step: ClassVar[int] = 1
     steps_per_check: ClassVar[int] = STEPS_PER_CHECK
-    _loop: ClassVar[Any]
+    _loop: ClassVar[str]
 
     def __init__(
         self,
@@ -71,7 +72,6 @@ class AlphaStepper:
         start: AlphaStart,
         scales: Array,
         newton_tolerance: float,
-        linear_solver: str,
         *,
         tolerance: float = 1.0,
         max_step: float = 1.0,
@@ -93,7 +93,7 @@ class AlphaStepper:
             return self._make_workspace(
                 native,
                 form=form.buffers(native),
-                linear=matrix.make_solver(native, linear_solver),
+                linear=matrix.make_solver(),
                 alpha_m=member.alpha_m,
                 alpha_f=member.alpha_f,
                 gamma=member.gamma,
@@ -127,7 +127,7 @@ class AlphaStepper:
             return [(run.linear, matrix), *self._further_matrices(run)]
 
         is_native = form.is_native and self._is_native
-        self._step_loop = StepLoop(type(self)._loop, make_workspace, matrices, is_native)
+        self._step_loop = StepLoop(self._loop, make_workspace, matrices, is_native)
         self._run = self._step_loop.work
         self._code = 0
 
@@ -190,7 +190,7 @@ class AlphaStepper:
             raise StepError(str(problem)) from problem
         for name in ("q", "v", "ddq", "a", "lam"):
             getattr(run.current, name)[:] = getattr(motion, name)
-        set_step(run, h)
+        run.current.h, run.has_started = h, 0
 
     def resume(self, start: float, end: float, q: Array) -> State | None:
         """Continue from `start` to `end` [s] after held inputs have jumped: `ResumableMethod`."""
@@ -229,7 +229,7 @@ class FixedAlphaStepper(AlphaStepper):
 
     resolved_options: ClassVar[dict[str, Any]] = {}
     steps_per_check: ClassVar[int] = FIXED_STEPS_PER_CHECK
-    _loop: ClassVar[Callable[[Any], int]] = staticmethod(take_fixed_steps)
+    _loop = "take_fixed_steps"
 
     def __init__(self, *settings: Any, step: float) -> None:
         super().__init__(*settings)
@@ -261,7 +261,7 @@ class AdaptiveAlphaStepper(AlphaStepper):
     The run fails if the error or Newton's iteration requires steps below 1e-12 of its duration.
     """
 
-    _loop: ClassVar[Callable[[Any], int]] = staticmethod(take_adaptive_steps)
+    _loop = "take_adaptive_steps"
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Work arrays of the step loops of the generalized-alpha family."""
+"""Work arrays of the steps of the generalized-alpha family, which `alpha.c` takes."""
 
 from __future__ import annotations
 
@@ -67,8 +67,11 @@ class AlphaWorkspace:
         not tested.
     t, branch, start_time, end
         Current time, a time inside the interval, and start and end of the interval [s].
+    has_started
+        0 if the starting values of an interval, with the length of the next steps, have just been
+        set.
     has_jumped
-        1 if held inputs have jumped since the last step; see `step_loop.apply_input_jump`.
+        1 if held inputs have jumped since the last step.
     states
         Indices of the first-order states.
     step_count, total_steps
@@ -115,6 +118,7 @@ class AlphaWorkspace:
     max_step: float
     min_step: float
     states: Array
+    has_started: int = 0
     has_jumped: int = 0
     filled: int = 0
     step_ratio: float = 0.0

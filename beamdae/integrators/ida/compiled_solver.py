@@ -1,4 +1,4 @@
-"""Interface to IDA through its C library, with callbacks and step loop in machine code."""
+"""Interface to IDA through its C library, with callbacks and step loop in the core."""
 
 from __future__ import annotations
 
@@ -8,20 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.core.library import function_address
+from beamdae.core.linear_solver import LinearSolver
+from beamdae.core.return_codes import DONE, FULL
+from beamdae.core.tables import Loop
 from beamdae.equations.formulations.first_order import FirstOrderForm
 from beamdae.integrators.compiled_run import FactorizedMatrix
-from beamdae.integrators.ida.callbacks import (
-    IdaWorkspace,
-    NewtonState,
-    SundialsFunctions,
-    jacobian_callback,
-    residual_callback,
-    take_ida_steps,
-)
+from beamdae.integrators.ida.workspace import IdaWorkspace, NewtonState, SundialsFunctions
 from beamdae.integrators.method import allocate_rows
-from beamdae.native.linear_solver import LinearSolver
-from beamdae.native.loops import CompiledLoop
-from beamdae.native.return_codes import DONE, FULL
 from beamdae.results.outcome import Statistics
 from beamdae.sundials.library import load_library
 from beamdae.sundials.solver import IdaSolver
@@ -31,16 +25,13 @@ Array = np.ndarray
 _MAX_ORDER = 5
 # Maximum number of unknowns listed in "limited_by" of the step report.
 _LISTED_UNKNOWNS = 3
-# Callbacks with the types of their arguments (see `CompiledLoop`).
-_RESIDUAL = (residual_callback, "dppp@")
-_JACOBIAN = (jacobian_callback, "ddpppp@ppp")
 _RENEW_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int)
 # Counters that IDA resets at every start.
 _FAILURE_COUNTS = ("error_test_failures", "failed_solves", "newton_failures")
 
 
 class CompiledIda:
-    """IDA with compiled callbacks and several steps per call.
+    """IDA with callbacks of the core and several steps per call.
 
     Attributes
     ----------
@@ -60,7 +51,7 @@ class CompiledIda:
         options: dict[str, Any],
         iteration: dict[str, Any],
     ) -> None:
-        """Compile the callbacks and create the IDA solver.
+        """Bind the callbacks and create the IDA solver.
 
         Parameters
         ----------
@@ -74,14 +65,14 @@ class CompiledIda:
 
         Raises
         ------
-        MachineCodeError, UnavailableError
-            If machine code or the shared library is not available.
+        UnavailableError
+            If the shared library is not available.
         """
         functions = load_library().addresses
         self._form = form
         self._newton = newton = NewtonState(
-            form.buffers(True),
-            matrix.make_solver(True, "sparse"),
+            form.buffers(form.is_native),
+            matrix.make_solver(),
             np.zeros(form.size),
             matrix.nonzeros,
             **iteration,
@@ -107,10 +98,8 @@ class CompiledIda:
             t_address=t.ctypes.data,
             order_address=order.ctypes.data,
         )
-        self._loop = loop = CompiledLoop(
-            take_ida_steps, run, residual=_RESIDUAL, jacobian=_JACOBIAN
-        )
-        addresses = loop.addresses["residual"], loop.addresses["jacobian"]
+        self._loop = loop = Loop("take_ida_steps", run)
+        addresses = function_address("residual_callback"), function_address("jacobian_callback")
         self._solver = solver = IdaSolver(*addresses, user_data=loop.table.ctypes.data, **options)
         run.y, run.yp, run.errors = solver.y, solver.yp, solver.errors
         run.memory, run.y_vector, run.yp_vector, run.errors_vector = solver.pointers
@@ -190,7 +179,7 @@ class CompiledIda:
 
 
 def _pivot_renewal(
-    loop: CompiledLoop,
+    loop: Loop,
     linear: LinearSolver,
     matrix: FactorizedMatrix,
     problems: list[BaseException],

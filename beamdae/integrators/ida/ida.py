@@ -68,8 +68,6 @@ class Ida(AdaptiveIntegrator):
     max_step
         Longest step [s]. Defaults to a twentieth of the run, or to a quarter of the time scale of
         the laws if this is shorter.
-    linear_solver
-        Solver of runs without machine code: "dense", "sparse", or "auto" by size.
     max_steps
         Maximum number of steps. Defaults to no limit; the run still stops if its steps become too
         short to reach the end (`limits.PaceCheck`).
@@ -89,7 +87,6 @@ class Ida(AdaptiveIntegrator):
     error_control: str = "auto"
     max_order: int | str = "auto"
     max_step: float | None = None
-    linear_solver: str = "auto"
     max_steps: int | None = None
     time_limit: float | None = None
 
@@ -98,7 +95,6 @@ class Ida(AdaptiveIntegrator):
         require_choice("Ida", "formulation", self.formulation, FIRST_ORDER)
         require_choice("Ida", "error_control", self.error_control, ERROR_CONTROL)
         require_choice("Ida", "max_order", self.max_order, ("auto", 1, 2, 3, 4, 5))
-        require_choice("Ida", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
 
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
@@ -116,6 +112,5 @@ class Ida(AdaptiveIntegrator):
             self.error_control,
             self.max_order,
             self.max_step,
-            self.linear_solver,
             plan,
         )

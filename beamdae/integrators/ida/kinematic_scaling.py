@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamdae.equations.formulations.first_order import FirstOrderForm
-from beamdae.native.loop_functions import add_weighted, fill
 
 Array = np.ndarray
 
@@ -67,13 +66,11 @@ class KinematicRowScaling:
 
 def scale_residual(scaling: KinematicRowScaling, y: Array, yp: Array, result: Array) -> None:
     """Multiply q' - v in the residual `result` by S^-1."""
-    n, rows, columns = scaling.n, scaling.rows, scaling.columns
-    add_weighted(result, rows, scaling.weights, yp, columns, 0, n)
-    add_weighted(result, rows, scaling.weights, y, columns, n, 2 * n)
+    n = scaling.n
+    result[:n] += scaling.weights[:n] * yp[:n] + scaling.weights[n:] * y[n : 2 * n]
 
 
 def scale_jacobian(scaling: KinematicRowScaling, c: float, nonzeros: Array) -> None:
     """Multiply the derivatives of q' - v in the non-zeros of dR/dy + c dR/dy' by S^-1."""
-    n, factors, columns = scaling.n, scaling.factors, scaling.columns
-    fill(factors[:n], c)
-    add_weighted(nonzeros, scaling.entry_indices, scaling.weights, factors, columns, 0, 2 * n)
+    factors = np.repeat([c, 1.0], scaling.n)
+    nonzeros[scaling.entry_indices] += scaling.weights * factors

@@ -1,9 +1,9 @@
-"""Interface to IDA through scikit-sundae: fallback without machine code or shared libraries.
+"""Interface to IDA through scikit-sundae: fallback without the core or shared libraries.
 
-Used with BEAMDAE_NATIVE=off, without numba or llvmlite, and where the functions of SUNDIALS cannot
-be loaded (`sundials.library`): in builds with static libraries, with MPI, with 64-bit indices or
-with another major version. Its results agree with those of the C interface within the tolerance,
-but it runs in plain Python, which is 15 to 30 times slower than machine code.
+Used where the core cannot be compiled, and where the functions of SUNDIALS cannot be loaded
+(`sundials.library`): in builds with static libraries, with MPI, with 64-bit indices or with another
+major version. Its results agree with those of the C interface within the tolerance, but it runs in
+plain Python, which is 15 to 30 times slower than machine code.
 """
 
 from __future__ import annotations
@@ -17,12 +17,8 @@ from typing import Any
 import numpy as np
 from sksundae.ida import IDA
 
-from beamdae.equations.formulations.first_order import (
-    FirstOrderForm,
-    evaluate_jacobian,
-    evaluate_residual,
-)
-from beamdae.integrators.ida.callbacks import NO_ADVANCE, next_stop_time
+from beamdae.core.return_codes import DONE, NO_ADVANCE
+from beamdae.equations.formulations.first_order import FirstOrderForm
 from beamdae.integrators.ida.kinematic_scaling import (
     KinematicRowScaling,
     scale_jacobian,
@@ -30,12 +26,13 @@ from beamdae.integrators.ida.kinematic_scaling import (
 )
 from beamdae.linear.factorizations import DENSE_LIMIT
 from beamdae.memory import require_memory
-from beamdae.native.return_codes import DONE
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 
 _BYTES_PER_NUMBER = 8.0
+# Relative difference below which two steps are equal.
+_STEP_ROUNDING = 1e-6
 # The standard output belongs to all threads.
 _output_lock = threading.Lock()
 
@@ -61,18 +58,15 @@ class SksundaeIda:
     def __init__(
         self,
         form: FirstOrderForm,
-        linear_solver: str,
         options: dict[str, Any],
         iteration: dict[str, Any],
     ) -> None:
-        self._form, self._buffers = form, form.buffers()
+        self._form = form
         self._options = {name: x for name, x in options.items() if name != "untested"}
         self._kinematic: KinematicRowScaling = iteration["kinematic"]
         self._fraction: float = iteration["correction_fraction"]
-        is_small = form.size <= DENSE_LIMIT
-        self._is_sparse = linear_solver == "sparse" or (linear_solver == "auto" and not is_small)
+        self._is_sparse = form.size > DENSE_LIMIT
         self._columns = np.repeat(np.arange(form.size), np.diff(form.pattern.indptr))
-        self._nonzeros = np.zeros(form.pattern.nnz)
         self._residual = np.zeros(form.size)
         self._attempts = self._residuals = self._jacobians = self._steps = 0
         self._attempted = np.nan
@@ -110,7 +104,7 @@ class SksundaeIda:
         # Every attempt at a step ends at a different time.
         self._attempts += t != self._attempted
         self._attempted, self._residuals = t, self._residuals + 1
-        evaluate_residual(self._buffers, t, self._branch, y, yp, self._residual)
+        self._residual = self._form.residual(np.array([t, self._branch]), y, yp)
         scale_residual(self._kinematic, y, yp, self._residual)
         out[:] = self._fraction * self._residual
 
@@ -119,12 +113,12 @@ class SksundaeIda:
     ) -> None:
         """Write dR/dy + c dR/dy' to `out`, a full matrix or the non-zeros of a sparse one."""
         self._jacobians += 1
-        evaluate_jacobian(self._buffers, t, self._branch, c, y, yp, self._nonzeros)
-        scale_jacobian(self._kinematic, c, self._nonzeros)
+        nonzeros = self._form.jacobian(np.array([t, self._branch]), y, yp, c)
+        scale_jacobian(self._kinematic, c, nonzeros)
         if out.ndim == 1:
-            out[:] = self._nonzeros
+            out[:] = nonzeros
         else:
-            out[self._form.pattern.indices, self._columns] = self._nonzeros
+            out[self._form.pattern.indices, self._columns] = nonzeros
 
     def extend(self, end: float) -> None:
         """Continue to `end` [s] with the order, the step and the factors of the last steps."""
@@ -141,7 +135,7 @@ class SksundaeIda:
             self.code = int(result.status)
         if self.code != DONE:
             return np.zeros((0, 0))
-        self._stop = next_stop_time(self._t, result.t, self._end)
+        self._stop = _next_stop_time(self._t, result.t, self._end)
         self._t = result.t
         self._steps += 1
         return np.concatenate([[result.t], *self._form.unpack(result.y, result.yp)])[None]
@@ -162,3 +156,11 @@ class SksundaeIda:
             solves=self._residuals,
             newton_failures=0,
         )
+
+
+def _next_stop_time(before: float, t: float, end: float) -> float:
+    """Return the latest end [s] of the next step, after one from `before` to `t`; see ida.c."""
+    step, remaining = t - before, end - t
+    if (1.0 + _STEP_ROUNDING) * step < remaining < 2.0 * step:
+        return t + 0.5 * remaining
+    return end

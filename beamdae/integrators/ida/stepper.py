@@ -8,19 +8,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from beamdae.core.library import load_core
+from beamdae.core.return_codes import NO_ADVANCE
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.first_order import (
-    FirstOrderForm,
-    evaluate_residual,
-    formulate_first_order,
-)
+from beamdae.equations.formulations.first_order import FirstOrderForm, formulate_first_order
 from beamdae.errors import MissingPackageError, format_exception
 from beamdae.integrators.error_control import (
     STIFF_RATIO_BDF,
     motion_scales,
     resolve_error_control,
 )
-from beamdae.integrators.ida.callbacks import NO_ADVANCE
 from beamdae.integrators.ida.compiled_solver import CompiledIda
 from beamdae.integrators.ida.kinematic_scaling import KinematicRowScaling
 from beamdae.integrators.input_jumps import InputJump
@@ -32,7 +29,6 @@ from beamdae.integrators.method import (
     StepError,
 )
 from beamdae.integrators.run_plan import RunPlan
-from beamdae.native.llvm import MachineCodeError
 from beamdae.results.outcome import Statistics
 from beamdae.sundials.library import UnavailableError
 from beamdae.sundials.solver import describe_status
@@ -76,7 +72,6 @@ class IdaStepper:
         error_control: str,
         max_order: int | str,
         max_step: float | None,
-        linear_solver: str,
         plan: RunPlan,
     ) -> None:
         self._form = formulate_first_order(plan.equations, formulation)
@@ -107,7 +102,7 @@ class IdaStepper:
             "kinematic": KinematicRowScaling.from_form(self._form, scales.position / scales.size),
             "correction_fraction": _CORRECTION_SHARE if iterated else 1.0,
         }
-        self._ida = _make_solver(self._form, plan, linear_solver, options, iteration)
+        self._ida = _make_solver(self._form, plan, options, iteration)
 
     @property
     def resolved_options(self) -> dict[str, Any]:
@@ -183,8 +178,7 @@ class IdaStepper:
     def _describe_failure(self) -> str:
         ahead = self._t + PROBE_SHARE * (self._end - self._t)
         y, yp, last_residual = self._ida.last_point
-        residual_ahead = np.zeros(self._form.size)
-        evaluate_residual(self._form.buffers(), ahead, self._branch, y, yp, residual_ahead)
+        residual_ahead = self._form.residual(np.array([ahead, self._branch]), y, yp)
         if not (np.isfinite(last_residual).all() and np.isfinite(residual_ahead).all()):
             return RESIDUAL_NOT_FINITE
         code = self._ida.code
@@ -215,19 +209,18 @@ def _multipliers_matter(equations: EquationsOfMotion) -> bool:
 def _make_solver(
     form: FirstOrderForm,
     plan: RunPlan,
-    linear_solver: str,
     options: dict[str, Any],
     iteration: dict[str, Any],
 ) -> Any:
-    """Return IDA with compiled callbacks, or through scikit-sundae if they cannot be used.
+    """Return IDA with callbacks of the core, or through scikit-sundae if they cannot be used.
 
     Raises
     ------
     MissingPackageError
         If scikit-sundae cannot be imported either.
     """
-    if form.is_native:
-        with contextlib.suppress(MachineCodeError, UnavailableError):
+    if load_core() is not None:
+        with contextlib.suppress(UnavailableError):
             return CompiledIda(form, plan.matrix("Ida", form.pattern), options, iteration)
     # Imported here because it imports SciPy's optimizers, which takes a third of a short run.
     try:
@@ -239,4 +232,4 @@ def _make_solver(
             f"scikit-sundae cannot be imported ({format_exception(problem)})",
             "install scikit-sundae, or use Radau or GeneralizedAlpha",
         ) from problem
-    return SksundaeIda(form, linear_solver, options, iteration)
+    return SksundaeIda(form, options, iteration)

@@ -34,7 +34,7 @@ class Radau(AdaptiveIntegrator):
     for the index-2 form, which has the same stages). RADAU5: Hairer & Wanner, Solving ODEs II,
     1996, section IV.8.
 
-    Departures from RADAU5: the error estimate includes constraints (`stages.estimate_error`), a
+    Departures from RADAU5: the error estimate includes constraints, a
     failure of Newton's iteration limits the steps that follow (`workspace.StepSizeState`), an
     iteration that stagnates at rounding errors has converged, and error weights come from the
     scales of the mechanism.
@@ -53,8 +53,6 @@ class Radau(AdaptiveIntegrator):
     max_step
         Longest step [s]. Defaults to a twentieth of the run, or to a quarter of the time scale of
         the laws if this is shorter.
-    linear_solver
-        Solver of runs without machine code: "dense", "sparse", or "auto" by size.
     max_steps
         Maximum number of steps. Defaults to no limit; the run still stops if its steps become too
         short to reach the end (`limits.PaceCheck`).
@@ -71,14 +69,12 @@ class Radau(AdaptiveIntegrator):
     rtol: float = DEFAULT_RTOL
     error_control: str = "auto"
     max_step: float | None = None
-    linear_solver: str = "auto"
     max_steps: int | None = None
     time_limit: float | None = None
 
     def __post_init__(self) -> None:
         require_tolerance(self)
         require_choice("Radau", "error_control", self.error_control, _ERROR_CONTROL)
-        require_choice("Radau", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
 
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
@@ -89,4 +85,4 @@ class Radau(AdaptiveIntegrator):
 
     def method_on(self, plan: RunPlan) -> RadauStepper:
         """Return the stepper for a plan."""
-        return RadauStepper(self.rtol, self.error_control, self.max_step, self.linear_solver, plan)
+        return RadauStepper(self.rtol, self.error_control, self.max_step, plan)

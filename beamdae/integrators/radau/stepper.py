@@ -1,4 +1,4 @@
-"""Stepper of `Radau`: error weights and restarts around the compiled step loop."""
+"""Stepper of `Radau`: error weights and restarts around the loop of the core."""
 
 from __future__ import annotations
 
@@ -9,6 +9,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.core.return_codes import (
+    ERROR_TOO_LARGE,
+    NOT_CONVERGED,
+    NOT_FINITE,
+    SINGULAR,
+    TOO_SMALL,
+)
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.first_order import (
     FirstOrderBuffers,
@@ -38,10 +45,8 @@ from beamdae.integrators.multiplier_tolerances import (
     MultiplierTolerances,
     plan_multiplier_tolerances,
 )
-from beamdae.integrators.radau.step_loop import take_radau_steps
-from beamdae.integrators.radau.workspace import TOO_SMALL, RadauWorkspace, StepSizeState
+from beamdae.integrators.radau.workspace import RadauWorkspace, StepSizeState
 from beamdae.integrators.run_plan import RunPlan
-from beamdae.native.return_codes import ERROR_TOO_LARGE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.outcome import Statistics
 
 if TYPE_CHECKING:
@@ -167,7 +172,6 @@ class RadauStepper:
         rtol: float,
         error_control: str,
         max_step: float | None,
-        linear_solver: str,
         plan: RunPlan,
     ) -> None:
         self._form = form = formulate_first_order(plan.equations, STABILIZED_FORM, apart=True)
@@ -197,8 +201,8 @@ class RadauStepper:
                 buffers,
                 pattern,
                 reduction,
-                (real.make_solver(native, linear_solver), real.nonzeros),
-                (complex_.make_solver(native, linear_solver), complex_.nonzeros),
+                (real.make_solver(), real.nonzeros),
+                (complex_.make_solver(), complex_.nonzeros),
                 tolerance,
                 longest,
                 plan_multiplier_tolerances(plan, self._scales, rtol),
@@ -207,7 +211,7 @@ class RadauStepper:
         def matrices(run: RadauWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
             return [(run.real_solver, real), (run.complex_solver, complex_)]
 
-        self._step_loop = StepLoop(take_radau_steps, make_run, matrices, form.is_native)
+        self._step_loop = StepLoop("take_radau_steps", make_run, matrices, form.is_native)
         self._run = self._step_loop.work
 
     @property

@@ -1,4 +1,4 @@
-"""Work arrays of the Radau step loop."""
+"""Work arrays of the steps of Radau IIA, which `radau.c` takes."""
 
 from __future__ import annotations
 
@@ -7,13 +7,48 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.core.return_codes import TOO_SMALL
 from beamdae.equations.formulations.first_order import FirstOrderBuffers
 from beamdae.equations.formulations.kinematic_reduction import KinematicReduction
+from beamdae.integrators.radau import coefficients
 
 Array = np.ndarray
 
-# Return code in addition to `native.return_codes`: the step became too small.
-TOO_SMALL = -5
+
+@dataclass(frozen=True)
+class Tableau:
+    """Coefficients of the method, see `coefficients`."""
+
+    nodes: Array
+    to_stages: Array
+    from_stages: Array
+    rates: Array
+    rate_blocks: Array
+    polynomial: Array
+    embedded: Array
+    start: Array
+    uniform: Array
+    eigenvalues: Array
+
+
+TABLEAU = Tableau(
+    coefficients.C,
+    np.ascontiguousarray(coefficients.T),
+    np.ascontiguousarray(coefficients.T_INVERSE),
+    np.ascontiguousarray(coefficients.RATES),
+    np.ascontiguousarray(coefficients.RATE_BLOCKS),
+    np.ascontiguousarray(coefficients.POLYNOMIAL),
+    coefficients.EMBEDDED,
+    coefficients.START,
+    coefficients.UNIFORM,
+    np.array(
+        [
+            coefficients.REAL_EIGENVALUE,
+            coefficients.COMPLEX_EIGENVALUE.real,
+            coefficients.COMPLEX_EIGENVALUE.imag,
+        ]
+    ),
+)
 
 
 @dataclass(slots=True)
@@ -121,6 +156,8 @@ class RadauWorkspace:
     failure_code
         Code of the last rejected attempt at the current or the previous step, or TOO_SMALL if there
         is none.
+    tableau
+        Coefficients of the method.
     """
 
     form: FirstOrderBuffers
@@ -177,3 +214,4 @@ class RadauWorkspace:
     failures: int = 0
     rejections: int = 0
     failure_code: int = TOO_SMALL
+    tableau: Tableau = TABLEAU

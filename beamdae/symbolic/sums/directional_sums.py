@@ -16,7 +16,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from beamdae.linear.lane_operations import aligned_zeros
+from beamdae.linear.lanes import aligned_zeros
 from beamdae.symbolic.functions.powers import expand_powers
 from beamdae.symbolic.functions.table_lookups import directional_derivative, has_lookups
 from beamdae.symbolic.sums.kernel_sums import (

@@ -10,6 +10,7 @@ component, with the copies of a batch side by side.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,19 +20,16 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.linear.lane_operations import aligned_zeros
+from beamdae.core.library import load_core
+from beamdae.core.tables import Loop
+from beamdae.linear.lanes import aligned_zeros
 from beamdae.native.lane_code import LANE_WIDTH
-from beamdae.native.lane_kernels import LaneKernel, Rewrite, build_lane_kernel, rewrite
-from beamdae.native.loop_functions import (
-    add,
-    add_tiles,
-    add_weighted,
-    call_kernel,
-    combine,
-    fill,
-    gather,
-    pick,
-    pick_tiles,
+from beamdae.native.lane_kernels import (
+    KERNEL_SIGNATURE,
+    LaneKernel,
+    Rewrite,
+    build_lane_kernel,
+    rewrite,
 )
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.functions.compiled import Compiled, RowFunction, keep_latest
@@ -203,7 +201,7 @@ class Sum:
     out
         Outputs of the current batch, (component, copy); after the last batch, `shared` and a 1.
     kernels
-        One per batch: addresses of machine code, or Python functions of (shared, local, out).
+        Addresses of C functions, one per batch; see `LaneKernel`.
     batches
         One row per batch, with the columns `START` to `ADD_TILE_END`. Entries of `add_targets`
         and `weighted_targets` beyond the last batch read `shared` and the 1.
@@ -217,16 +215,16 @@ class Sum:
     weighted_targets, weighted_sources, weights
         result[weighted_targets] += weights out[weighted_sources], for weights other than 1.
     pick_tiles, add_tiles
-        Entries that machine code moves by vectors, see `lane_tiles`, in place of the same entries
-        of `pick_targets` and `add_targets`. Tiles are added before the other entries.
+        Entries that the core moves by vectors, see `lane_tiles`, in place of the same entries of
+        `pick_targets` and `add_targets`. Tiles are added before the other entries.
     code_owners
-        Objects that keep the machine code at the addresses of `kernels` in memory.
+        Objects with the functions at the addresses of `kernels`.
     """
 
     shared: Array
     local: Array
     out: Array
-    kernels: Any
+    kernels: Array
     batches: Array
     pick_targets: Array
     pick_sources: Array
@@ -346,20 +344,17 @@ class SumPlan:
         p
             Numbers of the model; `data_sources` selects the data of the copies.
         """
-        kernels: Any
-        code_owners: tuple[Any, ...] = ()
-        build = SumPlan._tiled_entries if native else SumPlan._untiled_entries
-        entries = self.cache_layout(build)
+        code_owners: tuple[Any, ...]
         if native:
             code_owners = tuple(batch.kernel.native for batch in self.batches)
-            kernels = np.array([kernel.address for kernel in code_owners], np.int64)
         else:
-            kernels = [_create_evaluator(batch) for batch in self.batches]
+            code_owners = tuple(_find_code(x) or InterpretedKernel(x) for x in self.batches)
+        build = SumPlan._untiled_entries if load_core() is None else SumPlan._tiled_entries
         total = Sum(
             shared=np.zeros(self.n_shared),
             local=aligned_zeros(self.n_local),
             out=aligned_zeros(self.n_out),
-            kernels=kernels,
+            kernels=np.array([kernel.address for kernel in code_owners], np.int64),
             gather_targets=self.gather_targets,
             gather_sources=self.gather_sources,
             gather_weights=self.gather_weights,
@@ -367,7 +362,7 @@ class SumPlan:
             weighted_sources=self.weighted_sources,
             weights=self.weights,
             code_owners=code_owners,
-            **entries,
+            **self.cache_layout(build),
         )
         self.set_data(total, p)
         return total
@@ -386,7 +381,7 @@ class SumPlan:
         return self._layouts[key]
 
     def _tiled_entries(self) -> dict[str, Array]:
-        """Fields of `Sum` that depend on tiles, for machine code."""
+        """Fields of `Sum` that depend on tiles."""
         picks, adds = self._tiles
         table, count = self.batch_table, len(self.batches)
         n_add = int(table[-1, ADD_END]) if count else 0
@@ -409,22 +404,14 @@ class SumPlan:
         }
 
     def _untiled_entries(self) -> dict[str, Array]:
-        """Fields of `Sum` without tiles; numbers are added in the order of `_tiled_entries`."""
-        _, adds = self._tiles
-        n_add = len(adds.covered)
-        batch = _entry_batches(self.batch_table[:, ADD_END], n_add)
-        rest = np.flatnonzero(~adds.covered)
-        entries = np.concatenate([adds.order, rest])
-        order = entries[np.argsort(batch[entries], kind="stable")]
-        order = np.concatenate([order, np.arange(n_add, len(self.add_targets))])
-        ends = np.zeros((len(self.batches), 2), np.int64)
+        """Fields of `Sum` without tiles, for evaluation without the core."""
         none = np.zeros((0, 2 + LANE_WIDTH), np.uint32)
         return {
-            "batches": np.column_stack([self.batch_table, ends]),
+            "batches": np.column_stack([self.batch_table, np.zeros((len(self.batches), 2), int)]),
             "pick_targets": self.pick_targets,
             "pick_sources": self.pick_sources,
-            "add_targets": self.add_targets[order],
-            "add_sources": self.add_sources[order],
+            "add_targets": self.add_targets,
+            "add_sources": self.add_sources,
             "pick_tiles": none,
             "add_tiles": none,
         }
@@ -490,58 +477,72 @@ def _entry_batches(ends: Array, count: int) -> Array:
     return np.searchsorted(ends, np.arange(count), "right")
 
 
-def _create_evaluator(batch: Batch) -> CompiledKernel | InterpretedKernel:
-    """Return the machine code of a large kernel if it is in the cache, else the virtual machine."""
-    code = None
-    if batch.kernel.source.n_instructions() > _MIN_INSTRUCTIONS_OF_CACHED_CODE:
-        code = batch.kernel.load_native(compiles=False)
-    return InterpretedKernel(batch) if code is None else CompiledKernel(batch, code)
-
-
-class CompiledKernel:
-    """Kernel of a batch, evaluated for all copies by machine code."""
-
-    def __init__(self, batch: Batch, code: LaneKernel) -> None:
-        kernel, start, lanes, _ = batch
-        self._code = code
-        self._input_shape, self._output_shape = (kernel.n_local, lanes), (kernel.n_out, lanes)
-        self._input_range = slice(start, start + kernel.n_local * lanes)
-        self._output_range = slice(kernel.n_out * lanes)
-
-    def __call__(self, shared: Array, local: Array, out: Array) -> None:
-        """Write the outputs of all copies to `out`, from the inputs in `local`."""
-        inputs = local[self._input_range].reshape(self._input_shape)
-        self._code(shared, inputs, out[self._output_range].reshape(self._output_shape))
+def _find_code(batch: Batch) -> LaneKernel | None:
+    """Return the machine code of a large kernel if it is in the cache."""
+    if batch.kernel.source.n_instructions() <= _MIN_INSTRUCTIONS_OF_CACHED_CODE:
+        return None
+    return batch.kernel.load_native(compiles=False)
 
 
 class InterpretedKernel:
-    """Kernel of a batch, evaluated for all copies by CasADi's virtual machine."""
+    """Kernel of a batch, evaluated for all copies by CasADi's virtual machine.
+
+    Attributes
+    ----------
+    address, n_local, n_out
+        As of `LaneKernel`.
+    """
 
     def __init__(self, batch: Batch) -> None:
-        kernel, start, lanes, self._count = batch
-        n_inputs, n_outputs = kernel.n_local, kernel.n_out
-        self._compiled = Compiled(kernel.map_copies(self._count))
-        # Views of the buffers. Further copies would take as long as a small kernel.
-        self._shared, copies = self._compiled.inputs
-        self._inputs = copies.reshape(self._count, n_inputs).T
-        self._outputs = self._compiled.outputs[0].reshape(self._count, n_outputs).T
-        self._input_shape, self._output_shape = (n_inputs, lanes), (n_outputs, lanes)
-        self._input_range = slice(start, start + n_inputs * lanes)
-        self._output_range = slice(n_outputs * lanes)
-        self._linear_from = kernel.linear_from
+        kernel, lanes = batch.kernel, batch.lanes
+        self.n_local, self.n_out = kernel.n_local, kernel.n_out
+        shapes = (kernel.source.numel_in(0),), (self.n_local, lanes), (self.n_out, lanes)
+        self._evaluate = evaluate = _create_evaluator(batch)
+        views: dict[tuple[int, int, int], list[Array]] = {}
+
+        def call(shared: int, local: int, out: int, lanes: int) -> None:
+            addresses = shared, local, out
+            if addresses not in views:
+                arrays = [_view_of(*x) for x in zip(addresses, shapes, strict=True)]
+                keep_latest(views, addresses, arrays)
+            evaluate(*views[addresses])
+
+        self._callback = KERNEL_SIGNATURE(call)
+        self.address = ctypes.cast(self._callback, ctypes.c_void_p).value
 
     def __call__(self, shared: Array, local: Array, out: Array) -> None:
         """Write the outputs of all copies to `out`, from the inputs in `local`."""
-        count = self._count
-        inputs = local[self._input_range].reshape(self._input_shape)[:, :count]
-        if self._linear_from is not None and not inputs[self._linear_from :].any():
+        self._evaluate(shared, local, out)
+
+
+def _create_evaluator(batch: Batch) -> Callable[[Array, Array, Array], None]:
+    """Return a function of (shared, local, out) that evaluates a kernel for all its copies."""
+    kernel, count, linear_from = batch.kernel, batch.copies, batch.kernel.linear_from
+    compiled = Compiled(kernel.map_copies(count))
+    # Views of the buffers. Further copies would take as long as a small kernel.
+    shared_buffer, copies = compiled.inputs
+    inputs = copies.reshape(count, kernel.n_local).T
+    outputs = compiled.outputs[0].reshape(count, kernel.n_out).T
+
+    def evaluate(shared: Array, local: Array, out: Array) -> None:
+        if linear_from is not None and not local[linear_from:, :count].any():
             # A parameter changes few kernels of the start of a run.
-            out[self._output_range] = 0.0
+            out[:] = 0.0
             return
-        self._shared[:] = shared
-        self._inputs[:] = inputs
-        self._compiled()
-        out[self._output_range].reshape(self._output_shape)[:, :count] = self._outputs
+        shared_buffer[:] = shared
+        inputs[:] = local[:, :count]
+        compiled()
+        out[:, :count] = outputs
+
+    return evaluate
+
+
+def _view_of(address: int | None, shape: tuple[int, ...]) -> Array:
+    """Return a view of numbers at an address."""
+    size = int(np.prod(shape))
+    if not size or address is None:
+        return np.zeros(shape)
+    return np.ctypeslib.as_array((ctypes.c_double * size).from_address(address)).reshape(shape)
 
 
 def set_time(total: SharedInputs, t: float, branch: float) -> None:
@@ -562,41 +563,44 @@ def set_matrix_factors(
     total.shared[C_R] = c_r
 
 
+@dataclass(slots=True)
+class Evaluation:
+    """Sum, its input and its result."""
+
+    total: Sum
+    x: Array
+    result: Array
+
+
 def evaluate_sum(total: Sum, x: Array, result: Array) -> None:
     """Write the sum at x into `result`, with the time and factors in `total.shared`."""
-    evaluate_with_data(total, total.local, x, result)
+    if load_core() is not None:
+        Loop("run_evaluation", Evaluation(total, x, result))()
+    else:
+        evaluate_plainly(total, x, result)
 
 
-def evaluate_with_data(total: Sum, local: Array, x: Array, result: Array) -> None:
-    """Write the sum at x into `result`, with `local` in place of `total.local`.
+def evaluate_plainly(total: Sum, x: Array, result: Array) -> None:
+    """Write the sum at x into `result` without the core."""
+    local, out, n_shared = total.local, total.out, len(total.shared)
+    local[total.pick_targets] = x[total.pick_sources]
+    local[total.gather_targets] = 0.0
+    np.add.at(local, total.gather_targets, total.gather_weights * x[total.gather_sources])
+    result[:] = 0.0
+    add_begin = weighted_begin = 0
 
-    Several arrays of inputs with their own data, such as those of several directions, share the
-    other arrays of one sum.
-    """
-    out, batches, n_shared = total.out, total.batches, total.shared.size
-    fill(result, 0.0)
-    pick_begin, gather_begin, add_begin, weighted_begin = 0, 0, 0, 0
-    pick_tile_begin, add_tile_begin = 0, 0
-    for k in range(batches.shape[0]):
-        start, lanes = batches[k, START], batches[k, LANES]
-        pick_end, gather_end = batches[k, PICK_END], batches[k, GATHER_END]
-        add_end, weighted_end = batches[k, ADD_END], batches[k, WEIGHTED_END]
-        pick_tile_end, add_tile_end = batches[k, PICK_TILE_END], batches[k, ADD_TILE_END]
-        tiles = total.pick_tiles
-        pick_tiles(local, start, lanes, x, tiles, pick_tile_begin, pick_tile_end)
-        pick(local, total.pick_targets, x, total.pick_sources, pick_begin, pick_end)
-        targets, weights, sources = total.gather_targets, total.gather_weights, total.gather_sources
-        gather(local, targets, weights, x, sources, gather_begin, gather_end)
-        call_kernel(total.kernels, k, total.shared, local, start, out, lanes)
-        add_tiles(result, out, lanes, total.add_tiles, add_tile_begin, add_tile_end)
-        add(result, total.add_targets, out, total.add_sources, add_begin, add_end)
-        targets, weights, sources = total.weighted_targets, total.weights, total.weighted_sources
-        add_weighted(result, targets, weights, out, sources, weighted_begin, weighted_end)
-        pick_begin, gather_begin = pick_end, gather_end
-        pick_tile_begin, add_tile_begin = pick_tile_end, add_tile_end
+    def add(add_end: int, weighted_end: int) -> None:
+        at = slice(add_begin, add_end)
+        np.add.at(result, total.add_targets[at], out[total.add_sources[at]])
+        at = slice(weighted_begin, weighted_end)
+        values = total.weights[at] * out[total.weighted_sources[at]]
+        np.add.at(result, total.weighted_targets[at], values)
+
+    for kernel, row in zip(total.code_owners, total.batches.tolist(), strict=True):
+        start, lanes, _, _, add_end, weighted_end, *_ = row
+        inputs = local[start : start + kernel.n_local * lanes].reshape(kernel.n_local, lanes)
+        kernel(total.shared, inputs, out[: kernel.n_out * lanes].reshape(kernel.n_out, lanes))
+        add(add_end, weighted_end)
         add_begin, weighted_begin = add_end, weighted_end
-    combine(out[:n_shared], (1.0,), (total.shared,))
-    out[n_shared] = 1.0
-    add(result, total.add_targets, out, total.add_sources, add_begin, total.add_targets.size)
-    targets, weights, sources = total.weighted_targets, total.weights, total.weighted_sources
-    add_weighted(result, targets, weights, out, sources, weighted_begin, targets.size)
+    out[:n_shared], out[n_shared] = total.shared, 1.0
+    add(len(total.add_targets), len(total.weighted_targets))

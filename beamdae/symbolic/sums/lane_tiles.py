@@ -1,4 +1,4 @@
-"""Tiles of kernel inputs and outputs, which machine code moves by vectors.
+"""Tiles of kernel inputs and outputs, which the core moves by vectors.
 
 The coordinates of a node are neighbors in the input vector, and neighbors in the inputs of a copy.
 A tile consists of up to `TILE_ROWS` such components of `LANE_WIDTH` copies side by side: one run of
@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from beamdae.native.lane_code import LANE_WIDTH
-from beamdae.native.loop_functions import TILE_ROWS
 
 Array = np.ndarray
 
+# Largest number of rows of a tile.
+TILE_ROWS = 4
 # Least number of copies in a vector for which a tile of inputs takes less time than its numbers.
 _MIN_COPIES = 4
 

@@ -1,9 +1,9 @@
 """Evaluation of sums at single states, in machine code if a process evaluates them often.
 
-In a single run, CasADi's virtual machine evaluates these sums sooner than their machine code is
-loaded. Runs of the same model with other numbers share the plans of sums, see `row_kernels`.
-Loops take seconds to compile, and therefore only studies compile them, see `compile_sums`. Results
-have the same bits in any case.
+In a single run, CasADi's virtual machine evaluates the kernels of these sums sooner than their
+machine code is loaded. Runs of the same model with other numbers share the plans of sums, see
+`row_kernels`. Only studies compile the kernels, see `compile_sums`. Results have the same bits in
+any case.
 """
 
 from __future__ import annotations
@@ -12,28 +12,26 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 from weakref import finalize
 
 import numpy as np
 
-from beamdae.native.llvm import MachineCodeError
-from beamdae.native.loops import CompiledLoop
-from beamdae.native.return_codes import DONE
-from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_sum
+from beamdae.core.library import load_core
+from beamdae.core.tables import Loop
+from beamdae.symbolic.sums.kernel_sums import Evaluation, Sum, SumPlan, evaluate_plainly
 
 Array = np.ndarray
 
 # Largest inputs of sums that are kept for later models.
 _MAX_IDLE_NUMBERS = 100_000
 
-_compiles: ContextVar[bool] = ContextVar("compilation of loops of sums", default=False)
+_compiles: ContextVar[bool] = ContextVar("compilation of kernels of sums", default=False)
 
 
 @contextmanager
 def compile_sums() -> Iterator[None]:
-    """Compile the loops of sums that are evaluated often, within this context."""
+    """Compile the kernels of sums that are evaluated often, within this context."""
     token = _compiles.set(True)
     try:
         yield
@@ -41,27 +39,27 @@ def compile_sums() -> Iterator[None]:
         _compiles.reset(token)
 
 
-@dataclass(slots=True)
-class Evaluation:
-    """Sum, its input and its result; argument of `run_evaluation`."""
-
-    total: Sum
-    x: Array
-    result: Array
-
-
-def run_evaluation(evaluation: Evaluation) -> int:
-    """Write the sum at `x` into `result`; return DONE."""
-    evaluate_sum(evaluation.total, evaluation.x, evaluation.result)
-    return DONE
-
-
 @dataclass
 class _Buffers:
-    """Sum of an evaluator, and its machine code if it is in use; kept by plans for later models."""
+    """Sum of an evaluator, and its evaluation by the core; kept by plans for later models."""
 
     total: Sum
-    native: tuple[Evaluation, CompiledLoop] | None = None
+    is_native: bool = False
+    evaluation: Evaluation | None = None
+    loop: Loop | None = None
+
+    def evaluate(self, x: Array, size: int) -> Array:
+        """Return the sum at x, (size,)."""
+        if load_core() is None:
+            result = np.zeros(size)
+            evaluate_plainly(self.total, x, result)
+            return result
+        if self.evaluation is None or self.loop is None:
+            self.evaluation = Evaluation(self.total, np.zeros(len(x)), np.zeros(size))
+            self.loop = Loop("run_evaluation", self.evaluation)
+        self.evaluation.x[:] = x
+        self.loop.call_loaded()
+        return self.evaluation.result.copy()
 
 
 class SumEvaluator:
@@ -96,36 +94,23 @@ class SumEvaluator:
 
     def __call__(self, x: Array, size: int) -> Array:
         """Return the sum at x, (size,); all calls have equal sizes of x and of the result."""
-        buffers, plan = self._buffers, self._plan
-        if buffers.native is None:
-            load = partial(self.load_native, len(x), size)
-            if plan.code.find(plan.operations_per_kernel, load, _compiles.get()):
-                # Another evaluator of the plan may have loaded the machine code.
-                load(compiles=False)
-        if buffers.native is None:
-            result = np.zeros(size)
-            evaluate_sum(buffers.total, x, result)
-            return result
-        evaluation, loop = buffers.native
-        evaluation.x[:] = x
-        loop.call_loaded()
-        return evaluation.result.copy()
+        plan = self._plan
+        if not self._buffers.is_native and plan.code.find(
+            plan.operations_per_kernel, self.load_native, _compiles.get()
+        ):
+            # Another evaluator of the plan may have loaded the machine code.
+            self.load_native(compiles=False)
+        return self._buffers.evaluate(x, size)
 
-    def load_native(self, n_inputs: int, size: int, compiles: bool) -> bool:
+    def load_native(self, compiles: bool) -> bool:
         """Use machine code from now on; return False if it is not available.
 
         Only machine code in the cache is used if `compiles` is False.
         """
-        if self._buffers.native is not None:
-            return True
-        if not self._plan.load_native(compiles):
-            return False
-        total = self._plan.sum(True, self._p)
-        total.shared[:] = self.shared
-        evaluation = Evaluation(total, np.zeros(n_inputs), np.zeros(size))
-        try:
-            loop = CompiledLoop(run_evaluation, evaluation, compiles=compiles)
-        except MachineCodeError:
-            return False
-        self._buffers.total, self._buffers.native = total, (evaluation, loop)
-        return True
+        buffers = self._buffers
+        if not buffers.is_native and self._plan.load_native(compiles):
+            total = self._plan.sum(True, self._p)
+            total.shared[:] = self.shared
+            buffers.total, buffers.is_native = total, True
+            buffers.evaluation = buffers.loop = None
+        return self._buffers.is_native

@@ -1,4 +1,4 @@
-"""Linear solver of compiled loops, which requests new pivots from Python."""
+"""Linear solver of loops in the core, which request new pivots from Python."""
 
 from __future__ import annotations
 
@@ -7,24 +7,8 @@ from typing import Self
 
 import numpy as np
 
-from beamdae.linear.elimination import (
-    EliminationPlan,
-    Factors,
-    allocate_factors,
-    empty_plan,
-    refactorize,
-    solve,
-    substitute_triangles_in_lanes,
-)
-from beamdae.linear.lane_operations import (
-    LANES,
-    aligned_zeros,
-    gather_lanes,
-    index_lanes,
-    scatter_lanes,
-    set_entry,
-)
-from beamdae.native.return_codes import DONE, NEW_PIVOTS, SINGULAR
+from beamdae.linear.elimination import EliminationPlan, Factors, allocate_factors, empty_plan
+from beamdae.linear.lanes import LANES, aligned_zeros, index_lanes
 
 Array = np.ndarray
 
@@ -78,48 +62,16 @@ class LaneSolver(LinearSolver):
     ----------
     lane_rows, lane_columns
         Indices in all lanes of right-hand sides: rows and columns of the pivots, by position.
-    x
+    lane_x
         Work array of lanes by position.
     """
 
     lane_rows: Array = field(default_factory=lambda: np.zeros(0, np.uint32))
     lane_columns: Array = field(default_factory=lambda: np.zeros(0, np.uint32))
-    x: Array = field(default_factory=lambda: np.zeros(0))
+    lane_x: Array = field(default_factory=lambda: np.zeros(0))
 
     def set_plan(self, plan: EliminationPlan) -> None:
         """Use the pivots of another plan, and allocate its factors."""
         LinearSolver.set_plan(self, plan)
         self.lane_rows, self.lane_columns = map(index_lanes, (plan.rows, plan.columns))
-        self.x = aligned_zeros(LANES * len(plan.rows), self.factors.matrix.dtype)
-
-
-def factorize_linear(linear: LinearSolver, nonzeros: Array) -> int:
-    """Factorize the matrix with these CSC non-zeros; return DONE, NEW_PIVOTS or SINGULAR."""
-    if linear.singular == 1:
-        return SINGULAR
-    if linear.plan.rows.size == 0 or not refactorize(linear.plan, linear.factors, nonzeros):
-        linear.needs_pivots = 1
-        return NEW_PIVOTS
-    linear.factorizations += 1
-    linear.is_untried = 0
-    return DONE
-
-
-def solve_linear(linear: LinearSolver, right: Array) -> None:
-    """Replace `right` by the solution computed with the last factors."""
-    linear.solves += 1
-    solve(linear.plan, linear.factors, right)
-
-
-def solve_linear_lanes(linear: LaneSolver, right: Array) -> None:
-    """Replace the right-hand sides, one per lane, by solutions with the last factors.
-
-    They are not refined.
-    """
-    plan, x, size = linear.plan, linear.x, linear.plan.rows.size
-    linear.solves += LANES
-    gather_lanes(x, 0, size, right, linear.lane_rows, 0)
-    for k in range(size):
-        set_entry(x, k, x, k, plan.scale[plan.rows[k]])
-    substitute_triangles_in_lanes(plan, linear.factors, x)
-    scatter_lanes(right, linear.lane_columns, 0, x, 0, size)
+        self.lane_x = aligned_zeros(LANES * len(plan.rows), self.factors.matrix.dtype)

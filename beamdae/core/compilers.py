@@ -18,6 +18,7 @@ from beamdae.python_processes import SAFE_PATH
 
 # The sources are standard C. Fused multiplications would differ between processors.
 _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
+_CORE_FLAGS = ("-std=gnu11", "-ffp-contract=off", "-fno-semantic-interposition")
 _MAX_MESSAGE_LENGTH = 500
 
 
@@ -62,8 +63,8 @@ def current_platform() -> Platform | None:
     return PLATFORMS.get(f"{machine}-{platform.system().lower()}")
 
 
-def find_compiler(part: str, target: Platform) -> list[str]:
-    """Return the command of a C compiler for a platform, with its target.
+def find_compiler(part: str, target: Platform | None = None) -> list[str]:
+    """Return the command of a C compiler for a platform, by default this machine.
 
     The compiler of this machine ($CC, cc, gcc or clang) is used for its own platform. All other
     platforms require the package ziglang, whose compiler needs no other files.
@@ -73,17 +74,20 @@ def find_compiler(part: str, target: Platform) -> list[str]:
     BeamdaeError
         If there is none.
     """
-    if target == current_platform():
+    if target in (None, current_platform()):
         candidates = (os.environ.get("CC", ""), "cc", "gcc", "clang")
         for command in filter(None, map(shlex.split, filter(None, candidates))):
             if shutil.which(command[0]):
                 return command
     if importlib.util.find_spec("ziglang") is None:
+        name = target.name if target else "this machine"
+        remedy = ", or pass platforms=() for an FMU with sources only" if target else ""
         raise BeamdaeError(
-            f"{part}: there is no C compiler for {target.name}; install one by "
-            '`pip install "beamdae[fmu]"`, or pass platforms=() for an FMU with sources only.'
+            f"{part}: there is no C compiler for {name}; install one by "
+            f'`pip install "beamdae[fmu]"`{remedy}.'
         )
-    return [sys.executable, SAFE_PATH, "-m", "ziglang", "cc", "-target", target.zig_target]
+    command = [sys.executable, SAFE_PATH, "-m", "ziglang", "cc"]
+    return [*command, "-target", target.zig_target] if target else command
 
 
 def compile_objects(
@@ -107,6 +111,24 @@ def compile_objects(
         flags = [*_FLAGS, *position, *further]
         run_compiler(part, [*compiler, *flags, "-c", str(source), *output])
     return objects
+
+
+def compile_library(
+    part: str, compiler: Sequence[str], flags: Sequence[str], sources: Sequence[Path], file: Path
+) -> None:
+    """Compile sources to a shared library for this machine that exports all functions.
+
+    Raises
+    ------
+    BeamdaeError
+        If the compiler fails.
+    """
+    position = () if sys.platform == "win32" else ("-fPIC",)
+    libraries = () if sys.platform == "win32" else ("-lm",)
+    names = [str(x) for x in sources]
+    further = shlex.split(os.environ.get("CFLAGS", ""))
+    options = [*_CORE_FLAGS, *flags, *position, *further, "-shared", "-o", str(file)]
+    run_compiler(part, [*compiler, *options, *names, *libraries])
 
 
 def link_library(

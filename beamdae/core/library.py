@@ -1,0 +1,129 @@
+"""The core as a shared library: installed with the package, or compiled once and cached."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import platform
+import sys
+import tempfile
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+from beamdae.core.compilers import compile_library, find_compiler
+from beamdae.errors import BeamdaeError, warn_once
+from beamdae.native import llvm
+from beamdae.native.object_cache import CacheError, cache_folder, read_object, write_object
+from beamdae.native.prebuilt_objects import has_prebuilt_objects, read_prebuilt_object
+
+FOLDER = Path(__file__).parent
+_NAME = "core"
+# Results have the same bits on all processors: multiplications and additions are not fused.
+_FLAGS = ("-O3", "-fcx-limited-range", "-fno-math-errno", "-fno-trapping-math")
+
+
+def core_sources() -> list[Path]:
+    """Return the C files of the core."""
+    return sorted(FOLDER.glob("*.c"))
+
+
+def core_identity() -> str:
+    """Return the text that determines what the core computes: its sources."""
+    files = sorted([*FOLDER.glob("*.h"), *core_sources()])
+    return "\n".join(file.read_text("utf-8") for file in files)
+
+
+def processor_flags(target: llvm.Target | None) -> list[str]:
+    """Return the flags for a processor, none for those on which all programs run."""
+    if target is None:
+        return []
+    if target.cpu in llvm.X86_LEVELS:
+        return [f"-march={target.cpu}"]
+    return ["-mcpu=native"] if "arm64" in target.triple or "aarch64" in target.triple else []
+
+
+def compile_core(target: llvm.Target | None) -> bytes:
+    """Compile the core for a processor of this system.
+
+    Raises
+    ------
+    BeamdaeError
+        If there is no compiler, or it fails.
+    """
+    compiler = find_compiler("core")
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "core.so")
+        try:
+            flags = [*_FLAGS, *processor_flags(target)]
+            compile_library("core", compiler, flags, core_sources(), file)
+        except BeamdaeError:
+            # Older compilers know no levels of processors.
+            compile_library("core", compiler, _FLAGS, core_sources(), file)
+        return file.read_bytes()
+
+
+@cache
+def load_core() -> ctypes.CDLL | None:
+    """Return the core; None if it is neither installed nor can be compiled.
+
+    Warns
+    -----
+    KernelWarning
+        If there is no core.
+    """
+    try:
+        return _load_library(_read_library())
+    except (BeamdaeError, OSError) as problem:
+        warn_once(
+            f"{str(problem).rstrip('.')}. Without the compiled core, only GeneralizedAlpha with "
+            "fixed steps and Ida are available, and runs take several times as long"
+        )
+        return None
+
+
+def function_address(name: str) -> int:
+    """Return the address of a function of the core, which must exist."""
+    return int(ctypes.cast(getattr(load_core(), name), ctypes.c_void_p).value or 0)
+
+
+def _read_library() -> bytes:
+    """Return the shared library from the cache, the package or the compiler."""
+    try:
+        target = llvm.host_target()
+    except llvm.MachineCodeError:
+        target = None
+    identity = core_identity()
+    recipe = "\n".join([identity, sys.platform, platform.machine(), *(target or ())])
+    folder = None
+    with suppress(CacheError):
+        folder = cache_folder()
+        content = read_object(folder, recipe, _NAME)
+        if content is not None:
+            return content
+    if target is not None and has_prebuilt_objects(target):
+        content = read_prebuilt_object(target, identity, _NAME)
+        if content is not None:
+            return content
+    content = compile_core(target)
+    if folder is not None:
+        with suppress(CacheError):
+            write_object(folder, recipe, _NAME, content)
+    return content
+
+
+def _load_library(content: bytes) -> ctypes.CDLL:
+    """Load a shared library from memory: a file could be replaced after its checksum is tested."""
+    if hasattr(os, "memfd_create"):
+        descriptor = os.memfd_create("beamdae-core")
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            return ctypes.CDLL(f"/proc/self/fd/{descriptor}")
+    with tempfile.NamedTemporaryFile(suffix=".so", delete=False) as file:
+        file.write(content)
+    try:
+        return ctypes.CDLL(file.name)
+    finally:
+        with suppress(OSError):
+            os.unlink(file.name)

@@ -1,0 +1,177 @@
+"""Tables of the numbers and arrays of an object, on which functions of the core work.
+
+The structures in `core.h` determine the tables: a Python object, usually a dataclass, has
+attributes with the names of the fields. Numbers are copied into the table and back at each call; of
+arrays, it contains the address and the shape.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from beamdae.core.library import FOLDER, load_core
+
+Array = np.ndarray
+
+_NUMBERS: dict[str, type] = {"double": float, "int64_t": int}
+_DTYPES = {
+    "Reals": np.float64,
+    "Complexes": np.complex128,
+    "Indices": np.uint32,
+    "Integers": np.int64,
+    "Shorts": np.int32,
+}
+# dtype and number of dimensions of the array types in `arrays.h`.
+_ARRAYS = {
+    f"{name}{suffix}": (np.dtype(dtype), n_axes)
+    for name, dtype in _DTYPES.items()
+    for suffix, n_axes in (("", 1), ("2", 2), ("3", 3), ("4", 4))
+}
+# Field that holds attributes of the same object.
+_BASE = "base"
+_CALL = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
+
+
+@cache
+def _structures() -> dict[str, tuple[tuple[str, str], ...]]:
+    """Return (name, type) of the fields of each structure."""
+    text = re.sub(r"/\*.*?\*/", "", (FOLDER / "core.h").read_text("utf-8"), flags=re.DOTALL)
+    structures = {}
+    for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", text, re.DOTALL):
+        lines = (line.split(maxsplit=1) for line in body.split(";") if line.strip())
+        structures[name] = tuple(
+            (field.strip(), kind) for kind, names in lines for field in names.split(",")
+        )
+    return structures
+
+
+@cache
+def _structure_of(function: str) -> str:
+    """Return the structure on which a function works."""
+    (name,) = re.findall(rf"int {function}\((\w+) \*\w+\);", (FOLDER / "core.h").read_text("utf-8"))
+    return str(name)
+
+
+class _Number(NamedTuple):
+    owner: Any
+    name: str
+    word: int
+
+
+class _Layout:
+    """Words of an object, with zeros in place of numbers; the numbers by type; nested objects."""
+
+    def __init__(self, structure: str, owner: Any) -> None:
+        self.words: list[int] = []
+        self.numbers: dict[type, list[_Number]] = {float: [], int: []}
+        self.objects: list[tuple[Any, int, str]] = []
+        self._add(structure, owner)
+
+    def _add(self, structure: str, owner: Any) -> None:
+        words = self.words
+        self.objects.append((owner, len(words), structure))
+        for name, kind in _structures()[structure]:
+            if name == _BASE:
+                self._add(kind, owner)
+                continue
+            value = getattr(owner, name, None)
+            if kind in _ARRAYS:
+                dtype, n_axes = _ARRAYS[kind]
+                if value is None:
+                    words += [0] * (1 + n_axes)
+                    continue
+                if value.dtype != dtype or value.ndim != n_axes or not value.flags.c_contiguous:
+                    raise TypeError(f"{structure}.{name}: {value.dtype} {value.shape} is no {kind}")
+                words.append(_address_of(value))
+                words += value.shape
+            elif kind in _NUMBERS:
+                if value is not None:
+                    self.numbers[_NUMBERS[kind]].append(_Number(owner, name, len(words)))
+                words.append(0)
+            else:
+                self._add(kind, value)
+
+
+def _address_of(array: Array) -> int:
+    """Return the address of an array; 0 if it is empty."""
+    if not array.size:
+        return 0
+    if array.flags.writeable:
+        # `array.ctypes` takes ten times as long.
+        return ctypes.addressof(ctypes.c_char.from_buffer(array.data))
+    return int(array.ctypes.data)
+
+
+class Loop:
+    """A function of the core, bound to the object on which it works.
+
+    Parameters
+    ----------
+    function
+        Name of a function of one structure that returns a code.
+    work
+        Object with the fields of the structure. Between calls, numbers may be assigned, but arrays
+        must be changed in place.
+
+    Attributes
+    ----------
+    table
+        Words of 64 bits.
+    """
+
+    def __init__(self, function: str, work: Any) -> None:
+        core = load_core()
+        assert core is not None
+        layout = _Layout(_structure_of(function), work)
+        self._objects = layout.objects
+        self.table = np.array(layout.words, np.int64)
+        self._views = {float: self.table.view(np.float64), int: self.table}
+        self._numbers = [
+            (kind, np.array([x.word for x in numbers], np.intp), numbers)
+            for kind, numbers in layout.numbers.items()
+        ]
+        self._call = _CALL((function, core))
+        self._address = self.table.ctypes.data
+        # Kept because the table holds addresses of its arrays.
+        self._work = work
+
+    def __call__(self) -> int:
+        """Call the function, update the numbers of the object, and return the code."""
+        self.load()
+        code = self._call(self._address)
+        self.unload()
+        return int(code)
+
+    def call_loaded(self) -> int:
+        """Call the function with the numbers in the table; return the code."""
+        return int(self._call(self._address))
+
+    def bind(self, *owners: Any) -> None:
+        """Update the table after arrays of these nested objects, or of any, have been replaced.
+
+        The address of the table does not change, so that callbacks may call this method while the
+        function runs.
+        """
+        for owner in owners or (self._work,):
+            start, structure = next((word, name) for x, word, name in self._objects if x is owner)
+            words = _Layout(structure, owner).words
+            self.table[start : start + len(words)] = words
+        self.load()
+
+    def load(self) -> None:
+        """Copy the numbers of the object into the table."""
+        for kind, words, numbers in self._numbers:
+            self._views[kind][words] = [getattr(x.owner, x.name) for x in numbers]
+
+    def unload(self) -> None:
+        """Copy the numbers in the table into the object."""
+        for kind, words, numbers in self._numbers:
+            # One access to the table: its entries, one by one, would take five times as long.
+            values = self._views[kind][words].tolist()
+            for x, value in zip(numbers, values, strict=True):
+                setattr(x.owner, x.name, value)
