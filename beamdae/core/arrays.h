@@ -1,7 +1,8 @@
 /* Arrays, and operations on whole arrays.
 
-   Results have the same bits on all processors: sums of products are accumulated in `LANES` partial
-   sums, and multiplications and additions are not fused. */
+   Results have the same bits on all processors: multiplications and additions are not fused, and
+   sums of products are accumulated in `LANES` partial sums. Vectors are therefore explicit, and the
+   compiler must not vectorize by itself: gcc fuses the operations of complex products if it does. */
 
 #ifndef BEAMDAE_ARRAYS_H
 #define BEAMDAE_ARRAYS_H
@@ -26,12 +27,20 @@ typedef struct { int32_t *at; int64_t size; } Shorts;
 
 typedef double Vector __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
 
-/* The entries of a loop do not depend on each other. */
-#ifdef __clang__
-#define INDEPENDENT _Pragma("clang loop vectorize(assume_safety)")
-#else
-#define INDEPENDENT _Pragma("GCC ivdep")
-#endif
+/* Set the entries of `out` to a value in terms of AT(x), for vectors and for the last entries. */
+#define AT(x) (*(const Entry *)((x).at + i))
+#define SET(out, value)                                                                            \
+    do {                                                                                           \
+        int64_t i = 0;                                                                             \
+        for (; i + LANES <= (out).size; i += LANES) {                                              \
+            typedef Vector Entry;                                                                  \
+            *(Entry *)((out).at + i) = value;                                                      \
+        }                                                                                          \
+        for (; i < (out).size; i++) {                                                              \
+            typedef double Entry;                                                                  \
+            *(Entry *)((out).at + i) = value;                                                      \
+        }                                                                                          \
+    } while (0)
 
 static inline Reals part(Reals x, int64_t begin, int64_t end) {
     return (Reals){x.at + begin, end - begin};
@@ -56,39 +65,31 @@ static inline double entry4(Reals4 x, int64_t i, int64_t j, int64_t k, int64_t l
 static inline double largest_of(double a, double b) { return b > a ? b : a; }
 static inline double smallest_of(double a, double b) { return b < a ? b : a; }
 
-static inline void fill(Reals out, double value) {
-    for (int64_t i = 0; i < out.size; i++) out.at[i] = value;
-}
+static inline Vector broadcast(double x) { return x - (Vector){0.0}; }
 
-static inline void copy(Reals out, Reals x) {
-    INDEPENDENT for (int64_t i = 0; i < out.size; i++) out.at[i] = x.at[i];
-}
+static inline void fill(Reals out, double value) { SET(out, value - (Entry){0}); }
 
 /* Set `out`, which may be one of the vectors, to the sum of factors times vectors. */
-static inline void scale(Reals out, double a, Reals x) {
-    INDEPENDENT for (int64_t i = 0; i < out.size; i++) out.at[i] = a * x.at[i];
-}
+static inline void copy(Reals out, Reals x) { SET(out, AT(x)); }
+
+static inline void scale(Reals out, double a, Reals x) { SET(out, a * AT(x)); }
 
 static inline void combine2(Reals out, double a, Reals x, double b, Reals y) {
-    INDEPENDENT for (int64_t i = 0; i < out.size; i++) out.at[i] = a * x.at[i] + b * y.at[i];
+    SET(out, a * AT(x) + b * AT(y));
 }
 
 static inline void combine3(Reals out, double a, Reals x, double b, Reals y, double c, Reals z) {
-    INDEPENDENT for (int64_t i = 0; i < out.size; i++)
-        out.at[i] = a * x.at[i] + b * y.at[i] + c * z.at[i];
+    SET(out, a * AT(x) + b * AT(y) + c * AT(z));
 }
 
 static inline void combine4(Reals out, double a, Reals x, double b, Reals y, double c, Reals z,
                             double d, Reals w) {
-    INDEPENDENT for (int64_t i = 0; i < out.size; i++)
-        out.at[i] = a * x.at[i] + b * y.at[i] + c * z.at[i] + d * w.at[i];
+    SET(out, a * AT(x) + b * AT(y) + c * AT(z) + d * AT(w));
 }
 
 static inline void add_to(Reals out, double a, Reals x) { combine2(out, 1.0, out, a, x); }
 
-static inline void multiply(Reals out, Reals x, Reals y) {
-    INDEPENDENT for (int64_t i = 0; i < out.size; i++) out.at[i] = x.at[i] * y.at[i];
-}
+static inline void multiply(Reals out, Reals x, Reals y) { SET(out, AT(x) * AT(y)); }
 
 /* Set `out` to the smaller of x and a * y, entry by entry; NaN is kept. */
 static inline void minimum(Reals out, Reals x, double a, Reals y) {
@@ -103,12 +104,14 @@ static inline double sum_lanes(double total, Vector lanes) {
     return total;
 }
 
+/* Entries from i on as a vector. */
+static inline Vector load(Reals x, int64_t i) { return *(const Vector *)(x.at + i); }
+
 static inline double inner_product(Reals x, Reals y) {
     Vector lanes = {0.0};
     double total = 0.0;
     int64_t i = 0;
-    for (; i + LANES <= x.size; i += LANES)
-        lanes += *(const Vector *)(x.at + i) * *(const Vector *)(y.at + i);
+    for (; i + LANES <= x.size; i += LANES) lanes += load(x, i) * load(y, i);
     for (; i < x.size; i++) total += x.at[i] * y.at[i];
     return sum_lanes(total, lanes);
 }
@@ -119,7 +122,7 @@ static inline double euclidean_norm(Reals x, Reals weights) {
     double total = 0.0;
     int64_t i = 0;
     for (; i + LANES <= x.size; i += LANES) {
-        const Vector value = *(const Vector *)(x.at + i) * *(const Vector *)(weights.at + i);
+        const Vector value = load(x, i) * load(weights, i);
         lanes += value * value;
     }
     for (; i < x.size; i++) {
@@ -129,6 +132,12 @@ static inline double euclidean_norm(Reals x, Reals weights) {
     return sqrt(sum_lanes(total, lanes));
 }
 
+/* Entries of x where the mask is set, else of y. */
+typedef int64_t Mask __attribute__((vector_size(8 * LANES)));
+static inline Vector select(Mask mask, Vector x, Vector y) {
+    return (Vector)((mask & (Mask)x) | (~mask & (Mask)y));
+}
+
 /* The larger of two sizes; NaN is kept. */
 static inline double join_largest(double total, double size) {
     return size > total || size != size ? size : total;
@@ -136,11 +145,14 @@ static inline double join_largest(double total, double size) {
 
 /* Largest magnitude of weighted entries; NaN if one of them is NaN. */
 static inline double max_norm(Reals x, Reals weights) {
-    double lanes[LANES] = {0.0}, total = 0.0;
+    Vector lanes = {0.0};
+    double total = 0.0;
     int64_t i = 0;
-    for (; i + LANES <= x.size; i += LANES)
-        for (int k = 0; k < LANES; k++)
-            lanes[k] = join_largest(lanes[k], fabs(x.at[i + k] * weights.at[i + k]));
+    for (; i + LANES <= x.size; i += LANES) {
+        const Vector value = load(x, i) * load(weights, i);
+        const Vector size = select(value < -value, -value, value);
+        lanes = select((size > lanes) | (size != size), size, lanes);
+    }
     for (; i < x.size; i++) total = join_largest(total, fabs(x.at[i] * weights.at[i]));
     for (int k = 0; k < LANES; k++) total = join_largest(total, lanes[k]);
     return total;

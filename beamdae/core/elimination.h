@@ -10,42 +10,6 @@
    (see linear/elimination.py), as in the refactorization of KLU (Davis & Palamadai Natarajan, ACM
    Trans. Math. Softw. 37 (2010) 36). Blocks of unknowns are eliminated first, one per lane. */
 
-/* Lanes */
-
-static inline LANE NAME(gather)(const NUMBER *x, const uint32_t *at) {
-    LANE value;
-    double *to = (double *)&value;
-    for (int l = 0; l < LANES; l++)
-        for (int k = 0; k < PARTS; k++)
-            to[k * LANES + l] = ((const double *)x)[PARTS * (size_t)at[l] + k];
-    return value;
-}
-
-static inline void NAME(scatter)(NUMBER *x, const uint32_t *at, LANE value) {
-    const double *of = (const double *)&value;
-    for (int l = 0; l < LANES; l++)
-        for (int k = 0; k < PARTS; k++)
-            ((double *)x)[PARTS * (size_t)at[l] + k] = of[k * LANES + l];
-}
-
-static inline void NAME(add_lanes)(NUMBER *x, const uint32_t *at, LANE value) {
-    const double *of = (const double *)&value;
-    for (int l = 0; l < LANES; l++)
-        for (int k = 0; k < PARTS; k++)
-            ((double *)x)[PARTS * (size_t)at[l] + k] += of[k * LANES + l];
-}
-
-static inline NUMBER NAME(sum_halves)(LANE value) {
-    NUMBER sum;
-    double *of = (double *)&value;
-    for (int k = 0; k < PARTS; k++, of += LANES) {
-        for (int width = LANES / 2; width; width /= 2)
-            for (int l = 0; l < width; l++) of[l] += of[l + width];
-        ((double *)&sum)[k] = of[0];
-    }
-    return sum;
-}
-
 /* Factorize one block per lane without pivoting, and add its contribution to `corner`. The factors
    replace columns of the interior unknowns, then interior rows of the neighbors; pivots are
    inverted. */

@@ -21,9 +21,36 @@ typedef struct {
 typedef struct { Vector re, im; } ComplexVector;
 typedef double _Complex Complex;
 
+/* One number per lane at the indices `at`, of arrays whose numbers have `parts` parts. */
+static inline Vector pick_lanes(const double *x, const uint32_t *at, int parts) {
+    return (Vector){x[parts * at[0]], x[parts * at[1]], x[parts * at[2]], x[parts * at[3]],
+                    x[parts * at[4]], x[parts * at[5]], x[parts * at[6]], x[parts * at[7]]};
+}
+static inline void put_lanes(double *x, const uint32_t *at, int parts, Vector value) {
+    for (int l = 0; l < LANES; l++) x[parts * at[l]] = value[l];
+}
+static inline void add_each_lane(double *x, const uint32_t *at, int parts, Vector value) {
+    for (int l = 0; l < LANES; l++) x[parts * at[l]] += value[l];
+}
+/* Sum of all lanes, by halves. */
+static inline double sum_by_halves(Vector x) {
+    const double a = x[0] + x[4], b = x[1] + x[5], c = x[2] + x[6], d = x[3] + x[7];
+    return (a + c) + (b + d);
+}
+
+static inline Vector real_gather(const double *x, const uint32_t *at) {
+    return pick_lanes(x, at, 1);
+}
+static inline void real_scatter(double *x, const uint32_t *at, Vector value) {
+    put_lanes(x, at, 1, value);
+}
+static inline void real_add_lanes(double *x, const uint32_t *at, Vector value) {
+    add_each_lane(x, at, 1, value);
+}
+static inline double real_sum_halves(Vector x) { return sum_by_halves(x); }
 static inline Vector real_times(Vector x, Vector y) { return x * y; }
 static inline Vector real_subtract_product(Vector z, Vector x, Vector y) { return z - x * y; }
-static inline Vector real_broadcast(double x) { return x - (Vector){0.0}; }
+static inline Vector real_broadcast(double x) { return broadcast(x); }
 static inline Vector real_invert_lane(Vector x) { return 1.0 / x; }
 static inline Vector real_scale_lane(double a, Vector x) { return a * x; }
 static inline Vector real_times_number(double a, Vector x) { return a * x; }
@@ -32,6 +59,21 @@ static inline double real_invert(double x) { return 1.0 / x; }
 static inline double real_modulus(double x) { return fabs(x); }
 static inline int real_is_finite(double x) { return isfinite(x); }
 
+static inline ComplexVector complex_gather(const Complex *x, const uint32_t *at) {
+    const double *re = (const double *)x;
+    return (ComplexVector){pick_lanes(re, at, 2), pick_lanes(re + 1, at, 2)};
+}
+static inline void complex_scatter(Complex *x, const uint32_t *at, ComplexVector value) {
+    put_lanes((double *)x, at, 2, value.re);
+    put_lanes((double *)x + 1, at, 2, value.im);
+}
+static inline void complex_add_lanes(Complex *x, const uint32_t *at, ComplexVector value) {
+    add_each_lane((double *)x, at, 2, value.re);
+    add_each_lane((double *)x + 1, at, 2, value.im);
+}
+static inline Complex complex_sum_halves(ComplexVector x) {
+    return CMPLX(sum_by_halves(x.re), sum_by_halves(x.im));
+}
 static inline ComplexVector complex_times(ComplexVector x, ComplexVector y) {
     return (ComplexVector){x.re * y.re - x.im * y.im, x.re * y.im + x.im * y.re};
 }

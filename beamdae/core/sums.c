@@ -22,23 +22,43 @@ typedef struct {
 /* Indices of shared numbers; see symbolic/local_symbols.py. */
 enum { TIME, BRANCH, C_Q, C_V, C_A, C_L, C_H, C_R };
 
+typedef double Run __attribute__((vector_size(8 * TILE_ROWS), aligned(8), may_alias));
+
+#ifdef __clang__
+#define SHUFFLE(x, y, ...) __builtin_shufflevector(x, y, __VA_ARGS__)
+#else
+typedef int64_t RunMask __attribute__((vector_size(8 * TILE_ROWS)));
+#define SHUFFLE(x, y, ...) __builtin_shuffle(x, y, (RunMask){__VA_ARGS__})
+#endif
+
+static inline void transpose(Run x[TILE_ROWS]) {
+    const Run a = SHUFFLE(x[0], x[1], 0, 4, 2, 6), b = SHUFFLE(x[0], x[1], 1, 5, 3, 7);
+    const Run c = SHUFFLE(x[2], x[3], 0, 4, 2, 6), d = SHUFFLE(x[2], x[3], 1, 5, 3, 7);
+    x[0] = SHUFFLE(a, c, 0, 1, 4, 5), x[1] = SHUFFLE(b, d, 0, 1, 4, 5);
+    x[2] = SHUFFLE(a, c, 2, 3, 6, 7), x[3] = SHUFFLE(b, d, 2, 3, 6, 7);
+}
+
 /* Set row i, `stride` numbers apart, to vector[index + i] for the index of each lane. All
    `TILE_ROWS` numbers of a lane can be read. */
 static inline void pick_tile(double *out, int64_t stride, const double *x, const Tile *tile) {
-    double rows[TILE_ROWS][LANES];
-    for (int l = 0; l < LANES; l++)
-        for (int i = 0; i < TILE_ROWS; i++) rows[i][l] = x[tile->lanes[l] + i];
-    for (uint32_t i = 0; i < tile->height; i++)
-        memcpy(out + tile->start + i * stride, rows[i], sizeof(rows[i]));
+    for (int half = 0; half < LANES; half += TILE_ROWS) {
+        Run rows[TILE_ROWS];
+        for (int l = 0; l < TILE_ROWS; l++) rows[l] = *(const Run *)(x + tile->lanes[half + l]);
+        transpose(rows);
+        for (uint32_t i = 0; i < tile->height; i++)
+            *(Run *)(out + tile->start + half + i * stride) = rows[i];
+    }
 }
 
 /* Add rows to vector[index + i]; zeros are added for rows that the tile does not have. */
 static inline void add_tile(double *x, const double *out, int64_t stride, const Tile *tile) {
-    double rows[TILE_ROWS][LANES] = {{0.0}};
-    for (uint32_t i = 0; i < tile->height; i++)
-        memcpy(rows[i], out + tile->start + i * stride, sizeof(rows[i]));
-    for (int l = 0; l < LANES; l++)
-        for (int i = 0; i < TILE_ROWS; i++) x[tile->lanes[l] + i] += rows[i][l];
+    for (int half = 0; half < LANES; half += TILE_ROWS) {
+        Run rows[TILE_ROWS] = {{0.0}};
+        for (uint32_t i = 0; i < tile->height; i++)
+            rows[i] = *(const Run *)(out + tile->start + half + i * stride);
+        transpose(rows);
+        for (int l = 0; l < TILE_ROWS; l++) *(Run *)(x + tile->lanes[half + l]) += rows[l];
+    }
 }
 
 void evaluate_with_data(Sum *total, Reals inputs, Reals x, Reals result) {
