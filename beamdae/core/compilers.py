@@ -18,7 +18,12 @@ from beamdae.python_processes import SAFE_PATH
 
 # The sources are standard C. Fused multiplications would differ between processors.
 _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
-_CORE_FLAGS = ("-std=gnu11", "-ffp-contract=off", "-fno-tree-vectorize", "-fno-semantic-interposition")
+_CORE_FLAGS = (
+    "-std=gnu11",
+    "-ffp-contract=off",
+    "-fno-tree-vectorize",
+    "-fno-semantic-interposition",
+)
 _MAX_MESSAGE_LENGTH = 500
 
 

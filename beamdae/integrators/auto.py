@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from beamdae.core.library import load_core
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import MissingPackageError, warn_once
 from beamdae.integrators.drive import drive
@@ -105,7 +106,7 @@ class Auto(AdaptiveIntegrator):
         return replace(second, made_by=self, integrator=settings)
 
     def _choose(self, plan: RunPlan) -> Method:
-        if needs_radau(plan, self.rtol):
+        if load_core() is not None and needs_radau(plan, self.rtol):
             return self._radau(plan)
         # Imported here because many runs do not need Ida.
         from beamdae.integrators.ida.ida import Ida
@@ -113,6 +114,8 @@ class Auto(AdaptiveIntegrator):
         try:
             return Ida(self.rtol, max_step=self.max_step).method_on(plan)
         except MissingPackageError as problem:
+            if load_core() is None:
+                raise
             warn_once(f"Auto: {problem.reason}; Radau is used instead of Ida.")
             return self._radau(plan)
 

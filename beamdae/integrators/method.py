@@ -34,6 +34,8 @@ PROBE_SHARE = 1e-6
 # Time [s] and state at the end of a step, followed by the inner stages of methods that have them.
 StepResult = tuple[float, State] | tuple[float, State, Sequence[tuple[float, State]]]
 
+# A step of at least this fraction of the rest of an interval ends at the end of the interval.
+_LAST_STEP_MARGIN = 1.0 - 1e-9
 # Rounding tolerance of the number of equal steps in an interval.
 _STEP_COUNT_ROUNDING = 1e-6
 
@@ -130,6 +132,15 @@ def allocate_rows(size: int, steps_per_check: int = STEPS_PER_CHECK) -> Array:
     """Return rows of `size` numbers that a compiled loop fills between two checks of limits."""
     rows = _MAX_ROW_BYTES // (np.dtype(float).itemsize * size)
     return np.zeros((min(max(rows, _MIN_ROWS), steps_per_check), size))
+
+
+def clip_step(step: float, remaining: float) -> float:
+    """Return the next step [s], so that the last step is not much shorter than those before it.
+
+    If `step` covers `remaining`, this is `remaining`; otherwise `step`, but at most half of
+    `remaining`.
+    """
+    return remaining if step >= _LAST_STEP_MARGIN * remaining else min(step, 0.5 * remaining)
 
 
 def count_equal_steps(duration: float, step: float) -> int:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beamdae.core.library import load_core
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.errors import (
@@ -22,6 +23,7 @@ from beamdae.integrators.alpha.family import (
     AlphaStart,
     family_parameters,
 )
+from beamdae.integrators.alpha.plain import PlainAlpha
 from beamdae.integrators.alpha.stepper import AdaptiveAlphaStepper, FixedAlphaStepper
 from beamdae.integrators.amplitudes import SMALL_DEFORMATION_SHARE
 from beamdae.integrators.drive import drive
@@ -220,14 +222,15 @@ class GeneralizedAlpha(Integrator):
             plan
         )
 
-    def method_on(self, plan: RunPlan) -> FixedAlphaStepper | AdaptiveAlphaStepper:
+    def method_on(self, plan: RunPlan) -> Method:
         """Return the stepper for a plan."""
         index3 = self.formulation == "index3"
         form = formulate_step(plan.equations, not index3)
         start = AlphaStart(self._member, plan.starter, index3, self.start == "cured")
         common = (form, start, _limited_scales(plan), self.newton_tolerance)
         if self.rtol is None:
-            return FixedAlphaStepper(*common, step=self.step)
+            stepper = PlainAlpha if load_core() is None else FixedAlphaStepper
+            return stepper(*common, step=self.step)
         is_one_sided = any(term.kernel.is_one_sided for term in plan.equations.forces)
         return AdaptiveAlphaStepper(
             *common,
