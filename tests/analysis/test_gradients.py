@@ -393,7 +393,7 @@ def test_interpreted_sweep_agrees_with_machine_code(monkeypatch):
         pytest.skip("machine code is switched off")
     arguments = (swing, bd.EndValue("tip.x"), "torque", bd.GeneralizedAlpha(step=5e-3), 0.1)
     compiled = bd.gradient(*arguments).derivatives["torque"]
-    monkeypatch.setattr("beamdae.native.loops.is_native_enabled", lambda: False)
+    monkeypatch.setenv("BEAMDAE_NATIVE", "off")
     assert bd.gradient(*arguments).derivatives["torque"] == pytest.approx(compiled, rel=1e-10)
 
 

@@ -3,7 +3,6 @@
 import casadi as ca
 import numpy as np
 import pytest
-from beamdae.linear.lane_operations import LANES
 
 import beamdae as bd
 from beamdae.analysis.periodic.monodromy import (
@@ -13,6 +12,7 @@ from beamdae.analysis.periodic.monodromy import (
 )
 from beamdae.analysis.periodic.period_map import PeriodMap, PeriodRun, build_periodic_equations
 from beamdae.equations.formulations.first_order import FirstOrderForm
+from beamdae.linear.lanes import LANES
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 
@@ -81,7 +81,7 @@ def test_monodromy_matrix_is_the_derivative_of_the_period_map():
         np.testing.assert_allclose(monodromy[:, k], difference, atol=1e-6)
 
 
-def test_interpreted_loop_agrees(monkeypatch):
+def test_interpreted_kernels_agree(monkeypatch):
     run = period_run(pendulum(), 1.25, 1e-4)
     compiled = run.monodromy(tolerance=EXACT_RANK)
     monkeypatch.setattr(FirstOrderForm, "is_native", False)

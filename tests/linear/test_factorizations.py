@@ -1,15 +1,11 @@
 """Accuracy of factorizations, also as linear solvers of IDA."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from benchmarks.cases import SLIDER_CRANK
-from conformance import integrators
 from numpy.testing import assert_allclose
 
-import beamdae as bd
 from beamdae.linear.factorizations import (
     DENSE_LIMIT,
     DenseFactorization,
@@ -97,23 +93,3 @@ def test_entries_near_the_largest_float_do_not_overflow(method):
     solver = create_factorization(pattern, method)
     solver.factorize(np.array([1.5e308, 1.5e308]))
     assert_allclose(solver.solve(np.array([1.5e308, 0.0])), [1.0, 0.0], rtol=1e-15)
-
-
-@integrators(
-    rtol=1e-5,
-    step=5e-3,
-    also={"ida ggl": bd.Ida(formulation="ggl")},
-    error_control="velocities",
-    linear_solver="dense",
-    newton_tolerance=1e-11,
-)
-def test_dense_and_sparse_factors_give_the_same_run(integrator):
-    runs = [
-        bd.simulate(SLIDER_CRANK.equations, replace(integrator, linear_solver=method), 2.0)
-        for method in ("dense", "sparse")
-    ]
-    assert all(run.status.success for run in runs)
-    assert runs[0].statistics.steps == runs[1].statistics.steps
-    # A thousandth of rtol: iterations end at other points, so rounding differs.
-    assert_allclose(runs[0].q, runs[1].q, rtol=0.0, atol=1e-8)
-    assert_allclose(runs[0].v, runs[1].v, rtol=0.0, atol=1e-7)

@@ -8,20 +8,22 @@ from hub_beam import hub_beam
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from systems import refactorize, solve
 
 import beamdae as bd
-from beamdae.linear.elimination import allocate_factors, refactorize, solve
+from beamdae.core.linear_solver import LinearSolver, LinearSystem
+from beamdae.core.return_codes import NEW_PIVOTS, SINGULAR
+from beamdae.linear.elimination import allocate_factors
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.linear.pivots import compute_fill, propose_plans
 
 
-def analyze(pattern, nonzeros, refactorize=refactorize):
+def analyze(pattern, nonzeros):
     """Return the first plan that is suitable for these numbers, and its factors."""
     for plan in propose_plans(pattern, nonzeros):
         factors = allocate_factors(plan, nonzeros.dtype)
-        with np.errstate(all="ignore"):
-            if refactorize(plan, factors, nonzeros):
-                return plan, factors
+        if refactorize(plan, factors, nonzeros):
+            return plan, factors
     raise SingularMatrixError("the matrix is singular to rounding")
 
 
@@ -115,9 +117,9 @@ def test_unsuitable_pivots_are_rejected_without_side_effects(pivot):
     # The first pivots are small, but not their rows.
     matrix[np.ix_(plan.rows[:4], plan.columns[:4])] *= pivot
     nonzeros, right = matrix.T.ravel(), rng.normal(size=size)
-    with np.errstate(all="ignore"):
-        assert not refactorize(plan, factors, nonzeros)
-        assert not refactorize(plan, factors, np.nan * nonzeros)
+    assert not refactorize(plan, factors, nonzeros)
+    assert not refactorize(plan, factors, np.nan * nonzeros)
+    assert not refactorize(plan, factors, np.full_like(nonzeros, np.inf))
     assert refactorize(plan, factors, suitable)
     x = solve_with(plan, factors, right)
     assert_allclose(suitable.reshape(size, size).T @ x, right, rtol=1e-10)
@@ -189,3 +191,10 @@ def test_fill_is_that_of_gaussian_elimination(size, share, seed):
 def test_pivots_may_be_fill():
     pattern = sp.csc_array(np.array([[1.0, 1.0], [1.0, 0.0]]))
     assert compute_fill(pattern.indptr.tolist(), pattern.indices.tolist()) == ([[], [0]], [[1], []])
+
+
+def test_missing_plan_is_requested_and_singular_matrix_is_reported():
+    system = LinearSystem(LinearSolver.empty(float), np.ones(1), np.ones(1))
+    assert system.factorize() == NEW_PIVOTS
+    system.linear.singular = 1
+    assert system.factorize() == SINGULAR

@@ -9,8 +9,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from test_object_cache import FUNCTION, OTHER
 
-from beamdae.integrators.radau import step_loop
-from beamdae.native import lane_kernels, llvm, loops, object_code, prebuilt_objects
+from beamdae.native import lane_kernels, llvm, object_code, prebuilt_objects
 from beamdae.native.lane_kernels import LANE_WIDTH, build_lane_kernel
 
 POINT = np.tile([[0.3], [1.7], [2.9]], LANE_WIDTH)
@@ -149,43 +148,6 @@ def test_systems_have_separate_objects():
     triples = ["x86_64-unknown-linux-gnu", "x86_64-apple-darwin", "x86_64-pc-windows-msvc"]
     folders = {prebuilt_objects.target_folder(llvm.Target(x, "x86-64-v3")) for x in triples}
     assert len(folders) == 3
-
-
-# Loops.
-
-VISITED = {}
-_ = list(loops._iterate_code(step_loop.take_radau_steps, VISITED))
-FUNCTIONS = tuple(VISITED)
-ENTRIES = (("loop", (step_loop.take_radau_steps, "@")),)
-KIND = ("RadauWorkspace", (("h", 0, "float"),))
-
-
-def identify(functions=FUNCTIONS):
-    return loops._identify_entries(ENTRIES, functions, KIND)
-
-
-def test_loop_of_the_package_is_identified_without_versions(monkeypatch):
-    identity = identify()
-    monkeypatch.setattr(loops, "installed_version", lambda name: "0.0")
-    assert identify() == identity
-    assert identify(FUNCTIONS[::-1]) == identity
-
-
-def test_changed_loop_is_not_identified_as_the_old_one(monkeypatch):
-    identities = {identify(), loops._identify_entries(ENTRIES, FUNCTIONS, ("RadauWorkspace", ()))}
-    with monkeypatch.context() as patch:
-        patch.setattr(step_loop, "C", step_loop.C + 1e-15)
-        identities.add(identify())
-    monkeypatch.setattr(loops, "_hash_source", lambda module: f"changed {module}")
-    identities.add(identify())
-    assert len(identities) == 4
-
-
-def test_loops_with_functions_of_others_are_not_prebuilt():
-    def function_of_test():
-        return 0
-
-    assert identify((*FUNCTIONS, function_of_test)) is None
 
 
 def test_source_tree_does_not_identify_objects(monkeypatch):

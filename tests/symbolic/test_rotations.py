@@ -1,29 +1,18 @@
 """Batched sums with rotated kernels agree with sums over single copies."""
 
-from dataclasses import dataclass
-from typing import Any
-
 import casadi as ca
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from beamdae.native.loops import CompiledLoop
 from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import State
-from beamdae.equations.formulations.first_order import (
-    evaluate_jacobian_parts,
-    formulate_first_order,
-)
-from beamdae.equations.formulations.step_equations import (
-    StepPrediction,
-    evaluate_step_matrix,
-    evaluate_step_residual,
-    formulate_step,
-)
+from beamdae.equations.formulations.first_order import formulate_first_order
+from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.equations.formulations.sums import term_data
 from beamdae.native.object_code import is_native_enabled
+from beamdae.symbolic.sums.kernel_sums import evaluate_sum, set_matrix_factors, set_time
 
 TIME = np.array([0.1, 0.5])
 # Rounding errors of sums over 100 elements.
@@ -47,21 +36,6 @@ def motion(equations, random):
     return State(q, v, a, np.zeros(equations.m))
 
 
-@dataclass(slots=True)
-class Work:
-    form: Any
-    at: StepPrediction
-    x: np.ndarray
-    result: np.ndarray
-    nonzeros: np.ndarray
-
-
-def evaluate_residual_and_matrix(work):
-    evaluate_step_residual(work.form, 0.1, 0.5, work.at, work.x, work.result)
-    evaluate_step_matrix(work.form, 0.1, 0.5, work.at, work.x, work.nonzeros)
-    return 0
-
-
 @pytest.mark.parametrize("native", [False, True])
 @pytest.mark.parametrize("settings", [{}, {"frame": "tangent", "elements_shape": "straight"}])
 def test_batched_sums_agree_with_sums_over_copies(native, settings):
@@ -76,20 +50,19 @@ def compare_with_sums_over_copies(native, elements, settings):
     equations = arch(elements, **settings)
     state = motion(equations, np.random.default_rng(elements))
     form = formulate_step(equations, False)
-    c_v, c_a, c_f = 30.0, 200.0, 1e-3
-    at = StepPrediction(*state[:3], state.q, np.array([c_v, c_a, c_f]))
-    result, nonzeros = np.zeros(form.size), np.zeros(form.pattern.nnz)
-    work = Work(form.buffers(native), at, np.zeros(form.size), result, nonzeros)
-    (
-        CompiledLoop(evaluate_residual_and_matrix, work)
-        if native
-        else lambda: evaluate_residual_and_matrix(work)
-    )()
-    pattern, n = form.pattern, equations.n
+    c_v, c_a, n = 30.0, 200.0, equations.n
+    inputs = np.concatenate([*state, state.q, state.lam])
+    totals = [plan.sum(native, equations.p) for plan in form.sums[::2]]
+    set_matrix_factors(totals[1], 1.0, c_v, c_a, 1.0, 1.0, 1.0)
+    results = np.zeros(form.size), np.zeros(form.pattern.nnz)
+    for total, values in zip(totals, results, strict=True):
+        set_time(total, *TIME)
+        evaluate_sum(total, inputs, values)
+    pattern, (result, nonzeros) = form.pattern, results
     matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
     force, tangent = sum_over_copies(equations, state, (1.0, c_v, c_a))
-    dynamic_block = matrix[:n, :n].toarray() / c_f
-    assert_allclose(result[:n] / c_f, force, rtol=0.0, atol=RTOL * np.abs(force).max())
+    dynamic_block = matrix[:n, :n].toarray()
+    assert_allclose(result[:n], force, rtol=0.0, atol=RTOL * np.abs(force).max())
     assert_allclose(dynamic_block, tangent, rtol=0.0, atol=RTOL * np.abs(tangent).max())
 
 
@@ -132,9 +105,7 @@ def test_separate_matrices_add_up(name):
     random = np.random.default_rng(0)
     y, yp = formulate_first_order(equations, name).pack(motion(equations, random))
     together, apart = (formulate_first_order(equations, name, apart) for apart in (False, True))
-    separate = np.zeros(2 * apart.pattern.nnz)
-    evaluate_jacobian_parts(apart.buffers(), 0.1, 0.5, y, yp, separate)
-    stiffness, inertia = np.split(separate, 2)
+    stiffness, inertia = np.split(apart.jacobian(TIME, y, yp), 2)
     for c in (0.0, 1.0, 1e3):
         expected = stiffness + c * inertia
         assert_allclose(

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from beamdae.native.loops import CompiledLoop
 
 import beamdae as bd
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.functions import row_kernels
-from beamdae.symbolic.sums import sum_evaluator
+from beamdae.symbolic.sums.kernel_sums import SumPlan
 from beamdae.symbolic.sums.sum_evaluator import compile_sums
 
 TIME = np.array([0.1, 0.1])
@@ -17,16 +16,16 @@ TIME = np.array([0.1, 0.1])
 
 @pytest.fixture
 def loops(monkeypatch):
-    """Loops that have been prepared; sums are compiled at their first evaluation in a study."""
-    prepared = []
+    """Sums with kernels in machine code, used from the first evaluation in a study on."""
+    compiled, plan_sum = [], SumPlan.sum
 
-    def prepare(*arguments, **options):
-        prepared.append(CompiledLoop(*arguments, **options))
-        return prepared[-1]
+    def record(plan, native, p):
+        compiled.extend([plan] if native else [])
+        return plan_sum(plan, native, p)
 
     monkeypatch.setattr(row_kernels, "_OPERATIONS_BEFORE_COMPILING", 0.0)
-    monkeypatch.setattr(sum_evaluator, "CompiledLoop", prepare)
-    return prepared
+    monkeypatch.setattr(SumPlan, "sum", record)
+    return compiled
 
 
 def build_equations(elements, stiffness=1e6):

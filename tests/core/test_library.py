@@ -1,0 +1,88 @@
+"""The core is compiled once, and without it plain methods run."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.integrators.alpha import generalized_alpha
+
+ROOT = Path(bd.__file__).parents[1]
+PROGRAM = """
+import json, sys, warnings
+import beamdae as bd
+
+mech = bd.Mechanism(gravity=(0.0, -9.81))
+bob = mech.add(bd.RigidBody("bob", 1.0, 0.1, (1.0, 0.0)))
+mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+mech.observe("bob", bob.at(1.0, 0.0))
+answers = {}
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    for name in ("GeneralizedAlpha", "Ida", "Auto", "Radau"):
+        try:
+            answers[name] = bd.simulate(mech, getattr(bd, name)(), 0.2).q[-1].tolist()
+        except bd.BeamdaeError as problem:
+            answers[name] = str(problem)
+    try:
+        answers["equilibrium"] = bd.equilibrium(mech).status.kind
+    except bd.BeamdaeError as problem:
+        answers["equilibrium"] = str(problem)
+print(json.dumps([answers, [x for x in map(str, (x.message for x in caught)) if "core" in x]]))
+"""
+
+
+def run_program(cache, **environment):
+    result = subprocess.run(
+        [sys.executable, "-c", PROGRAM],
+        env={**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(cache), **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return json.loads(result.stdout)
+
+
+@pytest.mark.slow(reason="compiles the core")
+def test_core_is_compiled_once(tmp_path):
+    answers, sentences = run_program(tmp_path)
+    assert not sentences
+    (file,) = (tmp_path / "beamdae").glob("core-*")
+    # The cache needs no compiler, and the bits are the same.
+    assert run_program(tmp_path, CC="false") == [answers, sentences]
+    content = file.read_bytes()
+    file.write_bytes(content[:-8] + bytes(8))
+    assert run_program(tmp_path) == [answers, sentences]
+    assert file.read_bytes() == content
+
+
+@pytest.mark.slow(reason="plain Python")
+def test_without_a_compiler_plain_methods_run_with_one_warning(tmp_path):
+    answers, (sentence,) = run_program(tmp_path, CC="false", BEAMDAE_NATIVE="off")
+    assert sentence.startswith("core: the C compiler false failed")
+    assert sentence.endswith("runs take several times as long")
+    for name in ("Ida", "Auto"):
+        np.testing.assert_allclose(answers[name], answers["GeneralizedAlpha"], atol=1e-4)
+    for name in ("Radau", "equilibrium"):
+        assert "requires the compiled core; install a C compiler" in answers[name]
+
+
+@pytest.mark.parametrize("formulation", ["index3", "stabilized-index2"])
+@pytest.mark.parametrize("name", ["hub_beam", "slider_crank"])
+def test_steps_of_the_core_are_those_of_the_plain_reference(monkeypatch, name, formulation):
+    model = bd.load_model(ROOT / "models" / f"{name}.py")
+    method = bd.GeneralizedAlpha(formulation=formulation, newton_tolerance=1e-12)
+    expected = bd.simulate(model(), method, 0.02 * model.t_end)
+    monkeypatch.setattr(generalized_alpha, "load_core", lambda: None)
+    plain = bd.simulate(model(), method, 0.02 * model.t_end)
+    assert plain.statistics.factorizations > expected.statistics.factorizations
+    # Velocities contain rounding errors of positions divided by the step.
+    for name, tolerance in (("q", 1e-12), ("v", 1e-8)):
+        values, others = getattr(plain, name), getattr(expected, name)
+        bound = tolerance * np.abs(others).max()
+        np.testing.assert_allclose(values, others, rtol=0.0, atol=bound)
