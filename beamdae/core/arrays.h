@@ -25,15 +25,53 @@ typedef struct { int64_t *at; int64_t size; } Integers;
 typedef struct { int64_t *at; int64_t rows, columns; } Integers2;
 typedef struct { int32_t *at; int64_t size; } Shorts;
 
-typedef double Vector __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
+/* One number per lane, in as many registers as the processor requires. For the fields of a vector,
+   FIELDS(DO) expands to DO(field, first lane). */
+#if defined(__AVX512F__)
+#define WIDTH 8
+#define FIELDS(DO) DO(a, 0)
+#elif defined(__AVX__)
+#define WIDTH 4
+#define FIELDS(DO) DO(a, 0) DO(b, 4)
+#else
+#define WIDTH 2
+#define FIELDS(DO) DO(a, 0) DO(b, 2) DO(c, 4) DO(d, 6)
+#endif
+typedef double Register __attribute__((vector_size(8 * WIDTH), aligned(8), may_alias));
+typedef int64_t Mask __attribute__((vector_size(8 * WIDTH)));
+typedef struct {
+#define DECLARE(field, first) Register field;
+    FIELDS(DECLARE)
+} Vector;
 
-/* Set the entries of `out` to a value in terms of AT(x), for vectors and for the last entries. */
+#define DEFINE(name, arguments, value)                                                             \
+    static inline Vector name arguments {                                                          \
+        Vector z;                                                                                  \
+        FIELDS(value)                                                                              \
+        return z;                                                                                  \
+    }
+#define PLUS(f, first) z.f = x.f + y.f;
+#define MINUS(f, first) z.f = x.f - y.f;
+#define TIMES(f, first) z.f = x.f * y.f;
+#define SCALE(f, first) z.f = number * x.f;
+#define INVERT(f, first) z.f = 1.0 / x.f;
+#define NEGATE(f, first) z.f = -x.f;
+#define BROADCAST(f, first) z.f = number - (Register){0.0};
+DEFINE(plus, (Vector x, Vector y), PLUS)
+DEFINE(minus, (Vector x, Vector y), MINUS)
+DEFINE(times, (Vector x, Vector y), TIMES)
+DEFINE(scaled, (double number, Vector x), SCALE)
+DEFINE(inverse, (Vector x), INVERT)
+DEFINE(negative, (Vector x), NEGATE)
+DEFINE(broadcast, (double number), BROADCAST)
+
+/* Set the entries of `out` to a value in terms of AT(x), for registers and for the last entries. */
 #define AT(x) (*(const Entry *)((x).at + i))
 #define SET(out, value)                                                                            \
     do {                                                                                           \
         int64_t i = 0;                                                                             \
-        for (; i + LANES <= (out).size; i += LANES) {                                              \
-            typedef Vector Entry;                                                                  \
+        for (; i + WIDTH <= (out).size; i += WIDTH) {                                              \
+            typedef Register Entry;                                                                  \
             *(Entry *)((out).at + i) = value;                                                      \
         }                                                                                          \
         for (; i < (out).size; i++) {                                                              \
@@ -64,8 +102,6 @@ static inline double entry4(Reals4 x, int64_t i, int64_t j, int64_t k, int64_t l
 
 static inline double largest_of(double a, double b) { return b > a ? b : a; }
 static inline double smallest_of(double a, double b) { return b < a ? b : a; }
-
-static inline Vector broadcast(double x) { return x - (Vector){0.0}; }
 
 static inline void fill(Reals out, double value) { SET(out, value - (Entry){0}); }
 
@@ -99,8 +135,9 @@ static inline void minimum(Reals out, Reals x, double a, Reals y) {
     }
 }
 
-static inline double sum_lanes(double total, Vector lanes) {
-    for (int k = 0; k < LANES; k++) total += lanes[k];
+static inline double sum_lanes(double total, Vector x) {
+#define ADD_LANES(f, first) for (int k = 0; k < WIDTH; k++) total += x.f[k];
+    FIELDS(ADD_LANES)
     return total;
 }
 
@@ -108,22 +145,22 @@ static inline double sum_lanes(double total, Vector lanes) {
 static inline Vector load(Reals x, int64_t i) { return *(const Vector *)(x.at + i); }
 
 static inline double inner_product(Reals x, Reals y) {
-    Vector lanes = {0.0};
+    Vector lanes = broadcast(0.0);
     double total = 0.0;
     int64_t i = 0;
-    for (; i + LANES <= x.size; i += LANES) lanes += load(x, i) * load(y, i);
+    for (; i + LANES <= x.size; i += LANES) lanes = plus(lanes, times(load(x, i), load(y, i)));
     for (; i < x.size; i++) total += x.at[i] * y.at[i];
     return sum_lanes(total, lanes);
 }
 
 /* Square root of the sum of squares of weighted entries. */
 static inline double euclidean_norm(Reals x, Reals weights) {
-    Vector lanes = {0.0};
+    Vector lanes = broadcast(0.0);
     double total = 0.0;
     int64_t i = 0;
     for (; i + LANES <= x.size; i += LANES) {
-        const Vector value = load(x, i) * load(weights, i);
-        lanes += value * value;
+        const Vector value = times(load(x, i), load(weights, i));
+        lanes = plus(lanes, times(value, value));
     }
     for (; i < x.size; i++) {
         const double value = x.at[i] * weights.at[i];
@@ -133,9 +170,8 @@ static inline double euclidean_norm(Reals x, Reals weights) {
 }
 
 /* Entries of x where the mask is set, else of y. */
-typedef int64_t Mask __attribute__((vector_size(8 * LANES)));
-static inline Vector select(Mask mask, Vector x, Vector y) {
-    return (Vector)((mask & (Mask)x) | (~mask & (Mask)y));
+static inline Register select(Mask mask, Register x, Register y) {
+    return (Register)((mask & (Mask)x) | (~mask & (Mask)y));
 }
 
 /* The larger of two sizes; NaN is kept. */
@@ -145,16 +181,19 @@ static inline double join_largest(double total, double size) {
 
 /* Largest magnitude of weighted entries; NaN if one of them is NaN. */
 static inline double max_norm(Reals x, Reals weights) {
-    Vector lanes = {0.0};
+    Vector lanes = broadcast(0.0);
     double total = 0.0;
     int64_t i = 0;
     for (; i + LANES <= x.size; i += LANES) {
-        const Vector value = load(x, i) * load(weights, i);
-        const Vector size = select(value < -value, -value, value);
-        lanes = select((size > lanes) | (size != size), size, lanes);
+        const Vector value = times(load(x, i), load(weights, i));
+#define JOIN(f, first)                                                                             \
+    const Register f = select(value.f < -value.f, -value.f, value.f);                              \
+    lanes.f = select((f > lanes.f) | (f != f), f, lanes.f);
+        FIELDS(JOIN)
     }
     for (; i < x.size; i++) total = join_largest(total, fabs(x.at[i] * weights.at[i]));
-    for (int k = 0; k < LANES; k++) total = join_largest(total, lanes[k]);
+#define JOIN_LANES(f, first) for (int k = 0; k < WIDTH; k++) total = join_largest(total, lanes.f[k]);
+    FIELDS(JOIN_LANES)
     return total;
 }
 

@@ -56,9 +56,10 @@ static void multiply_parts(VariationalWorkspace *run, int i) {
                     part(run->unknowns, size, 2 * size));
     copy(from(run->unknowns, 2 * size), from(row(base->rates, i), n));
     for (int64_t k = 0; k + 1 < run->row_starts.size; k++) {
-        Vector sum = {0.0};
+        Vector sum = broadcast(0.0);
         for (uint32_t e = starts[k]; e < starts[k + 1]; e++)
-            sum += jacobian[run->entry_sources.at[e]] * unknowns[run->entry_columns.at[e]];
+            sum = plus(sum, scaled(jacobian[run->entry_sources.at[e]],
+                                   unknowns[run->entry_columns.at[e]]));
         residual[k] = sum;
     }
 }

@@ -75,7 +75,7 @@ static inline __attribute__((always_inline)) void NAME(forward_batch)(
             x[i] = NAME(subtract_product)(x[i], blocks[k * size + i], x[k]);
     for (int64_t i = 0; i < interior; i++) block_x[i] = x[i];
     for (int64_t i = 0; i < neighbors; i++) {
-        LANE sum = {0};
+        LANE sum = NAME(broadcast)(0.0);
         for (int64_t k = 0; k < interior; k++)
             sum = NAME(subtract_product)(sum, blocks[k * size + interior + i], x[k]);
         const uint32_t *target = at + LANES * (interior + i);

@@ -22,18 +22,36 @@ typedef struct { Vector re, im; } ComplexVector;
 typedef double _Complex Complex;
 
 /* One number per lane at the indices `at`, of arrays whose numbers have `parts` parts. */
+#if WIDTH == 8
+#define NUMBERS(x) {x(0), x(1), x(2), x(3), x(4), x(5), x(6), x(7)}
+#elif WIDTH == 4
+#define NUMBERS(x) {x(0), x(1), x(2), x(3)}
+#else
+#define NUMBERS(x) {x(0), x(1)}
+#endif
+static inline Register pick_register(const double *x, const uint32_t *at, int parts) {
+#define NUMBER_OF(k) x[parts * at[k]]
+    return (Register)NUMBERS(NUMBER_OF);
+}
 static inline Vector pick_lanes(const double *x, const uint32_t *at, int parts) {
-    return (Vector){x[parts * at[0]], x[parts * at[1]], x[parts * at[2]], x[parts * at[3]],
-                    x[parts * at[4]], x[parts * at[5]], x[parts * at[6]], x[parts * at[7]]};
+    Vector z;
+#define PICK_LANES(f, first) z.f = pick_register(x, at + first, parts);
+    FIELDS(PICK_LANES)
+    return z;
 }
 static inline void put_lanes(double *x, const uint32_t *at, int parts, Vector value) {
-    for (int l = 0; l < LANES; l++) x[parts * at[l]] = value[l];
+#define PUT_LANES(f, first)                                                                        \
+    for (int l = 0; l < WIDTH; l++) x[parts * at[first + l]] = value.f[l];
+    FIELDS(PUT_LANES)
 }
 static inline void add_each_lane(double *x, const uint32_t *at, int parts, Vector value) {
-    for (int l = 0; l < LANES; l++) x[parts * at[l]] += value[l];
+#define ADD_EACH(f, first)                                                                         \
+    for (int l = 0; l < WIDTH; l++) x[parts * at[first + l]] += value.f[l];
+    FIELDS(ADD_EACH)
 }
 /* Sum of all lanes, by halves. */
-static inline double sum_by_halves(Vector x) {
+static inline double sum_by_halves(Vector vector) {
+    const double *x = (const double *)&vector;
     const double a = x[0] + x[4], b = x[1] + x[5], c = x[2] + x[6], d = x[3] + x[7];
     return (a + c) + (b + d);
 }
@@ -48,13 +66,17 @@ static inline void real_add_lanes(double *x, const uint32_t *at, Vector value) {
     add_each_lane(x, at, 1, value);
 }
 static inline double real_sum_halves(Vector x) { return sum_by_halves(x); }
-static inline Vector real_times(Vector x, Vector y) { return x * y; }
-static inline Vector real_subtract_product(Vector z, Vector x, Vector y) { return z - x * y; }
+static inline Vector real_times(Vector x, Vector y) { return times(x, y); }
+static inline Vector real_subtract_product(Vector z, Vector x, Vector y) {
+    return minus(z, times(x, y));
+}
 static inline Vector real_broadcast(double x) { return broadcast(x); }
-static inline Vector real_invert_lane(Vector x) { return 1.0 / x; }
-static inline Vector real_scale_lane(double a, Vector x) { return a * x; }
-static inline Vector real_times_number(double a, Vector x) { return a * x; }
-static inline Vector real_add_scaled(Vector z, double a, Vector x) { return z + a * x; }
+static inline Vector real_invert_lane(Vector x) { return inverse(x); }
+static inline Vector real_scale_lane(double a, Vector x) { return scaled(a, x); }
+static inline Vector real_times_number(double a, Vector x) { return scaled(a, x); }
+static inline Vector real_add_scaled(Vector z, double a, Vector x) {
+    return plus(z, scaled(a, x));
+}
 static inline double real_invert(double x) { return 1.0 / x; }
 static inline double real_modulus(double x) { return fabs(x); }
 static inline int real_is_finite(double x) { return isfinite(x); }
@@ -75,29 +97,30 @@ static inline Complex complex_sum_halves(ComplexVector x) {
     return CMPLX(sum_by_halves(x.re), sum_by_halves(x.im));
 }
 static inline ComplexVector complex_times(ComplexVector x, ComplexVector y) {
-    return (ComplexVector){x.re * y.re - x.im * y.im, x.re * y.im + x.im * y.re};
+    return (ComplexVector){minus(times(x.re, y.re), times(x.im, y.im)),
+                           plus(times(x.re, y.im), times(x.im, y.re))};
 }
 static inline ComplexVector complex_subtract_product(ComplexVector z, ComplexVector x,
                                                      ComplexVector y) {
     const ComplexVector p = complex_times(x, y);
-    return (ComplexVector){z.re - p.re, z.im - p.im};
+    return (ComplexVector){minus(z.re, p.re), minus(z.im, p.im)};
 }
 static inline ComplexVector complex_broadcast(Complex x) {
-    return (ComplexVector){real_broadcast(creal(x)), real_broadcast(cimag(x))};
+    return (ComplexVector){broadcast(creal(x)), broadcast(cimag(x))};
 }
 static inline ComplexVector complex_invert_lane(ComplexVector x) {
-    const Vector reciprocal = 1.0 / (x.re * x.re + x.im * x.im);
-    return (ComplexVector){x.re * reciprocal, -x.im * reciprocal};
+    const Vector reciprocal = inverse(plus(times(x.re, x.re), times(x.im, x.im)));
+    return (ComplexVector){times(x.re, reciprocal), times(negative(x.im), reciprocal)};
 }
 static inline ComplexVector complex_scale_lane(double a, ComplexVector x) {
-    return (ComplexVector){a * x.re, a * x.im};
+    return (ComplexVector){scaled(a, x.re), scaled(a, x.im)};
 }
 static inline ComplexVector complex_times_number(Complex a, ComplexVector x) {
     return complex_times(x, complex_broadcast(a));
 }
 static inline ComplexVector complex_add_scaled(ComplexVector z, Complex a, ComplexVector x) {
     const ComplexVector p = complex_times_number(a, x);
-    return (ComplexVector){z.re + p.re, z.im + p.im};
+    return (ComplexVector){plus(z.re, p.re), plus(z.im, p.im)};
 }
 /* Smith's division, which does not overflow. */
 static inline Complex complex_invert(Complex x) {
