@@ -1,4 +1,4 @@
-"""Compile the loops and kernels of the package for `beamdae.native.prebuilt_objects`.
+"""Compile the core and the kernels of the package for `beamdae.native.prebuilt_objects`.
 
     python .build/prebuild.py FOLDER
 
@@ -41,10 +41,11 @@ from beamdae import catalog  # noqa: E402
 from beamdae.beams.beam import EXACT_FORMULATION, FORMULATIONS  # noqa: E402
 from beamdae.beams.floating_frame.kinematics import STRAINS  # noqa: E402
 from beamdae.cli.model_files.model_file import ModelFile  # noqa: E402
+from beamdae.core import library  # noqa: E402
 from beamdae.equations.formulations.first_order import FIRST_ORDER  # noqa: E402
 from beamdae.equations.starts.state_evaluator import plan_motion  # noqa: E402
 from beamdae.integrators.alpha import generalized_alpha  # noqa: E402
-from beamdae.native import lane_kernels, llvm, loops, object_code, prebuilt_objects  # noqa: E402
+from beamdae.native import lane_kernels, llvm, object_code, prebuilt_objects  # noqa: E402
 from beamdae.parts.part import Part  # noqa: E402
 from beamdae.symbolic.sums.sum_evaluator import SumEvaluator  # noqa: E402
 
@@ -94,8 +95,9 @@ def compile_objects(folder: Path) -> None:
         return
     targets = [host._replace(cpu=cpu) for cpu in _LEVELS[: _LEVELS.index(host.cpu) + 1]]
     recorder = Recorder()
-    lane_kernels.load_object = loops.load_object = recorder
+    lane_kernels.load_object = recorder
     exercises = (model_runs, sample_runs, derivative_runs, single_state_runs)
+    identity = library.core_identity()
     for exercise in chain.from_iterable(make() for make in exercises):
         with suppress(bd.BeamdaeError):
             exercise()
@@ -111,6 +113,8 @@ def compile_objects(folder: Path) -> None:
                 [source.module() for source in sources],
                 [source.level for source in sources],
             )
+            core = library.compile_core(target)
+            prebuilt_objects.write_prebuilt_object(target_folder, identity, library.NAME, core)
             for source, content in zip(sources, contents, strict=True):
                 prebuilt_objects.write_prebuilt_object(
                     target_folder, source.identity, source.name, content
@@ -179,7 +183,7 @@ def sample_runs() -> Iterator[Callable[[], Any]]:
 
 
 def derivative_runs() -> Iterator[Callable[[], Any]]:
-    """Yield derivatives of short runs of one model. Their loops serve all models."""
+    """Yield derivatives of short runs of one model."""
     model, by = bd.load_model(ROOT / "models" / "hub_beam.py"), "torque"
     t_end = _RUN_FRACTION * model.t_end
     for integrator in (bd.GeneralizedAlpha(), bd.Radau()):
@@ -191,8 +195,7 @@ def single_state_runs() -> Iterator[Callable[[], Any]]:
     """Yield the machine code in which studies evaluate sums at single states."""
     equations = bd.equations_of_motion(driven_disk())
     evaluator = SumEvaluator(plan_motion(equations.structure), equations.p)
-    n, m = equations.n, equations.m
-    yield partial(evaluator.load_native, 3 * n + m, n + 3 * m, compiles=True)
+    yield partial(evaluator.load_native, compiles=True)
 
 
 def sample_mechanism(beam: dict[str, Any]) -> tuple[Any, SampleMechanism]:
@@ -251,7 +254,7 @@ def check_level(folder: Path, cpu: str) -> str:
     def refuse(*_: Any) -> bytes:
         raise RuntimeError("an object was not compiled in advance, or is wrong")
 
-    llvm.compile_module = refuse
+    llvm.compile_module = library.compile_core = refuse
     digest = hashlib.sha256()
     for file in sorted((ROOT / "models").glob("*.py")):
         for model in ModelFile(file).models.values():

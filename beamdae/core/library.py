@@ -18,7 +18,7 @@ from beamdae.native.object_cache import CacheError, cache_folder, read_object, w
 from beamdae.native.prebuilt_objects import has_prebuilt_objects, read_prebuilt_object
 
 FOLDER = Path(__file__).parent
-_NAME = "core"
+NAME = "core"
 # Results have the same bits on all processors: multiplications and additions are not fused.
 _FLAGS = ("-O3", "-fcx-limited-range", "-fno-math-errno", "-fno-trapping-math")
 
@@ -98,17 +98,17 @@ def _read_library() -> bytes:
     folder = None
     with suppress(CacheError):
         folder = cache_folder()
-        content = read_object(folder, recipe, _NAME)
+        content = read_object(folder, recipe, NAME)
         if content is not None:
             return content
     if target is not None and has_prebuilt_objects(target):
-        content = read_prebuilt_object(target, identity, _NAME)
+        content = read_prebuilt_object(target, identity, NAME)
         if content is not None:
             return content
     content = compile_core(target)
     if folder is not None:
         with suppress(CacheError):
-            write_object(folder, recipe, _NAME, content)
+            write_object(folder, recipe, NAME, content)
     return content
 
 

@@ -1,17 +1,10 @@
-"""Machine code by LLVM: kernels of elements, loops of integrators, and the cache of both.
+"""Machine code of kernels by LLVM, and the cache of it.
 
-A plain Python loop becomes machine code as follows. A loop is a function of one dataclass whose
-fields are numbers, arrays, and nested dataclasses or named tuples of these (`loops`). It operates
-on whole arrays through `loop_functions`, which use numpy in plain Python. `CompiledLoop` lays the
-dataclass out as a table of numbers and addresses, looks for the machine code of the loop in the
-cache and among the objects installed with the package (`object_cache`, `prebuilt_objects`,
-`object_code`), and otherwise has numba translate the loop to LLVM IR (`numba_compiler`; `structs`
-defines the numba type of the table, `overloads` the compiled `loop_functions`) and LLVM compile
-that (`llvm`). CasADi functions skip numba: `lane_code` writes their instructions as IR with one
-copy per vector lane, and `lane_kernels` makes them callable. If any of this fails, loops run as
-plain Python and kernels in CasADi's virtual machine.
+`lane_code` writes the instructions of a CasADi function as LLVM IR, with one copy per vector lane,
+`point_programs` and `point_code` write sums over points as loops, `llvm` compiles and loads IR, and
+`lane_kernels` makes the result callable. Objects are looked for in the cache and among those
+installed with the package (`object_cache`, `prebuilt_objects`, `object_code`). If any of this
+fails, kernels run in CasADi's virtual machine.
 
-May import: linear, errors. No mechanics here; numba is imported only while a loop is compiled.
-To extend: add array operations of loops to `loop_functions` and their compiled versions to
-`overloads`.
+May import: linear, errors. No mechanics here.
 """

@@ -1,13 +1,10 @@
-"""LLVM: compilation of IR to objects, and loading of objects into memory.
-
-The IR may come from `lane_code` or from another compiler such as numba.
-"""
+"""LLVM: compilation of IR to objects, and loading of objects into memory."""
 
 from __future__ import annotations
 
 import ctypes
 import sys
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from itertools import count
 from types import MappingProxyType
@@ -109,31 +106,6 @@ def compile_module(ir: str, level: int, target: Target | None = None) -> bytes:
         raise MachineCodeError(
             f"LLVM cannot compile the module ({_first_line(problem)})"
         ) from problem
-
-
-def link_modules(texts: Iterable[str], exports: Container[str]) -> str:
-    """Link several modules of LLVM IR into one.
-
-    The compiler may remove functions that are not among `exports`.
-
-    Raises
-    ------
-    MachineCodeError
-        If llvmlite is missing, a text is not valid IR, or two texts define the same symbol.
-    """
-    llvm = _llvmlite().binding
-    try:
-        context = llvm.create_context()
-        module, *others = (llvm.parse_assembly(text, context) for text in texts)
-        for other in others:
-            module.link_in(other)
-    except RuntimeError as problem:
-        raise MachineCodeError(f"LLVM cannot link loops ({_first_line(problem)})") from problem
-    for function in module.functions:
-        is_external = not function.is_declaration and function.linkage == llvm.Linkage.external
-        if is_external and function.name not in exports:
-            function.linkage = "linkonce_odr"
-    return str(module)
 
 
 class LoadedObject:

@@ -244,7 +244,7 @@ BLOCKER = """
 import sys
 class Blocker:
     def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in ("beamdae", "casadi", "numba"):
+        if name.split(".")[0] in ("beamdae", "casadi"):
             raise ImportError(name)
 sys.meta_path.insert(0, Blocker())
 """

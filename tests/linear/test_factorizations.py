@@ -1,6 +1,5 @@
 """Accuracy of factorizations, also as linear solvers of IDA."""
 
-
 import numpy as np
 import pytest
 import scipy.sparse as sp

@@ -18,9 +18,9 @@ from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
-from beamdae.native.loops import CompiledLoop
 
 import beamdae as bd
+from beamdae.core.tables import Loop
 
 Array = np.ndarray
 
@@ -83,7 +83,7 @@ def time_within_loops(
     equations: bd.results.EquationsOfMotion, integrator: bd.Integrator, times: Array
 ) -> tuple[float, float]:
     """Return the time of the integration, and its part within compiled loops [s]."""
-    with time_calls(CompiledLoop, "__call__") as inside:
+    with time_calls(Loop, "__call__") as inside:
         whole, _ = time_integration(equations, integrator, times)
     return whole, sum(inside)
 

@@ -1,37 +1,25 @@
 """Times of the operations of integrators: residuals, matrices, factorizations and solutions.
 
 `time_step_operations` returns those of generalized-alpha, `time_first_order_operations` those of
-Ida and, with real and complex matrices, of Radau. Each timer runs a compiled loop over one
-operation.
+Ida and, with real and complex matrices, of Radau. Each timer calls one operation of the core.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterable
 
 import numpy as np
-from beamdae.native.loop_functions import combine, factorize, solve
-from beamdae.native.return_codes import DONE
 
 import beamdae as bd
-from beamdae.equations.formulations.first_order import (
-    FirstOrderBuffers,
-    evaluate_jacobian,
-    evaluate_residual,
-    formulate_first_order,
-)
-from beamdae.equations.formulations.step_equations import (
-    StepBuffers,
-    StepPrediction,
-    evaluate_step_matrix,
-    evaluate_step_residual,
-    formulate_step,
-)
+from beamdae.core.linear_solver import LinearSystem
+from beamdae.core.return_codes import DONE, NEW_PIVOTS
+from beamdae.core.tables import Loop
+from beamdae.equations.formulations.first_order import formulate_first_order
+from beamdae.equations.formulations.step_equations import StepPrediction, formulate_step
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.integrators.compiled_run import FactorizedMatrix
+from beamdae.symbolic.sums.kernel_sums import Evaluation, SumPlan, set_time
 
 Array = np.ndarray
 OperationTimers = dict[str, Callable[[], float]]
@@ -39,74 +27,6 @@ OperationTimers = dict[str, Callable[[], float]]
 # Time and branch at which operations are evaluated.
 TIME_AND_BRANCH = np.array([0.1, 0.5])
 OPERATIONS = ("residual", "matrix", "factorize", "solve")
-
-
-@dataclass(slots=True)
-class StepWork:
-    """Equations of a step at a prediction, and their buffers."""
-
-    form: StepBuffers
-    linear: Any
-    at: StepPrediction
-    x: Array
-    right: Array
-    change: Array
-    nonzeros: Array
-    repeats: int
-
-
-@dataclass(slots=True)
-class FirstOrderWork:
-    """First-order equations at a state, and their buffers."""
-
-    form: FirstOrderBuffers
-    linear: Any
-    y: Array
-    yp: Array
-    rate: float
-    right: Array
-    change: Array
-    nonzeros: Array
-    repeats: int
-
-
-def step_residuals(work: StepWork) -> int:
-    for _ in range(work.repeats):
-        evaluate_step_residual(work.form, 0.1, 0.5, work.at, work.x, work.change)
-    return DONE
-
-
-def step_matrices(work: StepWork) -> int:
-    for _ in range(work.repeats):
-        evaluate_step_matrix(work.form, 0.1, 0.5, work.at, work.x, work.nonzeros)
-    return DONE
-
-
-def first_order_residuals(work: FirstOrderWork) -> int:
-    for _ in range(work.repeats):
-        evaluate_residual(work.form, 0.1, 0.5, work.y, work.yp, work.change)
-    return DONE
-
-
-def first_order_jacobians(work: FirstOrderWork) -> int:
-    for _ in range(work.repeats):
-        evaluate_jacobian(work.form, 0.1, 0.5, work.rate, work.y, work.yp, work.nonzeros)
-    return DONE
-
-
-def factorizations(work: Any) -> int:
-    for _ in range(work.repeats):
-        code = factorize(work.linear, work.nonzeros)
-        if code != DONE:
-            return code
-    return DONE
-
-
-def solutions(work: Any) -> int:
-    for _ in range(work.repeats):
-        combine(work.change, (1.0,), (work.right,))
-        solve(work.linear, work.change)
-    return DONE
 
 
 def time_step_operations(
@@ -124,14 +44,9 @@ def time_step_operations(
     matrix.nonzeros[:] = form.jacobian(TIME_AND_BRANCH, at, x)
     right = np.full(form.size, 1e-3)
 
-    def make(native: bool) -> StepWork:
-        linear = matrix.make_solver(native, "auto")
-        return StepWork(
-            form.buffers(native), linear, at, x, right, right.copy(), matrix.nonzeros, repeats
-        )
-
-    functions = (step_residuals, step_matrices, factorizations, solutions)
-    return _make_timers(make, functions, matrix, repeats)
+    inputs = np.concatenate([*start, start.q, np.zeros(equations.m)])
+    sums = zip(OPERATIONS, form.sums[::2], (form.size, form.pattern.nnz), strict=False)
+    return _make_timers(equations, sums, inputs, matrix, right, repeats)
 
 
 def time_first_order_operations(
@@ -148,49 +63,40 @@ def time_first_order_operations(
     matrix.nonzeros[:] = at_zero + rate * (at_one - at_zero)
     right = np.full(form.size, 1e-3, type(rate))
 
-    def make(native: bool) -> FirstOrderWork:
-        return FirstOrderWork(
-            form.buffers(native),
-            matrix.make_solver(native, "auto"),
-            y,
-            yp,
-            rate.real,
-            right,
-            right.copy(),
-            matrix.nonzeros,
-            repeats,
-        )
-
-    if isinstance(rate, complex):
-        return _make_timers(make, (None, None, factorizations, solutions), matrix, repeats)
-    functions = (first_order_residuals, first_order_jacobians, factorizations, solutions)
-    return _make_timers(make, functions, matrix, repeats)
+    sizes = (form.size, form.pattern.nnz)
+    sums = () if isinstance(rate, complex) else zip(OPERATIONS, form.sums, sizes, strict=False)
+    return _make_timers(equations, sums, np.concatenate([y, yp]), matrix, right, repeats)
 
 
 def _make_timers(
-    make: Callable[[bool], Any],
-    functions: tuple[Callable[[Any], int] | None, ...],
+    equations: bd.results.EquationsOfMotion,
+    sums: Iterable[tuple[str, SumPlan, int]],
+    inputs: Array,
     matrix: FactorizedMatrix,
+    right: Array,
     repeats: int,
 ) -> OperationTimers:
-    def list_linear_systems(work: Any) -> list[tuple[Any, FactorizedMatrix]]:
-        return [(work.linear, matrix)]
+    loops = {}
+    for name, plan, size in sums:
+        total = plan.sum(True, equations.p)
+        set_time(total, *TIME_AND_BRANCH)
+        loops[name] = Loop("run_evaluation", Evaluation(total, inputs, np.zeros(size)))
+    linear = matrix.make_solver()
+    system = LinearSystem(linear, matrix.nonzeros, right)
+    while system.factorize() == NEW_PIVOTS:
+        matrix.renew_pivots(linear)
+    kind = "_complex" if np.iscomplexobj(right) else ""
+    for name in OPERATIONS[2:]:
+        loops[name] = Loop(f"{name}{kind}_system", system)
+        assert loops[name]() == DONE, name
 
-    work = make(True)
-    timers = {}
-    # Solutions need the factors, so the factorization comes first.
-    order = sorted(zip(OPERATIONS, functions, strict=True), key=lambda x: x[0] != "factorize")
-    for name, function in order:
-        if function is None:
-            continue
-        running = StepLoop(function, lambda native: work, list_linear_systems, True)
-        assert running.is_native, name
-        assert running() == DONE, name
-
-        def time_of_one(running: StepLoop = running) -> float:
+    def make_timer(loop: Loop) -> Callable[[], float]:
+        def time_of_one() -> float:
             begin = time.process_time()
-            running()
+            for _ in range(repeats):
+                loop.call_loaded()
             return (time.process_time() - begin) / repeats
 
-        timers[name] = time_of_one
-    return timers
+        return time_of_one
+
+    return {name: make_timer(loop) for name, loop in loops.items()}

@@ -62,22 +62,22 @@ def recorded_hub(torque=10.0, density=2766.7, loop_folder=""):
 def record_loop_times(folder: str) -> None:
     """Write the total time of all compiled loops of this process to a file."""
     try:
-        from beamdae.native.loops import CompiledLoop
+        from beamdae.core.tables import Loop
     except ImportError:
         return
-    if hasattr(CompiledLoop, "total_time"):
+    if hasattr(Loop, "total_time"):
         return
-    run, CompiledLoop.total_time = CompiledLoop.__call__, 0.0
+    run, Loop.total_time = Loop.__call__, 0.0
     file = os.open(Path(folder) / str(os.getpid()), os.O_CREAT | os.O_RDWR)
 
     def timed(loop: Any) -> int:
         begin = time.thread_time()
         code = run(loop)
-        CompiledLoop.total_time += time.thread_time() - begin
-        os.pwrite(file, f"{CompiledLoop.total_time:20.9f}".encode(), 0)
+        Loop.total_time += time.thread_time() - begin
+        os.pwrite(file, f"{Loop.total_time:20.9f}".encode(), 0)
         return code
 
-    CompiledLoop.__call__ = timed
+    Loop.__call__ = timed
 
 
 def make_study(number: int, t_end: float, loop_folder: str) -> bd.Study:

@@ -30,12 +30,12 @@ import pandas as pd
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-from beamdae.native.loops import CompiledLoop
 from measurement import RESULTS, time_action, time_calls, time_integration, write_table
 from systems import exact_hub_beam, exact_pendulum
 from workers import Worker, start_exudyn
 
 import beamdae as bd
+from beamdae.core.tables import Loop
 from beamdae.integrators import drive
 
 Array = np.ndarray
@@ -145,7 +145,7 @@ def _time_parts_once(
     with (
         time_calls(drive, "plan_run") as plan,
         time_calls(type(integrator), "method_on") as method,
-        time_calls(CompiledLoop, "__call__") as loops,
+        time_calls(Loop, "__call__") as loops,
     ):
         solution = integrator.integrate(equations, case.times)
     inside = {

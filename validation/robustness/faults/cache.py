@@ -38,10 +38,10 @@ define i32 @loop(ptr %table) {{ ret i32 0 }}
 
 
 def _list_objects(bench: Bench, loops: bool | None = None) -> list[Path]:
-    """Return files of the cache: of loops, of kernels, or of both."""
+    """Return files of the cache: of the core with its loops, of kernels, or of both."""
     paths = sorted((bench.folder / "cache" / "beamdae").glob("*.o"))
     if loops is not None:
-        paths = [path for path in paths if path.name.split("-")[0].endswith("_steps") is loops]
+        paths = [path for path in paths if (path.name.split("-")[0] == "core") is loops]
     expect(bool(paths), "nothing was cached")
     return paths
 
@@ -267,20 +267,8 @@ def _hide_package(bench: Bench, package: str, cache: str) -> None:
     bench.env["XDG_CACHE_HOME"] = str(bench.folder / cache)
 
 
-def missing_numba(bench: Bench) -> None:
-    """Without numba the run uses plain Python, with one warning."""
-    _hide_package(bench, "numba", "empty cache")
-    _expect_correct_run(bench, warnings=1, switch="off")
-
-
-def cached_objects_without_numba(bench: Bench) -> None:
-    """Cached objects need no numba."""
-    _hide_package(bench, "numba", "cache")
-    _expect_correct_run(bench)
-
-
 def missing_llvmlite(bench: Bench) -> None:
-    """Without llvmlite the run uses plain Python, with one warning."""
+    """Without llvmlite, CasADi's virtual machine runs the kernels, with one warning."""
     _hide_package(bench, "llvmlite", "cache")
     _expect_correct_run(bench, warnings=1, switch="off")
 
@@ -300,8 +288,6 @@ FAULTS = (
     full_disk_for_the_cache,
     two_runs_with_an_empty_cache,
     unknown_switch,
-    missing_numba,
-    cached_objects_without_numba,
     missing_llvmlite,
 )
 # Similar to the faults above, but each compiles one more loop.

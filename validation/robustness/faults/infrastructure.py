@@ -282,9 +282,9 @@ def sweep_without_llvmlite(bench: Bench) -> None:
 
 
 def sweep_without_ida(bench: Bench) -> None:
-    """A sweep works without numba, llvmlite and scikit-sundae, and reports it."""
+    """A sweep works without llvmlite and scikit-sundae, and reports it."""
     _write_model(bench)
-    _hide_packages(bench, "numba", "llvmlite", "sksundae")
+    _hide_packages(bench, "llvmlite", "sksundae")
     result = bench.run(*_SWEEP, time_limit=STUDY_TIME_LIMIT)
     _expect_all_cases(bench, result)
     expect(result.err.count("Radau is used instead of Ida") == 1, result.error_tail)
