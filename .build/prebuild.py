@@ -24,6 +24,7 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cache, partial
+from importlib.util import find_spec
 from itertools import chain, product
 from multiprocessing import get_context
 from pathlib import Path
@@ -42,6 +43,7 @@ from beamdae.beams.beam import EXACT_FORMULATION, FORMULATIONS  # noqa: E402
 from beamdae.beams.floating_frame.kinematics import STRAINS  # noqa: E402
 from beamdae.cli.model_files.model_file import ModelFile  # noqa: E402
 from beamdae.core import library  # noqa: E402
+from beamdae.core.compilers import PLATFORMS  # noqa: E402
 from beamdae.equations.formulations.first_order import FIRST_ORDER  # noqa: E402
 from beamdae.equations.starts.state_evaluator import plan_motion  # noqa: E402
 from beamdae.integrators.alpha import generalized_alpha  # noqa: E402
@@ -94,6 +96,10 @@ def compile_objects(folder: Path) -> None:
     if host.cpu not in _LEVELS:
         return
     targets = [host._replace(cpu=cpu) for cpu in _LEVELS[: _LEVELS.index(host.cpu) + 1]]
+    if find_spec("ziglang"):
+        # Libraries of other compilers require the C library of this machine.
+        zig_target = PLATFORMS["x86_64-linux"].zig_target
+        os.environ["CC"] = f"{sys.executable} -m ziglang cc -target {zig_target}"
     recorder = Recorder()
     lane_kernels.load_object = recorder
     exercises = (model_runs, sample_runs, derivative_runs, single_state_runs)

@@ -7,6 +7,7 @@
 #ifndef BEAMDAE_ARRAYS_H
 #define BEAMDAE_ARRAYS_H
 
+#include <complex.h>
 #include <math.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -172,6 +173,16 @@ static inline double euclidean_norm(Reals x, Reals weights) {
 /* Entries of x where the mask is set, else of y. */
 static inline Register select(Mask mask, Register x, Register y) {
     return (Register)((mask & (Mask)x) | (~mask & (Mask)y));
+}
+
+#ifndef CMPLX
+#define CMPLX(x, y) __builtin_complex((double)(x), (double)(y))
+#endif
+
+/* Without the treatment of infinite factors that the standard requires of `*`. */
+static inline double _Complex multiply_complex(double _Complex x, double _Complex y) {
+    const double a = creal(x), b = cimag(x), c = creal(y), d = cimag(y);
+    return CMPLX(a * c - b * d, a * d + b * c);
 }
 
 /* The larger of two sizes; NaN is kept. */

@@ -141,7 +141,7 @@ static int NAME(eliminate_columns)(const EliminationPlan *plan, const NAME(Facto
             x[k] = 0.0;
             factors->upper.at[p] = factor;
             for (uint32_t q = lower_starts[k]; q < lower_starts[k + 1]; q++)
-                x[lower_rows[q]] -= lower[q] * factor;
+                x[lower_rows[q]] -= NAME(product)(lower[q], factor);
         }
         const NUMBER pivot = x[j];
         if (pivot == 0.0) return 0;
@@ -151,7 +151,7 @@ static int NAME(eliminate_columns)(const EliminationPlan *plan, const NAME(Facto
         x[j] = 0.0;
         for (uint32_t q = lower_starts[j]; q < lower_starts[j + 1]; q++) {
             const uint32_t row = lower_rows[q];
-            lower[q] = x[row] * inverse;
+            lower[q] = NAME(product)(x[row], inverse);
             x[row] = 0.0;
         }
     }
@@ -167,13 +167,13 @@ static void NAME(substitute_triangles)(const EliminationPlan *plan, const NAME(F
     for (int64_t k = 0; k < size; k++) {
         const NUMBER value = x[k];
         for (uint32_t q = lower_starts[k]; q < lower_starts[k + 1]; q++)
-            x[lower_rows[q]] -= lower[q] * value;
+            x[lower_rows[q]] -= NAME(product)(lower[q], value);
     }
     for (int64_t k = size - 1; k >= 0; k--) {
-        const NUMBER value = x[k] * factors->inverse.at[k];
+        const NUMBER value = NAME(product)(x[k], factors->inverse.at[k]);
         x[k] = value;
         for (uint32_t p = upper_starts[k]; p < upper_starts[k + 1]; p++)
-            x[upper_rows[p]] -= upper[p] * value;
+            x[upper_rows[p]] -= NAME(product)(upper[p], value);
     }
 }
 
@@ -207,7 +207,7 @@ static int NAME(update_residual)(const EliminationPlan *plan, const NAME(Factors
         const NUMBER value = factors->solution.at[j];
         const double size = NAME(modulus)(value);
         for (uint32_t e = starts[j]; e < starts[j + 1]; e++) {
-            residual[rows[e]] -= matrix[e] * value;
+            residual[rows[e]] -= NAME(product)(matrix[e], value);
             terms[rows[e]] += NAME(modulus)(matrix[e]) * size;
         }
     }

@@ -20,7 +20,7 @@ from beamdae.native.prebuilt_objects import has_prebuilt_objects, read_prebuilt_
 FOLDER = Path(__file__).parent
 NAME = "core"
 # Results have the same bits on all processors: multiplications and additions are not fused.
-_FLAGS = ("-O3", "-fcx-limited-range", "-fno-math-errno", "-fno-trapping-math")
+_FLAGS = ("-O3", "-fno-math-errno", "-fno-trapping-math")
 
 
 def core_sources() -> list[Path]:
@@ -34,13 +34,12 @@ def core_identity() -> str:
     return "\n".join(file.read_text("utf-8") for file in files)
 
 
-def processor_flags(target: llvm.Target | None) -> list[str]:
-    """Return the flags for a processor, none for those on which all programs run."""
-    if target is None:
+def _processor_flags(target: llvm.Target | None, compiler: list[str]) -> list[str]:
+    """Return the flags for a level of x86-64; other processors have no such levels."""
+    if target is None or target.cpu not in llvm.X86_LEVELS:
         return []
-    if target.cpu in llvm.X86_LEVELS:
-        return [f"-march={target.cpu}"]
-    return ["-mcpu=native"] if "arm64" in target.triple or "aarch64" in target.triple else []
+    # ziglang has its own names of processors.
+    return [f"-march={target.cpu.replace('-', '_') if 'ziglang' in compiler else target.cpu}"]
 
 
 def compile_core(target: llvm.Target | None) -> bytes:
@@ -55,7 +54,7 @@ def compile_core(target: llvm.Target | None) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "core.so")
         try:
-            flags = [*_FLAGS, *processor_flags(target)]
+            flags = [*_FLAGS, *_processor_flags(target, compiler)]
             compile_library("core", compiler, flags, core_sources(), file)
         except BeamdaeError:
             # Older compilers know no levels of processors.

@@ -3,7 +3,6 @@
 
 #include "core.h"
 
-#include <complex.h>
 #include <string.h>
 
 /* A solution is accurate if its backward error does not exceed this value. */
@@ -77,6 +76,7 @@ static inline Vector real_times_number(double a, Vector x) { return scaled(a, x)
 static inline Vector real_add_scaled(Vector z, double a, Vector x) {
     return plus(z, scaled(a, x));
 }
+static inline double real_product(double x, double y) { return x * y; }
 static inline double real_invert(double x) { return 1.0 / x; }
 static inline double real_modulus(double x) { return fabs(x); }
 static inline int real_is_finite(double x) { return isfinite(x); }
@@ -122,6 +122,7 @@ static inline ComplexVector complex_add_scaled(ComplexVector z, Complex a, Compl
     const ComplexVector p = complex_times_number(a, x);
     return (ComplexVector){plus(z.re, p.re), plus(z.im, p.im)};
 }
+static inline Complex complex_product(Complex x, Complex y) { return multiply_complex(x, y); }
 /* Smith's division, which does not overflow. */
 static inline Complex complex_invert(Complex x) {
     const double re = creal(x), im = cimag(x);

@@ -6,8 +6,6 @@
 
 #include "core.h"
 
-#include <complex.h>
-
 #define MAX_ITERATIONS 10
 /* Rate of convergence assumed in the first iteration; later iterations measure it. */
 #define FIRST_RATE 0.99
@@ -116,7 +114,7 @@ static Reals jacobian_part(const Stages *run, Reals jacobian, int power) {
 int factorize_stages(Stages *run, double h, Reals jacobian) {
     const double rate = real_eigenvalue(run) / h;
     const double _Complex complex_rate = complex_eigenvalue(run) / h;
-    const double _Complex square = complex_rate * complex_rate;
+    const double _Complex square = multiply_complex(complex_rate, complex_rate);
     const Reals a = jacobian_part(run, jacobian, 0), b = jacobian_part(run, jacobian, 1);
     const Reals c = jacobian_part(run, jacobian, 2);
     combine3(run->real_nonzeros, 1.0, a, rate, b, rate * rate, c);
@@ -140,12 +138,14 @@ int factorize_stages(Stages *run, double h, Reals jacobian) {
             (reduced).at[i_] = (full).at[i_ - count_ + n_];                                        \
     } while (0)
 
+static inline double multiply_real(double x, double y) { return x * y; }
+
 /* Correction of all unknowns, with x_v = c x_q for defined velocities. */
-#define EXPAND_SOLUTION(reduction, n, c, reduced, full)                                            \
+#define EXPAND_SOLUTION(product, reduction, n, c, reduced, full)                                   \
     do {                                                                                           \
         const int64_t count_ = (reduction)->corrected.size, n_ = (n);                              \
         for (int64_t i_ = 0; i_ < n_; i_++) (full).at[i_] = (reduced).at[i_];                      \
-        for (int64_t i_ = 0; i_ < n_; i_++) (full).at[n_ + i_] = (c) * (reduced).at[i_];           \
+        for (int64_t i_ = 0; i_ < n_; i_++) (full).at[n_ + i_] = product(c, (reduced).at[i_]);     \
         PICK((full).at, (reduction)->corrected_velocities.at, (reduced).at,                        \
              (reduction)->remaining_velocities.at, 0, count_);                                     \
         for (int64_t i_ = 2 * n_; i_ < (full).size; i_++)                                          \
@@ -158,8 +158,9 @@ void subtract_corrections(Stages *run, double h) {
     const int64_t n = run->velocities.size;
     const double rate = real_eigenvalue(run) / h;
     const double _Complex complex_rate = complex_eigenvalue(run) / h;
-    EXPAND_SOLUTION(&run->reduction, n, rate, run->right, run->real_change);
-    EXPAND_SOLUTION(&run->reduction, n, complex_rate, run->complex_right, run->complex_change);
+    EXPAND_SOLUTION(multiply_real, &run->reduction, n, rate, run->right, run->real_change);
+    EXPAND_SOLUTION(multiply_complex, &run->reduction, n, complex_rate, run->complex_right,
+                    run->complex_change);
     for (int64_t i = 0; i < run->complex_change.size; i++) {
         run->complex_real.at[i] = creal(run->complex_change.at[i]);
         run->complex_imaginary.at[i] = cimag(run->complex_change.at[i]);
@@ -231,7 +232,8 @@ static int is_rounding(RadauWorkspace *run, double h, double size) {
         base->right.at[run->entry_rows.at[e]] +=
             fabs(run->jacobian.at[e] * run->vector.at[run->entry_columns.at[e]]);
     solve(&base->real_solver, base->right);
-    EXPAND_SOLUTION(&base->reduction, n, real_eigenvalue(base) / h, base->right, run->error);
+    EXPAND_SOLUTION(multiply_real, &base->reduction, n, real_eigenvalue(base) / h, base->right,
+                    run->error);
     return size <= max_norm(part(run->error, 0, weights.size), weights);
 }
 
@@ -328,7 +330,7 @@ static void estimate_error(RadauWorkspace *run, double h) {
     combine2(from(right, first), 1.0, from(run->constraint_errors, first), 1.0,
              from(run->product, first));
     solve(&base->real_solver, right);
-    EXPAND_SOLUTION(at, n, rate, right, run->error);
+    EXPAND_SOLUTION(multiply_real, at, n, rate, right, run->error);
     combine2(velocities, rate, right, -rate, difference);
     PICK(run->error.at, at->defined_velocities.at, velocities.at, at->defined.at, 0,
          at->defined.size);
