@@ -88,7 +88,11 @@ def write_distribution(folder, packages):
 @pytest.mark.slow(reason="runs without machine code in a new process")
 def test_models_of_the_page_run_without_packages_that_pyodide_lacks(tmp_path):
     paths = (HIDING, Path(bd.__file__).parents[1])
-    env = {"PYTHONPATH": os.pathsep.join(map(str, paths)), "HIDDEN": ",".join(BROWSER)}
+    env = {
+        "PYTHONPATH": os.pathsep.join(map(str, paths)),
+        "HIDDEN": ",".join(BROWSER),
+        "CC": "false",
+    }
     result = subprocess.run(
         [sys.executable, "-c", PROGRAM.format(folder=str(DEMO))],
         env={**os.environ, **env, "XDG_CACHE_HOME": str(tmp_path)},

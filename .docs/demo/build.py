@@ -18,7 +18,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 # Dependencies that neither runs nor their animations need.
-OPTIONAL = ("llvmlite", "matplotlib", "scikit-sundae", "typer")
+OPTIONAL = ("llvmlite", "matplotlib", "scikit-sundae", "typer", "ziglang")
 RUNTIME = re.compile(r"pyodide\.(asm\.\w+|m?js)|python_stdlib\.zip|pyodide-lock\.json")
 LOCK = "pyodide-lock.json"
 

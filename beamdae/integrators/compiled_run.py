@@ -139,8 +139,9 @@ class StepLoop(Generic[W]):
         """
         if load_core() is None:
             raise BeamdaeError(
-                f"{function.replace('_', ' ')}: this calculation requires the compiled core; "
-                'install a C compiler by `pip install "beamdae[fmu]"`.'
+                "core: this method or analysis requires the compiled core; install a C compiler, "
+                'for example by `pip install "beamdae[fmu]"`, or use GeneralizedAlpha with fixed '
+                "steps."
             )
         self.work, self.is_native = make(native), native
         self._loop = Loop(function, self.work)

@@ -91,7 +91,10 @@ def _find_images() -> list[ctypes.CDLL]:
 
 
 def _find_extension_module() -> str:
-    package = PathFinder.find_spec("sksundae")
+    try:
+        package = PathFinder.find_spec("sksundae")
+    except ImportError as problem:
+        raise UnavailableError(f"scikit-sundae cannot be found: {problem}") from problem
     folders = package.submodule_search_locations if package else None
     module = PathFinder.find_spec("sksundae._cy_ida", folders) if folders else None
     if module is None or module.origin is None:

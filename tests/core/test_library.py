@@ -69,7 +69,7 @@ def test_without_a_compiler_plain_methods_run_with_one_warning(tmp_path):
     for name in ("Ida", "Auto"):
         np.testing.assert_allclose(answers[name], answers["GeneralizedAlpha"], atol=1e-4)
     for name in ("Radau", "equilibrium"):
-        assert "requires the compiled core; install a C compiler" in answers[name]
+        assert "requires the compiled core; install a C compiler" in answers[name], name
 
 
 @pytest.mark.parametrize("formulation", ["index3", "stabilized-index2"])
