@@ -102,7 +102,7 @@ def test_models_of_the_page_run_without_packages_that_pyodide_lacks(tmp_path):
     )
     assert (result.returncode, result.stderr) == (0, "")
     *runs, message = result.stdout.splitlines()
-    assert len(runs) == 4
+    assert len(runs) == 2
     assert message.startswith("Ida: scikit-sundae cannot be imported")
     assert "install scikit-sundae, or" in message
 

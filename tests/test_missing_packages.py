@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 import beamdae as bd
-from beamdae.sundials.library import UnavailableError
 
 HIDING = Path(__file__).with_name("hidden_packages")
 NO_IDA = ("llvmlite", "sksundae", "scikit-sundae")
@@ -105,7 +104,9 @@ def run_python(folder, hidden, *arguments):
 
 def test_auto_uses_radau_if_ida_cannot_be_imported(monkeypatch):
     def fail():
-        raise UnavailableError("the functions of SUNDIALS cannot be loaded")
+        raise sys.modules["beamdae.sundials.library"].UnavailableError(
+            "the functions of SUNDIALS cannot be loaded"
+        )
 
     monkeypatch.setattr("beamdae.integrators.ida.compiled_solver.load_library", fail)
     monkeypatch.setitem(sys.modules, "beamdae.integrators.ida.python_solver", None)
