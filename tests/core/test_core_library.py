@@ -102,5 +102,5 @@ def test_core_of_a_wheel_needs_no_compiler(tmp_path, monkeypatch):
     monkeypatch.setenv("CC", "false")
     assert library._read_library() == content
     monkeypatch.setattr(library, "core_identity", lambda: f"{identity}/* changed */")
-    with pytest.raises(bd.BeamdaeError, match="^core: the C compiler false failed"):
+    with pytest.raises(bd.BeamdaeError, match=r"^core: the C compiler false failed"):
         library._read_library()
