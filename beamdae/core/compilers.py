@@ -18,7 +18,7 @@ from beamdae.python_processes import SAFE_PATH
 
 # The sources are standard C. Fused multiplications would differ between processors.
 _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
-_CORE_FLAGS = (
+CORE_FLAGS = (
     "-std=gnu11",
     "-ffp-contract=off",
     "-fno-tree-vectorize",
@@ -132,7 +132,7 @@ def compile_library(
     libraries = () if sys.platform == "win32" else ("-lm",)
     names = [str(x) for x in sources]
     further = shlex.split(os.environ.get("CFLAGS", ""))
-    options = [*_CORE_FLAGS, *flags, *position, *further, "-shared", "-o", str(file)]
+    options = [*CORE_FLAGS, *flags, *position, *further, "-shared", "-o", str(file)]
     run_compiler(part, [*compiler, *options, *names, *libraries])
 
 

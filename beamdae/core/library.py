@@ -11,7 +11,7 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-from beamdae.core.compilers import compile_library, find_compiler
+from beamdae.core.compilers import CORE_FLAGS, compile_library, find_compiler
 from beamdae.errors import BeamdaeError, warn_once
 from beamdae.native import llvm
 from beamdae.native.object_cache import CacheError, cache_folder, read_object, write_object
@@ -29,9 +29,9 @@ def core_sources() -> list[Path]:
 
 
 def core_identity() -> str:
-    """Return the text that determines what the core computes: its sources."""
+    """Return the text that determines what the core computes: its sources, and flags."""
     files = sorted([*FOLDER.glob("*.h"), *core_sources()])
-    return "\n".join(file.read_text("utf-8") for file in files)
+    return "\n".join([*(file.read_text("utf-8") for file in files), *CORE_FLAGS, *_FLAGS])
 
 
 def _processor_flags(target: llvm.Target | None, compiler: list[str]) -> list[str]:
