@@ -151,8 +151,3 @@ def test_ir_that_cannot_be_compiled_falls_back(cache):
     with pytest.warns(KernelWarning, match="LLVM cannot compile the module"):
         assert load_object(ObjectSource("none", "nonsense", ("f",)), lambda code: True) is None
     assert list(cache.iterdir()) == []
-
-
-def test_modules_that_cannot_be_linked_are_reported():
-    with pytest.raises(MachineCodeError, match="LLVM cannot link loops"):
-        llvm.link_modules([constant_function(1), constant_function(2)], ("value",))
