@@ -154,6 +154,7 @@ GROUPS = (
             Public("Friction", "beamdae.parts.forces.friction"),
             Public("RayleighDamping", "beamdae.beams.damping"),
             Public("AirDrag", "beamdae.beams.damping"),
+            Public("StandardLinearSolid", "beamdae.beams.viscoelasticity"),
             Public("ForceLaw", "beamdae.parts.forces.force_law"),
             Public("positive_part", "beamdae.parts.forces.smooth"),
             Public("smooth_sign", "beamdae.parts.forces.smooth"),

@@ -222,6 +222,12 @@ SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
     },
     "RayleighDamping": lambda m: {"name": "oil", "beam": m.beam, "mass": 0.1, "stiffness": 1e-5},
     "AirDrag": lambda m: {"name": "drag", "beam": m.beam, "coefficient": 0.1},
+    "StandardLinearSolid": lambda m: {
+        "name": "relaxation",
+        "beam": m.beam,
+        "ratio": 0.5,
+        "relaxation_time": 0.01,
+    },
     "ForceLaw": lambda m: {
         "name": "load",
         "on": m.disk.at(0.1, 0.2),

@@ -148,6 +148,11 @@ def drag(w, name, a, b, n):
     return bd.AirDrag(name, beam, w.frame.number(n["damping"], "kg/m^2"))
 
 
+def solid(w, name, a, b, n):
+    beam = w.parts[w.bodies[b.body].name]
+    return bd.StandardLinearSolid(name, beam, n["ratio"], w.frame.number(0.02, "s"))
+
+
 def load_mass(w, name, a, b, n):
     return bd.PointMass(name, w.frame.number(n["mass"], "kg"), on=w.at(b))
 
@@ -183,6 +188,7 @@ FORCES = {
     "moving force": moving_force,
     "Rayleigh": rayleigh,
     "drag": drag,
+    "relaxation": solid,
     "mass": load_mass,
     "friction": friction,
 }

@@ -112,7 +112,7 @@ def add_force(builder: DrawingBuilder, kinds: tuple[str, ...], free: bool) -> No
             builder.piece(kind, of.a, of.b, friction=builder.between(0.05, 0.4), **parameters)
     elif free and kind in EXTERNAL_FORCES:
         return
-    elif kind in ("load by length", "moving force", "Rayleigh", "drag"):
+    elif kind in ("load by length", "moving force", "Rayleigh", "drag", "relaxation"):
         if beams:
             _add_force_on_beam(builder, kind, Place(rng.choice(beams)))
     elif kind == "mass":
@@ -143,6 +143,7 @@ def _add_force_on_beam(builder: DrawingBuilder, kind: str, on: Place) -> None:
         },
         "Rayleigh": {"mass": builder.between(0.0, 1.0)},
         "drag": {"damping": builder.between(0.1, 1.0)},
+        "relaxation": {"ratio": builder.between(0.1, 1.0)},
     }
     builder.piece(kind, on, on, **parameters[kind])
 
