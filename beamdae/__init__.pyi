@@ -67,6 +67,7 @@ from .model_functions import model as model
 from .model_parameters import param as param
 from .parts.attachments import Attachment as Attachment
 from .parts.bodies.point_mass import PointMass as PointMass
+from .parts.bodies.reduced_body import ReducedBody as ReducedBody
 from .parts.bodies.rigid_body import RigidBody as RigidBody
 from .parts.control.blocks import low_pass as low_pass
 from .parts.control.blocks import pid as pid

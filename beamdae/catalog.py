@@ -106,6 +106,7 @@ GROUPS = (
         (
             Public("RigidBody", "beamdae.parts.bodies.rigid_body"),
             Public("PointMass", "beamdae.parts.bodies.point_mass"),
+            Public("ReducedBody", "beamdae.parts.bodies.reduced_body"),
         ),
     ),
     Group(

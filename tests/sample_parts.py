@@ -6,6 +6,8 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 import beamdae as bd
 
 
@@ -90,6 +92,9 @@ def _potential(point: Any) -> Any:
     return 0.5 * point.position[0] ** 2
 
 
+# Two masses on a spring along x.
+_ROD = np.kron([[100.0, -100.0], [-100.0, 100.0]], [[1.0, 0.0], [0.0, 0.0]])
+
 # Functions that return keyword arguments of a valid call, by public name. Tests of parts, error
 # messages and robustness start from these calls.
 SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
@@ -101,6 +106,16 @@ SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
         "velocity": (0.0, 0.0),
         "angular_velocity": 0.0,
         "shape": ((2.9, 0.0), (3.1, 0.0), (3.0, 0.1)),
+    },
+    "ReducedBody": lambda m: {
+        "name": "rod",
+        "mass": np.eye(4),
+        "stiffness": _ROD,
+        "nodes": [(3.0, 0.0), (4.0, 0.0)],
+        "shapes": [[-1.0], [0.0], [1.0], [0.0]],
+        "damping": 0.01,
+        "velocity": (0.0, 0.0),
+        "angular_velocity": 0.0,
     },
     "PointMass": lambda m: {"name": "mass", "mass": 0.1, "at": (2.0, 0.0), "velocity": (0.0, 0.0)},
     "Revolute": _joint_arguments,

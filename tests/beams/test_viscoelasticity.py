@@ -61,7 +61,7 @@ def test_creep_under_a_constant_load(integrator):
     forces = run.section_forces("beam", t[-1])
     assert np.max(forces.error[2]) < 1e-3 * np.max(np.abs(forces.M))
     assert_allclose(
-        bd.equilibrium(mech, time=9.0).columns["tip.y [m]"][-1], load * COMPLIANCE, rtol=1e-5
+        bd.equilibrium(mech, t=9.0).columns["tip.y [m]"][-1], load * COMPLIANCE, rtol=1e-5
     )
 
 

@@ -15,7 +15,7 @@ from properties.forces import FORCES
 from properties.similarity import PROFILES, Similarity, Wave
 
 # Kinds of parts, bodies, curves, sections and settings of beams.
-ALL_KINDS = (*BUILDERS, "bar", "disk", "particle", *CURVES, *PROFILES, *THEORIES)
+ALL_KINDS = (*BUILDERS, "bar", "disk", "particle", "reduced", *CURVES, *PROFILES, *THEORIES)
 
 
 def add_spring(builder: DrawingBuilder, a: Place, b: Place) -> None:
@@ -256,7 +256,7 @@ def draw_mechanism(
 
 def _draw(rng, most, kinds, flexible, free, outside, damped) -> Drawing:
     builder = DrawingBuilder(rng, outside=outside, damped=damped)
-    shapes = ("bar", "disk", "beam", "particle") if flexible else ("bar", "disk", "particle")
+    shapes = ("bar", "disk", "particle", *(("beam", "reduced") if flexible else ()))
     free = builder.chance(0.25) if free is None else free
     for k in range(rng.choice(range(1, most + 1))):
         if free and k == 0:
