@@ -33,6 +33,7 @@ from .analysis.statics.imperfections import knock_down as knock_down
 from .analysis.statics.linear_buckling import buckling as buckling
 from .analysis.statics.static_equilibrium import equilibrium as equilibrium
 from .beams.beam import Beam as Beam
+from .beams.beam_contact import BeamContact as BeamContact
 from .beams.beam_loads import DistributedForce as DistributedForce
 from .beams.beam_loads import MovingForce as MovingForce
 from .beams.damping import AirDrag as AirDrag

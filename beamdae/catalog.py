@@ -150,6 +150,7 @@ GROUPS = (
             Public("TorsionDamper", "beamdae.parts.forces.springs"),
             Public("Bushing", "beamdae.parts.forces.bushing"),
             Public("Contact", "beamdae.parts.forces.contact"),
+            Public("BeamContact", "beamdae.beams.beam_contact"),
             Public("LineSurface", "beamdae.parts.forces.surfaces"),
             Public("CircleSurface", "beamdae.parts.forces.surfaces"),
             Public("Friction", "beamdae.parts.forces.friction"),

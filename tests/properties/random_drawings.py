@@ -91,6 +91,15 @@ def add_force(builder: DrawingBuilder, kinds: tuple[str, ...], free: bool) -> No
                 "side": rng.choice(["outside", "inside"]),
             }
         builder.piece(kind, builder.place(a), builder.place(b), **parameters)
+    elif kind == "wrapping":
+        beams = [k for k in beams if k != a]
+        if beams and (a is GROUND or a in with_angle):
+            parameters = {
+                "stiffness": builder.power(1.0, 3.0),
+                "direction": builder.direction(),
+                "friction": rng.choice([0.0, 0.3]),
+            }
+            builder.piece(kind, builder.place(a), Place(rng.choice(beams)), **parameters)
     elif kind == "friction":
         joints = [
             piece

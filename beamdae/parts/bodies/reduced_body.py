@@ -481,7 +481,7 @@ def _require_model(
             f"{name}: nodes must be at least two points (x, y), got {short_repr(nodes)}."
         )
     sizes = [k * len(places) for k in _NODE_SIZES]
-    matrices = []
+    matrices: list[sp.csc_array] = []
     for what, value in (("mass", mass), ("stiffness", stiffness)):
         matrix = _require_array(name, what, value)
         if matrix.shape not in [(x, x) for x in sizes] or (
