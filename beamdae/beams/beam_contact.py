@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -18,9 +19,38 @@ from beamdae.parts.forces.load_observables import FORCE, ObservablePower, result
 from beamdae.parts.forces.regularized_friction import RegularizedFriction
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface
 from beamdae.parts.part import SurfaceGap
-from beamdae.symbolic.statements import ForceStatement, Quantity, Variable, rebuilt_for_mesh
+from beamdae.symbolic.formula import FormulaExpression, constant_formula
+from beamdae.symbolic.statements import (
+    SX,
+    ForceStatement,
+    Local,
+    Quantity,
+    Variable,
+    rebuilt_for_mesh,
+)
 
 Array = np.ndarray
+# Settings of the law of a `Contact`.
+_LAW = (
+    *("exponent", "restitution", "impact_speed", "friction", "friction_speed"),
+    *("static", "stribeck"),
+)
+
+
+@dataclass(frozen=True)
+class _SmallestGap:
+    """Smallest distance of points with `sizes` local coordinates from a surface."""
+
+    sizes: tuple[int, ...]
+    surface: Callable[..., tuple[SX, SX]]
+
+    def __call__(self, local: Local, *functions: Any) -> SX:
+        *points, on, numbers = functions
+        *parts, of_surface = ca.vertsplit(local.q, [0, *np.cumsum(self.sizes).tolist(), local.size])
+        root, rotation = on(of_surface)
+        positions = (motion(q)[0] for motion, q in zip(points, parts, strict=True))
+        gaps = [self.surface(SX(rotation), x - root, numbers())[0] for x in positions]
+        return ca.mmin(ca.vertcat(*gaps))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,26 +112,23 @@ class BeamContact(ObservablePower):
         name = require_name("BeamContact", self.name)
         set_fields(self, name=name)
         beam = require_beam(name, self.beam)
-        start = beam.at(self.start).s
-        end = beam.length if self.end is None else beam.at(self.end).s
+        last = beam.length if self.end is None else self.end
+        start, end = (beam.at(x).s or 0.0 for x in (self.start, last))
         stiffness = require_positive(name, "stiffness", self.stiffness)
         set_fields(self, stiffness=stiffness, start=start, end=end)
-        law = self._contact_at(self.start, 1.0)
+        law = self._contact_at(start, 1.0)
         if law.surface.on.body is beam:
             raise BeamdaeError(f"{name}: surface must not be on the beam itself.")
         if not start < end:
             raise BeamdaeError(f"{name}: start must be less than end, got {start:g} and {end:g} m.")
-        for field in ("exponent", "restitution", "impact_speed", "friction", "friction_speed"):
-            set_fields(self, **{field: getattr(law, field)})
-        set_fields(self, static=law.static, stribeck=law.stribeck)
+        # Defaults of the law are resolved, and numbers are converted.
+        set_fields(self, **{x: getattr(law, x) for x in _LAW})
         beam.has_moving_load = True
 
     def _contact_at(self, s: float, weight: float) -> Contact:
         """Return the contact of a section at s [m] with the stiffness of a length `weight` [m]."""
-        law = (self.restitution, self.impact_speed, self.friction, self.friction_speed)
-        more = {"static": self.static, "stribeck": self.stribeck}
-        at, stiffness = self.beam.at(s), self.stiffness * weight
-        return Contact(self.name, at, self.surface, stiffness, self.exponent, *law, **more)
+        law: dict[str, Any] = {x: getattr(self, x) for x in _LAW}
+        return Contact(self.name, self.beam.at(s), self.surface, self.stiffness * weight, **law)
 
     @property
     def _contacts(self) -> list[Contact]:
@@ -124,8 +151,7 @@ class BeamContact(ObservablePower):
     @property
     def point(self) -> Attachment:
         """Section in the middle of the range, where the contact is drawn."""
-        assert self.end is not None
-        return self.beam.at(0.5 * (self.start + self.end))
+        return self.beam.at(0.5 * (self.start + float(self.end or 0.0)))
 
     def sharpen_friction(self, ratio: float) -> bool:
         """Multiply the friction speed, see `Part`."""
@@ -139,9 +165,21 @@ class BeamContact(ObservablePower):
         return self._contact_at(self.start, 1.0).regularized_friction
 
     @property
-    def gaps(self) -> Sequence[SurfaceGap]:
-        """Gaps of all contact points."""
-        return [gap for contact in self._contacts for gap in contact.gaps]
+    @rebuilt_for_mesh
+    def gap(self) -> Quantity:
+        """Smallest distance of the contact points from the surface [m], negative in contact."""
+        points, on = [x.point for x in self._contacts], self.surface.on
+        motions = [x.checked_kinematics for x in (*points, on)]
+        kind = _SmallestGap(tuple(x.size for x in points), type(self.surface).kind)
+        functions = [*motions, constant_formula(*self.surface.numbers)]
+        values, data = FormulaExpression.of(kind, functions)
+        pieces = tuple(x.piece for x in (*points, on))
+        return Quantity((Variable("", "m"),), pieces, values, data, is_magnitude=True)
+
+    @property
+    def gaps(self) -> tuple[SurfaceGap, ...]:
+        """Smallest gap, as a tuple of one entry: later points touch gradually."""
+        return (SurfaceGap(self.gap, self.surface.remedy),)
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
         """Return one statement for each contact point."""
@@ -153,12 +191,12 @@ class BeamContact(ObservablePower):
         """Resultant force Fx, Fy [N] on the beam, in the inertial frame."""
         points = [contact.point for contact in self._contacts]
 
-        def combine(copies, local):
-            loads = [
-                resultant_at(at.checked_kinematics, *copy.of_piece(0), at.has_angle)[:2]
-                for at, copy in zip(points, copies, strict=True)
-            ]
-            return sum(loads, ca.SX.zeros(2))
+        def combine(copies: list[Any], local: Local) -> SX:
+            total = SX.zeros(2)
+            for at, copy in zip(points, copies, strict=True):
+                force, q = copy.of_piece(0)
+                total += resultant_at(at.checked_kinematics, force, q, at.has_angle)[:2]
+            return total
 
         return self._observe_forces(FORCE, combine)
 
