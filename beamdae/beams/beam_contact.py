@@ -171,7 +171,7 @@ class BeamContact(ObservablePower):
         points, on = [x.point for x in self._contacts], self.surface.on
         motions = [x.checked_kinematics for x in (*points, on)]
         kind = _SmallestGap(tuple(x.size for x in points), type(self.surface).kind)
-        functions = [*motions, constant_formula(*self.surface.numbers)]
+        functions: list[Callable[..., Any]] = [*motions, constant_formula(*self.surface.numbers)]
         values, data = FormulaExpression.of(kind, functions)
         pieces = tuple(x.piece for x in (*points, on))
         return Quantity((Variable("", "m"),), pieces, values, data, is_magnitude=True)
