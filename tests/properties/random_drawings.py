@@ -404,4 +404,6 @@ def _close_loop(builder: DrawingBuilder, free: bool) -> None:
         more = {"direction": builder.direction()} if kind == "point on line" else {}
         builder.piece(kind, ground, b, **more)
     elif others:
-        builder.piece("distance", builder.place(builder.rng.choice(others)), b)
+        a = builder.place(builder.rng.choice(others))
+        if world.point(a) != world.point(b):
+            builder.piece("distance", a, b)
