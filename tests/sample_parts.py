@@ -107,6 +107,7 @@ SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
         "angular_velocity": 0.0,
         "shape": ((2.9, 0.0), (3.1, 0.0), (3.0, 0.1)),
     },
+    "PointMass": lambda m: {"name": "mass", "mass": 0.1, "at": (2.0, 0.0), "velocity": (0.0, 0.0)},
     "ReducedBody": lambda m: {
         "name": "rod",
         "mass": np.eye(4),
@@ -117,7 +118,6 @@ SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
         "velocity": (0.0, 0.0),
         "angular_velocity": 0.0,
     },
-    "PointMass": lambda m: {"name": "mass", "mass": 0.1, "at": (2.0, 0.0), "velocity": (0.0, 0.0)},
     "Revolute": _joint_arguments,
     "Weld": _joint_arguments,
     "Prismatic": lambda m: _joint_arguments(m) | {"direction": (1.0, -0.5)},
