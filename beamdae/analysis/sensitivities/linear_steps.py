@@ -159,8 +159,7 @@ def _plan_stage_residual(structure: Structure) -> SumPlan:
 
 def tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
     """Return the coefficients of generalized-alpha for steps `h` [s]."""
-    coefficients = [member.coefficients(x) for x in h.tolist()]
-    c_v, c_a, c_f = np.array(coefficients).T
+    c_v, c_a, c_f = member.coefficients(h)
     one, zero, f = np.ones_like(h), np.zeros_like(h), 1.0 / (1.0 - member.alpha_m)
     # a after the step, as far as z predicts it.
     after = [zero, zero, f * member.alpha_f * one, -f * member.alpha_m * one]
@@ -193,7 +192,7 @@ def tabulate_radau(h: Array) -> StepTables:
 
 @dataclass(slots=True, kw_only=True)
 class LinearSteps:
-    """Work arrays of a loop over the steps of a run.
+    """Work arrays of a loop over the steps of a run, `forward` or `backward`.
 
     Attributes
     ----------
@@ -207,18 +206,29 @@ class LinearSteps:
     matrix, parts, block, linear, nonzeros, targets
         Sum of the matrix of a stage and its result, work array for a block of M, solver and
         non-zeros of M or of its transpose, and positions of the entries of its blocks.
-    entries, inputs, acceleration_at, reaction_at
-        0, 1, ...; inputs of the sums, and positions of accelerations and multipliers among them.
+    entries, inputs, n_inputs, acceleration_at, reaction_at
+        0, 1, ...; inputs of the sums, the number x of inputs of the residual, and positions of
+        accelerations and multipliers among them.
     rows, scales, corrected
         Rows of the residual that are solved, their scales, and coordinates with unknown velocities.
     right
         Right-hand side or solution, all stages.
     positions, velocities, accelerations, reactions
         Work arrays of the stages, one stage a row.
-    motion
-        z by direction, (4 k, n), or derivatives of the objective with respect to z, (4, n).
-    next_a
-        Work array, (n,).
+    motion, before
+        z by direction, (4 k, n), or derivatives of the objective with respect to z, (4, n), and a
+        work array, (4, n).
+    change, result
+        Directional derivative of the residual of a stage with the inputs (x, dx), or gradient of
+        weights . residual with the inputs (x, weights), and its result.
+    data, shifts, time_rates
+        `forward`: further inputs by direction, derivatives of the time of all steps (k,) [s], and
+        partial derivatives of the residual with respect to time at the stages.
+    stages
+        `forward`: results, derivatives of (q, v, a, lam) at the stages, one direction a row.
+        `backward`: derivatives of the objective with respect to (q, v, lam) at the stages.
+    numbers
+        `backward`: derivatives with respect to p, summed over the steps.
     step, last
         Index of the step, and of that at which the loop ends.
     """
@@ -238,6 +248,7 @@ class LinearSteps:
     targets: Array
     entries: Array
     inputs: Array
+    n_inputs: int
     acceleration_at: int
     reaction_at: int
     rows: Array
@@ -249,60 +260,19 @@ class LinearSteps:
     accelerations: Array
     reactions: Array
     motion: Array
-    next_a: Array
+    before: Array
+    change: Sum
+    result: Array
+    data: Array
+    shifts: Array
+    time_rates: Array
+    stages: Array
+    numbers: Array
     step: int = 0
     last: int = 0
 
 
-@dataclass(slots=True, kw_only=True)
-class ForwardSteps(LinearSteps):
-    """Work arrays of `forward`.
-
-    Attributes
-    ----------
-    directional, data, residual
-        Directional derivative of the residual of a stage with the inputs (x, dx), its further
-        inputs by direction, and its result.
-    shifts, time_rates
-        Derivatives of the time of all steps (k,) [s], and partial derivatives of the residual with
-        respect to time at the stages.
-    results
-        Derivatives of (q, v, a, lam) at the stages, one direction a row.
-    """
-
-    directional: Sum
-    data: Array
-    residual: Array
-    shifts: Array
-    time_rates: Array
-    results: Array
-
-
-@dataclass(slots=True, kw_only=True)
-class BackwardSteps(LinearSteps):
-    """Work arrays of `backward`.
-
-    Attributes
-    ----------
-    transposed, weights, gradient
-        Gradient of weights . residual, the weights, and its result by (inputs, p).
-    seeds
-        Derivatives of the objective with respect to (q, v, lam) at the stages.
-    numbers
-        Derivatives with respect to p, summed over the steps.
-    before
-        Work array for the derivatives with respect to z before a step, (4, n).
-    """
-
-    transposed: Sum
-    weights: Array
-    gradient: Array
-    seeds: Array
-    numbers: Array
-    before: Array
-
-
-def _set_state(run: Any, row: int, factor: float) -> None:
+def _set_state(run: LinearSteps, row: int, factor: float) -> None:
     """Write a state to the inputs, with multipliers times a factor."""
     n, state, x = run.n, run.states[row], run.inputs
     combine(x[: 2 * n], (1.0,), (state[: 2 * n],))
@@ -311,14 +281,14 @@ def _set_state(run: Any, row: int, factor: float) -> None:
     combine(x[lam : lam + state.size - 3 * n], (factor,), (state[3 * n :],))
 
 
-def _stage_time(run: Any, i: int) -> float:
+def _stage_time(run: LinearSteps, i: int) -> float:
     start = run.times[run.step]
     if i == run.nodes.size - 1:
         return run.times[run.step + 1]
     return start + run.nodes[i] * (run.times[run.step + 1] - start)
 
 
-def _factorize(run: Any) -> int:
+def _factorize(run: LinearSteps) -> int:
     """Factorize M, or its transpose, of the current step; return the code."""
     s, size, c, blocks = run.nodes.size, run.block.size, run.tables.factors, run.tables.blocks
     k, block = run.step, run.block
@@ -336,7 +306,7 @@ def _factorize(run: Any) -> int:
     return factorize(run.linear, run.nonzeros)
 
 
-def forward(run: ForwardSteps) -> int:
+def forward(run: LinearSteps) -> int:
     """Differentiate steps along all directions; return DONE, NEW_PIVOTS or SINGULAR."""
     while run.step < run.last:
         code = _factorize(run)
@@ -348,10 +318,10 @@ def forward(run: ForwardSteps) -> int:
     return DONE
 
 
-def _differentiate_step(run: ForwardSteps, k: int) -> None:
+def _differentiate_step(run: LinearSteps, k: int) -> None:
     n, m, s, step, tables = run.n, run.m, run.nodes.size, run.step, run.tables
     unknowns, inputs, z, c = run.rows.size, run.inputs, run.motion, run.tables.predict
-    n_inputs = inputs.size // 2
+    n_inputs, residual = run.n_inputs, run.result
     for i in range(s):
         _set_state(run, s * step + 1 + i, 1.0)
         for part in range(2):
@@ -363,19 +333,18 @@ def _differentiate_step(run: ForwardSteps, k: int) -> None:
         combine(run.positions[i], (1.0,), (inputs[n_inputs : n_inputs + n],))
         combine(run.velocities[i], (1.0,), (inputs[n_inputs + n : n_inputs + 2 * n],))
         t = _stage_time(run, i)
-        set_time(run.directional, t, run.branch)
-        evaluate_with_data(run.directional, run.data[k], inputs, run.residual)
+        set_time(run.change, t, run.branch)
+        evaluate_with_data(run.change, run.data[k], inputs, residual)
         if run.shifts[k] != 0.0:
-            rate = run.time_rates[s * step + i]
-            combine(run.residual, (1.0, run.shifts[k]), (run.residual, rate))
+            combine(residual, (1.0, run.shifts[k]), (residual, run.time_rates[s * step + i]))
         right = run.right[i * unknowns : (i + 1) * unknowns]
-        gather(right, run.entries, run.scales, run.residual, run.rows, 0, unknowns)
+        gather(right, run.entries, run.scales, residual, run.rows, 0, unknowns)
     solve(run.linear, run.right)
     after = tables.after
     factors = (after[step, 0], after[step, 1], after[step, 2], after[step, 3])
-    combine(run.next_a, factors, (z[4 * k], z[4 * k + 1], z[4 * k + 2], z[4 * k + 3]))
+    combine(run.before[3], factors, (z[4 * k], z[4 * k + 1], z[4 * k + 2], z[4 * k + 3]))
     last = run.right[(s - 1) * unknowns :]
-    combine(run.next_a, (1.0, after[step, 4]), (run.next_a, last[:n]))
+    combine(run.before[3], (1.0, after[step, 4]), (run.before[3], last[:n]))
     first = n + run.corrected.size
     # Accelerations serve as work array for the corrections of velocities.
     for i in range(s):
@@ -388,7 +357,7 @@ def _differentiate_step(run: ForwardSteps, k: int) -> None:
         pick(correction, run.corrected, x, run.entries, 0, x.size)
     for i in range(s):
         x = run.right[i * unknowns : (i + 1) * unknowns]
-        row = run.results[(s * step + i) * run.shifts.size + k]
+        row = run.stages[(s * step + i) * run.shifts.size + k]
         combine(row[:n], (1.0, -1.0), (run.positions[i], x[:n]))
         combine(row[n : 2 * n], (1.0, -1.0), (run.velocities[i], run.accelerations[i]))
         fill(row[2 * n :], 0.0)
@@ -397,13 +366,13 @@ def _differentiate_step(run: ForwardSteps, k: int) -> None:
             combine(a, (1.0, -tables.acceleration[step, i, j]), (a, run.accelerations[j]))
             x = run.right[j * unknowns + first : j * unknowns + first + m]
             combine(lam, (1.0, -tables.reaction[step, i, j]), (lam, x))
-    row = run.results[(s * step + s - 1) * run.shifts.size + k]
+    row = run.stages[(s * step + s - 1) * run.shifts.size + k]
     for b in range(3):
         combine(z[4 * k + b], (1.0,), (row[b * n : (b + 1) * n],))
-    combine(z[4 * k + 3], (1.0,), (run.next_a,))
+    combine(z[4 * k + 3], (1.0,), (run.before[3],))
 
 
-def backward(run: BackwardSteps) -> int:
+def backward(run: LinearSteps) -> int:
     """Transpose steps, the last one first; return DONE, NEW_PIVOTS or SINGULAR."""
     while run.step > run.last:
         run.step -= 1
@@ -415,11 +384,11 @@ def backward(run: BackwardSteps) -> int:
     return DONE
 
 
-def _transpose_step(run: BackwardSteps) -> None:
+def _transpose_step(run: LinearSteps) -> None:
     n, m, s, step, tables = run.n, run.m, run.nodes.size, run.step, run.tables
     unknowns, z, c, after = run.rows.size, run.motion, run.tables.predict, run.tables.after
     for i in range(s):
-        seed = run.seeds[s * step + i]
+        seed = run.stages[s * step + i]
         combine(run.positions[i], (1.0,), (seed[:n],))
         combine(run.velocities[i], (1.0,), (seed[n : 2 * n],))
         combine(run.reactions[i], (1.0,), (seed[2 * n :],))
@@ -449,19 +418,18 @@ def _transpose_step(run: BackwardSteps) -> None:
     solve(run.linear, run.right)
     for b in range(4):
         combine(run.before[b], (after[step, b],), (z[3],))
-    n_inputs = run.inputs.size - run.weights.size
+    weights, gradient = run.inputs[run.n_inputs :], run.result
     for i in range(s):
         x = run.right[i * unknowns : (i + 1) * unknowns]
-        fill(run.weights, 0.0)
-        gather(run.weights, run.rows, run.scales, x, run.entries, 0, unknowns)
+        fill(weights, 0.0)
+        gather(weights, run.rows, run.scales, x, run.entries, 0, unknowns)
         _set_state(run, s * step + 1 + i, 1.0)
-        combine(run.inputs[n_inputs:], (1.0,), (run.weights,))
-        set_time(run.transposed, _stage_time(run, i), run.branch)
-        evaluate_sum(run.transposed, run.inputs, run.gradient)
-        combine(run.numbers, (1.0, 1.0), (run.numbers, run.gradient[n_inputs:]))
+        set_time(run.change, _stage_time(run, i), run.branch)
+        evaluate_sum(run.change, run.inputs, gradient)
+        combine(run.numbers, (1.0, 1.0), (run.numbers, gradient[run.n_inputs :]))
         q, v = run.positions[i], run.velocities[i]
-        combine(q, (1.0, 1.0), (q, run.gradient[:n]))
-        combine(v, (1.0, 1.0), (v, run.gradient[n : 2 * n]))
+        combine(q, (1.0, 1.0), (q, gradient[:n]))
+        combine(v, (1.0, 1.0), (v, gradient[n : 2 * n]))
         for b in range(4):
             factors = (1.0, c[step, i, 0, b], c[step, i, 1, b])
             combine(run.before[b], factors, (run.before[b], q, v))
@@ -518,17 +486,12 @@ class _Steps:
         return scales
 
     def make_loop(
-        self,
-        loop: Callable[[Any], int],
-        make: Callable[[bool, dict[str, Any]], Any],
-        transposed: bool,
-        is_native: bool,
-        n_inputs: int,
-    ) -> StepLoop[Any]:
-        """Return a loop; `make` returns its workspace, given common fields."""
-        form, s = self.form, len(self.form.nodes)
-        e, (n, m) = form.equations, (form.equations.n, form.equations.m)
-        key, nnz = (id(form.pattern), transposed), form.pattern.nnz
+        self, loop: Callable[[LinearSteps], int], plan: SumPlan, e: EquationsOfMotion, **fields: Any
+    ) -> StepLoop[LinearSteps]:
+        """Return a loop; `plan` is that of its sum `change`, for the numbers of `e`."""
+        form, s, n, m = self.form, len(self.form.nodes), e.n, e.m
+        transposed, nnz = loop is backward, form.pattern.nnz
+        key = id(form.pattern), transposed
         if key in self._matrices:
             source, targets, _ = self._matrices[key]
             source.pivot_source = None  # Runs may have thousands of intervals.
@@ -537,6 +500,7 @@ class _Steps:
             pattern, targets = _join_blocks(form.pattern, s, transposed)
             matrix = FactorizedMatrix.from_pattern(pattern)
         self._matrices[key] = matrix, targets, form.pattern  # whose id is not reused
+        none = np.zeros((0, form.size))
         common = {
             "n": n,
             "m": m,
@@ -550,28 +514,32 @@ class _Steps:
             "nonzeros": matrix.nonzeros,
             "targets": targets,
             "entries": np.arange(max(nnz, len(form.rows)), dtype=np.uint32),
-            "inputs": np.zeros(n_inputs),
+            "inputs": np.zeros(form.n_inputs + (form.size if transposed else form.n_inputs)),
+            "n_inputs": form.n_inputs,
             "acceleration_at": form.inputs[0],
             "reaction_at": form.inputs[1],
             "rows": form.rows.astype(np.uint32),
             "scales": np.ones(len(form.rows)),
             "corrected": form.corrected.astype(np.uint32),
             "right": np.zeros(s * len(form.rows)),
-            "positions": np.zeros((s, n)),
-            "velocities": np.zeros((s, n)),
-            "accelerations": np.zeros((s, n)),
+            **{x: np.zeros((s, n)) for x in ("positions", "velocities", "accelerations")},
             "reactions": np.zeros((s, m)),
-            "next_a": np.zeros(n),
+            "before": np.zeros((4, n)),
+            "result": np.zeros(form.n_inputs + len(e.p) if transposed else form.size),
+            **{"data": none, "shifts": none[:, 0], "time_rates": none, "numbers": none[:, 0]},
+            **fields,
         }
 
-        def make_fields(native: bool) -> Any:
-            solver = matrix.make_solver(native, "auto")
-            matrix_sum = form.matrix.sum(native, e.p)
-            return make(native, {**common, "matrix": matrix_sum, "linear": solver})
+        def make(native: bool) -> LinearSteps:
+            return LinearSteps(
+                matrix=form.matrix.sum(native, form.equations.p),
+                linear=matrix.make_solver(native, "auto"),
+                change=plan.sum(native, e.p),
+                **common,
+            )
 
-        return StepLoop(
-            loop, make_fields, lambda run: [(run.linear, matrix)], is_native and form.is_native
-        )
+        is_native = form.is_native and plan.is_native
+        return StepLoop(loop, make, lambda run: [(run.linear, matrix)], is_native)
 
     def run(self, loop: StepLoop[Any], first: int, last: int) -> None:
         """Run a loop from step `first` to step `last`, which may be before it."""
@@ -643,19 +611,16 @@ def differentiate_steps(
     results = np.zeros(((stages + 1) * count, 3 * n + equations.m))
     results[:count] = np.hstack(starts)
 
-    def make(native: bool, fields: dict[str, Any]) -> ForwardSteps:
-        return ForwardSteps(
-            **fields,
-            motion=motion.reshape(-1, n).copy(),
-            directional=motion_plan(plan, form.n_inputs).sum(native, maps.equations.p),
-            data=direction_inputs(plan, form.n_inputs, maps.equations.p, directions.numbers),
-            residual=np.zeros(form.size),
-            shifts=shifts,
-            time_rates=_time_rates(steps) if shifts.any() else np.zeros((0, form.size)),
-            results=results[count:],
-        )
-
-    loop = steps.make_loop(forward, make, False, plan.is_native, 2 * form.n_inputs)
+    loop = steps.make_loop(
+        forward,
+        motion_plan(plan, form.n_inputs),
+        maps.equations,
+        motion=motion.reshape(-1, n).copy(),
+        data=direction_inputs(plan, form.n_inputs, maps.equations.p, directions.numbers),
+        shifts=shifts,
+        time_rates=_time_rates(steps) if shifts.any() else np.zeros((0, form.size)),
+        stages=results[count:],
+    )
     z = loop.work.motion.reshape(count, 4, n)
     for first, last in steps.parts:
         if first > 0:
@@ -717,20 +682,14 @@ def transpose_steps(
     form = steps.form
     plan = plan_transpose(e.structure, form.residual, form.n_inputs, 0.0)
 
-    def make(native: bool, fields: dict[str, Any]) -> BackwardSteps:
-        return BackwardSteps(
-            **fields,
-            motion=np.zeros((4, e.n)),
-            transposed=plan.sum(native, e.p),
-            weights=np.zeros(form.size),
-            gradient=np.zeros(form.n_inputs + len(e.p)),
-            seeds=np.ascontiguousarray(seeds),
-            numbers=np.zeros(len(e.p)),
-            before=np.zeros((4, e.n)),
-        )
-
-    n_inputs = form.n_inputs + form.size
-    loop = steps.make_loop(backward, make, True, plan.is_native, n_inputs)
+    loop = steps.make_loop(
+        backward,
+        plan,
+        e,
+        motion=np.zeros((4, e.n)),
+        stages=np.ascontiguousarray(seeds),
+        numbers=np.zeros(len(e.p)),
+    )
     run, numbers = loop.work, np.zeros(len(e.p))
     for first, last in reversed(steps.parts):
         if last < steps.count:
