@@ -14,8 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.model_differences import Difference, equations_key
-from beamdae.analysis.sensitivities.operator_changes import moves_operators
+from beamdae.analysis.sensitivities.model_differences import (
+    Difference,
+    equations_key,
+    moves_operators,
+)
 from beamdae.analysis.sensitivities.recorded_maps import Record
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.starts.consistent_start import ConsistencySolver

@@ -18,7 +18,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     model_of_modes,
 )
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
-from beamdae.analysis.sensitivities.eigenpairs import Eigenpair, apply_pencil, linearize_at
+from beamdae.analysis.sensitivities.implicit import Eigenpair, apply_pencil, linearize_at
 from beamdae.analysis.sensitivities.model_differences import (
     Difference,
     difference_model,
