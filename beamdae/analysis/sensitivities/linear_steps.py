@@ -26,10 +26,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.sensitivities.directions import Directions
 from beamdae.analysis.sensitivities.model_differences import derivative_call
-from beamdae.analysis.sensitivities.recorded_maps import Gradient, plan_transpose
-from beamdae.analysis.sensitivities.start_derivatives import STEP_FRACTION, StartDerivatives
+from beamdae.analysis.sensitivities.recorded_maps import Gradient, plan_along, plan_transpose
+from beamdae.analysis.sensitivities.start_derivatives import (
+    STEP_FRACTION,
+    Directions,
+    StartDerivatives,
+)
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import formulate_first_order, plan_residual
 from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
@@ -577,10 +580,10 @@ def differentiate_steps(
     if steps.is_alpha:
         start, (time, at) = steps.start(maps.solver), steps.node(0)
         initial = maps.initial_motion(start, time, at, float(steps.steps[0]))
-        motion[:] = np.stack(directions.along(initial, starts, shifts), 1)
+        motion[:] = np.stack(initial.along(starts, directions.numbers, shifts), 1)
     else:
         motion[:, :2] = np.stack(starts[:2], 1)
-    plan = maps.directional_plan(steps.residual, steps.n_inputs)
+    plan = plan_along(maps.equations, maps.moving, steps.residual, steps.n_inputs)
     stages = steps.count * len(steps.nodes)
     results = np.zeros(((stages + 1) * count, 3 * n + equations.m))
     results[:count] = np.hstack(starts)
@@ -601,7 +604,7 @@ def differentiate_steps(
             (time, at), h, before = steps.node(first), steps.steps[first], steps.steps[first - 1]
             ratio, square = h / before, (h * h - before * before) * steps.member.defect
             jerk_map = maps.jerk_map(time, at, float(h))
-            (jerks,) = directions.along(jerk_map, [z[:, b] for b in range(3)], shifts)
+            (jerks,) = jerk_map.along([z[:, b] for b in range(3)], directions.numbers, shifts)
             z[:, 1] += square * jerks
             z[:, 3] = (1.0 - ratio) * z[:, 2] + ratio * z[:, 3]
         steps.run(loop, first, last)

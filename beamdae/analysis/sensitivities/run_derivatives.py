@@ -19,11 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.directions import (
-    Directions,
-    derive_states,
-    group_directions,
-)
 from beamdae.analysis.sensitivities.linear_steps import Matrices, differentiate_steps
 from beamdae.analysis.sensitivities.model_differences import Difference, derivative_call
 from beamdae.analysis.sensitivities.phases import Phase
@@ -36,6 +31,11 @@ from beamdae.analysis.sensitivities.restart_times import (
     find_event,
     require_inner_breakpoints,
     time_rounding,
+)
+from beamdae.analysis.sensitivities.start_derivatives import (
+    Directions,
+    StartDerivatives,
+    group_directions,
 )
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
@@ -181,17 +181,17 @@ class _Chain:
 
     def _sweep(self, crossing: _Crossing, directions: Directions, interval: Interval) -> Array:
         """Return the derivatives along some directions, (nodes, k, size)."""
-        members, maps = directions.members, directions.maps
+        maps, members, numbers = directions
         shifts = crossing.shifts[members]
         changes = crossing.dq[members], crossing.dv[members]
         time, at = node_state(interval, 0)
         request = time, at, crossing.v
         if shifts.any():
             h = float(interval.t[1] - interval.t[0])
-            states = directions.along(maps.restart_map(*request, h), changes, shifts)
+            states = maps.restart_map(*request, h).along(changes, numbers, shifts)
             moved, fixed = states[:4], states[4:]
         else:
-            moved = fixed = directions.along(maps.start_map(*request), changes)
+            moved = fixed = maps.start_map(*request).along(changes, numbers)
         equations = interval.active_equations(self._equations)
         if isinstance(self._method, Radau):
             moved, shifts = fixed, np.zeros_like(shifts)
@@ -263,7 +263,7 @@ class _Chain:
         dv = dv.copy()
         for k, phase in enumerate(phases):
             difference = phase.impact(number, self._equations, before.configuration)
-            impact, maps = difference.impact, derive_states(difference.equations)
+            impact, maps = difference.impact, StartDerivatives.of(difference.equations)
             rates = maps.solver.constraint_levels(time, at.q, at.v)[1]
             active = select_active_constraints(impact, rates)
             if len(active):

@@ -9,17 +9,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from beamdae.analysis.sensitivities.model_differences import Difference
+from beamdae.analysis.sensitivities.model_differences import (
+    Difference,
+    equations_key,
+    moves_operators,
+)
 from beamdae.analysis.sensitivities.recorded_maps import (
     DifferentiableSum,
     Record,
-    plan_along,
     value_of,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -167,7 +170,8 @@ class RecordingSolver(ConsistencySolver):
         e = self.equations
         if e.m == 0:
             return q
-        solve = self._solver_at(time, q, np.zeros(e.n), CLOSING_COEFFICIENTS, None)
+        at_rest = np.zeros(e.n)
+        solve = self.derivatives.factorize(time, q.value, at_rest, CLOSING_COEFFICIENTS)
         right = np.zeros(e.n), self.position_gaps(time, q)
         change = self.record.solve(solve, right, np.zeros(e.n + e.m))[: e.n]
         return q - e.without_states(np.ones(e.n)) * change
@@ -185,7 +189,8 @@ class RecordingSolver(ConsistencySolver):
     ) -> tuple[Any, Any]:
         """See `StateEvaluator`; only constraints at the indices `kept` act, all by default."""
         e = self.equations
-        solve = self._solver_at(time, q, v, coefficients, lam, kept)
+        at = q.value, value_of(v)
+        solve = self.derivatives.factorize(time, *at, coefficients, lam, kept)
         right = [
             np.zeros(k) if isinstance(x, float) else x for k, x in ((e.n, force), (e.m, rates))
         ]
@@ -217,17 +222,6 @@ class RecordingSolver(ConsistencySolver):
         da, dlam = self.solve_saddle(time, q, v, -force, -rates, coefficients, lam)
         return a + da, lam + dlam
 
-    def _solver_at(
-        self,
-        time: Array,
-        q: Any,
-        v: Any,
-        coefficients: Coefficients,
-        lam: Array | None,
-        kept: Array | None = None,
-    ) -> Callable[[Array, bool], Array]:
-        return self.derivatives.factorize(time, q.value, value_of(v), coefficients, lam, kept)
-
 
 @dataclass(frozen=True)
 class StartDerivatives:
@@ -253,13 +247,11 @@ class StartDerivatives:
         default_factory=dict, init=False, repr=False
     )
 
-    def directional_plan(self, plan: PlanFunction, n_inputs: int) -> SumPlan:
-        """Return the directional derivative of a sum with inputs of size `n_inputs`.
-
-        `plan` returns the plan of the sum of a structure; it is a function of a module, because
-        plans are cached by function.
-        """
-        return plan_along(self.equations, self.moving, plan, n_inputs)
+    @classmethod
+    def of(cls, difference: Difference) -> StartDerivatives:
+        """Return the derivatives along directions of a parameter."""
+        moving = difference if moves_operators(difference) else None
+        return cls(ConsistencySolver(difference.base), moving)
 
     @property
     def equations(self) -> EquationsOfMotion:
@@ -421,8 +413,8 @@ class StartDerivatives:
         q: Array,
         v: Array,
         coefficients: Coefficients,
-        lam: Array | None,
-        kept: Array | None,
+        lam: Array | None = None,
+        kept: Array | None = None,
     ) -> Callable[[Array, bool], Array]:
         """Return the function that solves the equations of the saddle-point matrix.
 
@@ -453,3 +445,41 @@ class StartDerivatives:
 
             self._factors[key] = solve
         return self._factors[key]
+
+
+class Directions(NamedTuple):
+    """Directions of parameters that the same equations serve.
+
+    Forces may be missing in a model because they vanish at the value of a parameter, such as drag
+    with a coefficient of zero, and a parameter may move the operators of joints. Along these
+    parameters, other sums are differentiated than along the others. At the value of the parameter,
+    all of them are equal: the steps of all directions have the matrices of the run.
+
+    Attributes
+    ----------
+    maps
+        Derivatives of the maps to consistent states of these equations.
+    members
+        Indices of the parameters, (k,).
+    numbers
+        Derivatives of the numbers p along them, (k, n_p).
+    """
+
+    maps: StartDerivatives
+    members: Array
+    numbers: Array
+
+
+def group_directions(differences: Sequence[Difference]) -> list[Directions]:
+    """Group parameters by their equations; one that moves operators is a group."""
+    groups: dict[Any, list[int]] = {}
+    for k, x in enumerate(differences):
+        groups.setdefault(k if moves_operators(x) else equations_key(x.base), []).append(k)
+    return [
+        Directions(
+            StartDerivatives.of(differences[members[0]]),
+            np.array(members),
+            np.array([differences[k].derivative(lambda e: e.p) for k in members]),
+        )
+        for members in groups.values()
+    ]
