@@ -23,7 +23,7 @@ from sliding_mass import sliding_mass
 from spin_up import spin_up
 
 import beamdae as bd
-from beamdae.analysis.sensitivities.model_differences import difference_model
+from beamdae.analysis.sensitivities.neighbors import difference_model
 
 MASS, SPEED = 2.0, 0.3
 

@@ -13,13 +13,13 @@ from beamdae.analysis.gradients.objectives import (
     SampleGrid,
     read_column,
 )
-from beamdae.analysis.sensitivities.model_differences import Difference
+from beamdae.analysis.sensitivities.neighbors import Difference
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_run_columns,
     time_derivative,
 )
 from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, find_stop
-from beamdae.analysis.sensitivities.run_derivatives import RunDerivative
+from beamdae.analysis.sensitivities.run_chain import RunDerivative
 from beamdae.equations.equations_of_motion import State
 from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.results.solution import Solution

@@ -24,7 +24,7 @@ from beamdae.analysis.sensitivities.differentiable_methods import (
     require_end,
     warn_of_errors,
 )
-from beamdae.analysis.sensitivities.model_differences import (
+from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     derivative_call,
     difference_model,
@@ -34,7 +34,7 @@ from beamdae.analysis.sensitivities.requested_starts import (
     start_adds_velocities,
 )
 from beamdae.analysis.sensitivities.restart_times import find_stop
-from beamdae.analysis.sensitivities.run_derivatives import (
+from beamdae.analysis.sensitivities.run_chain import (
     RunDerivative,
     differentiate_states,
     node_state,

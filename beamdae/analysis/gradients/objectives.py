@@ -34,8 +34,6 @@ Array = np.ndarray
 _POINTS_PER_STEP = 8
 # Powers of larger exponents of a smooth maximum are dominated by rounding errors of single rows.
 _MAX_EXPONENT = 1000.0
-# Largest difference of times, relative to the times, of samples before and after a jump.
-_JUMP = 4.0 * float(np.finfo(float).eps)
 
 
 class Summand:

@@ -57,7 +57,7 @@ from beamdae.analysis.eigenproblems.linearized_equations import (
     LinearizedEquations,
     linearize_in_mixed_form,
 )
-from beamdae.analysis.sensitivities.model_differences import (
+from beamdae.analysis.sensitivities.neighbors import (
     CENTRAL,
     Difference,
     difference_values,
@@ -275,7 +275,7 @@ class Direction(NamedTuple):
         """Return a direction of x and mu at a point of a system."""
         step = _MOTION / (point.problem.measure(along.x) or 1.0)
         steps = [step * x for x in CENTRAL.steps]
-        weights = [x / step for x in CENTRAL.derivative_weights]
+        weights = [x / step for x in CENTRAL.weights.tolist()]
         return cls([system] * len(steps), steps, weights, along)
 
     def differentiate(

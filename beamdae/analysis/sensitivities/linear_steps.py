@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.sensitivities.model_differences import derivative_call
+from beamdae.analysis.sensitivities.neighbors import derivative_call
 from beamdae.analysis.sensitivities.recorded_maps import Gradient, plan_along, plan_transpose
 from beamdae.analysis.sensitivities.start_derivatives import (
     STEP_FRACTION,

@@ -14,12 +14,12 @@ from beamdae.analysis.periodic.monodromy import EXACT_RANK
 from beamdae.analysis.periodic.period_map import PeriodMap, PeriodRun
 from beamdae.analysis.periodic.periodic_solution import periodic
 from beamdae.analysis.periodic.shooting import DEFAULT_RTOL, ShootingMatrix
-from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
+from beamdae.analysis.sensitivities.neighbors import Difference, difference_model
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_run_columns,
     time_derivative,
 )
-from beamdae.analysis.sensitivities.run_derivatives import differentiate_states
+from beamdae.analysis.sensitivities.run_chain import differentiate_states
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     complete_parameters,

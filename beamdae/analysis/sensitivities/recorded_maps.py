@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.model_differences import Difference, directional_plan_along
+from beamdae.analysis.sensitivities.neighbors import Difference, directional_plan_along
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.state_evaluator import PlanFunction
 from beamdae.equations.structure import Structure, cache_on_owner

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.model_differences import Difference, difference_values
+from beamdae.analysis.sensitivities.neighbors import Difference, difference_values
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.reduced_equations import ReducedEquations, keep_constraints
 from beamdae.equations.starts.state_evaluator import StateEvaluator

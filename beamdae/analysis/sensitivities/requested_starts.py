@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.model_differences import Difference, derivative_call
+from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call
 from beamdae.analysis.sensitivities.start_derivatives import (
     StartDerivatives,
     has_unique_equilibrium,

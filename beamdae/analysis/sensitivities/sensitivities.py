@@ -16,7 +16,7 @@ from beamdae.analysis.sensitivities.differentiable_methods import (
     require_end,
     warn_of_errors,
 )
-from beamdae.analysis.sensitivities.model_differences import (
+from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     derivative_call,
     difference_model,
@@ -25,7 +25,7 @@ from beamdae.analysis.sensitivities.model_differences import (
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_run_columns
 from beamdae.analysis.sensitivities.requested_starts import assemble_neighbors
 from beamdae.analysis.sensitivities.restart_times import differentiate_event_time
-from beamdae.analysis.sensitivities.run_derivatives import differentiate_states
+from beamdae.analysis.sensitivities.run_chain import differentiate_states
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     complete_parameters,

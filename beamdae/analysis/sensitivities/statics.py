@@ -19,7 +19,7 @@ from beamdae.analysis.sensitivities.implicit import (
     SingularPoint,
     find_regular_point,
 )
-from beamdae.analysis.sensitivities.model_differences import (
+from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     difference_model,
     difference_values,

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamdae.analysis.sensitivities.linear_steps import Matrices, differentiate_steps
-from beamdae.analysis.sensitivities.model_differences import Difference, derivative_call
+from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call
 from beamdae.analysis.sensitivities.phases import Phase
 from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints
 from beamdae.analysis.sensitivities.requested_starts import differentiate_start
