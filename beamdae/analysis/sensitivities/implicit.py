@@ -60,7 +60,7 @@ from beamdae.analysis.eigenproblems.linearized_equations import (
 from beamdae.analysis.sensitivities.neighbors import (
     CENTRAL,
     Difference,
-    difference_values,
+    difference_along,
     directional_plan_along,
     forms_of,
     with_structure,
@@ -282,11 +282,9 @@ class Direction(NamedTuple):
         self, point: Point, function: Callable[[MixedStatics, Array, float], Array]
     ) -> Array:
         """Return the derivative of a function of the system, x and mu along the direction."""
-        values = [
-            function(system, point.x + step * self.along.x, point.p + step * self.along.p)
-            for system, step in zip(self.systems, self.steps, strict=True)
-        ]
-        return np.asarray(difference_values(self.weights, values))
+        changes = zip((point.x, point.p), self.along, strict=True)
+        rate = difference_along(self.systems, self.steps, self.weights, function, *changes)
+        return np.asarray(rate)
 
 
 class ParameterDirection:

@@ -160,7 +160,14 @@ class Difference:
 
     def derivative(self, function: Callable[[EquationsOfMotion], Any]) -> Any:
         """Return the derivative of a function of the equations with respect to the parameter."""
-        return difference_values(self.weights, [function(e) for e in self.equations])
+        return self.along(function)
+
+    def along(self, function: Callable[..., Any], *changes: tuple[Any, Any]) -> Any:
+        """Return the derivative of function(equations, *x) along the parameter.
+
+        `changes` are pairs of x and of its derivative.
+        """
+        return difference_along(self.equations, self.steps, self.weights, function, *changes)
 
     def keeps_structure(self, run: EquationsOfMotion) -> bool:
         """Return True if the neighboring models have the structure of the equations of a run."""
@@ -388,9 +395,8 @@ def interpolate(steps: Sequence[float], values: Sequence[Array]) -> Array:
     computed, and 4 (1 - 1e-16) would select another row.
     """
     first = values[0]
-    return np.asarray(
-        first + _combine(_weigh(tuple(steps), 0).tolist(), [x - first for x in values])
-    )
+    weights = _weigh(tuple(steps), 0).tolist()
+    return np.asarray(first + _combine(weights, [x - first for x in values]))
 
 
 def build_neighbor(model: Callable[..., Any], parameters: Mapping[str, Any]) -> Any:
@@ -399,6 +405,25 @@ def build_neighbor(model: Callable[..., Any], parameters: Mapping[str, Any]) -> 
         return model(**parameters)
     except (ArithmeticError, ValueError) as problem:
         raise BeamdaeError(format_exception(problem)) from problem
+
+
+def difference_along(
+    models: Sequence[Any],
+    steps: Sequence[float],
+    weights: Sequence[float],
+    function: Callable[..., Any],
+    *changes: tuple[Any, Any],
+) -> Any:
+    """Return the derivative of function(model, *x) along a direction, given models next to it.
+
+    `steps` and `weights` are the distances of the models and their weights; `changes` are pairs of
+    x and of its derivative.
+    """
+    values = [
+        function(model, *(x + step * dx for x, dx in changes))
+        for model, step in zip(models, steps, strict=True)
+    ]
+    return difference_values(weights, values)
 
 
 def difference_values(weights: Sequence[float], values: Iterable[Any]) -> Any:

@@ -20,7 +20,6 @@ from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     derivative_call,
     difference_model,
-    difference_values,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_run_columns
 from beamdae.analysis.sensitivities.requested_starts import assemble_neighbors
@@ -172,15 +171,10 @@ class Sensitivities(SensitivityResult):
         times, at = trajectory.at(self.t)
         columns = {measures.TIME: self.t}
         for name, along in self.trajectories.items():
-            change, difference = along.at(self.t)[1], self._differences[name]
-            neighbors = zip(difference.equations, difference.steps, strict=True)
-            values = [
-                measures.balance_rows(e)(
-                    times, *(x + step * dx for x, dx in zip(at, change, strict=True))
-                )
-                for e, step in neighbors
-            ]
-            rows = difference_values(difference.weights, values)[:, : len(measures.ENERGIES)]
+            rows = self._differences[name].along(
+                lambda e, *state: measures.balance_rows(e)(times, *state),
+                *zip(at, along.at(self.t)[1], strict=True),
+            )[:, : len(measures.ENERGIES)]
             headers = (derivative_header(x, name) for x in measures.LEDGER_COLUMNS)
             columns |= dict(zip(headers, rows.T, strict=False))
         return pd.DataFrame(columns)
