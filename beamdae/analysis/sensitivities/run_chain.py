@@ -20,8 +20,12 @@ from typing import NamedTuple
 import numpy as np
 
 from beamdae.analysis.sensitivities.linear_steps import Matrices, differentiate_steps
-from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call
-from beamdae.analysis.sensitivities.phases import Phase
+from beamdae.analysis.sensitivities.neighbors import (
+    Difference,
+    derivative_call,
+    difference_along,
+)
+from beamdae.analysis.sensitivities.phases import Phase, impact_equations
 from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints
 from beamdae.analysis.sensitivities.requested_starts import differentiate_start
 from beamdae.analysis.sensitivities.restart_times import (
@@ -34,13 +38,12 @@ from beamdae.analysis.sensitivities.restart_times import (
 )
 from beamdae.analysis.sensitivities.start_derivatives import (
     Directions,
-    StartDerivatives,
     group_directions,
 )
-from beamdae.equations.equations_of_motion import State
+from beamdae.equations.equations_of_motion import ImpactEquations, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators import GeneralizedAlpha, Radau
-from beamdae.integrators.events.impacts import apply_impact, select_active_constraints
+from beamdae.integrators.events.impacts import apply_impact
 from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
@@ -237,41 +240,28 @@ class _Chain:
             return _Crossing(phases, at.v, shifts, dq, dv)
         v = at.v
         if select_impacts(self._equations.events[number].do):
-            h = float(after.t[1] - after.t[0])
-            v, dv = self._jump(phases, number, before, time, at, shifts, dq, dv, h)
+            assert before.configuration is not None
+
+            def hit(impact: ImpactEquations, time: Array, q: Array, v: Array) -> Array:
+                return apply_impact(impact, time, at._replace(q=q, v=v))[0]
+
+            for k, (phase, dt) in enumerate(zip(phases, shifts.tolist(), strict=True)):
+                dv[k] = difference_along(
+                    phase.impacts(number),
+                    phase.whole.steps,
+                    phase.whole.weights,
+                    hit,
+                    (time, np.array([dt, 0.0])),
+                    (at.q, dq[k]),
+                    (at.v, dv[k]),
+                )
+            v = hit(impact_equations(self._equations, before.configuration, number), time, *at[:2])
         assert after.configuration is not None
         phases = [
             phase.after_event(number, after.configuration, time, dt, at.q, change)
             for phase, dt, change in zip(phases, shifts.tolist(), dq, strict=True)
         ]
         return _Crossing(phases, v, shifts, dq, dv)
-
-    def _jump(
-        self,
-        phases: list[Phase],
-        number: int,
-        before: Interval,
-        time: Array,
-        at: State,
-        shifts: Array,
-        dq: Array,
-        dv: Array,
-        h: float,
-    ) -> tuple[Array, Array]:
-        """Return the velocities after the impacts of an event, and their total derivatives."""
-        assert before.configuration is not None
-        dv = dv.copy()
-        for k, phase in enumerate(phases):
-            difference = phase.impact(number, self._equations, before.configuration)
-            impact, maps = difference.impact, StartDerivatives.of(difference.equations)
-            rates = maps.solver.constraint_levels(time, at.q, at.v)[1]
-            active = select_active_constraints(impact, rates)
-            if len(active):
-                record = maps.impact_map(time, at, active, impact.coefficients, h)
-                dp = difference.equations.derivative(lambda e: e.p)
-                changes = [x[None] for x in (dq[k], dv[k], difference.restitution)]
-                dv[k] = record.along(changes, dp[None], shifts[k : k + 1])[0][0]
-        return apply_impact(impact, time, at)[0], dv
 
     def _state_before(self, before: Interval) -> tuple[Array, State]:
         """Return (t, branch) and the state at the end of an interval, with its accelerations."""

@@ -185,12 +185,11 @@ class RecordingSolver(ConsistencySolver):
         rates: Any,
         coefficients: Coefficients = MASS_COEFFICIENTS,
         lam: Array | None = None,
-        kept: Array | None = None,
     ) -> tuple[Any, Any]:
-        """See `StateEvaluator`; only constraints at the indices `kept` act, all by default."""
+        """See `StateEvaluator`."""
         e = self.equations
         at = q.value, value_of(v)
-        solve = self.derivatives.factorize(time, *at, coefficients, lam, kept)
+        solve = self.derivatives.factorize(time, *at, coefficients, lam)
         right = [
             np.zeros(k) if isinstance(x, float) else x for k, x in ((e.n, force), (e.m, rates))
         ]
@@ -202,12 +201,8 @@ class RecordingSolver(ConsistencySolver):
             assert coefficients == MASS_COEFFICIENTS
             at_rest = np.zeros(2 * e.n)
             change = self._change(time, q, v, np.zeros(e.m), np.concatenate([at_rest, x]))
-            forces = change
-            if kept is not None:  # Impulses of joints cause no friction.
-                motion = np.concatenate([at_rest, x[: e.n], np.zeros(e.m)])
-                forces = self._change(time, q, v, np.zeros(e.m), motion)
             levels = self._split_levels(change)
-            right = [right[0] - forces[: e.n] - change[e.n + 3 * e.m :], right[1] - levels[2]]
+            right = [right[0] - change[: e.n] - change[e.n + 3 * e.m :], right[1] - levels[2]]
         solution = self.record.solve(solve, right, x)
         return solution[: e.n], solution[e.n :]
 
@@ -308,29 +303,6 @@ class StartDerivatives:
         q = solver.close_positions(time, q)
         return q, solver.project_velocities(time, q, v)
 
-    def impact_map(
-        self, time: Array, at: State, active: Array, restitution: Array, h: float
-    ) -> Record:
-        """Return the map from (q, v, restitution) to v after an impact, see `apply_impact`.
-
-        Parameters
-        ----------
-        time, at
-            (t, branch), and the state before the impact.
-        active
-            Indices of the constraints that act.
-        restitution
-            Coefficients of restitution of all constraints, (m,).
-        h
-            Step of the run [s].
-        """
-        record, (_, solver) = self._record(h)
-        record.inputs = q, v, e = record.variables(at.q, at.v, restitution)
-        rates = solver.constraint_levels(time, q, v)[1]
-        jump, _ = solver.solve_saddle(time, q, v, 0.0, -(1.0 + e) * rates, kept=active)
-        record.outputs = (v + jump,)
-        return record
-
     def initial_motion(self, start: AlphaStart, time: Array, at: State, h: float) -> Record:
         """Return the map of `AlphaStart.initial_motion` for steps `h` [s].
 
@@ -414,36 +386,20 @@ class StartDerivatives:
         v: Array,
         coefficients: Coefficients,
         lam: Array | None = None,
-        kept: Array | None = None,
     ) -> Callable[[Array, bool], Array]:
-        """Return the function that solves the equations of the saddle-point matrix.
-
-        Multipliers of constraints that are not at the indices `kept` are zero.
-        """
+        """Return the function that solves the equations of the saddle-point matrix."""
         if not self.solver.has_friction:
             lam = None  # The matrix does not depend on the multipliers.
-        states = (None if x is None else x.tobytes() for x in (time, q, v, lam, kept))
+        states = (None if x is None else x.tobytes() for x in (time, q, v, lam))
         key = coefficients, *states
         if key not in self._factors:
             if len(self._factors) >= _MAX_STATES:
                 self._factors.clear()
-            n, pattern = self.equations.n, self.solver.sums.saddle_pattern
+            pattern = self.solver.sums.saddle_pattern
             nonzeros = self.solver.saddle_matrix(time, q, v, None, coefficients, lam)
-            matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
-            rows = np.arange(pattern.shape[0])
-            if kept is not None:
-                # Impulses of joints cause no friction.
-                mass, gradient = matrix[:n, :n], matrix[n + kept, :n]
-                matrix = sp.block_array([[mass, gradient.T], [gradient, None]], format="csc")
-                rows = np.concatenate([np.arange(n), n + kept])
-            factors = splu(matrix)
-
-            def solve(right: Array, transposed: bool) -> Array:
-                solution = np.zeros(len(right))
-                solution[rows] = factors.solve(right[rows], "T" if transposed else "N")
-                return solution
-
-            self._factors[key] = solve
+            matrix = (nonzeros, pattern.indices, pattern.indptr)
+            factors = splu(sp.csc_array(matrix, shape=pattern.shape))
+            self._factors[key] = lambda b, transposed: factors.solve(b, "T" if transposed else "N")
         return self._factors[key]
 
 
