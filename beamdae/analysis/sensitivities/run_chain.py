@@ -185,19 +185,17 @@ class _Chain:
     def _sweep(self, crossing: _Crossing, directions: Directions, interval: Interval) -> Array:
         """Return the derivatives along some directions, (nodes, k, size)."""
         maps, members, numbers = directions
-        shifts = crossing.shifts[members]
-        changes = crossing.dq[members], crossing.dv[members]
+        shifts, dq, dv = (x[members] for x in (crossing.shifts, crossing.dq, crossing.dv))
         time, at = node_state(interval, 0)
-        request = time, at, crossing.v
+        h = float(interval.t[1] - interval.t[0]) if shifts.any() else 0.0
+        moved = maps.start_map(time, at, crossing.v, h).along((dq, dv), numbers, shifts)
+        fixed = moved
         if shifts.any():
-            h = float(interval.t[1] - interval.t[0])
-            states = maps.restart_map(*request, h).along(changes, numbers, shifts)
-            moved, fixed = states[:4], states[4:]
-        else:
-            moved = fixed = maps.start_map(*request).along(changes, numbers)
-        equations = interval.active_equations(self._equations)
+            changes = [x - y * shifts[:, None] for x, y in zip(moved, at[1:3], strict=False)]
+            fixed = maps.completion_map(time, at).along(changes, numbers)
         if isinstance(self._method, Radau):
             moved, shifts = fixed, np.zeros_like(shifts)
+        equations = interval.active_equations(self._equations)
         nodes = differentiate_steps(
             self._method, directions, equations, interval, moved, shifts, self._matrices
         )

@@ -42,9 +42,6 @@ from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
 
-# Larger corrections of a differenced equilibrium, relative to the difference, are motions without
-# stiffness.
-_MAX_EQUILIBRIUM_CORRECTION = 1e-4
 # Larger errors of a solution of the static equations show that the equilibrium is not unique. Those
 # of stiff beams reach 1e-7.
 _MAX_EQUILIBRIUM_ERROR = 1e-6
@@ -78,9 +75,7 @@ class StaticFactors:
     ----------
     is_unique
         False if the equilibrium is not unique: a motion without stiffness makes solutions
-        inaccurate.
-    is_singular
-        True if there are no factors.
+        inaccurate or the matrix singular.
     """
 
     def __init__(self, equations: EquationsOfMotion, time: Array, at: State) -> None:
@@ -95,11 +90,10 @@ class StaticFactors:
             scales /= np.sqrt(np.where(largest > 0.0, largest, 1.0))
         self._scales = scales
         self._matrix = sp.csc_array(sp.diags_array(scales) @ matrix @ sp.diags_array(scales))
-        self.is_singular, self.is_unique = False, False
+        self.is_unique = False
         try:
             self._factors = splu(self._matrix)
         except RuntimeError:
-            self.is_singular = True
             return
         expected = np.ones(len(scales))
         error = self._factors.solve(self._matrix @ expected) - expected
@@ -269,7 +263,7 @@ class StartDerivatives:
             e, _plan_change, n_inputs, size, self.moving, MIN_STIFF_PENETRATION
         )
 
-    def start_map(self, time: Array, at: State, v: Array) -> Record:
+    def start_map(self, time: Array, at: State, v: Array, h: float = 0.0) -> Record:
         """Return the map from requested (q, v) to the consistent state (q, v, a, lam).
 
         Parameters
@@ -279,36 +273,29 @@ class StartDerivatives:
             rounding.
         v
             Requested velocities.
+        h
+            Step after it [s] if the time moves, and all derivatives are those along the moving
+            time.
         """
-        record, (solver, _) = self._record(0.0, at)
-        record.inputs = request = record.variables(at.q, v)
-        q, v = self._project(solver, time, *request)
-        record.outputs = solver.complete(time, q, v)
-        return record
-
-    def restart_map(self, time: Array, at: State, v: Array, h: float) -> Record:
-        """Return the map of `start_map` with a moving time, for a step `h` [s] after it.
-
-        The inputs are those along the moving time. The outputs are the consistent state along the
-        moving time, (q, v, a, lam), and that at fixed time.
-        """
-        record, (fixed, moving) = self._record(h, at)
-        record.inputs = request = record.variables(at.q, v)
-        q, v = self._project(moving, time, *request)
-        q_fixed, v_fixed = q - at.v * record.shift, v - at.a * record.shift
-        record.outputs = (*moving.complete(time, q, v), *fixed.complete(time, q_fixed, v_fixed))
-        return record
-
-    def _project(self, solver: RecordingSolver, time: Array, q: Any, v: Any) -> tuple[Any, Any]:
+        record, solver = self._record(h, at)
+        record.inputs = q, v = record.variables(at.q, v)
         q = solver.close_positions(time, q)
-        return q, solver.project_velocities(time, q, v)
+        record.outputs = solver.complete(time, q, solver.project_velocities(time, q, v))
+        return record
+
+    def completion_map(self, time: Array, at: State) -> Record:
+        """Return the map from consistent (q, v) at a fixed time to the state (q, v, a, lam)."""
+        record, solver = self._record(0.0, at)
+        record.inputs = record.variables(at.q, at.v)
+        record.outputs = solver.complete(time, *record.inputs)
+        return record
 
     def initial_motion(self, start: AlphaStart, time: Array, at: State, h: float) -> Record:
         """Return the map of `AlphaStart.initial_motion` for steps `h` [s].
 
         It maps the state (q, v, a, lam) to (q, v, q'', algorithmic acceleration).
         """
-        record, (_, solver) = self._record(h)
+        record, solver = self._record(h)
         record.inputs = state = record.variables(*at)
         motion = replace(start, solver=solver).initial_motion(time, State(*state), h)
         record.outputs = motion.q, motion.v, motion.ddq, motion.a
@@ -316,7 +303,7 @@ class StartDerivatives:
 
     def jerk_map(self, time: Array, at: State, h: float) -> Record:
         """Return the map from (q, v, a) to the normal jerk that corrects steps `h` [s]."""
-        record, (_, solver) = self._record(h)
+        record, solver = self._record(h)
         record.inputs = q, v, a = record.variables(*at[:3])
         interval = JERK_INTERVAL * h
         jerk = solver.evaluate_normal_jerk(time, State(q, v, a, at.lam), interval, True)
@@ -327,18 +314,14 @@ class StartDerivatives:
         """Return the derivative of equilibrium positions, given an approximation dq.
 
         It solves [[K, G^T + dF/dlam], [G, 0]] (dq, dlam) = -(dF/dp dp + d(G^T lam)/dp dp, dg/dp dp)
-        with K = d(F + G^T lam)/dq. If the equilibrium is not unique, dq is corrected only if the
-        correction is small.
+        with K = d(F + G^T lam)/dq. If the equilibrium is not unique, dq is returned.
         """
         factors = StaticFactors(self.equations, time, at)
-        if factors.is_singular:
+        if not factors.is_unique:
             return dq
         # The residual along (dq, dp) corrects dq.
         record = self._equilibrium_map(time, at, factors)
-        change = record.along([dq[None]], dp[None])[0][0] - dq
-        size = np.max(np.abs(dq), initial=0.0)
-        is_small = np.max(np.abs(change), initial=0.0) <= _MAX_EQUILIBRIUM_CORRECTION * size
-        return dq + change if factors.is_unique or is_small else dq
+        return record.along([dq[None]], dp[None])[0][0]
 
     def equilibrium_gradient(
         self, time: Array, at: State, by_q: Array, by_lam: Array
@@ -361,7 +344,7 @@ class StartDerivatives:
 
     def _equilibrium_map(self, time: Array, at: State, factors: StaticFactors) -> Record:
         """Return the map from approximate positions to those of the equilibrium, (q, lam)."""
-        n, (record, (solver, _)) = self.equations.n, self._record(0.0)
+        n, (record, solver) = self.equations.n, self._record(0.0)
         record.inputs = (q,) = record.variables(at.q)
         force, levels = solver.balance(time, q, None, None, at.lam)
         right = -force, -levels[0]
@@ -369,15 +352,10 @@ class StartDerivatives:
         record.outputs = q + change[:n], at.lam + change[n:]
         return record
 
-    def _record(
-        self, h: float, at: State | None = None
-    ) -> tuple[Record, tuple[RecordingSolver, RecordingSolver]]:
-        """Return a record, and its solvers at fixed and at moving times."""
+    def _record(self, h: float, at: State | None = None) -> tuple[Record, RecordingSolver]:
+        """Return a record and its solver, whose times move unless the step `h` is zero."""
         record = Record(len(self.equations.p), STEP_FRACTION * h)
-        fixed, moving = (
-            RecordingSolver(self.equations, self, record, moves, at) for moves in (False, True)
-        )
-        return record, (fixed, moving)
+        return record, RecordingSolver(self.equations, self, record, h > 0.0, at)
 
     def factorize(
         self,
