@@ -277,23 +277,9 @@ class Record:
         return result
 
     def evaluate(
-        self,
-        total: DifferentiableSum,
-        time: Array,
-        state: Sequence[Array | RecordedArray],
-        moves: bool,
+        self, total: DifferentiableSum, time: Array, state: Sequence[Array | RecordedArray]
     ) -> RecordedArray:
-        """Return a sum at a state.
-
-        Parameters
-        ----------
-        total
-            The sum.
-        time, state
-            (t, branch) and the inputs of the sum.
-        moves
-            True if the time moves with that of the record.
-        """
+        """Return a sum at (t, branch) for its inputs `state`."""
         x = np.concatenate([value_of(y) for y in state])
         ends = np.cumsum([len(value_of(y)) for y in state])
         parts = [
@@ -319,7 +305,7 @@ class Record:
             if dp is not None:
                 rows[:, 2 * len(x) :] = dp
             change = total.along(time, rows, total.size)
-            if moves and dt is not None and dt.any():
+            if dt is not None and dt.any():
                 change = change + dt * time_rate()
             return change
 

@@ -126,15 +126,12 @@ class RecordingSolver(ConsistencySolver):
     ----------
     derivatives, record
         Sums and factors, and the record.
-    moves
-        True if times move with that of the record.
     at
         Consistent state near which states are recorded; None if it is not known.
     """
 
     derivatives: StartDerivatives
     record: Record
-    moves: bool
     at: State | None
 
     def evaluate(self, plan: PlanFunction, time: Array, state: Sequence[Any], size: int) -> Any:
@@ -142,7 +139,7 @@ class RecordingSolver(ConsistencySolver):
         e = self.equations
         zeros = (np.zeros(k) for k in (e.n, e.n, e.n, e.m))
         state = [z if x is None else x for x, z in zip(state, zeros, strict=True)]
-        return self.record.evaluate(self.derivatives.sum(plan, size), time, state, self.moves)
+        return self.record.evaluate(self.derivatives.sum(plan, size), time, state)
 
     def _split_levels(self, motion: Any) -> Any:
         n, m = self.equations.n, self.equations.m
@@ -157,7 +154,7 @@ class RecordingSolver(ConsistencySolver):
         """Return the derivative of (F, g, g_dot, g_ddot, G^T lam) along a change of the state."""
         e = self.equations
         state = (q, v, np.zeros(e.n), lam, change, np.zeros(len(e.p)))
-        return self.record.evaluate(self.derivatives.change, time, state, self.moves)
+        return self.record.evaluate(self.derivatives.change, time, state)
 
     def close_positions(self, time: Array, q: Any, requested: Any = None) -> Any:
         """Return the positions that close the joints, near those of a consistent state."""
@@ -353,9 +350,9 @@ class StartDerivatives:
         return record
 
     def _record(self, h: float, at: State | None = None) -> tuple[Record, RecordingSolver]:
-        """Return a record and its solver, whose times move unless the step `h` is zero."""
+        """Return a record and its solver; `h` is the step of a moving time [s]."""
         record = Record(len(self.equations.p), STEP_FRACTION * h)
-        return record, RecordingSolver(self.equations, self, record, h > 0.0, at)
+        return record, RecordingSolver(self.equations, self, record, at)
 
     def factorize(
         self,
