@@ -6,6 +6,7 @@ derivatives of its functions are applied forward or transposed.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -35,7 +36,7 @@ from beamdae.equations.starts.state_evaluator import (
     PlanFunction,
     plan_balance,
 )
-from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.equations.structure import Structure, cache_on_owner, comparison_key
 from beamdae.integrators.alpha.family import JERK_INTERVAL, AlphaStart
 from beamdae.symbolic.sums.directional_sums import directional_plan
 from beamdae.symbolic.sums.kernel_sums import SumPlan
@@ -402,15 +403,48 @@ class Directions(NamedTuple):
 
 
 def group_directions(differences: Sequence[Difference]) -> list[Directions]:
-    """Group parameters by their equations; one that moves operators is a group."""
+    """Group parameters by equations that serve them; one that moves operators is a group."""
     groups: dict[Any, list[int]] = {}
     for k, x in enumerate(differences):
         groups.setdefault(k if moves_operators(x) else equations_key(x.base), []).append(k)
-    return [
-        Directions(
-            StartDerivatives.of(differences[members[0]]),
-            np.array(members),
-            np.array([differences[k].derivative(lambda e: e.p) for k in members]),
-        )
-        for members in groups.values()
-    ]
+    result: list[Directions] = []
+    # Equations with further forces, which vanish, serve the parameters of those without, too.
+    for members in sorted(groups.values(), key=lambda x: -len(differences[x[0]].base.p)):
+        maps = StartDerivatives.of(differences[members[0]])
+        numbers = np.array([differences[k].derivative(lambda e: e.p) for k in members])
+        for i, other in enumerate(result):
+            targets = _locate_numbers(maps, other.maps)
+            if targets is not None:
+                rows = np.zeros((len(members), other.numbers.shape[1]))
+                rows[:, targets[0]] = numbers[:, targets[1]]
+                members = [*other.members, *members]
+                result[i] = Directions(
+                    other.maps, np.array(members), np.vstack([other.numbers, rows])
+                )
+                break
+        else:
+            result.append(Directions(maps, np.array(members), numbers))
+    return result
+
+
+def _locate_numbers(maps: StartDerivatives, other: StartDerivatives) -> list[Array] | None:
+    """Return the positions in p of the terms of `maps`, in other equations and in its own.
+
+    Return None if the other equations do not contain all terms with the same numbers.
+    """
+    if maps.moving is not None or other.moving is not None:
+        return None
+
+    def locate(e: EquationsOfMotion) -> dict[Any, Array]:
+        counts, positions = Counter[Any](), dict[Any, Array]()
+        for term in (*e.forces, *e.joints):
+            values = (x for name, x in vars(term).items() if name != "data")
+            key = *map(comparison_key, values), (e.p[term.data] + 0.0).tobytes()  # not -0.0
+            positions[key, counts[key]] = np.arange(term.data.start, term.data.stop)
+            counts[key] += 1
+        return positions
+
+    here, there = locate(maps.equations), locate(other.equations)
+    if not here.keys() <= there.keys():
+        return None
+    return [np.concatenate([np.zeros(0, int), *(x[key] for key in here)]) for x in (there, here)]
