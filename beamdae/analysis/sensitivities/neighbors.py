@@ -1,8 +1,9 @@
-"""Derivatives of the numbers and the start of a model with respect to parameters.
+"""Neighbors: models at values next to that of a parameter, and differences along them.
 
-Parameters enter the equations of motion only through the numbers p and the start. The model
-function is an arbitrary Python function; therefore, p is differenced, while the equations
-themselves are differentiated exactly.
+Parameters enter the equations of motion only through the numbers p, the operators and the start.
+The model function is an arbitrary Python function; therefore, these are differenced, and explicit
+maps, such as impacts and energies, are differenced along with them. The equations of implicit steps
+are differentiated exactly.
 """
 
 from __future__ import annotations
