@@ -36,7 +36,13 @@ from beamdae.equations.starts.state_evaluator import (
     PlanFunction,
     plan_balance,
 )
-from beamdae.equations.structure import Structure, cache_on_owner, comparison_key
+from beamdae.equations.structure import (
+    ConstraintTerm,
+    ForceTerm,
+    Structure,
+    cache_on_owner,
+    comparison_key,
+)
 from beamdae.integrators.alpha.family import JERK_INTERVAL, AlphaStart
 from beamdae.symbolic.sums.directional_sums import directional_plan
 from beamdae.symbolic.sums.kernel_sums import SumPlan
@@ -284,8 +290,8 @@ class StartDerivatives:
     def completion_map(self, time: Array, at: State) -> Record:
         """Return the map from consistent (q, v) at a fixed time to the state (q, v, a, lam)."""
         record, solver = self._record(0.0, at)
-        record.inputs = record.variables(at.q, at.v)
-        record.outputs = solver.complete(time, *record.inputs)
+        record.inputs = q, v = record.variables(at.q, at.v)
+        record.outputs = solver.complete(time, q, v)
         return record
 
     def initial_motion(self, start: AlphaStart, time: Array, at: State, h: float) -> Record:
@@ -437,7 +443,8 @@ def _locate_numbers(maps: StartDerivatives, other: StartDerivatives) -> list[Arr
 
     def locate(e: EquationsOfMotion) -> dict[Any, Array]:
         counts, positions = Counter[Any](), dict[Any, Array]()
-        for term in (*e.forces, *e.joints):
+        terms: tuple[ForceTerm | ConstraintTerm, ...] = (*e.forces, *e.joints)
+        for term in terms:
             values = (x for name, x in vars(term).items() if name != "data")
             key = *map(comparison_key, values), (e.p[term.data] + 0.0).tobytes()  # not -0.0
             positions[key, counts[key]] = np.arange(term.data.start, term.data.stop)
