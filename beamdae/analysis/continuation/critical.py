@@ -294,7 +294,7 @@ def _opposes(point: Point, border: Array) -> float:
     It vanishes where curves cross. Elsewhere, a curve turns where its Jacobian is singular.
     """
     by_parameter, weights = point.linearization.by_parameter, point.problem.mode_weights
-    share = point.bordered(border, border, 0.0).solve(np.append(by_parameter, 0.0))[-1]
+    share = point.bordered(border, border).solve(np.append(by_parameter, 0.0))[-1]
     sizes = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0.0)
     whole = float(np.linalg.norm(sizes * by_parameter))
     return abs(share) * float(np.linalg.norm(sizes * border)) / whole if whole else 0.0
@@ -315,5 +315,5 @@ def critical_mode(point: Point) -> Array:
 
 def _test_singularity(point: Point, border: Array) -> tuple[float, Array]:
     """Return g and v of [[J, b], [b^T, 0]] (v, g) = (0, 1): g is zero where J is singular."""
-    solution = point.bordered(border, border, 0.0).solve(np.append(np.zeros(len(border)), 1.0))
+    solution = point.bordered(border, border).solve(np.append(np.zeros(len(border)), 1.0))
     return float(solution[-1]), solution[:-1]

@@ -11,11 +11,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from beamdae.analysis.continuation.newton import (
     CORRECTED,
@@ -60,24 +60,55 @@ class CurveError(Exception):
     """Raised if a point or a step cannot be found; the message says why, without a period."""
 
 
-class Factors(Protocol):
-    """Factors of a bordered matrix."""
+class BorderedFactors(NamedTuple):
+    """Bordered matrix in units `sizes` of the unknowns, and its factors."""
 
-    def solve(self, right: Array) -> Array:
-        """Return the solution for a right-hand side (n + 1,)."""
+    matrix: sp.csc_array
+    factors: SuperLU
+    sizes: Array | float = 1.0
+
+    def solve(self, right: Array, transposition: str = "N") -> Array:
+        """Return the solution for a right-hand side, or that of the transposed matrix ("T").
+
+        It is refined once: small changes of tests for critical points count more than the accuracy
+        of a correction.
+        """
+        matrix = self.matrix if transposition == "N" else self.matrix.T
+        scaled = self.sizes * right
+        solution = self.factors.solve(scaled, transposition)
+        solution += self.factors.solve(scaled - matrix @ solution, transposition)
+        return np.asarray(self.sizes * solution)
 
 
 @dataclass(frozen=True, eq=False)
-class SparseLinearization:
-    """Linearization of equations with a Jacobian (CSC), see `Problem.linearize`."""
+class Linearization:
+    """Equations, linearized about a point.
+
+    Attributes
+    ----------
+    residual, by_parameter
+        F and its derivative by the parameter, (n,).
+    jacobian
+        Jacobian by x in units `sizes` of the unknowns.
+    sizes
+        Units of the unknowns, (n,) or a number.
+    """
 
     residual: Array
     by_parameter: Array
     jacobian: sp.csc_array
+    sizes: Array | float = 1.0
 
-    def bordered(self, column: Array, row: Array, corner: float) -> Factors:
-        """Return the factors of the bordered Jacobian."""
-        return factorize_bordered(self.jacobian, column, row, corner)
+    def bordered(self, column: Array, row: Array, corner: float) -> Any:
+        """Return the factors of [[J, column], [row, corner]], with a method `solve(right)`.
+
+        Raises
+        ------
+        CurveError
+            If the matrix is singular or not finite.
+        """
+        scaled = factorize_bordered(self.jacobian, column * self.sizes, row * self.sizes, corner)
+        return scaled._replace(sizes=np.append(np.broadcast_to(self.sizes, len(row)), 1.0))
 
 
 class Problem(ABC):
@@ -95,18 +126,14 @@ class Problem(ABC):
 
     @abstractmethod
     def linearize(self, x: Array, p: float, last: Any = None) -> Any:
-        """Return the equations, linearized about (x, p).
-
-        The result has the residual F and its derivative `by_parameter`, (n,) each, and a method
-        `bordered(column, row, corner)` that returns the factors of [[J, column], [row, corner]]. J
-        is the Jacobian by x; factors have a method `solve(right)`.
+        """Return the equations, linearized about (x, p), like `Linearization`.
 
         `last` is the linearization of the last iteration, or None: a problem may keep its matrix.
 
         Raises
         ------
         CurveError
-            If the equations cannot be evaluated; `bordered` raises it for singular matrices.
+            If the equations cannot be evaluated.
         """
 
     @abstractmethod
@@ -239,7 +266,7 @@ class Point:
         """Return the change from another point to this one."""
         return Tangent(self.x - other.x, self.p - other.p)
 
-    def bordered(self, column: Array, row: Array, corner: float) -> Factors:
+    def bordered(self, column: Array, row: Array, corner: float = 0.0) -> Any:
         """Return the factors of the Jacobian, bordered by a column and a row."""
         return self.linearization.bordered(column, row, corner)
 
@@ -251,7 +278,9 @@ class Point:
         return tangent
 
 
-def factorize_bordered(jacobian: sp.csc_array, column: Array, row: Array, corner: float) -> Factors:
+def factorize_bordered(
+    jacobian: sp.csc_array, column: Array, row: Array, corner: float = 0.0
+) -> BorderedFactors:
     """Return the factors of [[J, column], [row, corner]].
 
     Raises
@@ -259,13 +288,15 @@ def factorize_bordered(jacobian: sp.csc_array, column: Array, row: Array, corner
     CurveError
         If the matrix is singular or not finite.
     """
-    top = sp.hstack([jacobian, sp.csc_array(column[:, None])])
-    bottom = sp.csc_array(np.append(row, corner)[None])
-    matrix = sp.csc_matrix(sp.vstack([top, bottom]))
-    if not np.isfinite(matrix.data).all():
+    n, starts = len(row), jacobian.indptr
+    entries = np.concatenate([np.insert(jacobian.data, starts[1:], row), column, [corner]])
+    if not np.isfinite(entries).all():
         raise CurveError("the equations are not finite")
+    rows = np.append(np.insert(jacobian.indices, starts[1:], n), np.arange(n + 1))
+    starts = np.append(starts + np.arange(n + 1), len(entries))
+    matrix = sp.csc_array((entries, rows, starts))
     try:
-        return splu(matrix)
+        return BorderedFactors(matrix, splu(matrix))
     except RuntimeError:
         raise CurveError("the tangent is singular") from None
 
@@ -625,9 +656,7 @@ def switch(
     problem, weight = branch.problem, steps.parameter_weight
     # Both curves are tangent to the plane of the mode and the response to the parameter.
     row = problem.weights**2 * mode
-    response = branch.bordered(row, row, 0.0).solve(
-        np.append(-branch.linearization.by_parameter, 0.0)
-    )
+    response = branch.bordered(row, row).solve(np.append(-branch.linearization.by_parameter, 0.0))
     plane = np.array([np.append(mode, 0.0), np.append(response[:-1], 1.0)])
     metric = np.append(problem.weights, weight) ** 2
     known = along.packed

@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.continuation.engine import CurveError, Factors, factorize_bordered
+from beamdae.analysis.continuation.engine import BorderedFactors, CurveError, factorize_bordered
 from beamdae.analysis.eigenproblems.linearized_equations import (
     LinearizedEquations,
     linearize_in_mixed_form,
@@ -108,7 +108,7 @@ class Eigenpair:
         return np.append(row, np.zeros(self.lin.pencil.matrices[0].shape[0] - len(row)))
 
     @cached_property
-    def _bordered(self) -> tuple[Array, Factors]:
+    def _bordered(self) -> tuple[Array, BorderedFactors]:
         """Scales of the rows of A, and factors of the bordered matrix."""
         matrix = sp.csc_array(
             sum(self.value**k * x.astype(complex) for k, x in enumerate(self.lin.pencil.matrices))

@@ -33,9 +33,9 @@ import numpy as np
 
 from beamdae.analysis.continuation.critical import critical_mode
 from beamdae.analysis.continuation.engine import (
+    BorderedFactors,
     Control,
     CurveError,
-    Factors,
     Point,
     Tangent,
     prescribe_parameter,
@@ -272,7 +272,7 @@ class RegularPoint:
         return Tangent(solution[:-1], float(solution[-1]))
 
     @cached_property
-    def _factors(self) -> Factors:
+    def _factors(self) -> BorderedFactors:
         row = self.control(self.point.x, self.point.p)
         return self.point.bordered(self.point.linearization.by_parameter, row.x, row.p)
 

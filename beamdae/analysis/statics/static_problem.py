@@ -20,6 +20,7 @@ from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.engine import (
     Control,
     CurveError,
+    Linearization,
     Point,
     Problem,
     Row,
@@ -217,17 +218,16 @@ def _select_terms(structure: Structure, is_selected: tuple[bool, ...]) -> Struct
     return replace(structure, forces=forces, joints=joints, states=())
 
 
-@dataclass(frozen=True, eq=False)
-class StaticLinearization:
-    """Static equations, linearized about a point (x, p)."""
+class StaticLinearization(Linearization):
+    """Static equations, linearized about a point (x, p), evaluated when they are needed."""
 
-    problem: StaticProblem
-    x: Array
-    p: float
+    def __init__(self, problem: StaticProblem, x: Array, p: float) -> None:
+        vars(self).update(_at=(problem, x, p), sizes=problem.scales)
 
     @cached_property
     def _forces(self) -> tuple[Array, Array]:
-        return self.problem.residual(self.x, self.p)
+        problem, *point = self._at
+        return problem.residual(*point)
 
     @property
     def residual(self) -> Array:
@@ -239,27 +239,11 @@ class StaticLinearization:
         """Derivative of F by the parameter, (n + m,)."""
         return self._forces[1]
 
-    def bordered(self, column: Array, row: Array, corner: float) -> BorderedFactors:
-        """Return the factors of the bordered tangent."""
-        return self.problem.factorize(self.x, self.p, np.append(column, corner), row)
-
-
-class BorderedFactors(NamedTuple):
-    """Bordered tangent in natural sizes of the unknowns, and its factors."""
-
-    matrix: sp.csc_array
-    factors: SuperLU
-    sizes: Array
-
-    def solve(self, right: Array) -> Array:
-        """Return the solution for a right-hand side (n + m + 1,), once refined.
-
-        Small changes of tests for critical points count more than the accuracy of a correction.
-        """
-        scaled = self.sizes * right
-        solution = self.factors.solve(scaled)
-        solution += self.factors.solve(scaled - self.matrix @ solution)
-        return np.asarray(self.sizes * solution)
+    @cached_property
+    def jacobian(self) -> sp.csc_array:
+        """Tangent F_x in natural sizes, (n + m, n + m)."""
+        problem, *point = self._at
+        return problem.matrix(*point)
 
 
 class StaticProblem(Problem):
@@ -485,10 +469,10 @@ class StaticProblem(Problem):
 
     def matrix(self, x: Array, mu: float) -> sp.csc_array:
         """Return F_x in natural sizes of the unknowns, see `scales`."""
-        pattern, scales = self.pattern, self.scales
-        nonzeros = self._run(x, mu, EVALUATE_TANGENT).nonzeros[self._plan.tangent_targets]
-        entries = (nonzeros, pattern.indices, pattern.indptr)
-        return sp.csc_array(sp.csc_array(entries, pattern.shape) * scales * scales[:, None])
+        pattern, targets = self.pattern, self._plan.tangent_targets
+        run = self._run(x, mu, EVALUATE_TANGENT)
+        entries = run.nonzeros[targets] * run.products[targets]
+        return sp.csc_array((entries, pattern.indices, pattern.indptr), pattern.shape)
 
     def count_signs(self, x: Array, mu: float) -> SaddlePoint:
         """Return the signs of pivots at a point, see `SaddlePoint`; valid until the next call."""
@@ -522,26 +506,6 @@ class StaticProblem(Problem):
         run = self._loop.work
         if not (run.row[-1] == row.p and np.array_equal(run.row[:-1], row.x)):
             run.row[:-1], run.row[-1], run.has_factors = row.x, row.p, 0
-
-    def factorize(self, x: Array, p: float, column: Array, row: Array) -> BorderedFactors:
-        """Return the factors of the tangent with a last column (n + m + 1,) and row (n + m,).
-
-        Raises
-        ------
-        CurveError
-            If the bordered matrix is singular or not finite.
-        """
-        run, bordered = self._run(x, p, EVALUATE_TANGENT), self._plan.bordered
-        entries = run.nonzeros[:-1].copy()
-        entries[self._plan.row_targets[:-1]] = row
-        entries[run.column_start :] = column
-        matrix = sp.csc_array((entries * run.products, bordered.indices, bordered.indptr))
-        if not np.isfinite(matrix.data).all():
-            raise CurveError("the equations are not finite")
-        try:
-            return BorderedFactors(matrix, splu(matrix), run.sizes.copy())
-        except RuntimeError:
-            raise CurveError(_SINGULAR) from None
 
     def _run(self, x: Array, mu: float, task: int) -> StaticWorkspace:
         self._set_point(x, mu)
