@@ -23,7 +23,6 @@ from beamdae.analysis.continuation.engine import (
     CurveError,
     Point,
     Segment,
-    Tangent,
     interpolate,
     weigh_nodes,
 )
@@ -65,7 +64,7 @@ class _Sample(NamedTuple):
 
     position: float
     point: Point
-    tangent: Tangent
+    tangent: Array
 
     @property
     def counts(self) -> Count:
@@ -76,7 +75,7 @@ class _Sample(NamedTuple):
     @property
     def rate(self) -> float:
         """Derivative of the parameter by the control."""
-        return self.tangent.p
+        return float(self.tangent[-1])
 
 
 def explain_counts(segment: Segment, resolution: float = _RESOLUTION) -> list[CriticalPoint]:
@@ -174,12 +173,12 @@ def _find_hidden_change(segment: Segment, low: _Sample, high: _Sample) -> float 
 
 def _find_neighbor(sample: _Sample, way: float) -> Neighbor:
     """Return the count beside a sample, at a distance relative to a change of the control."""
-    tangent = sample.tangent.scale(way)
-    move, count = sample.point.neighbor(tangent.scale(_NEIGHBOR_DISTANCE))
+    tangent = way * sample.tangent
+    move, count = sample.point.neighbor(_NEIGHBOR_DISTANCE * tangent)
     sizes = np.append(sample.point.problem.weights, 1.0)
     # Products of tiny motions would be zero.
-    sizes = sizes / (np.max(np.abs(sizes * tangent.packed), initial=0.0) or 1.0)
-    one, other = sizes * move.packed, sizes * tangent.packed
+    sizes = sizes / (np.max(np.abs(sizes * tangent), initial=0.0) or 1.0)
+    one, other = sizes * move, sizes * tangent
     return Neighbor(count, float(one @ other) / float(other @ other))
 
 
@@ -191,8 +190,8 @@ def _is_between(*samples: _Sample) -> bool:
 def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
     """Return the point where the parameter has an extremum, which is a parabola between samples."""
     share, width = low.rate / (low.rate - high.rate), high.position - low.position
-    move = high.point.minus(low.point).scale(share)
-    move = Tangent(move.x, 0.5 * low.rate * share * width * segment.reach)
+    move = share * high.point.minus(low.point)
+    move[-1] = 0.5 * low.rate * share * width * segment.reach
     point = replace(low.point.plus(move), beside=low.point)
     return CriticalPoint(low.position + share * width, BRANCH, point, critical_mode(low.point))
 

@@ -37,7 +37,6 @@ from beamdae.analysis.continuation.engine import (
     Control,
     CurveError,
     Point,
-    Tangent,
     prescribe_parameter,
 )
 from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
@@ -72,6 +71,17 @@ _MAX_IMPERFECTION = 1e-8
 _MODE_COUNT, _MAX_GROWTH_DAMPING = 12, 0.5
 # Eigenvalues with a smaller imaginary part, relative to their magnitude, do not oscillate.
 _MIN_OSCILLATION = 1e-3
+
+
+class Tangent(NamedTuple):
+    """Derivatives of the unknowns and of the load factor."""
+
+    x: Array
+    p: float
+
+    def scale(self, factor: float) -> Tangent:
+        """Return the derivatives times a factor."""
+        return Tangent(factor * self.x, factor * self.p)
 
 
 class MixedStatics:
@@ -273,8 +283,11 @@ class RegularPoint:
 
     @cached_property
     def _factors(self) -> BorderedFactors:
-        row = self.control(self.point.x, self.point.p)
-        return self.point.bordered(self.point.linearization.by_parameter, row.x, row.p)
+        row, column = (
+            self.control(self.point.x, self.point.p),
+            self.point.linearization.by_parameter,
+        )
+        return self.point.bordered(column, row.gradient[:-1], row.gradient[-1])
 
 
 class SingularPoint:
@@ -357,7 +370,9 @@ class SingularPoint:
         return self._solve(-self.point.linearization.residual)
 
     def _move(self, change: Tangent) -> SingularPoint:
-        return SingularPoint(self.point.plus(change), self._system, self._is_limit)
+        return SingularPoint(
+            self.point.plus(np.append(change.x, change.p)), self._system, self._is_limit
+        )
 
     def _solve(self, right: Array, last: float = 0.0) -> tuple[Array, float]:
         solution = self._factors.solve(np.append(right, last))

@@ -20,7 +20,6 @@ from beamdae.analysis.continuation.engine import (
 from beamdae.analysis.parameter_range import ParameterRange
 from beamdae.analysis.statics.critical_curves import CHANGE_SIZE, CriticalCurve, Family
 from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
-from beamdae.analysis.statics.paths import stability_of
 from beamdae.analysis.statics.static_equilibrium import trace_critical_points
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.assembly.assemble import equations_of_motion
@@ -357,15 +356,15 @@ def _follow_curve(family: Family, kind: str, first: Point, step: float) -> _Poin
 
     end = curve.correct(prescribe_parameter, 0.0, curve.first, 0.0)
     yield at(end), []
-    tangent = end.tangent(prescribe_parameter(end.x, end.p))
+    tangent = end.tangent(prescribe_parameter)
     steps = Steps(CHANGE_SIZE * step, True, CHANGE_SIZE, step)
     target, previous = np.nan, tangent
     while end.p != target:
-        target = 1.0 if tangent.p > 0.0 else 0.0
+        target = 1.0 if tangent[-1] > 0.0 else 0.0
         for segment, found in follow(end, prescribe_parameter, target, steps, explain, tangent):
             end, previous, tangent = segment.end, tangent, segment.direction
             yield at(end), found
-            if previous.p * tangent.p < 0.0:
+            if previous[-1] * tangent[-1] < 0.0:
                 break
 
 
@@ -399,7 +398,7 @@ def _locate_flutter(problem: StaticProblem, x: Array, mu: float) -> tuple[Point,
         )
         flutter = [one.point for _, found in segments for one in found if one.kind == FLUTTER]
         if flutter:
-            ends = stability_of(begin).unstable, stability_of(segments[-1][0].end).unstable
+            ends = begin.monitor.unstable, segments[-1][0].end.monitor.unstable
             return min(flutter, key=lambda point: abs(point.p - mu)), min(ends)
         width *= _WINDOW_GROWTH
     raise CurveError(f"no flutter point was found near the load factor {mu:.6g}; reduce step")

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.continuation.counts import Count
 from beamdae.analysis.continuation.critical import (
     BRANCH,
     FLUTTER,
@@ -24,7 +23,6 @@ from beamdae.analysis.continuation.engine import (
     Point,
     Segment,
     Steps,
-    Tangent,
     follow,
     prescribe_parameter,
     switch,
@@ -95,7 +93,7 @@ class StagePath:
     problem: StaticProblem
     points: list[Point]
     critical: list[CurvePoint] = field(default_factory=list)
-    tangent: Tangent | None = None
+    tangent: Array | None = None
     status: Status = REACHED_END
     is_stuck: bool = False
 
@@ -141,18 +139,6 @@ class EquilibriumPath(NamedTuple):
     approach: list[Array]
 
 
-def problem_of(point: Point) -> StaticProblem:
-    """Return the static equations that a point solves."""
-    assert isinstance(point.problem, StaticProblem)
-    return point.problem
-
-
-def stability_of(point: Point) -> Count:
-    """Return the stability of an equilibrium."""
-    count: Count = point.monitor
-    return count
-
-
 def trace_path(loading: Loading, q: Array, settings: PathSettings) -> EquilibriumPath:
     """Trace the path from the equilibrium without scaled loads, near `q`, to the targets.
 
@@ -183,7 +169,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             factors.pop()
         if system.has_scaled_loads:
             begin = _hold_neutral_motions(begin)
-        path = StagePath(problem_of(begin), [begin])
+        path = StagePath(begin.problem, [begin])
         stage = settings if is_last else settings.for_earlier_stage()
         try:
             if system.has_scaled_loads:
@@ -213,7 +199,7 @@ def tabulate_points(loading: Loading, points: Sequence[Point]) -> dict[str, Any]
     e, parameter = loading.systems[0].equations, loading.parameter
     states = np.array([point.x for point in points])
     q, lam, _ = np.split(states, [e.n, e.n + e.m], axis=1)
-    times = np.array([problem_of(point).system.time_at(point.p) for point in points])
+    times = np.array([point.problem.system.time_at(point.p) for point in points])
     numbers = None
     if parameter is not None and parameter.time is not None:
         numbers = np.array([parameter.equations_at(point.p).p for point in points])
@@ -269,7 +255,7 @@ def _relax(problem: StaticProblem, q: Array, mu: float, passed: list[Array] | No
     x = problem.start(np.append(q, lam))
     point = problem.point(x, mu)
     # Rounding would move the mechanism along motions without stiffness.
-    held = problem_of(_hold_neutral_motions(point))
+    held = _hold_neutral_motions(point).problem
     try:
         corrected = held.correct(prescribe_parameter, mu, x, mu)
     except CurveError:
@@ -283,7 +269,7 @@ def follow_to_critical_point(begin: Point, targets: tuple[float, ...]) -> StageP
     It has a point at each of the load factors `targets` before, ends at the last one if there is no
     critical point, and earlier with a status that is no success if it cannot be followed.
     """
-    problem = problem_of(begin)
+    problem = begin.problem
     path = StagePath(problem, [begin])
     settings = PathSettings("", targets, ARC_LENGTH, None, (), _MAX_CHECK_POINTS)
     steps = _choose_steps(begin, settings, prescribe_parameter)
@@ -293,8 +279,8 @@ def follow_to_critical_point(begin: Point, targets: tuple[float, ...]) -> StageP
 
 def _hold_neutral_motions(point: Point) -> Point:
     """Return the point of the equations whose neutral motions are held, if there are any."""
-    system = problem_of(point).system
-    if not stability_of(point).free:
+    system = point.problem.system
+    if not point.monitor.free:
         return point
     held = hold_neutral_motions(system, point.x[: system.loaded.size], point.p)
     return StaticProblem(held).point(point.x, point.p) if held.held_coordinates else point
@@ -309,7 +295,7 @@ def _follow_stage(path: StagePath, settings: PathSettings, control: Control) -> 
         return
     steps = _choose_steps(begin, settings, control)
     targets = list(settings.targets)
-    if stability_of(begin).free and not _leave_free_position(path, control, targets):
+    if begin.monitor.free and not _leave_free_position(path, control, targets):
         return
     try:
         for number in settings.switch:
@@ -352,7 +338,7 @@ def _follow(
     for target in targets:
         tangent = path.tangent
         if tangent is None and steps.by_arc_length and control is not prescribe_parameter:
-            tangent = path.end.tangent(prescribe_parameter(path.end.x, path.end.p))
+            tangent = path.end.tangent(prescribe_parameter)
         try:
             for segment, found in follow(path.end, control, target, steps, explain_counts, tangent):
                 known = len(path.branch_points)
@@ -382,7 +368,7 @@ def _follow(
     return count
 
 
-def _try_tangent(segment: Segment) -> Tangent | None:
+def _try_tangent(segment: Segment) -> Array | None:
     """Return the tangent at the end of a segment; None if it is not unique."""
     try:
         return segment.direction
@@ -405,10 +391,10 @@ def _revisits(path: StagePath, steps: Steps, known: int) -> bool:
 
 def _switch(path: StagePath, steps: Steps, side: float) -> None:
     """Let the path leave its last branch point along the crossing path."""
-    branch, before, mode = path.end, path.points[-2], path.branch_points[-1].mode
+    mode = path.branch_points[-1].mode
     # The tangent is not unique at the branch point.
-    chord = Tangent(branch.x - before.x, branch.p - before.p)
-    first, path.tangent = switch(branch, mode, chord, side, steps)
+    chord = path.end.minus(path.points[-2])
+    first, path.tangent = switch(path.end, mode, chord, side, steps)
     path.points.append(first)
 
 
@@ -427,10 +413,12 @@ def _choose_steps(begin: Point, settings: PathSettings, control: Control) -> Ste
     if not by_load:
         # Largest change of the column if all coordinates move by their natural sizes.
         is_coordinate = weights > 0.0
-        sensitivity = float(np.sum(np.abs(row.x[is_coordinate]) / weights[is_coordinate]))
+        sensitivity = float(
+            np.sum(np.abs(row.gradient[:-1][is_coordinate]) / weights[is_coordinate])
+        )
         step = min(step, _MAX_SHARE_OF_NEEDED_MOTION * reach / max(sensitivity, _MIN_REACH))
     try:
-        motion = begin.problem.measure(begin.tangent(prescribe_parameter(begin.x, begin.p)).x)
+        motion = begin.problem.measure(begin.tangent(prescribe_parameter)[:-1])
     except CurveError:
         motion = 0.0
     # A load is weighted no less than the motion that it causes, so that crossing paths differ in
@@ -457,9 +445,8 @@ def _leave_free_position(path: StagePath, control: Control, targets: list[float]
     with suppress(CurveError):
         point = problem.correct(prescribe_parameter, begin.p + small, begin.x, begin.p + small)
         motion = problem.measure(point.x - begin.x)
-        if motion <= _MAX_INITIAL_MOTION and not stability_of(point).free:
-            tangent = point.tangent(prescribe_parameter(point.x, point.p))
-            path.tangent = tangent.scale(float(np.sign(small)) or 1.0)
+        if motion <= _MAX_INITIAL_MOTION and not point.monitor.free:
+            path.tangent = point.tangent(prescribe_parameter) * (float(np.sign(small)) or 1.0)
             return True
     return _begin_under_load(path, control, targets)
 
@@ -471,7 +458,7 @@ def _begin_under_load(path: StagePath, control: Control, targets: list[float]) -
     begins under load. Targets that are passed are removed.
     """
     problem, begin, by_load = path.problem, path.end, control is prescribe_parameter
-    is_arbitrary = bool(stability_of(begin).free)
+    is_arbitrary = bool(begin.monitor.free)
     step = _LOAD_STEP_RATIO * (abs(targets[0] - begin.p) if by_load else 1.0)
     loads = list(targets) if by_load else [begin.p + step]
     try:
@@ -480,8 +467,8 @@ def _begin_under_load(path: StagePath, control: Control, targets: list[float]) -
             mu = end.p + float(np.clip(target - end.p, -step, step)) if step else target
             # Loads give motions other than neutral ones a stiffness.
             point = _hold_neutral_motions(_relax(problem, end.x[: problem.n], mu))
-            if not stability_of(point).free:
-                path.problem = problem_of(point)
+            if not point.monitor.free:
+                path.problem = point.problem
                 path.points[len(path.points) - is_arbitrary :] = [point]
                 del targets[:k]
                 return True
@@ -499,11 +486,11 @@ def free_coordinate(point: Point) -> str:
 
     The name is "" if there is no such motion.
     """
-    problem = problem_of(point)
+    problem = point.problem
     e, held = problem.system.equations, problem.system.held_coordinates
     if held:
         return e.q_names[held[0]]
-    if not stability_of(point).free:
+    if not point.monitor.free:
         return ""
     try:
         mode = critical_mode(point)

@@ -22,7 +22,6 @@ from beamdae.analysis.statics.path_settings import PathSettings
 from beamdae.analysis.statics.paths import (
     EquilibriumPath,
     free_coordinate,
-    stability_of,
     tabulate_points,
     trace_path,
 )
@@ -280,7 +279,7 @@ def _trace(
             status=_add_meaningless_strain(equations, rows["q"][-1:], path.status),
             loads=loading.stages,
             factors=path.factors,
-            unstable=np.array([stability_of(point).unstable for point in points]),
+            unstable=np.array([point.monitor.unstable for point in points]),
             critical=path.critical,
             settings={**settings.description, "iterations": sum(x.iterations for x in points)},
             model=information,

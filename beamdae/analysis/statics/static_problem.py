@@ -24,7 +24,6 @@ from beamdae.analysis.continuation.engine import (
     Point,
     Problem,
     Row,
-    Tangent,
 )
 from beamdae.analysis.continuation.newton import CORRECTED, FAILURES, Corrections
 from beamdae.analysis.continuation.spectrum import (
@@ -221,13 +220,15 @@ def _select_terms(structure: Structure, is_selected: tuple[bool, ...]) -> Struct
 class StaticLinearization(Linearization):
     """Static equations, linearized about a point (x, p), evaluated when they are needed."""
 
+    _at: tuple[StaticProblem, Array, float]
+
     def __init__(self, problem: StaticProblem, x: Array, p: float) -> None:
         vars(self).update(_at=(problem, x, p), sizes=problem.scales)
 
     @cached_property
     def _forces(self) -> tuple[Array, Array]:
-        problem, *point = self._at
-        return problem.residual(*point)
+        problem, x, p = self._at
+        return problem.residual(x, p)
 
     @property
     def residual(self) -> Array:
@@ -242,8 +243,8 @@ class StaticLinearization(Linearization):
     @cached_property
     def jacobian(self) -> sp.csc_array:
         """Tangent F_x in natural sizes, (n + m, n + m)."""
-        problem, *point = self._at
-        return problem.matrix(*point)
+        problem, x, p = self._at
+        return problem.matrix(x, p)
 
 
 class StaticProblem(Problem):
@@ -496,16 +497,15 @@ class StaticProblem(Problem):
             raise CurveError(FAILURES[code])
         return self.point(x, p, count)
 
-    def find_tangent(self, point: Point, row: Row) -> Tangent:
-        """Return the tangent at a solution along which the control with this row increases by 1."""
+    def find_tangent(self, point: Point, row: Row) -> Array:
+        """Return the tangent (n + m + 1,) at a solution along which this control increases by 1."""
         self._set_row(row)
-        solution = self._run(point.x, point.p, FIND_TANGENT).right.copy()
-        return Tangent(solution[:-1], float(solution[-1]))
+        return self._run(point.x, point.p, FIND_TANGENT).right.copy()
 
     def _set_row(self, row: Row) -> None:
         run = self._loop.work
-        if not (run.row[-1] == row.p and np.array_equal(run.row[:-1], row.x)):
-            run.row[:-1], run.row[-1], run.has_factors = row.x, row.p, 0
+        if not np.array_equal(run.row, row.gradient):
+            run.row[:], run.has_factors = row.gradient, 0
 
     def _run(self, x: Array, mu: float, task: int) -> StaticWorkspace:
         self._set_point(x, mu)
