@@ -211,7 +211,8 @@ Control = Callable[[Array, float], Row]
 class Point:
     """Solution of a problem, with its linearization.
 
-    `beside` is a point beside a singular one, whose monitor is not a matter of rounding.
+    `beside` is a point beside a singular one, whose monitor is not a matter of rounding;
+    `known_tangent` the gradient of a control and the tangent along which it increases by 1.
     """
 
     problem: Any
@@ -220,6 +221,7 @@ class Point:
     linearization: Any
     iterations: int = 0
     beside: Point | None = None
+    known_tangent: tuple[Array, Array] | None = None
     _neighbor: list[tuple[Array, Any]] = field(default_factory=list, init=False, repr=False)
 
     @cached_property

@@ -265,7 +265,7 @@ def _trace(
             first = loading.systems[0]
             # Paths to chosen loads and positions are meant to move bodies far.
             is_whole = loads is over is None and not settings.column and settings.targets == (1.0,)
-            reached = rows["q"][-1] if is_whole else None
+            reached = rows["q"][-1] if is_whole and free_coordinate(points[0]) else None
             begin = first.loaded if first.is_linear else first.unloaded
             start_warnings = drawing_warnings(begin.equations, begin.time, reached)
         parameter = loading.parameter

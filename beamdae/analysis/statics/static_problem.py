@@ -44,7 +44,6 @@ from beamdae.analysis.statics.static_loop import (
     COUNT_SIGNS,
     EVALUATE_FORCES,
     EVALUATE_TANGENT,
-    FIND_TANGENT,
     LoadPart,
     StaticWorkspace,
     forget_point,
@@ -312,6 +311,7 @@ class StaticProblem(Problem):
         Natural sizes are set by the tangent in the reference configuration, without loads.
         """
         self._loop, run, begin = loop, loop.work, self.system.ends[0]
+        self._point = np.nan, b""
         run.weights[:] = self._weights
         run.remainder[:] = self._forms[1].remainder
         run.added[: self._held], run.added[self._held :] = 0.0, -1.0
@@ -481,31 +481,38 @@ class StaticProblem(Problem):
 
     def correct(self, control: Control, target: float, x: Array, p: float) -> Point:
         """Return the solution at which the control has the value `target`, by Newton's method."""
-        run, n, code = self._loop.work, self.n, CORRECTED
+        run, code = self._loop.work, CORRECTED
         run.corrections.restart()
         while code == CORRECTED:
             row = control(x, p)
-            self._set_row(row)
-            self._set_point(x, p)
-            run.deviation = row.value - target
-            run.is_linear = int(row.is_linear and self.system.is_linear)
-            code = self._perform(CORRECT)
-            x, p = np.append(run.inputs[:n], run.inputs[2 * n :]), run.mu
+            x, p, code = self._correct(row, target, x, p)
         count = run.corrections.count
+        tangent = (row.gradient, run.right.copy()) if row.is_linear else None
         self._compile_if_used(count)
         if code != DONE:
             raise CurveError(FAILURES[code])
-        return self.point(x, p, count)
+        return Point(self, x, p, self.linearize(x, p), count, known_tangent=tangent)
+
+    def _correct(self, row: Row, target: float, x: Array, p: float) -> tuple[Array, float, int]:
+        """Return a corrected point and the code of the loop."""
+        run, n = self._loop.work, self.n
+        if not np.array_equal(run.row, row.gradient):
+            run.row[:], run.has_factors = row.gradient, 0
+        self._set_point(x, p)
+        run.deviation = row.value - target
+        run.is_linear = int(row.is_linear and self.system.is_linear)
+        code = self._perform(CORRECT)
+        x, p = np.append(run.inputs[:n], run.inputs[2 * n :]), run.mu
+        self._point = p, x.tobytes()
+        return x, p, code
 
     def find_tangent(self, point: Point, row: Row) -> Array:
         """Return the tangent (n + m + 1,) at a solution along which this control increases by 1."""
-        self._set_row(row)
-        return self._run(point.x, point.p, FIND_TANGENT).right.copy()
-
-    def _set_row(self, row: Row) -> None:
-        run = self._loop.work
-        if not np.array_equal(run.row, row.gradient):
-            run.row[:], run.has_factors = row.gradient, 0
+        if point.known_tangent and point.known_tangent[0] is row.gradient:
+            return point.known_tangent[1]
+        self._loop.work.corrections.restart()
+        self._correct(row._replace(is_linear=False), row.value, point.x, point.p)
+        return self._loop.work.right.copy()
 
     def _run(self, x: Array, mu: float, task: int) -> StaticWorkspace:
         self._set_point(x, mu)
@@ -525,10 +532,10 @@ class StaticProblem(Problem):
         return code
 
     def _set_point(self, x: Array, mu: float) -> None:
-        run, n = self._loop.work, self.n
-        q, lam = run.inputs[:n], run.inputs[2 * n :]
-        if not (mu == run.mu and np.array_equal(x[:n], q) and np.array_equal(x[n:], lam)):
-            q[:], lam[:], run.mu = x[:n], x[n:], mu
+        run, n, point = self._loop.work, self.n, (mu, x.tobytes())
+        if point != self._point:
+            run.inputs[:n], run.inputs[2 * n :], run.mu = x[:n], x[n:], mu
+            self._point = point
             forget_point(run)
         is_off = abs(mu - run.center) * run.scale > _CENTER_TOLERANCE
         if is_off and not self.system.is_linear:
