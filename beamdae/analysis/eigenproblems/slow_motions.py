@@ -40,8 +40,6 @@ _MAX_SHIFTS, _BLOCK_SIZE, _ITERATIONS, _SLOW_RATIO, _ZERO_RATIO = 20, 8, 4, 1e-9
 # Shift relative to the geometric mean of the lowest and highest frequency of interest; a factor of
 # one would hit the frequency of a single mode. If all modes are requested, the lowest ten count.
 _SHIFT_RATIO, _DEFAULT_COUNT = 0.6, 10
-# Number of eigenvalues of the first search if modes of a measure other than the size are sought.
-_FIRST_VALUES = 6
 # Eigenvalues of the inverse below this fraction of the largest are lost in rounding.
 _MIN_INVERSE_RATIO = 1e-13
 # Images under the flexibility replace shapes if this share of their kinetic energy is not parallel.
@@ -213,7 +211,7 @@ def _find_motions(
     count: int | None,
     find_missing: Callable[[Array, float], float],
     free: Array | None = None,
-    which: str = "LM",
+    oscillating: bool = False,
 ) -> _Motions:
     """Return motions that span the slowest modes, or all admissible ones.
 
@@ -228,8 +226,8 @@ def _find_motions(
         larger than the second argument are known.
     free
         Motions (n, k) without stiffness and damping that are left out, with x^T M x = 1.
-    which
-        Measure of eigenvalues of the flexibility, see `scipy.sparse.linalg.eigs`.
+    oscillating
+        True to search for the slowest motions, and once for the slowest oscillations.
     """
     mass, n = lin.tangent.mass, lin.equations.n
     free = np.zeros((n, 0)) if free is None else free
@@ -241,10 +239,13 @@ def _find_motions(
 
     scales = _find_scales(lin, s)
     if count is not None and n > MAX_DENSE and 2 * count + 6 < n:
-        number = (1 + lin.has_rates) * count + EXTRA_VALUES if which == "LM" else _FIRST_VALUES
+        number = (1 + lin.has_rates) * count + EXTRA_VALUES
         sizes = scales[:, None]
         space = find_slow_space(
-            lambda y: apply(sizes * y) / sizes, len(scales), number, find_missing, which
+            lambda y: apply(sizes * y) / sizes,
+            len(scales),
+            number,
+            None if oscillating else find_missing,
         )
         if space.is_complete:
             return _Motions(sizes * space.basis, (space.basis / sizes).T, sizes * space.images)
@@ -320,7 +321,7 @@ def _invert(lin: LinearizedEquations, s: float) -> Callable[[Array], Array]:
 
 
 def solve_damped(
-    lin: LinearizedEquations, count: int | None, max_damping_ratio: float = 1.0
+    lin: LinearizedEquations, count: int | None, oscillating: bool = False
 ) -> tuple[Array, Array]:
     """Return eigenvalues (k,) [1/s] and mode shapes (n, k) of the quadratic problem, not sorted.
 
@@ -334,10 +335,8 @@ def solve_damped(
         Linearized equations.
     count
         Number of modes of interest, or None for all modes.
-    max_damping_ratio
-        If below 1, modes with a larger damping ratio do not count, and may be missing. Large
-        problems then give the other modes up to the highest undamped frequency of interest, which
-        may be fewer than `count`.
+    oscillating
+        True to search for oscillations, too, which may be faster than `count` decays.
 
     Raises
     ------
@@ -351,8 +350,6 @@ def solve_damped(
     # may be eigenvalues.
     s = float(_SHIFT_RATIO * np.sqrt(rates[0] * rates[-1])) if len(rates) else np.pi
     free, has_rates, mass = _undamped_free_motions(lin, undamped), lin.has_rates, lin.tangent.mass
-    is_selective = has_rates and max_damping_ratio < 1.0
-    limit = float(rates[-1]) if len(rates) and is_selective else np.inf
     # Double zeros are one free motion.
     needed = (count or 0) + int(np.sum(undamped.squares == 0.0)) - 2 * free.shape[1]
 
@@ -360,23 +357,15 @@ def solve_damped(
         return s + 1.0 / inverses if has_rates else s**2 - 1.0 / inverses
 
     def find_missing(inverses: Array, bound: float) -> float:
-        reach = 1.0 / bound - (s if has_rates else s**2)
-        if is_selective:
-            # The imaginary part of the inverse is at least c |l| / (|l| + s)^2.
-            c = np.sqrt(1.0 - max_damping_ratio**2) - 2.0 * s * bound
-            reach = (c + np.sqrt(max(c**2 - (2.0 * s * bound) ** 2, 0.0))) / (2.0 * bound)
         values = find_values(inverses)
-        sizes = np.abs(values)
-        is_known = (sizes <= reach) & (
-            (values.real >= -max_damping_ratio * sizes) | (not has_rates)
-        )
+        is_known = np.abs(values) <= 1.0 / bound - (s if has_rates else s**2)
         # Either eigenvalue of a conjugate pair counts half.
         weights = np.where(has_rates & (values.imag != 0.0), 0.5, 1.0)
-        return 0.0 if reach >= limit else needed - float(np.sum(weights[is_known]))
+        return needed - float(np.sum(weights[is_known]))
 
-    which = "LI" if is_selective else "LM"
+    is_twofold = oscillating and has_rates
     basis, left, images = _find_motions(
-        lin, s, None if count is None else max(needed, 1), find_missing, free, which
+        lin, s, None if count is None else max(needed, 1), find_missing, free, is_twofold
     )
     inverses, vectors = la.eig(left @ images)
     is_accurate = np.abs(inverses) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses), initial=0.0)

@@ -66,9 +66,8 @@ _REFINEMENTS = 2
 # A parameter preserves a branch point if its forces along the critical mode, in the neighboring
 # models, are below this fraction of those that the load exerts on the mode at its natural size.
 _MAX_IMPERFECTION = 1e-8
-# Number of modes among which critical ones are sought. Modes with a larger damping ratio are not
-# about to grow and do not count: strong damping slows many modes down to nearly the same rate.
-_MODE_COUNT, _MAX_GROWTH_DAMPING = 12, 0.5
+# Number of oscillations among which critical ones are sought.
+_MODE_COUNT = 12
 # Eigenvalues with a smaller imaginary part, relative to their magnitude, do not oscillate.
 _MIN_OSCILLATION = 1e-3
 
@@ -434,7 +433,7 @@ class FlutterPoint(RegularPoint):
         found: list[Eigenpair] = []
         for group, rows in self._motion.split(self.system.system.equations.parts):
             # All modes of a small structure may be faster than as many modes of a large one.
-            modes = solve_eigenproblem(group, _MODE_COUNT, max_damping_ratio=_MAX_GROWTH_DAMPING)
+            modes = solve_eigenproblem(group, _MODE_COUNT, oscillating=True)
             shapes = np.zeros((len(modes.values), self._motion.equations.n), complex)
             shapes[:, rows] = modes.shapes.T
             pairs = zip(modes.values.tolist(), shapes, strict=True)

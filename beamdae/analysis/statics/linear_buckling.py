@@ -356,7 +356,8 @@ def _check_prebuckling(begin: Point, solution: _Solution) -> list[str]:
     targets = ((1.0 + _MAX_ERROR) * first, _SEARCH_RATIO * first)
     path = follow_to_critical_point(begin, targets)
     if path.critical:
-        kind, factor = path.critical[0].kind, path.critical[0].point.p
+        first_point = next(iter(path.critical.values()))
+        kind, factor = first_point.kind, first_point.point.p
         if abs(factor - first) <= _MAX_ERROR * factor:
             return []
         reason = f"the first critical point of the path is a {kind} at {factor:.5g}"
