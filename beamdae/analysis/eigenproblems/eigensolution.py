@@ -66,9 +66,8 @@ def solve_eigenproblem(
         )
     is_undamped = not np.any(lin.tangent.damping.data) and not len(e.states)
     if not damped or (is_undamped and lin.is_symmetric):
-        undamped = solve_undamped(lin, count)
-        values = np.sqrt(-undamped.squares + 0j)
-        return _normalize(lin, values, undamped.shapes.astype(complex), count)
+        squares, shapes = solve_undamped(lin, count)
+        return _normalize(lin, np.sqrt(-squares + 0j), shapes.astype(complex), count)
     values, shapes = solve_damped(lin, count, oscillating)
     if oscillating and count is not None:
         is_oscillation = values[np.argsort(np.abs(values), kind="stable")].imag > 0.0

@@ -65,21 +65,6 @@ class MasslessError(BeamdaeError):
         self.coordinate = coordinate
 
 
-class UndampedModes(NamedTuple):
-    """Undamped modes in ascending order of the squared frequency.
-
-    Attributes
-    ----------
-    squares
-        Squared angular frequencies [1/s^2], (k,); negative for unstable motions.
-    shapes
-        Mode shapes, (n, k), with x^T M x = 1.
-    """
-
-    squares: Array
-    shapes: Array
-
-
 class _Motions(NamedTuple):
     """Motions (N, k), the rows (k, N) of a left inverse, and their images under the flexibility."""
 
@@ -93,10 +78,12 @@ def quadratic_form_rounding(matrix: sp.csc_array, shapes: Array) -> Array:
     return ROUNDING_RATIO * quadratic_forms(abs(matrix), np.abs(shapes))
 
 
-def solve_undamped(lin: LinearizedEquations, count: int | None) -> UndampedModes:
-    """Return the modes of the symmetric parts of M and K under G x - C mu = 0.
+def solve_undamped(lin: LinearizedEquations, count: int | None) -> tuple[Array, Array]:
+    """Return squared angular frequencies (k,) [1/s^2] and shapes (n, k), x^T M x = 1, in order.
 
-    All modes or, of large problems, the `count` modes with the smallest |squares|.
+    They are those of the symmetric parts of M and K under G x - C mu = 0, with first-order states
+    held; squares of unstable motions are negative. All modes or, of large problems, the `count`
+    modes with the smallest |squares|.
 
     Raises
     ------
@@ -105,19 +92,26 @@ def solve_undamped(lin: LinearizedEquations, count: int | None) -> UndampedModes
     BeamdaeError
         If many eigenvalues are too close to each other to be separated.
     """
+    e = lin.equations
+    if len(e.states):
+        moving = np.setdiff1d(np.arange(e.n), e.states)
+        squares, motions = solve_undamped(lin.select(moving, np.arange(e.m)), count)
+        shapes = np.zeros((e.n, len(squares)))
+        shapes[moving] = motions
+        return squares, shapes
+    if e.n <= e.m:
+        return np.zeros(0), np.zeros((e.n, 0))
     lin = lin.symmetrized()
-    if lin.equations.n <= lin.equations.m:
-        return UndampedModes(np.zeros(0), np.zeros((lin.equations.n, 0)))
     square = _choose_shift(lin)
 
     def find_missing(inverses: Array, bound: float) -> float:
         is_known = np.abs(1.0 / inverses - square) <= 1.0 / bound - square
         return (count or 0) - float(np.sum(is_known))
 
-    motions = _find_motions(lin, np.sqrt(square), count, find_missing)
-    squares, shapes = _solve_symmetric(lin, motions, square, count)
+    space = _find_motions(lin, np.sqrt(square), count, find_missing)
+    squares, shapes = _solve_symmetric(lin, space, square, count)
     order = np.argsort(squares, kind="stable")
-    return UndampedModes(squares[order], shapes[:, order])
+    return squares[order], shapes[:, order]
 
 
 def _choose_shift(lin: LinearizedEquations) -> float:
@@ -343,15 +337,15 @@ def solve_damped(
     BeamdaeError
         If the equations are singular at the shift, or many eigenvalues are too close to each other.
     """
-    undamped = solve_undamped_without_states(lin, count or _DEFAULT_COUNT)
-    sizes = np.abs(undamped.squares)
+    squares, undamped = solve_undamped(lin, count or _DEFAULT_COUNT)
+    sizes, still = np.abs(squares), undamped[:, squares == 0.0]
     rates = np.sqrt(np.sort(sizes[sizes > 0.0])[: count or _DEFAULT_COUNT])
     # In the middle of the modes of interest, low and high modes lose equal accuracy. Round numbers
     # may be eigenvalues.
     s = float(_SHIFT_RATIO * np.sqrt(rates[0] * rates[-1])) if len(rates) else np.pi
-    free, has_rates, mass = _undamped_free_motions(lin, undamped), lin.has_rates, lin.tangent.mass
+    free, has_rates, mass = _undamped_free_motions(lin, still), lin.has_rates, lin.tangent.mass
     # Double zeros are one free motion.
-    needed = (count or 0) + int(np.sum(undamped.squares == 0.0)) - 2 * free.shape[1]
+    needed = (count or 0) + still.shape[1] - 2 * free.shape[1]
 
     def find_values(inverses: Array) -> Array:
         return s + 1.0 / inverses if has_rates else s**2 - 1.0 / inverses
@@ -378,7 +372,7 @@ def solve_damped(
     if not has_rates:
         values, shapes = _roots_of_squares(values, shapes)
     values = np.append(np.zeros(free.shape[1]), values)
-    return _clean(lin, undamped, s, values, np.hstack([free, shapes]))
+    return _clean(lin, still, s, values, np.hstack([free, shapes]))
 
 
 def _refine_values(lin: LinearizedEquations, values: Array, shapes: Array) -> tuple[Array, Array]:
@@ -407,24 +401,13 @@ def _refine_values(lin: LinearizedEquations, values: Array, shapes: Array) -> tu
     return np.where(is_accepted, nearest, values), shapes
 
 
-def solve_undamped_without_states(lin: LinearizedEquations, count: int | None) -> UndampedModes:
-    """Return the result of `solve_undamped` with first-order states held."""
-    moving = np.setdiff1d(np.arange(lin.equations.n), lin.equations.states)
-    if len(moving) == lin.equations.n:
-        return solve_undamped(lin, count)
-    squares, shapes = solve_undamped(lin.select(moving, np.arange(lin.equations.m)), count)
-    padded = np.zeros((lin.equations.n, len(squares)))
-    padded[moving] = shapes
-    return UndampedModes(squares, padded)
-
-
-def _undamped_free_motions(lin: LinearizedEquations, undamped: UndampedModes) -> Array:
+def _undamped_free_motions(lin: LinearizedEquations, free: Array) -> Array:
     """Return the free motions (n, k) on which no damper acts, scaled to x^T M x = 1.
 
     The result is empty if the equations are not symmetric: follower loads couple free motions to
     other modes. Without these motions, large eigenvalues of the inverse hide no slow modes.
     """
-    free, damping = undamped.shapes[:, undamped.squares == 0.0], lin.tangent.damping
+    damping = lin.tangent.damping
     if not lin.is_symmetric:
         return free[:, :0]
     free = free @ la.inv(la.cholesky(free.T @ (lin.tangent.mass @ free))) if free.size else free
@@ -450,7 +433,7 @@ def _roots_of_squares(squares: Array, shapes: Array) -> tuple[Array, Array]:
 
 def _clean(
     lin: LinearizedEquations,
-    undamped: UndampedModes,
+    free: Array,
     shift: float,
     values: Array,
     shapes: Array,
@@ -482,15 +465,15 @@ def _clean(
     is_zero = (size**2 <= rounding) & (stiffness <= rounding * inertia)
     if lin.is_symmetric and not len(states) + len(lin.equations.nonholonomic_rows):
         # The same motions are free with and without dampers.
-        momenta = (tangent.mass @ undamped.shapes[:, undamped.squares == 0.0]).T
+        momenta = (tangent.mass @ free).T
         is_zero &= np.sum(np.abs(momenta @ shapes) ** 2, axis=0) > 0.5
     scales = lin.equations.position_scales[:, None]
     parts = shapes[:, is_zero] / scales
     parts = parts / la.norm(parts, axis=0)
     left, singular, _ = la.svd(np.hstack([parts.real, parts.imag]), full_matrices=False)
-    free = scales * left[:, singular > _RANK_TOLERANCE * np.max(singular, initial=0.0)]
+    independent = scales * left[:, singular > _RANK_TOLERANCE * np.max(singular, initial=0.0)]
     is_upper = ~is_zero & (imaginary >= 0.0)
     return (
-        np.append(np.zeros(free.shape[1]), (real + 1j * imaginary)[is_upper]),
-        np.hstack([free, shapes[:, is_upper]]),
+        np.append(np.zeros(independent.shape[1]), (real + 1j * imaginary)[is_upper]),
+        np.hstack([independent, shapes[:, is_upper]]),
     )

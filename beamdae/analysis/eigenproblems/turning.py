@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
-from beamdae.analysis.eigenproblems.slow_motions import solve_undamped_without_states
+from beamdae.analysis.eigenproblems.slow_motions import solve_undamped
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
@@ -76,7 +76,7 @@ def find_turning(
     potential = float(v @ (tangent.stiffness @ v)) / speed**2
     if not is_driven and abs(potential) > _MAX_ENERGY_RATIO * float(v @ (tangent.mass @ v)):
         return None
-    squares = np.abs(solve_undamped_without_states(linearized, _SLOW_MODES).squares)
+    squares = np.abs(solve_undamped(linearized, _SLOW_MODES)[0])
     slowest = np.sqrt(np.min(squares[squares > 0.0], initial=np.inf))
     if abs(speed) <= _MIN_RELATIVE_SPEED * slowest:
         return None
