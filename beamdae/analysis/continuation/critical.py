@@ -175,11 +175,8 @@ def _find_neighbor(sample: _Sample, way: float) -> Neighbor:
     """Return the count beside a sample, at a distance relative to a change of the control."""
     tangent = way * sample.tangent
     move, count = sample.point.neighbor(_NEIGHBOR_DISTANCE * tangent)
-    sizes = np.append(sample.point.problem.weights, 1.0)
-    # Products of tiny motions would be zero.
-    sizes = sizes / (np.max(np.abs(sizes * tangent), initial=0.0) or 1.0)
-    one, other = sizes * move, sizes * tangent
-    return Neighbor(count, float(one @ other) / float(other @ other))
+    largest = int(np.argmax(np.abs(np.append(sample.point.problem.weights, 1.0) * tangent)))
+    return Neighbor(count, float(move[largest] / tangent[largest]))
 
 
 def _is_between(*samples: _Sample) -> bool:
