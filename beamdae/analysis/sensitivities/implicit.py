@@ -238,20 +238,8 @@ def _derive_statics(
 
 def find_regular_point(problem: StaticProblem, q: Array, mu: float, control: Control) -> Point:
     """Return the point with these positions and this load factor."""
-    x = _deform(problem, q, mu)
+    x = problem.point_at(q, mu).x
     return problem.correct(control, control(x, mu).value, x, mu)
-
-
-def _deform(problem: StaticProblem, q: Array, mu: float) -> Array:
-    """Return the unknowns at positions q: the forces that follow from deformations, and reactions.
-
-    Rigid bodies have no other stiffness than that of the reactions that balance their loads.
-    """
-    x, n, first = problem.start(q), problem.n, problem.rigid_size
-    x[first:] = problem.residual(x, mu)[0][first:]
-    gradients = problem.matrix(x, mu)[:n, n:first].toarray()
-    x[n:first] = np.linalg.lstsq(gradients, -problem.residual(x, mu)[0][:n])[0]
-    return x
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,8 +306,7 @@ class SingularPoint:
         cls, problem: StaticProblem, q: Array, mu: float, system: MixedStatics, is_limit: bool
     ) -> SingularPoint:
         """Return the singular point next to these positions and this load factor."""
-        x = _deform(problem, q, mu)
-        found = cls(Point(problem, x, mu, problem.linearize(x, mu)), system, is_limit)
+        found = cls(problem.point_at(q, mu), system, is_limit)
         found = found._move(Tangent(found._unbalance()[0], 0.0))
         for _ in range(_REFINEMENTS):
             response, h = found._unbalance()

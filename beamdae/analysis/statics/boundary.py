@@ -39,7 +39,7 @@ from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
-from beamdae.results.equilibrium import UNSTABLE, Equilibrium
+from beamdae.results.equilibrium import UNSTABLE
 from beamdae.results.outcome import REACHED_END, Status
 
 if TYPE_CHECKING:
@@ -270,7 +270,8 @@ def boundary(
     points, special, status = list[_CurvePoint](), list[BoundaryPoint](), REACHED_END
     with single_threaded:
         family = Family(load_model)
-        first = _first_point(family, path, rows[number - 1])
+        row = rows[number - 1]
+        first = family.at(0.0)[0].point_at(path.q[row], float(path.factors[row, -1]))
         follow_points = _follow_flutter if kind == FLUTTER else _follow_curve
         try:
             for point, passed in follow_points(family, kind, first, step):
@@ -317,17 +318,6 @@ class _CurvePoint(NamedTuple):
     factor: float
     x: Array
     unstable: int
-
-
-def _first_point(family: Family, path: Equilibrium, row: int) -> Point:
-    """Return the critical point of a path at `row`."""
-    problem, _ = family.at(0.0)
-    x, mu = problem.start(path.q[row]), float(path.factors[row, -1])
-    # The equations are linear in the multipliers, which include axial and shear forces.
-    columns = problem.matrix(x, mu)[:, problem.n :].toarray()
-    rest = -problem.scales * problem.residual(x, mu)[0]
-    x[problem.n :] = problem.scales[problem.n :] * np.linalg.lstsq(columns, rest)[0]
-    return Point(problem, x, mu, problem.linearize(x, mu))
 
 
 # Points of a curve, and kinds and places of the special points before them.

@@ -342,9 +342,10 @@ def _turning_notes(system: LoadedEquations, x: Array, factor: float) -> tuple[st
     turning = find_turning(e, system.time_at(factor), state.q, linearize)
     if turning is None:
         return ()
+    cause, speed = turning
     return (
-        f"{turning.cause} at {turning.speed:.6g} rad/s, but an equilibrium is at rest, without "
-        f"centrifugal forces; {_rotation_remedy(turning.speed)}.",
+        f"{cause} at {speed:.6g} rad/s, but an equilibrium is at rest, without centrifugal forces; "
+        f"{_rotation_remedy(speed)}.",
     )
 
 

@@ -411,6 +411,15 @@ class StaticProblem(Problem):
         """Return a solution that is known."""
         return Point(self, x, p, self.linearize(x, p), iterations)
 
+    def point_at(self, q: Array, mu: float) -> Point:
+        """Return the point with positions (n,) near an equilibrium, which determine multipliers."""
+        x, n, first = self.start(q), self.n, self.rigid_size
+        x[first:] = self.residual(x, mu)[0][first:]
+        gradients = self.matrix(x, mu)[:n, n:first].toarray()
+        rest = -self.scales[:n] * self.residual(x, mu)[0][:n]
+        x[n:first] = self.scales[n:first] * np.linalg.lstsq(gradients, rest)[0]
+        return self.point(x, mu)
+
     def monitor(self, point: Point) -> Count:
         """Return the stability under constant loads.
 
