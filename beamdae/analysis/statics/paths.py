@@ -327,8 +327,9 @@ def _follow(
             tangent = path.end.tangent(prescribe_parameter)
         try:
             for segment, found in follow(path.end, control, target, steps, explain_counts, tangent):
+                passed = [*path.critical.values()]
                 for one in found:
-                    is_closed = steps.by_arc_length and _revisits(path, one, steps)
+                    is_closed = steps.by_arc_length and _is_among(passed, one, steps)
                     path.critical[len(path.points)] = one
                     path.points.append(one.point)
                     count += one.kind in stops_at
@@ -354,15 +355,15 @@ def _follow(
     return count
 
 
-def _revisits(path: StagePath, last: CurvePoint, steps: Steps) -> bool:
-    """Return True if a path has passed its last critical point, a branch point, before."""
+def _is_among(passed: Sequence[CurvePoint], last: CurvePoint, steps: Steps) -> bool:
+    """Return True for a branch point that a path has passed before."""
     size, at = _SAME_POINT_RATIO * steps.largest, last.point
     return any(
         one.kind == last.kind == BRANCH
-        and path.problem.measure(one.point.x - at.x) < size
+        and at.problem.measure(one.point.x - at.x) < size
         # Branch points of a straight column differ in their load factors only.
         and abs(one.point.p - at.p) * steps.parameter_weight < size
-        for one in path.critical.values()
+        for one in passed
     )
 
 
