@@ -174,6 +174,8 @@ def drawing_warnings(
     gaps = StaticEquations(e, time).residual(e.q0, np.zeros(e.m))[e.n :]
     if np.max(np.abs(gaps) / e.constraint_scales, initial=0.0) > _MIN_OPEN_GAP:
         closed_q = ConsistencySolver(e).close_positions(time, e.q0)
+    elif q is None:
+        return ()
     # At other times, drivers have left their positions in the drawing.
     drawn_q = e.q0 if time[0] == 0.0 else closed_q
     start = Start(request, drawn_q, rest, False, closed_q)

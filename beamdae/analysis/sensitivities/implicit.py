@@ -45,11 +45,10 @@ import scipy.sparse as sp
 
 from beamdae.analysis.continuation.critical import critical_mode
 from beamdae.analysis.continuation.engine import (
+    BorderedFactors,
     Control,
     CurveError,
-    Factors,
     Point,
-    Tangent,
     factorize_bordered,
 )
 from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
@@ -84,9 +83,8 @@ _REFINEMENTS = 2
 # A parameter preserves a branch point if its forces along the critical mode, in the neighboring
 # models, are below this fraction of those that the load exerts on the mode at its natural size.
 _MAX_IMPERFECTION = 1e-8
-# Number of modes among which critical ones are sought. Modes with a larger damping ratio are not
-# about to grow and do not count: strong damping slows many modes down to nearly the same rate.
-_MODE_COUNT, _MAX_GROWTH_DAMPING = 12, 0.5
+# Number of oscillations among which critical ones are sought.
+_MODE_COUNT = 12
 # Eigenvalues with a smaller imaginary part, relative to their magnitude, do not oscillate.
 _MIN_OSCILLATION = 1e-3
 # Inverse iterations for the next eigenvalue.
@@ -163,7 +161,7 @@ class Eigenpair:
         return np.append(row, np.zeros(self.lin.pencil.matrices[0].shape[0] - len(row)))
 
     @cached_property
-    def _bordered(self) -> tuple[Array, Factors]:
+    def _bordered(self) -> tuple[Array, BorderedFactors]:
         """Scales of the rows of A, and factors of the bordered matrix."""
         matrix = sp.csc_array(
             sum(self.value**k * x.astype(complex) for k, x in enumerate(self.lin.pencil.matrices))
@@ -208,6 +206,17 @@ def linearize_at(
     else:
         state = State(q, np.zeros(e.n), np.zeros(e.n), lam)
     return linearize_in_mixed_form(e, state, tangent_at, idle)
+
+
+class Tangent(NamedTuple):
+    """Derivatives of the unknowns and of the load factor."""
+
+    x: Array
+    p: float
+
+    def scale(self, factor: float) -> Tangent:
+        """Return the derivatives times a factor."""
+        return Tangent(factor * self.x, factor * self.p)
 
 
 class MixedStatics:
@@ -365,20 +374,8 @@ def _derive_statics(
 
 def find_regular_point(problem: StaticProblem, q: Array, mu: float, control: Control) -> Point:
     """Return the point with these positions and this load factor."""
-    x = _deform(problem, q, mu)
+    x = problem.point_at(q, mu).x
     return problem.correct(control, control(x, mu).value, x, mu)
-
-
-def _deform(problem: StaticProblem, q: Array, mu: float) -> Array:
-    """Return the unknowns at positions q: the forces that follow from deformations, and reactions.
-
-    Rigid bodies have no other stiffness than that of the reactions that balance their loads.
-    """
-    x, n, first = problem.start(q), problem.n, problem.rigid_size
-    x[first:] = problem.residual(x, mu)[0][first:]
-    gradients = problem.matrix(x, mu)[:n, n:first].toarray()
-    x[n:first] = np.linalg.lstsq(gradients, -problem.residual(x, mu)[0][:n])[0]
-    return x
 
 
 @dataclass(frozen=True, eq=False)
@@ -407,9 +404,12 @@ class RegularPoint:
         return Tangent(solution[:-1], float(solution[-1]))
 
     @cached_property
-    def _factors(self) -> Factors:
-        row = self.control(self.point.x, self.point.p)
-        return self.point.bordered(self.point.linearization.by_parameter, row.x, row.p)
+    def _factors(self) -> BorderedFactors:
+        row, column = (
+            self.control(self.point.x, self.point.p),
+            self.point.linearization.by_parameter,
+        )
+        return self.point.bordered(column, row.gradient[:-1], row.gradient[-1])
 
 
 class SingularPoint:
@@ -441,8 +441,7 @@ class SingularPoint:
         cls, problem: StaticProblem, q: Array, mu: float, system: MixedStatics, is_limit: bool
     ) -> SingularPoint:
         """Return the singular point next to these positions and this load factor."""
-        x = _deform(problem, q, mu)
-        found = cls(Point(problem, x, mu, problem.linearize(x, mu)), system, is_limit)
+        found = cls(problem.point_at(q, mu), system, is_limit)
         found = found._move(Tangent(found._unbalance()[0], 0.0))
         for _ in range(_REFINEMENTS):
             response, h = found._unbalance()
@@ -492,7 +491,9 @@ class SingularPoint:
         return self._solve(-self.point.linearization.residual)
 
     def _move(self, change: Tangent) -> SingularPoint:
-        return SingularPoint(self.point.plus(change), self._system, self._is_limit)
+        return SingularPoint(
+            self.point.plus(np.append(change.x, change.p)), self._system, self._is_limit
+        )
 
     def _solve(self, right: Array, last: float = 0.0) -> tuple[Array, float]:
         solution = self._factors.solve(np.append(right, last))
@@ -554,7 +555,7 @@ class FlutterPoint(RegularPoint):
         found: list[Eigenpair] = []
         for group, rows in self._motion.split(self.system.system.equations.parts):
             # All modes of a small structure may be faster than as many modes of a large one.
-            modes = solve_eigenproblem(group, _MODE_COUNT, max_damping_ratio=_MAX_GROWTH_DAMPING)
+            modes = solve_eigenproblem(group, _MODE_COUNT, oscillating=True)
             shapes = np.zeros((len(modes.values), self._motion.equations.n), complex)
             shapes[:, rows] = modes.shapes.T
             pairs = zip(modes.values.tolist(), shapes, strict=True)
