@@ -173,7 +173,6 @@ def build_modes_page(modes: Modes | Buckling, title: str) -> PageContent:
                 "label": "mode",
                 "unit": "",
                 "values": list(range(1, len(modes) + 1)),
-                "isNumeric": False,
             }
         ],
         "cases": [
@@ -344,7 +343,6 @@ def build_response_page(response: FrequencyResponse, title: str) -> PageContent:
                 "label": response.parameter,
                 "unit": response.unit,
                 "values": [point.parameter for point in response.points],
-                "isNumeric": True,
             }
         ],
         "tables": [table for table in tables if table["rows"]],

@@ -91,13 +91,11 @@ def build_campbell_page(diagram: Campbell, title: str) -> PageContent:
                 "label": "speed",
                 "unit": unit,
                 "values": speeds.tolist(),
-                "isNumeric": len(speeds) > 1,
             },
             {
                 "label": "mode",
                 "unit": "",
                 "values": list(range(1, n_modes + 1)),
-                "isNumeric": False,
             },
         ],
         "tables": [

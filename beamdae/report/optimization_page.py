@@ -18,7 +18,6 @@ from beamdae.report.page.page_content import (
     PageCase,
     PageColumn,
     PageContent,
-    PageProfile,
     PageTable,
     PageTime,
 )
@@ -81,7 +80,6 @@ def build_optimization_page(result: Optimization, title: str) -> PageContent:
         "families": [_BEST, _FIRST, _FEASIBLE, _INFEASIBLE],
         "time": motions[1]["time"],
         "featured": _list_headers(result),
-        "profiles": _list_profiles(result),
         "tables": [table for table in tables if table["rows"]],
         "cases": _list_cases(result, motions),
     }
@@ -157,17 +155,6 @@ def _list_headers(result: Optimization) -> list[str]:
         for header in getattr(analysis, "columns", ()):
             observed |= {header: header, split_unit(header)[0]: header}
     return [observed.get(name, name) for name in result.columns]
-
-
-def _list_profiles(result: Optimization) -> list[PageProfile]:
-    """Return lists of numbers among the parameters, such as the thicknesses along a beam."""
-    profiles: list[PageProfile] = []
-    for name, values in result.parameters.items():
-        if isinstance(values, tuple) and len(values) > 1:
-            keys = [f"{name}[{k}]" for k in range(len(values))]
-            label = format_headers({name: result.units[keys[0]]}).get(name, name)
-            profiles.append({"label": label, "keys": keys})
-    return profiles
 
 
 def _list_columns(result: Optimization) -> list[PageColumn]:

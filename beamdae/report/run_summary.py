@@ -1,12 +1,10 @@
-"""HTML summary of a run for notebooks: status, cost, accuracy and a thumbnail."""
+"""HTML summary of a run for notebooks: status, cost and accuracy."""
 
 from __future__ import annotations
 
 import html
 from collections.abc import Mapping
 
-from beamdae.errors import BeamdaeError
-from beamdae.report.pictures.run_animation import draw_thumbnail
 from beamdae.report.terminal.text_tables import format_number
 from beamdae.results.event_records import describe_events
 from beamdae.results.solution import Solution
@@ -21,16 +19,7 @@ def summarize_as_html(solution: Solution) -> str:
     name = solution.model.get("name", "")
     method = str(solution.integrator.get("integrator", ""))
     title = " by ".join(filter(None, (name, method))) or "run"
-    try:
-        thumbnail = draw_thumbnail(solution)
-    except BeamdaeError:
-        # The run has no mechanism that could be drawn.
-        thumbnail = ""
-    return (
-        '<div style="display: flex; flex-wrap: wrap; gap: 24px; align-items: center">'
-        f"<div><b>{html.escape(title)}</b>{format_html_table(_collect_facts(solution))}</div>"
-        f"<div>{thumbnail}</div></div>"
-    )
+    return f"<div><b>{html.escape(title)}</b>{format_html_table(_collect_facts(solution))}</div>"
 
 
 def _collect_facts(solution: Solution) -> dict[str, str]:

@@ -76,7 +76,7 @@ def test_the_page_of_modes_has_a_motion_for_each(column, tmp_path):
     assert [case["label"] for case in page["cases"]] == [modes.describe(k) for k in range(3)]
     assert_allclose([x["values"]["frequency [Hz]"] for x in page["cases"]], modes.frequencies)
     for case in page["cases"]:
-        (beam,) = (x for x in case["frames"]["bodies"] if x["kind"] == "beam")
+        (beam,) = (x for x in case["frames"]["glyphs"] if x["kind"] == "beam")
         x = np.array(beam["x"])
         # One period, from its largest displacement; all modes have the same amplitude.
         sway = np.abs(x).max(axis=1)
@@ -410,7 +410,7 @@ def test_modes_of_a_campbell_diagram_keep_their_phase_from_speed_to_speed():
         tips = []
         for case in page["cases"]:
             if case["family"] == mode:
-                (blade,) = (x for x in case["frames"]["bodies"] if x["name"] == "blade")
+                (blade,) = (x for x in case["frames"]["glyphs"] if x["name"] == "blade")
                 tips.append(np.array(blade["y"])[0, -1])
         assert np.abs(tips).min() > 0.05
         assert len(set(np.sign(tips))) == 1
@@ -513,16 +513,16 @@ def test_regression_modes_above_the_excitations_do_not_hide_the_resonances(show)
     low, high = visible_ranges(tab, "scatter")[1]
     assert low <= 0.0
     assert high < 120.0
-    tool_buttons(tab, "scatter").nth(2).click()
+    tool_buttons(tab, "scatter").first.click()
     assert visible_ranges(tab, "scatter")[1][1] > 500.0
 
 
 def test_small_displacements_of_equilibria_are_enlarged(column):
     path = bd.equilibrium(column)
-    assert "scale" not in build_path_page(path, "column")["groups"][0]["frames"]
+    assert build_path_page(path, "column")["groups"][0]["frames"]["captions"] == ""
     path = bd.equilibrium(cantilever(2, section=BAR, load=(0.0, -1.0)))
     page = build_path_page(path, "cantilever")
-    assert page["groups"][0]["frames"]["scale"] == 100.0
+    assert page["groups"][0]["frames"]["captions"] == "displacements × 100"
     # The chart over the points opens on the column that the path is drawn over.
     assert page["featured"] == ["tip.y [m]"]
 

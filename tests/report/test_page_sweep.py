@@ -10,10 +10,8 @@ from pages import (
     find_point,
     find_row,
     list_lines,
-    page_with_files,
     read_tooltip,
     sweep_page,
-    wait_until,
 )
 
 
@@ -84,7 +82,7 @@ def test_the_map_colors_cells_and_selects_cases(show):
 def three_parameter_page():
     """Return the sweep over speed and height at two masses, whose responses differ by 100."""
     page = sweep_page()
-    page["sliders"].append({"label": "mass", "unit": "kg", "values": [0.5, 2.0], "isNumeric": True})
+    page["sliders"].append({"label": "mass", "unit": "kg", "values": [0.5, 2.0]})
     cases = page["cases"]
     page["cases"] = [
         case
@@ -161,49 +159,6 @@ def test_regression_a_measured_sweep_opens_on_its_responses(show):
     assert "has curves" not in tab.inner_text("main")
     charts = [tab.locator(f"[data-chart={key}]").bounding_box() for key in ("scatter", "map")]
     assert all(chart["y"] + chart["height"] < 768 for chart in charts)
-
-
-def test_curves_are_loaded_from_files_when_a_case_is_selected(show):
-    tab = show(page_with_files())
-    tab.click("#clear")
-    find_row(tab, 7).locator("td.label").click()
-    wait_until(tab, "state.charts.get('observed')?.spec.series.length === 1")
-    assert tab.inner_text("#selection-notes") == ""
-    # The file also contains the curves of the case 4.
-    assert tab.evaluate("page.cases.filter((run) => run.curves).length") == 8
-    find_row(tab, 4).locator("td.label").click()
-    assert len(list_lines(tab)) == 2
-    tab.get_by_label("Observed: quantity").select_option("hinge.F [N]")
-    last = "state.charts.get('observed').spec.series.map(({data}) => data.at(-1)[1])"
-    assert_allclose(tab.evaluate(last), [5.0 + 2.0 * 7, 5.0 + 2.0 * 4], rtol=1e-4)
-
-
-def test_a_missing_file_of_curves_is_named(show):
-    tab = show(page_with_files())
-    tab.click("#clear")
-    # A file that adds no curves: a missing one would be reported by the browser.
-    # An expression whose value is a function would be called.
-    tab.evaluate("window.load = addCurves; addCurves = () => {}; 0")
-    find_row(tab, 5).locator("td.label").click()
-    wait_until(tab, "curveFiles.get(1) === 'failed'")
-    note = tab.inner_text("#selection-notes")
-    assert "The curves of speed=2, height=0.3 cannot be loaded; keep the folder page_curves" in note
-    assert "trajectories/5.csv" in note
-    # Selecting the case again tries again.
-    tab.click("#clear")
-    tab.evaluate("addCurves = window.load; 0")
-    find_row(tab, 5).locator("td.label").click()
-    wait_until(tab, "state.charts.get('observed')?.spec.series.length === 1")
-    assert tab.inner_text("#selection-notes") == ""
-
-
-def test_regression_a_group_with_all_curves_in_files_shows_some_of_them(show):
-    """No case was selected when the page opened."""
-    page = page_with_files()
-    for number in (4, 5, 7):
-        page["cases"][number]["group"] = "rod"
-    tab = show(page | {"groups": [{"id": "rod"}, {"id": "bar"}]})
-    wait_until(tab, "state.charts.get('observed')?.spec.series.length === 3")
 
 
 def test_of_many_families_the_legend_names_the_first_and_the_last(show):

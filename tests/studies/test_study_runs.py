@@ -109,7 +109,7 @@ def test_study_with_errors_of_some_cases(tmp_path):
         f"swing(mass=1.0), {ALPHA.label}",
         ALPHA.label,
     ]
-    assert "bob" in [symbol["name"] for symbol in page["groups"][0]["frames"]["symbols"]]
+    assert "bob" in [symbol["name"] for symbol in page["groups"][0]["frames"]["glyphs"]]
     kinds = {column["label"]: column["kind"] for column in page["columns"]}
     assert [kinds[x] for x in ("error", "wall time", "steps")] == ["error", "cost", "number"]
     # Only cases with a reference have differences.

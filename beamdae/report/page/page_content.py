@@ -6,16 +6,15 @@ every page is motion, curves, results, error budget, solver.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Required, TypedDict
 
 # Animation, as returned by `beamdae.report.scene.frame_export.export_frames`.
 Frames = Mapping[str, Any]
 
-# Curves, as returned by `beamdae.report.page.page_data.select_curves`. Entries: "t" [s]; at these
-# times "observed" by name, "magnitude" and "phase" of a transfer function by name (with frequencies
-# as "t"), "error", "energy" by name (the magnitude of "imbalance" is drawn), "position drift",
-# "velocity drift"; and "difference" from the reference, with "observed" and "energy" by name.
+# Curves, as returned by `beamdae.report.page.page_data.select_curves`: arrays "t" [s] and, at these
+# times, arrays by name for each panel: "observed", "energy", "error", "drift"; or "magnitude" and
+# "phase" of a transfer function, with frequencies as "t".
 Curves = Mapping[str, Any]
 
 # Section of a page: "results" (default), "motion" (below the animation), "errors" or "solver".
@@ -85,7 +84,6 @@ class PageCase(TypedDict, total=False):
     points: bool  # measured data, drawn as points and selected with their model at first
     file: str  # name of the file with its rows
     curves: Curves | None
-    block: int  # index of the entry of "curve_files" with its curves, loaded when it is selected
 
 
 class PageAxes(TypedDict, total=False):
@@ -96,12 +94,11 @@ class PageAxes(TypedDict, total=False):
 
 
 class PageSlider(TypedDict):
-    """Swept parameter; sliders select the motion, interpolated between cases with "frames"."""
+    """Swept parameter; sliders select the motion of the nearest case with "frames"."""
 
     label: str
     unit: str
     values: Sequence[Any]  # ascending
-    isNumeric: bool  # the mechanism morphs between neighboring values
 
 
 class PageTime(TypedDict, total=False):
@@ -133,13 +130,6 @@ class PageOverlay(TypedDict):
     marks: Sequence[Mapping[str, Any]]
 
 
-class PageProfile(TypedDict):
-    """List of numbers that a chart shows over their index, for each selected case."""
-
-    label: str
-    keys: list[str]  # of the numbers in the "values" of the cases
-
-
 class PageContent(TypedDict, total=False):
     """Content of a page."""
 
@@ -166,12 +156,7 @@ class PageContent(TypedDict, total=False):
     # of numbers; the button "Reset" shows all.
     views: Mapping[str, Mapping[str, Sequence[float]]]
     leads: bool  # True if the scatter plot is the main result, shown first beside the motion
-    # Observed columns that the user measured or asked for, listed first; the page opens on the
-    # first one that moves.
+    # Observed columns that are listed first. Defaults to those that characterize the motion.
     featured: list[str]
-    profiles: list[PageProfile]
     tables: list[PageTable]
     cases: list[PageCase]
-    # Functions that return curves by the id of the case, written to a folder beside the page that
-    # has the name of the page, without ".html", and "_curves".
-    curve_files: Sequence[Callable[[], Mapping[str, Curves | None]]]

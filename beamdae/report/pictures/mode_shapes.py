@@ -29,7 +29,6 @@ from beamdae.report.pictures.scene_artists import (
     SceneArtists,
     add_caption,
     create_bare_axis,
-    describe_heights,
     padded_extent,
     show_region,
 )
@@ -122,7 +121,7 @@ def create_modes_figure(modes: Modes | Buckling, title: str = "") -> Figure:
         np.clip(_PANEL_WIDTH * height / width, _MIN_PANEL_HEIGHT, _MAX_PANEL_HEIGHT)
     )
     size = (max(_PANEL_WIDTH * columns, 5.0), (panel_height + _PANEL_TITLE_HEIGHT) * rows + 0.5)
-    heights = describe_heights(scenes.rest)
+    heights = scenes.rest.caption
     title = title or f"modes about {modes.about}"
     figure = _create_figure(size, f"{title}, {heights}" if heights else title)
     for k, scene in enumerate(panels):

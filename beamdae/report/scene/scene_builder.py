@@ -81,9 +81,9 @@ class SceneBuilder:
         c, s = np.cos(self._poses[a][:, 2]), np.sin(self._poses[a][:, 2])
         return np.stack([c * x + s * y, c * y - s * x], axis=-1)
 
-    def add_curve(self, kind: str, positions: Array, heights: Array | None = None) -> None:
+    def add_curve(self, kind: str, positions: Array) -> None:
         """Add a line through points (frames, k, 2) [m], see `MovingCurve`."""
-        self._glyphs.append(MovingCurve(self.part, kind, positions, heights))
+        self._glyphs.append(MovingCurve(self.part, kind, positions))
 
     def add_rigid(self, kind: str, at: int, points: Array) -> None:
         """Add a line through points (k, 2) [m] that are fixed in the axes of a pose."""
@@ -135,7 +135,8 @@ class SceneBuilder:
             "ground", self.add_attachment(attachment), support, part=attachment.body.name
         )
 
-    def build(self) -> Scene:
+    def build(self, caption: str) -> Scene:
         """Return the scene with everything added so far."""
         poses = np.array(self._poses).reshape(-1, len(self.times), 3)
-        return Scene(poses, tuple(self._glyphs), tuple(self._names), self.size)
+        names = tuple(self._names)
+        return Scene(poses, tuple(self._glyphs), names, self.size, caption=caption)

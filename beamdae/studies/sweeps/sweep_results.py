@@ -477,7 +477,6 @@ def _add_motion(content: PageContent, swept: SweepResults, grid: ParameterGrid) 
             "label": axis.name,
             "unit": units.get(axis.name, ""),
             "values": [x if axis.is_numeric else str(x) for x in axis.values],
-            "isNumeric": axis.is_numeric,
         }
         for axis in grid.axes
     ]
@@ -487,7 +486,7 @@ def _add_motion(content: PageContent, swept: SweepResults, grid: ParameterGrid) 
     cases = zip(content["cases"], swept.sweep.cases, grid.positions.tolist(), strict=True)
     for entry, case, position in cases:
         frames = swept.results.outcome(case).frames
-        entry |= {"at": position, "frames": frames if frames and frames["t"] else None}
+        entry |= {"at": position, "frames": frames if frames and frames["glyphs"] else None}
 
 
 def _choose_map_axes(swept: SweepResults, grid: ParameterGrid) -> list[int]:
