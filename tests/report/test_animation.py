@@ -68,7 +68,7 @@ def sliding_run(travel, t_end=0.1):
 
 def read_scale(frames):
     """Return the factor of displacements in the caption of an animation."""
-    return float((frames["captions"] or "displacements × 1").split(" × ")[1])
+    return float((frames["captions"] or "\u00d7 1").split("\u00d7 ")[1])
 
 
 def test_displacements_that_are_too_small_to_be_visible_are_enlarged():

@@ -113,35 +113,10 @@ def lists():
     return bd.optimize(stepped, bd.Mass(), ["height", "widths"], limit, bounds)
 
 
-def test_regression_lists_of_numbers_are_shown_over_their_index(lists, show, read):
-    """The numbers were only in the table, and the first chart was the load factor."""
-    assert [x["label"] for x in read(lists)["profiles"]] == ["height [m]", "widths"]
-    tab = show(lists)
-    numbers = "state.charts.get('profile').spec.series.map(({data}) => data.length)"
-    assert tab.evaluate(numbers) == [3, 3]
-    assert "height [m]" in tab.locator("#profile text").all_text_contents()
-    choice = tab.get_by_label("Parameter over its index")
-    choice.select_option(label="widths")
-    assert tab.evaluate(numbers) == [2, 2]
-    # Designs that are not selected have no line; those without curves have one.
-    tab.locator("#selection button").first.click()
-    assert tab.evaluate(numbers) == [2]
-    tab.locator("#table tbody tr", has_text="design 2").locator("td.label").first.click()
-    assert tab.evaluate(numbers) == [2, 2]
-    # The constrained column is the first one.
-    assert tab.get_by_label("Observed: quantity").input_value() == "stress [Pa]"
-
-
 def test_regression_limits_that_are_reached_have_no_rounding_errors(lists, read):
     (row,) = facts(read(lists), "Constraints")
     assert row[0] == "stress at equilibrium <= 6e+07 Pa"
     assert row[3] == "0"
-
-
-def test_lists_of_designs_without_curves_are_shown(show):
-    bounds = {"height": (0.01, 0.05)}
-    result = bd.optimize(stepped, bd.Mass(), "height", bd.at_least(bd.Mass(), 2.0), bounds)
-    assert len(list_lines(show(result), "profile")) == 2
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -81,7 +81,7 @@ def test_two_fingers_zoom_and_one_pans(phone):
     touch("Start", [middle[0] - quarter, left[1]], [middle[0] + quarter, left[1]])
     touch("Move", left, right)
     touch("End")
-    wait_until(tab, "state.views.observed?.x")
+    tab.wait_for_timeout(200)
     begin, end = visible_ranges(tab, "observed")[0]
     assert 0.2 < end - begin < 1.9
     finger = screen_position(tab, "observed", 1.0, 0.0)

@@ -61,7 +61,8 @@ def test_the_wheel_scrolls_the_page_unless_ctrl_is_pressed(show):
 
 def test_dragging_pans(show):
     tab = show(study_page())
-    zoom_in(tab, "observed")
+    for _ in range(4):
+        zoom_in(tab, "observed")
     (begin, end), (low, high) = visible_ranges(tab, "observed")
     start, finish = (screen_position(tab, "observed", x, x - 1.0) for x in (1.0, 0.8))
     tab.mouse.move(*start)

@@ -40,7 +40,7 @@ _PAGE_DEFAULTS: dict[str, Any] = {
     **dict.fromkeys(("title", "subtitle"), ""),
     **dict.fromkeys(("notes", "groups", "columns", "sliders", "families", "overlays"), ()),
     **dict.fromkeys(("tables", "cases"), ()),
-    **dict.fromkeys(("made", "axes", "time", "views"), {}),
+    **{key: {} for key in ("made", "axes", "time", "views")},
     **dict.fromkeys(("map", "portrait"), None),
     **dict.fromkeys(("sequential", "leads"), False),
     "noun": "cases",

@@ -32,7 +32,7 @@ from beamdae.report.pictures.scene_artists import (
     padded_extent,
     show_region,
 )
-from beamdae.report.scene.frame_export import export_frames
+from beamdae.report.scene.frame_export import FRAMES_PER_PERIOD, export_frames
 from beamdae.report.scene.mechanism_scene import (
     build_scene,
     collect_drawings,
@@ -86,6 +86,26 @@ class ModeScenes:
         return build_scene(
             self._mechanism, poses, np.zeros(frames), is_hidden=lambda part: part.is_load
         )
+
+
+def export_modes(
+    modes: Modes | Buckling, numbers: Sequence[int], phases: Sequence[complex] | None = None
+) -> list[dict[str, Any] | None]:
+    """Return one period of each of some modes as exported frames; None if nothing can be drawn.
+
+    The first frame, which pages show first and print, is at the largest displacement, or has the
+    complex phase of `phases`.
+    """
+    try:
+        scenes = ModeScenes("page", modes)
+    except BeamdaeError:
+        return [None] * len(numbers)
+    shares = np.linspace(0.0, 1.0, FRAMES_PER_PERIOD + 1)
+    period = np.exp(2j * np.pi * shares)
+    return [
+        export_frames(scenes.vibrating(number, period * phase), shares)
+        for number, phase in zip(numbers, phases or [1.0] * len(numbers), strict=True)
+    ]
 
 
 def _require_drawable(name: str, modes: Any) -> Mechanism:

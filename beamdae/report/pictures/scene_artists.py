@@ -37,7 +37,7 @@ _MARGIN = 0.05
 
 
 class LineStyle(NamedTuple):
-    """Appearance of a line: color, width [pt], dash pattern, fill of a closed line and its opacity."""
+    """Color, width [pt] and dash pattern of a line, fill and opacity of a closed one."""
 
     color: str
     width: float = 1.2

@@ -84,6 +84,8 @@ function drawChart(chart, width = chart.element.clientWidth) {
   Object.assign(chart, { spec, width });
   plot.style.height = `${size.height}px`;
   plot.setAttribute("aria-label", spec.label);
+  // A tooltip of a point that is no longer drawn would be an error.
+  instance.dispatchAction({ type: "hideTip" });
   instance.resize(size);
   const dataZoom = before || spec.x.names ? [] : listZooms(chart);
   instance.setOption({ ...describeChart(spec), dataZoom }, { replaceMerge: ["series", "visualMap"] });

@@ -1,6 +1,7 @@
 // Scatter plot of the cases, and map of a response over two parameters.
 
 const MAX_FAMILIES_IN_LEGEND = 8; // of families that follow a parameter, only the first and the last one are named
+const LABEL_SPACING = 0.1; // between labels on neighboring lines, relative to the lengths of the lines
 const POINT_SIZE = 11; // [px]
 const SELECTED_SIZE = 15; // [px]
 
@@ -68,7 +69,6 @@ function describeScatter() {
     lineStyle: { width: 1, type: [6, 4] },
     symbol: "none",
     silent: true,
-    endLabel: { show: true, formatter: "{a}", align: "right", verticalAlign: "bottom", color: themeColor("ink") },
     data: xs.map((value, k) => [value, ys[k]]),
   }));
   return {
@@ -80,6 +80,7 @@ function describeScatter() {
       ...present.map((family) => createPoints(family, cases.filter(isHollow), hollow(family))).filter(({ data }) => data.length),
       ...createSeriesLines(cases, place, isHollow),
       ...guides,
+      createGuideLabels(overlay.lines),
       createMarks(overlay.marks.map(({ label, x: u, y: v }) => [u, v, undefined, label])),
       ...(showsErrors ? [createResolutionLine(axes.y)] : []),
     ],
@@ -92,6 +93,16 @@ function describeScatter() {
       ...cases.map((run) => [run.label, ...place(run), ...(showsErrors ? [run.below ? "yes" : "no"] : [])]),
     ],
   };
+}
+
+// Labels on lines, which may have a common point, at places that are staggered from their right ends.
+function createGuideLabels(lines) {
+  const place = ({ x, y, label }, number) => {
+    const k = Math.max(Math.round((1 - LABEL_SPACING * (number + 0.5)) * x.length) - 1, 0);
+    return [x[k], y[k], undefined, label];
+  };
+  const { label, ...marks } = createMarks(lines.map(place));
+  return { ...marks, name: "labels", symbolSize: 0.1, label: { ...label, position: "inside", backgroundColor: themeColor("background") } };
 }
 
 // Line at the smallest error that the reference resolves.
