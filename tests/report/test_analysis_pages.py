@@ -258,7 +258,9 @@ def test_the_page_of_a_linear_model_has_poles_and_transfer_functions(damped, tmp
     # The force has no effect across the rail.
     assert cases["mass.y [m] / load.Fx [N]"]["curves"] is None
     # The largest magnitude is 1 / (2 zeta sqrt(1 - zeta^2)) of the static one.
-    assert case["values"]["largest magnitude"] == pytest.approx(0.005 / (0.2 * np.sqrt(0.99)), rel=1e-3)
+    assert case["values"]["largest magnitude"] == pytest.approx(
+        0.005 / (0.2 * np.sqrt(0.99)), rel=1e-3
+    )
     assert linear.page(tmp_path / "linear.html").stat().st_size > 10_000
 
 

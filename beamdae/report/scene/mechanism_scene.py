@@ -138,7 +138,7 @@ def _draw_body(drawing: Drawing, line: Array, builder: SceneBuilder) -> None:
         _draw_rigid_body(attachments, builder)
     elif drawing.kind == "point":
         row = builder.add_attachment(attachments[0])
-        builder.add_rigid("point", row, circle(_PARTICLE_RADIUS * builder.size))
+        builder.add_rigid("point", row, circle(_PARTICLE_RADIUS))
         builder.add_name(row)
     else:
         builder.add_curve(drawing.kind, line)
@@ -151,9 +151,9 @@ def _draw_rigid_body(attachments: Sequence[Attachment], builder: SceneBuilder) -
     points = points - points[0]
     if len(points) > 1:
         polygon = points[[*range(len(points)), *([0] if len(points) > 2 else [])]]
-        builder.add_rigid("rigid", row, polygon)
+        builder.add_rigid("rigid", row, polygon / builder.size)
     else:
-        builder.add_rigid("joint", row, circle(_SINGLE_POINT_RADIUS * builder.size))
+        builder.add_rigid("joint", row, circle(_SINGLE_POINT_RADIUS))
     arm, center = points.mean(axis=0), builder.pose(row).copy()
     c, s = np.cos(center[:, 2]), np.sin(center[:, 2])
     center[:, 0] += c * arm[0] - s * arm[1]
