@@ -18,7 +18,7 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, format_count
 from beamdae.report.campbell_page import build_campbell_page
 from beamdae.report.linear_page import build_linear_page
-from beamdae.report.page.page_content import PageContent
+from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import compute_row_limit, sample_evenly, select_curves
 from beamdae.report.page.page_file import write_page
 from beamdae.report.page_parts import (
@@ -71,7 +71,7 @@ def write_analysis_page(result: Any, path: Path, title: str | None = None) -> Pa
     return write_page(path, page if title is None else page | {"title": title})
 
 
-def build_path_page(equilibrium: Equilibrium, title: str) -> PageContent:
+def build_path_page(equilibrium: Equilibrium, title: str) -> Content:
     """Return the page of an equilibrium path, with its points in the place of times.
 
     One chart shows the load factor over an observed column, or this column over the quantity that
@@ -141,7 +141,7 @@ def _export_path_frames(equilibrium: Equilibrium) -> dict[str, Any] | None:
     return export_frames(scene, times, scale=scale)
 
 
-def build_modes_page(modes: Modes | Buckling, title: str) -> PageContent:
+def build_modes_page(modes: Modes | Buckling, title: str) -> Content:
     """Return the page content of natural or buckling modes: their table and their motion.
 
     The motion of each mode is one period without decay or growth, scaled to be visible.
@@ -165,7 +165,7 @@ def build_modes_page(modes: Modes | Buckling, title: str) -> PageContent:
     )
 
 
-def build_critical_loads_page(result: Boundary | KnockDown, title: str) -> PageContent:
+def build_critical_loads_page(result: Boundary | KnockDown, title: str) -> Content:
     """Return the page content of critical loads over a parameter or an imperfection.
 
     There is one case per point, without motion. Marks show the special points.
@@ -198,7 +198,7 @@ def build_critical_loads_page(result: Boundary | KnockDown, title: str) -> PageC
     )
 
 
-def build_periodic_page(motion: PeriodicMotion, title: str) -> PageContent:
+def build_periodic_page(motion: PeriodicMotion, title: str) -> Content:
     """Return the page content of a periodic motion: one period as a run, and its stability."""
     page = build_run_page(motion.solution, title, warnings=motion.warnings)
     amplitudes = motion.amplitudes()
@@ -210,7 +210,7 @@ def build_periodic_page(motion: PeriodicMotion, title: str) -> PageContent:
     return page | {"subtitle": subtitle, "tables": [*added, *tables]}
 
 
-def build_response_page(response: FrequencyResponse, title: str) -> PageContent:
+def build_response_page(response: FrequencyResponse, title: str) -> Content:
     """Return the page content of a response curve: one case per periodic motion along the curve.
 
     The scatter plot shows a half range over the parameter, with peaks marked and lines to unstable

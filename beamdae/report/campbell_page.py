@@ -9,7 +9,7 @@ import numpy as np
 from beamdae.analysis.linear_dynamics.campbell_diagram import Campbell
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.errors import format_count
-from beamdae.report.page.page_content import PageContent
+from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import sample_evenly
 from beamdae.report.page_parts import create_cases, describe_columns, describe_page, slider
 from beamdae.report.pictures.mode_shapes import (
@@ -28,7 +28,7 @@ _GUIDE_POINTS = 101
 _VIEW_MARGIN = 0.05  # of the frequencies shown first, relative to the largest one
 
 
-def build_campbell_page(diagram: Campbell, title: str) -> PageContent:
+def build_campbell_page(diagram: Campbell, title: str) -> Content:
     """Return the page content of a Campbell diagram: one case per mode and speed.
 
     The scatter plot shows the frequencies over the speed, with the multiples of the speed as lines

@@ -13,13 +13,13 @@ from beamdae.analysis.linear_dynamics.bode_diagram import (
 )
 from beamdae.analysis.linear_dynamics.linear_model import LinearModel
 from beamdae.errors import format_count
-from beamdae.report.page.page_content import PageContent
+from beamdae.report.page.page_content import Content
 from beamdae.report.page_parts import create_cases, describe_columns, describe_page, fact_table
 
 _MAX_VIBRATIONS, _MAX_DECAYS = 16, 8  # the slowest ones; growing ones are listed, too
 
 
-def build_linear_page(content: LinearModel | Bode, title: str) -> PageContent:
+def build_linear_page(content: LinearModel | Bode, title: str) -> Content:
     """Return the page content of a linear model: its poles and one case per transfer function.
 
     The charts show magnitude and phase over the frequency (Bode diagram).

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.report.page.page_content import PageCase, PageColumn, PageContent, PageTable
+from beamdae.report.page.page_content import Content
 from beamdae.results.columns import Header
 from beamdae.results.storage.files import versions
 
@@ -24,11 +24,11 @@ def describe_page(
     title: str,
     subtitle: str,
     warnings: Sequence[str],
-    tables: Sequence[PageTable] = (),
+    tables: Sequence[Content] = (),
     **entries: Any,
-) -> PageContent:
+) -> Content:
     """Return a page with one group, without tables that have no rows."""
-    content: dict[str, Any] = {
+    return {
         "title": title,
         "subtitle": subtitle,
         "made": versions(),
@@ -37,14 +37,13 @@ def describe_page(
         "tables": [table for table in tables if table["rows"]],
         **entries,
     }
-    return PageContent(**content)  # type: ignore[typeddict-item]
 
 
 def describe_columns(
     label: str, table: pd.DataFrame, units: Mapping[str, str] | None = None
-) -> list[PageColumn]:
+) -> list[Content]:
     """Return the columns of the cases, whose label has the header `label`."""
-    columns: list[PageColumn] = [{"key": "label", "label": label, "unit": "", "kind": "text"}]
+    columns: list[Content] = [{"key": "label", "label": label, "unit": "", "kind": "text"}]
     for name in map(str, table):
         unit = (units or {}).get(name, Header.of(name).unit)
         kind = "number" if table[name].dtype.kind in _NUMBERS else "text"
@@ -55,23 +54,23 @@ def describe_columns(
 
 def create_cases(
     table: pd.DataFrame, labels: Sequence[str], *entries: Mapping[str, Any], **common: Any
-) -> list[PageCase]:
+) -> list[Content]:
     """Return a case for each row of a table, with further entries of each or common to all."""
     rows = table.replace({np.nan: None}).to_dict("records")
-    further = entries or [{}] * len(rows)
+    further: Sequence[Mapping[str, Any]] = entries or [{}] * len(rows)
     return [
         {"id": str(k), "group": GROUP, "label": label, "rank": k, "values": row, **common, **entry}
         for k, (label, row, entry) in enumerate(zip(labels, rows, further, strict=True))
     ]
 
 
-def fact_table(title: str, facts: Mapping[str, Any], section: str = "results") -> PageTable:
+def fact_table(title: str, facts: Mapping[str, Any], section: str = "results") -> Content:
     """Return a table of facts by topic, without those that have no text."""
     rows = [[topic, str(text)] for topic, text in facts.items() if text not in ("", None)]
     return {"title": title, "rows": rows, "section": section}
 
 
-def export_table(title: str, table: ResponsiveTable, section: str = "results") -> PageTable:
+def export_table(title: str, table: ResponsiveTable, section: str = "results") -> Content:
     """Return a table of the terminal as a table of facts of the page."""
     head, *rows = (list(row) for row in table.texts)
     return {"title": title, "head": head, "rows": rows, "section": section}

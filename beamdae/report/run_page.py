@@ -7,7 +7,7 @@ from datetime import datetime
 from typing import Any
 
 from beamdae.equations.measures import TIME
-from beamdae.report.page.page_content import PageCase, PageContent, PageTable
+from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page_parts import export_table, fact_table
 from beamdae.report.pictures.time_plots import PlotSelection, find_time_window
@@ -31,7 +31,7 @@ def build_run_page(
     errors: Mapping[str, Any] | None = None,
     warnings: Sequence[str] | None = None,
     charts: PlotSelection | None = None,
-) -> PageContent:
+) -> Content:
     """Return the page content of a run for `beamdae.report.page.page_file.write_page`.
 
     Parameters
@@ -87,7 +87,7 @@ def build_run_page(
     }
 
 
-def _list_measured(charts: PlotSelection, limit: int) -> list[PageCase]:
+def _list_measured(charts: PlotSelection, limit: int) -> list[Content]:
     """Return a case for the measured values of each column and experiment."""
     return [
         {
@@ -105,7 +105,7 @@ def _list_measured(charts: PlotSelection, limit: int) -> list[PageCase]:
 
 def _build_tables(
     solution: Solution, columns: Mapping[str, Any], errors: Mapping[str, Any] | None
-) -> list[PageTable]:
+) -> list[Content]:
     facts = terminal.run_facts(solution.summary(), solution.integrator)
     if (reached := accuracy_of(solution)) is not None:
         facts["accuracy"] = reached.sentence
@@ -135,7 +135,7 @@ def _build_tables(
 
 def _build_observed_table(
     solution: Solution, columns: Mapping[str, Any], errors: Mapping[str, Any] | None
-) -> PageTable:
+) -> Content:
     """Return extremes and errors of the observed columns; derivatives have no errors."""
     observed = {name: columns[name] for name in observed_columns(columns)}
     table = export_table("Observed", terminal.range_table(observed, steps=solution.step_extremes))

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.equations.measures import TIME
-from beamdae.report.page.page_content import PageCase, PageContent, PageGroup
+from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.results.columns import Header
 from beamdae.results.storage.files import versions
@@ -71,7 +71,7 @@ def create_study_page(
     extra_columns: pd.DataFrame | None = None,
     with_curves: set[int] | None = None,
     is_stored: bool = True,
-) -> PageContent:
+) -> Content:
     """Return the page data of a study for `beamdae.report.page.page_file.write_page`.
 
     Parameters
@@ -171,13 +171,13 @@ def _create_notes(results: StudyResults) -> list[str]:
     return [*results.describe_warnings(), *notes]
 
 
-def _create_groups(results: StudyResults, group_without_reference: str) -> list[PageGroup]:
+def _create_groups(results: StudyResults, group_without_reference: str) -> list[Content]:
     """Return the groups whose errors are computed and, if needed, one group for all other cases."""
     frames: dict[str, Any] = {}
     for case, group in zip(results.study.cases, results.table["group"], strict=True):
         # Only references record frames, which are valid for all runs of the same mechanism.
         frames[group] = frames.get(group) or results.frames_of(case)
-    groups: list[PageGroup] = [
+    groups: list[Content] = [
         _create_group(name, reference, frames[name])
         for name, reference in results.references.items()
     ]
@@ -192,7 +192,7 @@ def _create_groups(results: StudyResults, group_without_reference: str) -> list[
     return groups
 
 
-def _create_group(group: str, reference: Reference, frames: dict[str, Any] | None) -> PageGroup:
+def _create_group(group: str, reference: Reference, frames: dict[str, Any] | None) -> Content:
     accepted = reference.table is not None
     return {
         "id": group,
@@ -216,10 +216,10 @@ def _create_cases(
     is_labeled_by_tag: bool,
     with_curves: set[int],
     is_stored: bool,
-) -> list[PageCase]:
+) -> list[Content]:
     study, ranks = results.study, _rank_cases(results.study)
     max_rows = _max_rows_per_case(results, with_curves)
-    cases: list[PageCase] = []
+    cases: list[Content] = []
     for k, (case, row) in enumerate(zip(study.cases, table.to_dict("records"), strict=True)):
         group = str(row["group"])
         has_reference = group in results.references

@@ -49,7 +49,7 @@ def select_curves(
     Returns
     -------
     dict or None
-        Curves by panel, see `page_content.Curves`. None if the table has fewer than two rows.
+        Curves by panel, see `page_content`. None if the table has fewer than two rows.
     """
     t = np.asarray(columns[TIME], float)
     if len(t) < 2:

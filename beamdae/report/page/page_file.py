@@ -12,7 +12,7 @@ from typing import Any
 
 from beamdae.errors import BeamdaeError
 from beamdae.report.option_names import name_options
-from beamdae.report.page.page_content import PageContent
+from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_data import encode
 from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.report.text import make_printable
@@ -47,7 +47,7 @@ _PAGE_DEFAULTS: dict[str, Any] = {
 }
 
 
-def write_page(path: Path, page: PageContent) -> Path:
+def write_page(path: Path, page: Content) -> Path:
     """Write tables, charts and animations of runs to one HTML file that opens offline.
 
     Parameters
@@ -55,7 +55,7 @@ def write_page(path: Path, page: PageContent) -> Path:
     path
         Path of the HTML file.
     page
-        Content of the page; see `PageContent`.
+        Content of the page; see `page_content`.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def fill_template(
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
 
 
-def _complete_page(content: PageContent) -> dict[str, Any]:
+def _complete_page(content: Content) -> dict[str, Any]:
     """Return the content with default entries, after a check of the ids."""
     page = {**_PAGE_DEFAULTS, **content}
     for kind, defaults in (
@@ -130,7 +130,8 @@ def _complete_page(content: PageContent) -> dict[str, Any]:
                 f"{case.get('group')!r}; add the group or correct the name."
             )
     if "featured" not in page:
-        curves = (x["curves"] for x in page["cases"] if x["curves"] and not x.get("points"))
-        page["featured"] = characteristic_columns(next(curves, {}).get("observed", {}))
+        runs = [x["curves"] for x in page["cases"] if x["curves"] and not x.get("points")]
+        observed = runs[0].get("observed", {}) if runs else {}
+        page["featured"] = characteristic_columns(observed)
     page["notes"] = [name_options(sentence) for sentence in page["notes"]]
     return page

@@ -23,7 +23,6 @@ from beamdae.report.pictures.figures import (
     format_axis,
     wrap_title,
 )
-from beamdae.report.pictures.label_placement import LineLabel, label_lines
 from beamdae.report.pictures.run_animation import MAX_FRAMES
 from beamdae.report.pictures.scene_artists import (
     SceneArtists,
@@ -231,30 +230,39 @@ def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -
     frequencies = diagram.frequencies[order]
     highest = 1.05 * choose_frequency_limit(diagram) or 1.0
     revolutions = np.abs(diagram.speeds[order]) / (2.0 * np.pi)
-    labels: list[LineLabel] = []
     for multiple in diagram.multiples:
         line = multiple * revolutions
         axis.plot(speeds, line, color="0.6", lw=0.8, ls=(0, (4, 3)))
-        # From the right end, where the lines are farthest apart.
-        path = np.column_stack([speeds, line])[::-1]
-        labels.append(LineLabel(path, f"{multiple}\u00d7", "0.4", is_beside=False))
+        # Where the line leaves the picture.
+        k = int(np.flatnonzero(line <= highest)[-1])
+        axis.annotate(f"{multiple}\u00d7", (speeds[k], line[k]), color="0.4", **_LABEL)
     is_hidden = find_overdamped(diagram) | (np.min(frequencies, axis=0) > highest)
     for k in np.flatnonzero(~is_hidden).tolist():
-        values = frequencies[:, k]
-        color = COLORS[k % len(COLORS)]
-        axis.plot(speeds, values, color=color, lw=1.4, marker=".", ms=4)
-        path = np.column_stack([speeds, values])
-        labels.append(LineLabel(path, f"mode {k + 1}", color, is_beside=True))
+        style: dict[str, Any] = {
+            "color": COLORS[k % len(COLORS)],
+            "lw": 1.4,
+            "marker": ".",
+            "ms": 4,
+        }
+        axis.plot(speeds, frequencies[:, k], label=f"mode {k + 1}", **style)
     resonances = diagram.resonances()[["speed [rad/s]", "frequency [Hz]"]].to_numpy(float)
-    marks = resonances / [diagram.speed_factor, 1.0]
-    axis.plot(*marks.T, "o", color="0.2", mfc="none", ms=7)
+    axis.plot(*(resonances / [diagram.speed_factor, 1.0]).T, "o", color="0.2", mfc="none", ms=7)
     format_axis(axis, "", "frequency [Hz]")
     axis.set_ylim(0.0, highest)
     axis.set_xlabel(f"speed [{diagram.speed_unit}]")
+    if not is_hidden.all():
+        figure.legend(loc="outside right upper", frameon=False, fontsize=8)
     disable_math_text(figure)
-    points = np.column_stack([np.repeat(speeds, frequencies.shape[1]), frequencies.ravel()])
-    label_lines(axis, labels, np.vstack([points, marks]))
     return figure
+
+
+_LABEL: dict[str, Any] = {
+    "xytext": (-3.0, 3.0),
+    "textcoords": "offset points",
+    "ha": "right",
+    "fontsize": 8,
+    "parse_math": False,
+}
 
 
 def _create_figure(size: tuple[float, float], title: str) -> Figure:

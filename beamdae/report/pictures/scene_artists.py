@@ -135,8 +135,8 @@ class SceneArtists:
         return self._axis.plot([], [], **looks, zorder=order, solid_capstyle="round")[0]
 
     def _colors_of(self, glyph: Glyph) -> BeamColors | None:
-        is_colored = self._colors is not None and glyph.kind.startswith("beam")
-        return self._colors if is_colored and glyph.part in self._colors.values else None
+        values = {} if self._colors is None else self._colors.values
+        return self._colors if glyph.kind.startswith("beam") and glyph.part in values else None
 
     def show(self, frame: int) -> list[Artist]:
         """Update all artists to a frame and return them."""

@@ -144,7 +144,10 @@ def draw_translational_driver(part: TranslationalDriver, builder: SceneBuilder) 
     """Draw an arrow in the direction of the driver."""
     a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     row = builder.add_pose(np.column_stack([builder.pose(b)[:, :2], builder.pose(a)[:, 2]]))
-    shaft, tip = [(0.0, 0.0), (0.8 * _SHAFT_LENGTH, 0.0)], np.add(arrow_head(), (_SHAFT_LENGTH, 0.0))
+    shaft, tip = (
+        [(0.0, 0.0), (0.8 * _SHAFT_LENGTH, 0.0)],
+        np.add(arrow_head(), (_SHAFT_LENGTH, 0.0)),
+    )
     builder.add_rigid("driver", row, align_points(shaft, part.direction))
     builder.add_rigid("driver tip", row, align_points(tip, part.direction))
     return b

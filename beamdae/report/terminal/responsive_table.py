@@ -131,11 +131,13 @@ class ResponsiveTable:
             if column.sentences:
                 table.add_column(Text(column.header), overflow="fold")
             else:
-                looks = {"no_wrap": True, "min_width": widths[column]}
-                table.add_column(Text(column.header), justify="right", **looks)
+                width = widths[column]
+                table.add_column(
+                    Text(column.header), justify="right", no_wrap=True, min_width=width
+                )
         for k, (label, *_) in enumerate(self.rows):
-            texts = (Text(cells[column][k + 1]) for column in shown)
-            table.add_row(Text(shorten_to_cells(label, first_width)), *texts)
+            row = (Text(cells[column][k + 1]) for column in shown)
+            table.add_row(Text(shorten_to_cells(label, first_width)), *row)
         yield table
         omitted = [column.title for column in self.columns if column not in shown]
         remedy = " or ".join(filter(None, ("a wider terminal", self.elsewhere)))

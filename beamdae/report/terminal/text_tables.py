@@ -292,7 +292,7 @@ def sweep_table(
     for name in outputs:
         column, unit = split_unit(name)
         kinds[name] = unit if unit not in ("", "-") else column.rpartition(" ")[0] or column
-    largest = sizes.max().groupby(kinds).max().to_dict()
+    largest = sizes.max().groupby(kinds.__getitem__).max().to_dict()
     largest["rad"] = max(largest.get("rad", 0.0), 1.0)
     limits = {name: _ROUNDING * largest[kind] for name, kind in kinds.items()}
     if shown := [x for x in outputs if (sizes[x] > limits[x]).any()]:
@@ -385,7 +385,7 @@ def modes_table(table: pd.DataFrame) -> ResponsiveTable:
     masses = [name for name in map(str, table) if name.startswith("effective mass")]
     ranks = {"damping ratio [-]": 2, "growth rate [1/s]": 3, "kind": 1, "moves": 1}
     ranks |= {name: 4 + k for k, name in enumerate(masses)}
-    digits = dict.fromkeys(table, 3) | {"frequency [Hz]": 6}
+    digits = dict.fromkeys(map(str, table), 3) | {"frequency [Hz]": 6}
     names = ["mode", "frequency [Hz]", "damping ratio [-]", "growth rate [1/s]", *masses]
     return table_of(table[[*names, "kind", "moves"]], ranks=ranks, digits=digits)
 
