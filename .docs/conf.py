@@ -64,7 +64,10 @@ nitpick_ignore_regex = [("py:class", r"(?!beamdae\.[A-Z]).*"), ("py:obj", r"(?!b
 suppress_warnings = ["toc.empty_glob"]
 
 # Members of these protocols are documented once, on the page of the protocol.
-_PROTOCOLS = {bd.Part: ["multipliers", "reactions", "constraint", "observed"], bd.Integrator: []}
+_PROTOCOLS = {
+    bd.Part: ["multipliers", "reactions", "constraint", "observed"],
+    bd.results.Integrator: [],
+}
 autosummary_generate = True
 autosummary_context = {
     "hidden": {

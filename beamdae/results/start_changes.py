@@ -96,9 +96,7 @@ def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
     return replace(summary, warning=warning)
 
 
-def drawing_warnings(
-    e: EquationsOfMotion, time: Array, q: Array | None = None, request: str = EQUILIBRIUM
-) -> tuple[str, ...]:
+def drawing_warnings(e: EquationsOfMotion, time: Array) -> tuple[str, ...]:
     """Return `StartSummary.warning` of an analysis that begins with the drawing, if any.
 
     Parameters
@@ -107,10 +105,6 @@ def drawing_warnings(
         Equations of the active parts, with independent constraints and the drawing as start.
     time
         (t, branch).
-    q
-        Positions (n,) that the analysis has reached. None to examine only the drawing.
-    request
-        Name of the state at `q`.
     """
     # Imported here because runs do not need it.
     from beamdae.equations.formulations.static_equations import StaticEquations
@@ -122,8 +116,8 @@ def drawing_warnings(
         closed_q = ConsistencySolver(e).close_positions(time, e.q0)
     # At other times, drivers have left their positions in the drawing.
     drawn_q = e.q0 if time[0] == 0.0 else closed_q
-    start = Start(request, drawn_q, rest, False, closed_q)
-    state = State(closed_q if q is None else q, rest, rest, np.zeros(e.m))
+    start = Start(EQUILIBRIUM, drawn_q, rest, False, closed_q)
+    state = State(closed_q, rest, rest, np.zeros(e.m))
     return tuple(filter(None, (compare_start(replace(e, start=start), state).warning,)))
 
 

@@ -394,7 +394,7 @@ def loaded_bar(height=0.01, load=-10.0):
 @pytest.mark.slow(reason="kernels of derivatives are compiled")
 def test_bound_of_the_largest_stress_is_differentiated_in_runs():
     method = bd.GeneralizedAlpha(step=1e-3, newton_tolerance=1e-10)
-    objective = bd.SmoothMaximum("stress.bound")
+    objective = bd.quantities.SmoothMaximum("stress.bound")
     by_load = bd.gradient(loaded_bar, objective, "load", method, estimate_error=False)
     one, other = (objective.value(bd.simulate(loaded_bar(load=x), method)) for x in (-9.99, -10.01))
     assert by_load.derivatives["load"] == pytest.approx((one - other) / 0.02, rel=1e-5)

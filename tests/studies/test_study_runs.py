@@ -19,7 +19,7 @@ ALPHA = bd.GeneralizedAlpha(step=5e-3)
 
 def sweep(*values, **settings):
     cases = tuple(bd.Case(swing, x, ALPHA) for x in values)
-    return bd.Study("sweep", cases, references=(), **settings)
+    return bd.results.Study("sweep", cases, references=(), **settings)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def run(tmp_path):
     folders = map(str, count())
 
     def run(cases, **settings):
-        study = bd.Study("mixed", tuple(cases), **settings)
+        study = bd.results.Study("mixed", tuple(cases), **settings)
         return run_study(study, tmp_path / next(folders), SerialPool())
 
     return run
@@ -95,7 +95,7 @@ def test_regression_different_parameters_with_equal_labels_are_different_groups(
 @pytest.mark.slow(reason="half a second")
 def test_study_with_errors_of_some_cases(tmp_path):
     cases = [*MIXED, bd.Case(swing, {"mass": -1.0}, ALPHA)]
-    results = run_study(bd.Study("mixed", tuple(cases)), tmp_path, SerialPool())
+    results = run_study(bd.results.Study("mixed", tuple(cases)), tmp_path, SerialPool())
     assert list(results.table["error bound [-]"].notna()) == [False, True, True, False]
     assert not results.table["below resolution"][[0, 3]].any()
     assert set(results.summary["group"]) <= {"swing(mass=2.0)"}
@@ -137,7 +137,7 @@ def test_study_with_errors_of_some_cases(tmp_path):
 def test_study_without_references_has_no_errors_and_no_summary(masses, settings, tmp_path):
     """Groups of a single run need no reference."""
     cases = tuple(bd.Case(swing, {"mass": mass}, ALPHA) for mass in masses)
-    results = run_study(bd.Study("pair", cases, **settings), tmp_path, SerialPool())
+    results = run_study(bd.results.Study("pair", cases, **settings), tmp_path, SerialPool())
     assert len(results.outcomes) == len(set(masses))
     assert list(results.table["status"]) == ["ok" if mass > 0.0 else "failed" for mass in masses]
     assert "error [-]" not in results.table
@@ -170,12 +170,6 @@ def test_page_without_references_has_one_group_and_the_curves_of_the_first_cases
     assert page["cases"][0]["label"] == f"swing(mass=1.0), {ALPHA.label}"
     has_curves = [case["curves"] is not None for case in page["cases"]]
     assert has_curves == [True, False, True, True, False, False]
-    blocks = [case.get("block") for case in page["cases"]]
-    assert blocks == [None, None, None, None, 0, 0]
-    assert page["notes"] == [
-        "The curves of 2 of 6 cases are in a folder beside this page, which loads them when you "
-        "select the cases."
-    ]
     assert page["groups"][0]["reference"] is None
 
 
