@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
@@ -156,7 +157,8 @@ def _select_by_name(
         matches = [header for header in headers if reading(header) == name]
         if matches:
             return [header for header in matches if header in preferred] or matches
-    shown = list(map(remove_unit, headers))
+    text, shown = as_text(name) or "", list(map(remove_unit, headers))
+    shown = difflib.get_close_matches(text, shown, max(len(shown), 1), cutoff=0.0)
     # Headers last, for names with another unit.
     known_names = list(dict.fromkeys(x(h) for x in (*readings[1:], readings[0]) for h in headers))
     raise BeamdaeError(

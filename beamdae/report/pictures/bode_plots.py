@@ -42,9 +42,9 @@ def create_bode_figure(diagram: Bode, title: str = "") -> Figure:
     figure = draw_panels(panels, title, what="panels", x_label="frequency [Hz]")
     for axis in figure.axes:
         format_ticks(axis.xaxis)
-    for magnitude, phase in zip(figure.axes[::2], figure.axes[1::2], strict=True):
-        phase.locator_params(axis="y", steps=_PHASE_STEPS)
-        _widen_ranges(magnitude, phase)
+    for upper, lower in zip(figure.axes[::2], figure.axes[1::2], strict=True):
+        lower.locator_params(axis="y", steps=_PHASE_STEPS)
+        _widen_ranges(upper, lower)
     return figure
 
 

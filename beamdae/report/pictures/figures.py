@@ -245,8 +245,8 @@ def draw_panels(
         for x, y, style in panel.lines:
             shown = mask_huge_values({"x": x, "y": y})
             # A line through a single point would be invisible.
-            point = {"marker": "o", "ms": 4} if len(shown["x"]) == 1 else {}
-            axis.plot(shown["x"], shown["y"], **(point | dict(style)))
+            looks: dict[str, Any] = {"marker": "o", "ms": 4} if len(shown["x"]) == 1 else {}
+            axis.plot(shown["x"], shown["y"], **(looks | dict(style)))
         axis.set(xscale=panel.scales[0], yscale=panel.scales[1])
         format_axis(axis, shorten_text(panel.title, _PANEL_TITLE_LETTERS), panel.label)
         if panel.abscissa is not None:

@@ -171,40 +171,25 @@ function drawMap() {
     drawMap();
   };
   const title = html("label", {}, "of ", createSelect("response of the map", responses, response, choose, (quantity) => quantity.title));
-  byId("map-title").replaceChildren(html("h2", {}, "Map"), title, ...outerAxes().map(createPlaneSelect));
+  byId("map-title").replaceChildren(html("h2", {}, "Map"), title, html("span", {}, describePlane()));
   createChart("map", () => describeMap(response), byId("map-plot"));
 }
 
-// Parameters that are not axes of the map.
-function outerAxes() {
-  return page.sliders.map((_, axis) => axis).filter((axis) => !page.map.includes(axis));
+// Cases of the map: the parameters that are not its axes have the values of the case next to the position.
+function planeCases() {
+  const axes = page.sliders.map((_, axis) => axis).filter((axis) => !page.map.includes(axis));
+  const plane = nearestCase({ at: state.position }, groupCases(), axes).at;
+  return { axes, plane, cases: groupCases().filter((run) => axes.every((axis) => run.at[axis] === plane[axis])) };
 }
 
-// Values of the parameters outside the map next to the position, as indices. Sweeps may lack some combinations.
-function findPlane() {
-  return nearestCase({ at: state.position }, groupCases(), outerAxes()).at;
-}
-
-function formatParameter({ unit, values }, k) {
-  return [formatValue(values[k]), unit === "-" ? "" : unit].join(" ").trim();
-}
-
-function createPlaneSelect(axis) {
-  const { label } = page.sliders[axis];
-  const nodes = removeDuplicates(groupCases().map((run) => run.at[axis])).sort((a, b) => a - b);
-  const options = nodes.map((node) => ({ node, label: formatParameter(page.sliders[axis], node) }));
-  const choose = ({ node }) => {
-    state.position[axis] = node;
-    showPosition();
-  };
-  const current = options.find(({ node }) => node === findPlane()[axis]);
-  return html("label", {}, `at ${label} = `, createSelect(`${label} of the map`, options, current, choose));
+function describePlane() {
+  const { axes, plane } = planeCases();
+  return axes.map((axis) => ` at ${page.sliders[axis].label} = ${formatValue(page.sliders[axis].values[plane[axis]])}`).join("");
 }
 
 function describeMap(response) {
   const [i, j] = page.map;
-  const plane = findPlane();
-  const cases = groupCases().filter((run) => outerAxes().every((axis) => run.at[axis] === plane[axis]));
+  const { cases } = planeCases();
   const titles = page.map.map((axis) => titleOf(page.sliders[axis]));
   const axisOf = (axis, k) => ({ title: titles[k], names: page.sliders[axis].values.map((value) => formatValue(value)) });
   const valueOf = (run) => (hasFailed(run) ? null : response.value(run));
@@ -218,10 +203,9 @@ function describeMap(response) {
     itemStyle: { borderColor: themeColor("background"), borderWidth: 1 },
     data: cases.filter((run) => Number.isFinite(valueOf(run)) === isKnown).map((run) => [run.at[i], run.at[j], run.id, undefined, valueOf(run) ?? 0]),
   });
-  const at = outerAxes().map((axis) => ` at ${page.sliders[axis].label} = ${formatParameter(page.sliders[axis], plane[axis])}`).join("");
   return {
-    name: `map of ${response.title}${at}`,
-    label: `${response.title} over ${page.sliders[i].label} and ${page.sliders[j].label}${at}, one cell per case`,
+    name: `map of ${response.title}${describePlane()}`,
+    label: `${response.title} over ${page.sliders[i].label} and ${page.sliders[j].label}${describePlane()}, one cell per case`,
     x: axisOf(i, 0),
     y: axisOf(j, 1),
     series: [createCells(true), createCells(false)],
