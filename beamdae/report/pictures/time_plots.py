@@ -170,9 +170,9 @@ def _create_figure(
                 lines.append((np.asarray(table[x])[:1], np.asarray(table[y])[:1], start))
         measured = points.get(column, {})
         is_dense = sum(len(values) for _, values in measured.values()) > _MAX_DATA_MARKERS
-        for experiment, (x, y) in measured.items():
+        for experiment, (u, v) in measured.items():
             style = markers[experiment]
-            lines.append((x, y, _as_dots(style) if is_dense else style))
+            lines.append((u, v, _as_dots(style) if is_dense else style))
         over = None if abscissa == TIME else (abscissa, column)
         panels.append(Panel(remove_unit(column), f"[{Header.of(column).unit}]", lines, over))
     entries: dict[str, dict[str, Any]] = dict(styles) if len(tables) > 1 or points else {}
@@ -182,8 +182,9 @@ def _create_figure(
             label = f"measured {label}"  # A run has this label.
         entries[label] = marker
     figure = draw_panels(panels, title, entries, x_label=TIME if abscissa == TIME else None)
-    for axis in figure.axes if window is not None else ():
-        axis.set_xlim(*window)
+    if window is not None:
+        for axis in figure.axes:
+            axis.set_xlim(*window)
     return figure
 
 
