@@ -19,7 +19,7 @@ from beamdae.report.pictures.scene_artists import (
     create_norm,
     padded_extent,
 )
-from beamdae.report.scene.beam_colors import BeamColors, available_colors, compute_beam_colors
+from beamdae.report.scene.beam_colors import BeamColors, available_colors
 from beamdae.report.scene.frame_export import export_frames
 from beamdae.report.scene.run_scene import build_run_scene, choose_run_scale, frame_times
 from beamdae.report.scene.scene import Scene
@@ -72,7 +72,7 @@ def animate(
         low, high = scene.extent()
         width, height = (high - low).tolist()
         return build_motion_player(data, (width, height), "", speed, color is not None)
-    colors = None if color is None else compute_beam_colors("animate", solution, color, times)
+    colors = None if color is None else available_colors(solution, times, color)[0]
     captions = _format_captions(times, speed, factor, scene.caption)
     return _save(path, scene, colors, captions, rate)
 
