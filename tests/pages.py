@@ -203,7 +203,6 @@ def sweep_page(without=()):
             {"label": "speed", "unit": "rad/s", "values": list(SPEEDS)},
             {"label": "height", "unit": "m", "values": list(HEIGHTS)},
         ],
-        "map": [0, 1],
         "sequential": True,
         "cases": cases,
     }

@@ -1,16 +1,12 @@
-"""The page of a sweep in a browser: sliders, map, colors, and cases without curves."""
+"""The page of a sweep in a browser: sliders, colors, and cases without curves."""
 
 import re
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 from pages import (
-    click_point,
-    find_point,
     find_row,
     list_lines,
-    read_tooltip,
     sweep_page,
 )
 
@@ -58,83 +54,6 @@ def test_a_selected_case_moves_the_sliders(show):
     assert tab.inner_text("#shown") == "speed=4, height=0.3"
 
 
-def scale_limits(tab):
-    """Return the limits of the color scale of the map."""
-    return tab.evaluate("(({min, max}) => [min, max])(state.charts.get('map').spec.visualMap[0])")
-
-
-def test_the_map_colors_cells_and_selects_cases(show):
-    tab = show(sweep_page())
-    fills = tab.locator("[data-chart=map] svg path").evaluate_all(
-        "all => all.map((cell) => cell.getAttribute('fill'))"
-    )
-    assert len(set(fills)) >= 9
-    assert scale_limits(tab) == [0.0, 22.0]
-    tab.click("#clear")
-    click_point(tab, 5, "map")
-    assert find_row(tab, 5).locator("input").is_checked()
-    tab.mouse.move(*find_point(tab, 5, "map"))
-    assert "speed=2, height=0.3 tip.y max [m]: 12" in read_tooltip(tab).replace("\n", " ")
-    tab.get_by_label("response of the map").select_option("speed [rad/s]")
-    assert scale_limits(tab) == [1.0, 4.0]
-
-
-def three_parameter_page():
-    """Return the sweep over speed and height at two masses, whose responses differ by 100."""
-    page = sweep_page()
-    page["sliders"].append({"label": "mass", "unit": "kg", "values": [0.5, 2.0]})
-    cases = page["cases"]
-    page["cases"] = [
-        case
-        | {
-            "id": f"case {k + 9 * m}",
-            "label": f"{case['label']}, mass={mass:g}",
-            "at": [*case["at"], m],
-            "values": case["values"] | {"tip.y max [m]": 100.0 * m + k},
-        }
-        for m, mass in enumerate((0.5, 2.0))
-        for k, case in enumerate(cases)
-    ]
-    return page
-
-
-@pytest.mark.slow(reason="opens two pages")
-def test_the_map_of_three_parameters_follows_the_position_and_the_keyboard(show):
-    tab = show(three_parameter_page())
-    assert tab.inner_text("#map-title").endswith("at mass = 0.5")
-    assert scale_limits(tab) == [0.0, 8.0]
-    slide(tab, 2, 1)
-    assert tab.inner_text("#map-title").endswith("at mass = 2")
-    assert scale_limits(tab) == [100.0, 108.0]
-    assert "at mass = 2" in tab.locator("#map .plot").get_attribute("aria-label")
-
-    # Without a motion, the map follows the selected case.
-    page = three_parameter_page()
-    for case in page["cases"]:
-        case["frames"] = None
-    tab = show(page)
-    tab.click("#clear")
-    find_row(tab, 13).locator("td.label").click()
-    assert plane_cells(tab) == [f"case {k}" for k in range(9, 18)]
-    find_row(tab, 3).locator("td.label").click()
-    assert plane_cells(tab) == [f"case {k}" for k in range(9)]
-    tab.click("#clear")
-    # Arrow keys visit the cells, and Enter selects one.
-    tab.locator("[data-chart=map] .plot").focus()
-    tab.keyboard.press("ArrowRight")
-    tab.keyboard.press("ArrowRight")
-    tab.keyboard.press("Enter")
-    assert find_row(tab, 1).locator("input").is_checked()
-
-
-def plane_cells(tab):
-    """Return the cases of the map in ascending order."""
-    cells = tab.evaluate(
-        "state.charts.get('map').spec.series.flatMap(({data}) => data.map(([, , id]) => id))"
-    )
-    return sorted(cells, key=lambda name: int(name.split()[1]))
-
-
 def test_a_case_without_curves_says_why_and_names_the_nearest(show):
     tab = show(sweep_page(without={4}))
     tab.click("#clear")
@@ -154,8 +73,8 @@ def test_regression_a_measured_sweep_opens_on_its_responses(show):
     tab = show(page)
     assert not tab.locator("#top").is_visible()
     assert "has curves" not in tab.inner_text("main")
-    charts = [tab.locator(f"[data-chart={key}]").bounding_box() for key in ("scatter", "map")]
-    assert all(chart["y"] + chart["height"] < 768 for chart in charts)
+    chart = tab.locator("[data-chart=scatter]").bounding_box()
+    assert chart["y"] + chart["height"] < 768
 
 
 def test_of_many_families_the_legend_names_the_first_and_the_last(show):

@@ -27,7 +27,7 @@ and those of columns are optional. A page contains
 - `families` that have the first colors, also if some do not occur; `sequential` if families follow
   a parameter, so that their colors form a sequence.
 - `sliders` of swept parameters: `label`, `unit` and `values`. They select the motion of the nearest
-  case with `frames`. `map` contains the two sliders that are the axes of a map of a response.
+  case with `frames`.
 - `time`: `name` and `unit` of the quantity in the place of the time, `log` for a logarithmic axis.
 - `portrait`: columns `x` and `y` of a chart of one over the other, and `marks`: `t` and `label`.
 - `featured`: observed columns that are listed first; by default those that characterize the motion.

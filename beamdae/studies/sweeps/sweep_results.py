@@ -470,7 +470,7 @@ def _choose_response(swept: SweepResults, numeric: set[str]) -> str | None:
 
 
 def _add_motion(content: Content, swept: SweepResults, grid: ParameterGrid) -> None:
-    """Add the sliders of the varied parameters, the map and the recorded motions to a page."""
+    """Add the sliders of the varied parameters and the recorded motions to a page."""
     units = swept.sweep.units
     content["sliders"] = [
         {
@@ -480,18 +480,8 @@ def _add_motion(content: Content, swept: SweepResults, grid: ParameterGrid) -> N
         }
         for axis in grid.axes
     ]
-    if len(grid.axes) > 1:
-        content["map"] = _choose_map_axes(swept, grid)
     content["sequential"] = all(axis.is_numeric for axis in grid.axes)
     cases = zip(content["cases"], swept.sweep.cases, grid.positions.tolist(), strict=True)
     for entry, case, position in cases:
         frames = swept.results.outcome(case).frames
         entry |= {"at": position, "frames": frames if frames and frames["glyphs"] else None}
-
-
-def _choose_map_axes(swept: SweepResults, grid: ParameterGrid) -> list[int]:
-    """Return the horizontal and vertical axis of the map: those with the most values."""
-    names = [axis.name for axis in grid.axes]
-    x = names.index(choose_axis(swept.sweep, swept.table))
-    others = [k for k in range(len(names)) if k != x]
-    return [x, max(others, key=lambda k: len(grid.axes[k].values))]

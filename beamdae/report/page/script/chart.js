@@ -19,11 +19,9 @@ const LEGEND_HEIGHT = 24; // [px]
  *
  * `describe` is a function that returns
  *   name, label      name of exported files, label for screen readers
- *   x, y             axes: title, log, isCount (whole numbers), step (ticks are its multiples), names (of categories),
- *                    isTime (ends at the data)
+ *   x, y             axes: title, log, isCount (whole numbers), step (ticks are its multiples), isTime (ends at the data)
  *   hasCursor        true if the tooltip reads all series at a value of x, otherwise it describes points
  *   series           series of ECharts, with data in the units of the axes: x, y, and of points their case and time
- *   visualMap        optional color scale of ECharts
  *   legend           optional, names of the series in the legend
  *   height           function of the width
  *   read             function of entries of ECharts under the pointer that returns the content of the tooltip
@@ -87,8 +85,8 @@ function drawChart(chart, width = chart.element.clientWidth) {
   // A tooltip of a point that is no longer drawn would be an error.
   instance.dispatchAction({ type: "hideTip" });
   instance.resize(size);
-  const dataZoom = before || spec.x.names ? [] : listZooms(chart);
-  instance.setOption({ ...describeChart(spec), dataZoom }, { replaceMerge: ["series", "visualMap"] });
+  const dataZoom = before ? [] : listZooms(chart);
+  instance.setOption({ ...describeChart(spec), dataZoom }, { replaceMerge: ["series"] });
   markTime(chart, motion.time);
 }
 
@@ -114,18 +112,17 @@ function describeChart(spec, isExported = false) {
     const middle = { nameLocation: "middle", nameGap: 26 };
     const corner = { nameLocation: "end", nameGap: 12, nameTextStyle: { ...textStyle, align: "left", padding: [0, 0, 0, -34] } };
     return {
-      type: axis.names ? "category" : "value",
-      data: axis.names,
+      type: "value",
       name: scaleTitle(axis.title, axis.order),
       nameTextStyle: textStyle,
       ...(k ? corner : middle),
-      ...(axis.names ? {} : limitAxis(axis, extent)),
+      ...limitAxis(axis, extent),
       splitNumber: k ? 4 : 6,
       axisLine: { show: true, onZero: false, lineStyle: { color: line } },
       axisTick: { show: false },
-      axisLabel: { color: ink, hideOverlap: true, ...(axis.names ? {} : { formatter: format }) },
+      axisLabel: { color: ink, hideOverlap: true, formatter: format },
       axisPointer: { label: { show: false }, lineStyle: { color: muted } },
-      splitLine: { show: !axis.names, lineStyle: { color: grid } },
+      splitLine: { lineStyle: { color: grid } },
     };
   };
   const hasLegend = isExported ? spec.series.length > 1 : Boolean(spec.legend);
@@ -151,7 +148,6 @@ function describeChart(spec, isExported = false) {
     },
     xAxis: describeAxis(spec.x, 0),
     yAxis: describeAxis(spec.y, 1),
-    visualMap: spec.visualMap?.map((scale) => ({ type: "continuous", ...scale, textStyle })),
     series: spec.series.map((series) => ({ ...series, data: series.data.map(convert) })),
   };
 }
@@ -189,7 +185,7 @@ function readZoom({ instance }, axis) {
 
 function resetView(chart, ...axes) {
   const batch = axes.map((dataZoomIndex) => ({ dataZoomIndex, start: 0, end: 100 }));
-  if (chart && !chart.spec.x.names) chart.instance.dispatchAction({ type: "dataZoom", batch });
+  chart?.instance.dispatchAction({ type: "dataZoom", batch });
 }
 
 // All charts over time show the same times.

@@ -14,7 +14,6 @@ const state = {
   texts: null, // searchable texts by id of the case
   order: null, // sorting column and direction of the case table
   axes: {}, // keys of the quantities of the scatter plot
-  mapped: null, // key of the quantity of the map
   choices: {}, // label of the selected choice, by panel
   charts: new Map(), // by id
 };

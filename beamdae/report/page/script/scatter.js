@@ -1,4 +1,4 @@
-// Scatter plot of the cases, and map of a response over two parameters.
+// Scatter plot of the cases.
 
 const MAX_FAMILIES_IN_LEGEND = 8; // of families that follow a parameter, only the first and the last one are named
 const LABEL_SPACING = 0.1; // between labels on neighboring lines, relative to the lengths of the lines
@@ -158,67 +158,4 @@ function listUnplottedCases() {
     elements.push(html("p", { class: "muted" }, `Without ${missing}, not drawn: ${withoutValues}`));
   }
   byId("unplotted").replaceChildren(...elements);
-}
-
-// Map of a response over two parameters: one cell per case, colored by the value.
-function drawMap() {
-  const responses = quantities.filter(({ kind }) => kind === "number");
-  byId("map").hidden = !page.map || !responses.length;
-  if (byId("map").hidden) return;
-  const response = responses.find(({ key }) => key === state.mapped) ?? axisQuantities()[1];
-  const choose = ({ key }) => {
-    state.mapped = key;
-    drawMap();
-  };
-  const title = html("label", {}, "of ", createSelect("response of the map", responses, response, choose, (quantity) => quantity.title));
-  byId("map-title").replaceChildren(html("h2", {}, "Map"), title, html("span", {}, describePlane()));
-  createChart("map", () => describeMap(response), byId("map-plot"));
-}
-
-// Cases of the map: the parameters that are not its axes have the values of the case next to the position.
-function planeCases() {
-  const axes = page.sliders.map((_, axis) => axis).filter((axis) => !page.map.includes(axis));
-  const plane = nearestCase({ at: state.position }, groupCases(), axes).at;
-  return { axes, plane, cases: groupCases().filter((run) => axes.every((axis) => run.at[axis] === plane[axis])) };
-}
-
-function describePlane() {
-  const { axes, plane } = planeCases();
-  return axes.map((axis) => ` at ${page.sliders[axis].label} = ${formatValue(page.sliders[axis].values[plane[axis]])}`).join("");
-}
-
-function describeMap(response) {
-  const [i, j] = page.map;
-  const { cases } = planeCases();
-  const titles = page.map.map((axis) => titleOf(page.sliders[axis]));
-  const axisOf = (axis, k) => ({ title: titles[k], names: page.sliders[axis].values.map((value) => formatValue(value)) });
-  const valueOf = (run) => (hasFailed(run) ? null : response.value(run));
-  const [low, high] = findExtent([cases.map(valueOf).filter(Number.isFinite)]);
-  const numbers = new Map(selectedCases().map(({ run, number }) => [run.id, number]));
-  const createCells = (isKnown) => ({
-    type: "heatmap",
-    encode: { x: 0, y: 1, value: 4 },
-    name: isKnown ? response.title : "missing",
-    label: { show: true, formatter: ({ value }) => String(numbers.get(value[2]) ?? ""), fontWeight: "bold", color: "#fff", textBorderColor: "#000", textBorderWidth: 2 },
-    itemStyle: { borderColor: themeColor("background"), borderWidth: 1 },
-    data: cases.filter((run) => Number.isFinite(valueOf(run)) === isKnown).map((run) => [run.at[i], run.at[j], run.id, undefined, valueOf(run) ?? 0]),
-  });
-  return {
-    name: `map of ${response.title}${describePlane()}`,
-    label: `${response.title} over ${page.sliders[i].label} and ${page.sliders[j].label}${describePlane()}, one cell per case`,
-    x: axisOf(i, 0),
-    y: axisOf(j, 1),
-    series: [createCells(true), createCells(false)],
-    visualMap: [
-      { seriesIndex: 0, min: Math.min(low, high), max: Math.max(low, high), dimension: 4, orient: "horizontal", left: 90, top: 0, itemHeight: 150, text: [formatValue(high), formatValue(low)], inRange: { color: SEQUENCE.map(themeColor) } },
-      { seriesIndex: 1, show: false, dimension: 4, min: 0, max: 1, inRange: { color: [themeColor("surface"), themeColor("surface")] } },
-    ],
-    height: (width) => clamp(0.625 * width, 240, 460),
-    read: ({ value: [, , id] }) => {
-      const run = page.cases.find((other) => other.id === id);
-      return [html("strong", {}, run.label), ` ${response.title}: ${hasFailed(run) ? run.status : formatValue(valueOf(run))}`];
-    },
-    select: toggleCase,
-    rows: () => [[...titles, response.title], ...cases.map((run) => [...page.map.map((axis) => page.sliders[axis].values[run.at[axis]]), valueOf(run)])],
-  };
 }

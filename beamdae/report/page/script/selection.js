@@ -62,7 +62,6 @@ function showSelection() {
   byId("selection").replaceChildren(...(page.cases.length > 1 ? selectedCases().map(createSelectionEntry) : []));
   explainMissingCurves();
   drawScatter();
-  drawMap();
   drawPortrait();
   drawPanels();
 }

@@ -16,7 +16,7 @@ function createSlider(parameter, axis) {
   return html("div", { class: "controls" }, html("label", { for: id }, titleOf(parameter)), input, html("output", { for: id }));
 }
 
-// Move the sliders and the map to the position, and show the motion of the stored case next to it.
+// Move the sliders to the position, and show the motion of the stored case next to it.
 function showPosition() {
   page.sliders.forEach(({ values }, axis) => {
     const text = formatValue(values[state.position[axis]]);
@@ -26,7 +26,6 @@ function showPosition() {
     input.setAttribute("aria-valuetext", text);
     input.parentElement.querySelector("output").value = text;
   });
-  drawMap();
   const stored = groupCases().filter((run) => run.frames);
   if (stored.length) showFrames(nearestCase({ at: state.position }, stored));
 }
@@ -43,7 +42,7 @@ function selectPosition() {
   showSelection();
 }
 
-// Show the motion of a case, and move the sliders and the map to it.
+// Show the motion of a case, and move the sliders to it.
 function showCase(run) {
   if (run.at) {
     state.position = [...run.at];
