@@ -66,7 +66,11 @@ def create_cases(
 
 def fact_table(title: str, facts: Mapping[str, Any], section: str = "results") -> Content:
     """Return a table of facts by topic, without those that have no text."""
-    rows = [[topic, str(text)] for topic, text in facts.items() if text not in ("", None)]
+    texts = {
+        topic: ", ".join(map(str, x)) if isinstance(x, (list, tuple)) else x
+        for topic, x in facts.items()
+    }
+    rows = [[topic, str(text)] for topic, text in texts.items() if text not in ("", None)]
     return {"title": title, "rows": rows, "section": section}
 
 
