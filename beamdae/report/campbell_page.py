@@ -53,7 +53,13 @@ def build_campbell_page(diagram: Campbell, title: str) -> Content:
     places = [(i, k) for k in range(n_modes) for i in range(n_speeds)]
     labels = [f"mode {k + 1} at {speeds[i]:.6g} {unit}" for i, k in places]
     motions = [
-        {"family": f"mode {k + 1}", "series": f"mode {k + 1}", "at": [i, k], "frames": x}
+        {
+            "family": f"mode {k + 1}",
+            "series": f"mode {k + 1}",
+            "rank": i,
+            "at": [i, k],
+            "frames": x,
+        }
         for i, k in places
         for x in [frames.get((i, k))]
     ]

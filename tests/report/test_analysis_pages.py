@@ -169,7 +169,7 @@ def test_the_page_of_a_response_has_a_motion_for_each_point(response, tmp_path):
         response.curve("mass.x")[1]
     )
     assert [case["family"] for case in cases] == ["stable", "unstable", "unstable", "stable"]
-    assert [case["values"]["stable"] for case in cases] == ["yes", "no", "no", "yes"]
+    assert [case["values"]["stable"] for case in cases] == [True, False, False, True]
     assert all(len(case["frames"]["t"]) == 32 for case in cases)
     tables = {table["title"]: table for table in page["tables"]}
     # The guided coordinate moves by rounding alone.

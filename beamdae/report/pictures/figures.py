@@ -253,7 +253,7 @@ def draw_panels(
             format_horizontal_axis(axis, *panel.abscissa)
         if panel.legend:
             _add_panel_legend(axis, panel.legend)
-    if entries and panels:
+    if entries:
         add_legend(figure, entries)
     disable_math_text(figure)
     return figure

@@ -115,7 +115,7 @@ def _create_path_figure(
             lines.append((u[part], v[part], unstable if dashed else stable))
         lines += [(u[[x.row]], v[[x.row]], entries[x.kind]) for x in equilibrium.critical]
         panels.append(Panel("", vertical, lines, (horizontal, vertical)))
-    return draw_panels(panels, title, entries, x_label=None)
+    return draw_panels(panels, title, entries if panels else {}, x_label=None)
 
 
 def _find_unstable_segments(equilibrium: Equilibrium) -> list[bool]:
