@@ -30,7 +30,6 @@ UNITS_OF_POSITIONS = ("m", "rad")  # which must be accurate by default
 
 UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
 UNITS_OF_FORCES = ("N", "N m")  # of columns whose values do not depend on an origin
-UNITS_OF_LOADS = (*UNITS_OF_FORCES, "Pa")
 
 # Errors of columns that have a sentence, and those at which recommended settings aim.
 LIMIT, AIM = 0.04, 0.01
