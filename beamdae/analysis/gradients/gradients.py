@@ -207,7 +207,8 @@ def gradient(
     ...     mech.observe("mass", mass.point)
     ...     return mech
     >>> method = bd.GeneralizedAlpha(step=1e-3)
-    >>> result = bd.gradient(oscillator, bd.EndValue("mass.x"), ["stiffness", "speed"], method)
+    >>> end = bd.quantities.EndValue("mass.x")
+    >>> result = bd.gradient(oscillator, end, ["stiffness", "speed"], method)
     >>> print(f"{result.derivatives['stiffness']:.3e} m per N/m")
     2.481e-03 m per N/m
     """

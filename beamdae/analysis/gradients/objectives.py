@@ -215,7 +215,7 @@ class EndValue(ColumnObjective):
     Examples
     --------
     >>> import beamdae as bd
-    >>> bd.EndValue("tip.y") - 2.0 * bd.EndValue("tip.x")
+    >>> bd.quantities.EndValue("tip.y") - 2.0 * bd.quantities.EndValue("tip.x")
     WeightedSum(weighted_terms=((1.0, EndValue(column='tip.y')), (-2.0, EndValue(column='tip.x'))))
     """
 

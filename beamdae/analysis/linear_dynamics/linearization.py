@@ -216,7 +216,7 @@ def _linearize_rotation(
     center = center_warning(full_equations, rotation)
     unit = f"speeds are in rad/s ({speed:g} rpm are {speed * _RPM:.4g} rad/s)"
     warnings = (
-        *drawing_warnings(e, time, state.q, description),
+        *drawing_warnings(e, time),
         *([center] if center else []),
         *strain_warnings(e, state.q[None], unit),
     )

@@ -263,11 +263,8 @@ def _trace(
         start_warnings: tuple[str, ...] = ()
         if equations.start is None and from_ is None and not isinstance(start, Equilibrium):
             first = loading.systems[0]
-            # Paths to chosen loads and positions are meant to move bodies far.
-            is_whole = loads is over is None and not settings.column and settings.targets == (1.0,)
-            reached = rows["q"][-1] if is_whole and free_coordinate(points[0]) else None
             begin = first.loaded if first.is_linear else first.unloaded
-            start_warnings = drawing_warnings(begin.equations, begin.time, reached)
+            start_warnings = drawing_warnings(begin.equations, begin.time)
         parameter = loading.parameter
         if parameter is not None and rows["numbers"] is not None:
             last = parameter.equations_at(points[-1].p)
