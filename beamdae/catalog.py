@@ -202,7 +202,7 @@ GROUPS = (
         "parts",
         "Events",
         (
-            Public("Event", "beamdae.parts.events", "results"),
+            Public("Event", "beamdae.parts.events"),
             Public("activate", "beamdae.parts.event_actions"),
             Public("deactivate", "beamdae.parts.event_actions"),
             Public("change_law", "beamdae.parts.event_actions"),
@@ -243,7 +243,7 @@ GROUPS = (
             Public("Ida", "beamdae.integrators", command="ida"),
             Public("Radau", "beamdae.integrators", command="radau"),
             Public("GeneralizedAlpha", "beamdae.integrators", command="generalized-alpha"),
-            Public("Integrator", "beamdae.integrators", "results"),
+            Public("Integrator", "beamdae.integrators"),
         ),
     ),
     Group(

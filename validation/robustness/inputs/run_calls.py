@@ -179,7 +179,7 @@ _LIMITS = {"max_step": None, "max_steps": 1000, "time_limit": RUN_TIME_LIMIT}
 _INTEGRATOR_MEMBERS = ("method", "label", "order", "accuracy")
 
 
-def _make_integrator(sandbox: Sandbox, **members: Any) -> bd.results.Integrator:
+def _make_integrator(sandbox: Sandbox, **members: Any) -> bd.Integrator:
     """Return an integrator of a user's class that overrides members with constant values."""
     answers = {
         name: property(lambda self, value=value: value)
