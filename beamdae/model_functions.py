@@ -52,7 +52,7 @@ from beamdae.read_only import ReadOnlyDict, copy_containers
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
-MAX_NAME_BYTES = 120
+_MAX_NAME_BYTES = 120
 # Windows reserves these file names, with any suffix.
 _RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{x}{k}" for x in ("COM", "LPT") for k in range(10))}
 _INVALID_CHARACTERS = frozenset('/\\:*?"<>|')
@@ -513,10 +513,10 @@ def require_file_name(part: str, value: Any) -> str:
     if not isinstance(value, str):
         raise BeamdaeError(f"{part}: the name must be a string, got {short_repr(value)}.")
     length = len(value.encode(errors="replace"))
-    fits = 0 < length <= MAX_NAME_BYTES and value[0] not in ". " and value[-1] not in ". "
+    fits = 0 < length <= _MAX_NAME_BYTES and value[0] not in ". " and value[-1] not in ". "
     if not (fits and value.isprintable() and not _INVALID_CHARACTERS & set(value)):
         raise BeamdaeError(
-            f"{part}: the name must be a valid folder name, 1 to {MAX_NAME_BYTES} "
+            f"{part}: the name must be a valid folder name, 1 to {_MAX_NAME_BYTES} "
             'bytes without control characters, / \\ : * ? " < > | and leading or trailing dots or '
             f"spaces, got {short_repr(value)}."
         )

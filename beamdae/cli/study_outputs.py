@@ -68,7 +68,7 @@ def apply_run_options(
     """
     if time_limit is not None:
         limit = require_positive(command, "--time-limit", time_limit)
-        study = replace(study, limits=replace(study.limits, time=limit))
+        study = replace(study, time_limit=limit)
     if t_end is not None:
         study = replace(study, t_end=t_end)
     if output_step is not None:

@@ -22,7 +22,7 @@ from beamdae.studies.run_values import (
     describe_event_mismatch,
     is_event_count,
 )
-from beamdae.studies.tasks import Outcome, shared_table
+from beamdae.studies.tasks import Outcome
 
 ERROR_COLUMN = "error [-]"
 BOUND_COLUMN = "error bound [-]"
@@ -77,7 +77,7 @@ def _error_columns(outcome: Outcome, reference: Reference) -> dict[str, Any]:
     columns |= dict.fromkeys([_REACTION_ERROR, _REACTION_BOUND], np.nan)
     columns["reference uncertainty [-]"] = reference.uncertainty
     # Without a step, the run contains only the initial state, which has no error.
-    table = shared_table(outcome)
+    table = outcome.table
     if reference.table is None or table is None or not outcome.values.get("steps"):
         return columns
     is_complete = outcome.status.success

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -24,7 +24,6 @@ from beamdae.studies.deviations import (
 )
 from beamdae.studies.run_values import extrapolate_events
 from beamdae.studies.tasks import Outcome, Task
-from beamdae.studies.unique_names import number_duplicates
 
 # Two different methods are unlikely to have the same error.
 DEFAULT_REFERENCES = (Radau(rtol=1e-7), GeneralizedAlpha(step=1e-4, newton_tolerance=1e-9))
@@ -73,6 +72,15 @@ class Reference:
         if columns is None:
             return RESOLUTION_FACTOR * self.uncertainty
         return RESOLUTION_FACTOR * float(np.max([self.differences.get(x, np.nan) for x in columns]))
+
+
+def number_duplicates(names: Iterable[str]) -> list[str]:
+    """Return the names; a number is appended to repeated names, as in "name (2)"."""
+    unique: dict[str, None] = {}
+    for name in names:
+        numbered = (f"{name} ({k})" for k in itertools.count(2))
+        unique[next(x for x in itertools.chain([name], numbered) if x not in unique)] = None
+    return list(unique)
 
 
 def group_cases(

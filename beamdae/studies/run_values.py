@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, as_real, format_exception, short_repr, unbox_scalar
 from beamdae.results.event_records import format_event_counts
 from beamdae.results.solution import Solution
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-Array = np.ndarray
+from beamdae.studies.tasks import Rows
 
 EVENTS_COLUMN = "events"
 WALL_TIME_COLUMN = "wall time [s]"
@@ -24,7 +18,6 @@ WALL_TIME_COLUMN = "wall time [s]"
 MIN_WALL_TIME_COLUMN = "wall time min [s]"
 MAX_WALL_TIME_COLUMN = "wall time max [s]"
 MEASURING_TIME_COLUMN = "measuring time [s]"
-PEAK_MEMORY_COLUMN = "peak memory [GB]"
 REACHED_COLUMN = "reached [s]"
 MEASURED_ERROR_COLUMN = "measured error [-]"  # largest one of the observed columns
 SETTING_COLUMNS = ("formulation", "error control", "max order")
@@ -188,42 +181,10 @@ def _format_counts(values: Mapping[str, Any]) -> str:
     )
 
 
-@dataclass(frozen=True)
-class TrajectoryRows:
-    """Observed columns, energies and drift of a run by output time [s].
-
-    Calls return them as a table, which takes ten times as long to create and to transfer to another
-    process.
-
-    Attributes
-    ----------
-    headers
-        Headers of the columns after the time.
-    numbers
-        Times and columns, (k, 1 + columns).
-    """
-
-    headers: tuple[str, ...]
-    numbers: Array
-
-    def __call__(self) -> pd.DataFrame:
-        """Return the columns as a table, indexed by time."""
-        # Imported here, because worker processes create no tables.
-        import pandas as pd
-
-        times = pd.Index(self.numbers[:, 0], name=TIME)
-        return pd.DataFrame(self.numbers[:, 1:], times, pd.Index(self.headers))
-
-
-def collect_rows(solution: Solution) -> TrajectoryRows:
+def collect_rows(solution: Solution) -> Rows:
     """Return observed columns, energies and drift at the output times."""
     columns = solution.all_columns() | solution.drift_columns
     numbers = np.empty((len(solution.t), len(columns)))
     for k, column in enumerate(columns.values()):
         numbers[:, k] = column
-    return TrajectoryRows(tuple(columns)[1:], numbers)
-
-
-def tabulate_trajectory(solution: Solution) -> pd.DataFrame:
-    """Return observed columns, energies and drift, indexed by output time [s]."""
-    return collect_rows(solution)()
+    return Rows(tuple(columns)[1:], numbers)

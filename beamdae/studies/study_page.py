@@ -19,15 +19,13 @@ from beamdae.studies.case_table import BOUND_COLUMN, ERROR_COLUMN
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations, count_common_rows
 from beamdae.studies.execution.study_run import StudyResults
-from beamdae.studies.references import RESOLUTION_FACTOR, Reference
+from beamdae.studies.references import RESOLUTION_FACTOR, Reference, number_duplicates
 from beamdae.studies.run_values import (
     EVENTS_COLUMN,
     MAX_WALL_TIME_COLUMN,
     MIN_WALL_TIME_COLUMN,
     WALL_TIME_COLUMN,
 )
-from beamdae.studies.tasks import read_table, shared_measures, shared_table
-from beamdae.studies.unique_names import number_duplicates
 
 # Cases with curves in the page; pages with more take long to open. Those of the other cases are in
 # files that the page loads.
@@ -45,7 +43,6 @@ _SOLVER_COLUMNS = {
     "max velocity drift",
     "energy imbalance [-]",
     "reached [s]",
-    "peak memory [GB]",
 }
 # Prefix of the keys of extra columns, whose names may also occur in the case table.
 _EXTRA_COLUMN_PREFIX = "extra: "
@@ -68,7 +65,6 @@ _TABLE_COLUMNS = (
     ("max velocity drift", "velocity drift", "", "number"),
     ("energy imbalance [-]", "energy imbalance", "-", "number"),
     ("reached [s]", "reached", "s", "number"),
-    ("peak memory [GB]", "memory", "GB", "number"),
 )
 
 
@@ -161,7 +157,7 @@ def _list_cases_in_files(results: StudyResults, with_curves: set[int]) -> list[i
     return [
         k
         for k, case in enumerate(results.study.cases)
-        if k not in with_curves and shared_measures(results.outcome(case))
+        if k not in with_curves and results.outcome(case).measures
     ]
 
 
@@ -174,7 +170,7 @@ def _create_curve_files(
         return {
             str(k): _create_curves(
                 results,
-                read_table(results.outcome(results.study.cases[k])),
+                results.outcome(results.study.cases[k]).table,
                 str(table["group"].iloc[k]),
                 _ROWS_IN_FILES,
             )
@@ -285,9 +281,7 @@ def _create_cases(
                 "cost": _as_json_value(row.get(WALL_TIME_COLUMN)),
                 "below": bool(row.get("below resolution", False)),
                 "limited": row["status"] == "limited",
-                "curves": _create_curves(
-                    results, shared_table(results.outcome(case)), group, max_rows
-                )
+                "curves": _create_curves(results, results.outcome(case).table, group, max_rows)
                 if k in with_curves
                 else None,
                 "file": row["trajectory"] if is_stored else "",
@@ -349,6 +343,6 @@ def _column_arrays(table: pd.DataFrame) -> dict[str, np.ndarray]:
 
 def _max_rows_per_case(results: StudyResults, with_curves: set[int]) -> int:
     cases = [case for k, case in enumerate(results.study.cases) if k in with_curves]
-    tables = [shared_table(results.outcome(case)) for case in cases]
+    rows = filter(None, (results.outcome(case).rows for case in cases))
     # Each column may be accompanied by its difference from the reference, hence the factor 2.
-    return compute_row_limit(sum(2 * len(table.columns) for table in tables if table is not None))
+    return compute_row_limit(sum(2 * len(x.headers) for x in rows))

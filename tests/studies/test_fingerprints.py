@@ -187,12 +187,12 @@ def test_regression_results_expire_when_a_file_read_by_the_model_changes(tmp_pat
     store, tasks = Store(tmp_path / "out"), [study.task(case) for case in study.cases]
     for file in READING:
         (tmp_path / file).write_text("2.5\n")
-        is_stored = [store.load(task)[0] is not None for task in tasks]
+        is_stored = [store.load(task) is not None for task in tasks]
         assert is_stored == [file == "five.csv", False]
         (tmp_path / file).write_text("1.5\n")
-        assert all(store.load(task)[0] for task in tasks)
+        assert all(store.load(task) for task in tasks)
     (tmp_path / "five.csv").unlink()
-    assert [store.load(task)[0] is not None for task in tasks] == [True, False]
+    assert [store.load(task) is not None for task in tasks] == [True, False]
     # Equations cached in this process are built again.
     (tmp_path / "five.csv").write_text("4.5\n")
     results = run_study(study, tmp_path / "out", SerialPool())
@@ -208,9 +208,9 @@ def test_a_model_and_its_files_may_move_together(tmp_path):
     )
     assert count_stored_runs(one, tmp_path / "out") == (0, 4)
     store, task = Store(tmp_path / "out"), other.task(other.cases[0])
-    assert store.load(task)[0] is not None
+    assert store.load(task) is not None
     (tmp_path / "other" / "curve.csv").write_text("2.5\n")
-    assert store.load(task)[0] is None
+    assert store.load(task) is None
 
 
 def test_fingerprints_depend_on_declared_files_which_must_exist(tmp_path):

@@ -40,7 +40,7 @@ from beamdae.studies.sweeps.parameter_study import (
     format_setting,
     parameter_column,
 )
-from beamdae.studies.tasks import Outcome, shared_measures, shared_table
+from beamdae.studies.tasks import Outcome
 
 Array = np.ndarray
 
@@ -61,7 +61,7 @@ def select_headers(results: StudyResults, study: ParameterStudy) -> list[str]:
     BeamdaeError
         If runs have observed columns, but the study selects a column that no run has.
     """
-    measures = [shared_measures(results.outcome(case)) for case in study.cases]
+    measures = [results.outcome(case).measures for case in study.cases]
     headers = dict.fromkeys(header for by_column in measures for header in by_column)
     if not study.columns or not headers:
         return list(headers)
@@ -99,7 +99,7 @@ def tabulate_responses(results: StudyResults, study: ParameterStudy) -> pd.DataF
 
 def _measure_run(outcome: Outcome, headers: list[str]) -> list[float]:
     """Return all measures of each observed column; NaN if the run or the column is missing."""
-    measures = shared_measures(outcome) if outcome.status.success else {}
+    measures = outcome.measures if outcome.status.success else {}
     missing = [np.nan] * len(MEASURES)
     return [value for header in headers for value in measures.get(header, missing)]
 
@@ -117,7 +117,7 @@ def select_characteristic(results: StudyResults, study: ParameterStudy) -> list[
     if study.columns or not headers:
         return headers
     for outcome in map(results.outcome, study.cases):
-        table = shared_table(outcome)
+        table = outcome.table
         if table is not None and outcome.status.success:
             return characteristic_columns(table[observed_columns(table)])
     return []
