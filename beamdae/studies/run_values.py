@@ -123,17 +123,6 @@ def collect_event_values(solution: Solution, until: float = np.inf) -> dict[str,
     return {EVENTS_COLUMN: _format_counts(values), **values} if values else {}
 
 
-def extrapolate_events(
-    coarse: Mapping[str, Any], fine: Mapping[str, Any], order: int
-) -> dict[str, Any]:
-    """Return event values with first times extrapolated (Richardson) from steps h and h/2."""
-    values = _select_event_columns(fine)
-    for column, value in values.items():
-        if column in coarse and isinstance(value, float):
-            values[column] = value + (value - coarse[column]) / (2.0**order - 1.0)
-    return values
-
-
 def compute_event_errors(
     values: Mapping[str, Any], reference: Mapping[str, Any]
 ) -> dict[str, float]:
@@ -153,7 +142,7 @@ def describe_event_mismatch(values: Mapping[str, Any], reference: Mapping[str, A
 
     Otherwise, or if the reference has no events, return an empty string.
     """
-    events, expected = _select_event_columns(values), _select_event_columns(reference)
+    events, expected = select_event_columns(values), select_event_columns(reference)
     counts = [name for name, value in expected.items() if isinstance(value, int)]
     if not expected or all(events.get(name) == expected[name] for name in counts):
         return ""
@@ -168,7 +157,8 @@ def is_event_count(column: str) -> bool:
     return column.startswith("event ") and column.endswith(", times")
 
 
-def _select_event_columns(values: Mapping[str, Any]) -> dict[str, Any]:
+def select_event_columns(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the counts and first times of events among the values of a run."""
     return {name: value for name, value in values.items() if name.startswith("event ")}
 
 

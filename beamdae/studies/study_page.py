@@ -52,8 +52,6 @@ _TABLE_COLUMNS = (
     ("status", "status", "", "status"),
     (EVENTS_COLUMN, "events", "", "text"),
     (ERROR_COLUMN, "error", "-", "error"),
-    ("reaction error [-]", "reaction error", "-", "number"),
-    ("reaction error bound [-]", "reaction error bound", "-", "number"),
     (WALL_TIME_COLUMN, "wall time", "s", "cost"),
     (MIN_WALL_TIME_COLUMN, "wall min", "s", "number"),
     (MAX_WALL_TIME_COLUMN, "wall max", "s", "number"),
@@ -239,7 +237,7 @@ def _create_group(group: str, reference: Reference, frames: dict[str, Any] | Non
         "label": group,
         "reference": {
             "methods": list(reference.methods),
-            "uncertainty": reference.resolution() if accepted else None,
+            "uncertainty": reference.resolution if accepted else None,
             "accepted": accepted,
             # The page adds these words.
             "sentence": reference.sentence.removeprefix("no reference, "),

@@ -249,7 +249,7 @@ def _create_report(results: StudyResults) -> StudyReport:
     sweep, table = swept.sweep, swept.table
     shown: list[Any] = [results.describe_completion(sweep.cases)]
     if len(table) <= MAX_SCREEN_ROWS:
-        columns = swept.parameters, swept.response_columns, sweep.units, swept.other_columns
+        columns = swept.parameters, swept.response_columns, sweep.units
         shown.append(text_tables.sweep_table(table, *columns))
     return StudyReport(
         Report(

@@ -57,7 +57,6 @@ _SUMMARY_COLUMNS = {
     "what": Column("what", 1, sentences=True),
     "at": Column("at", 3, sentences=True),
     "value": Column("value"),
-    "as fast": Column("as fast", 4, sentences=True),
 }
 
 
