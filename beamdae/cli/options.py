@@ -14,7 +14,7 @@ from beamdae.catalog import INTEGRATORS
 from beamdae.cli import completion, startup
 from beamdae.cli.output import record_results
 from beamdae.cli.ranges import parse_ends
-from beamdae.errors import BeamdaeError, join_names, require_choice, short_repr, suggest, warn_user
+from beamdae.errors import BeamdaeError, require_choice, short_repr, suggest
 
 if TYPE_CHECKING:
     from beamdae.cli.model_files.model_file import ModelFile
@@ -343,7 +343,6 @@ def load_model(
     model = file.model(name)
     values = parse_assignments(settings)
     model = replace(model, parameters=model.complete(values))
-    warn_of_unread(model, values)
     record_results(lambda: {"model": {"name": model.name, "parameters": model.parameters}})
     return model, file
 
@@ -367,16 +366,6 @@ def find_state(command: str, mechanism: Any, about: str | None, speed: float | N
     if about is not None:
         return require_choice(command, "--about", about, _LINEARIZED_STATES)
     return getattr(mechanism, "start", "reference")
-
-
-def warn_of_unread(model: Model, settings: Mapping[str, str]) -> None:
-    """Warn of values of --set for parameters that the model function never reads."""
-    unread = [x for x in model.unread_parameters if x in settings]
-    if unread:
-        warn_user(
-            f"--set {unread[0]}={settings[unread[0]]}: the function {model.name} never reads "
-            f"{join_names(unread)}, so the value has no effect; use the argument in the function."
-        )
 
 
 def select_plotted_columns(

@@ -30,7 +30,6 @@ from beamdae.cli.options import (
     create_integrator,
     parse_assignments,
     split_names,
-    warn_of_unread,
 )
 from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
 from beamdae.cli.results import Report
@@ -150,7 +149,6 @@ def _sweep_from_options(
     from beamdae.studies.sweeps.sweep import create_sweep
 
     constants = parse_assignments(settings)
-    warn_of_unread(model, constants)
     ranges = parse_assignments(over, "--over")
     for name in ranges:
         if name in constants:
