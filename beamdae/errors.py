@@ -233,27 +233,6 @@ def merge_alike(messages: Iterable[str]) -> Iterator[str]:
         yield f"{name_with_others(part, list(names))}{colon}{text}" if names else first
 
 
-def merge_ranges(messages: Sequence[str]) -> str:
-    """Return the text that messages share, with the range of each number.
-
-    If their texts differ, the first message is returned. Numbers before the first colon, which
-    belong to the name of a part, are kept.
-    """
-    part, colon, first = messages[0].partition(": ")
-    pieces = _NUMBER.split(first)
-    texts = [x.partition(": ")[2] for x in messages]
-    if any(_NUMBER.split(x) != pieces for x in texts) or any(
-        not x.startswith(part + colon) for x in messages
-    ):
-        return messages[0]
-    columns = [_NUMBER.findall(x) for x in texts]
-    merged = part + colon + pieces[0]
-    for numbers, piece in zip(zip(*columns, strict=True), pieces[1:], strict=True):
-        low, high = min(numbers, key=float), max(numbers, key=float)
-        merged += (low if float(low) == float(high) else f"{low} to {high}") + piece
-    return merged
-
-
 def warn_user(
     message: str, category: type[BeamdaeWarning] = BeamdaeWarning, *, merges: bool = True
 ) -> None:

@@ -294,9 +294,6 @@ Scheduler = Annotated[
         metavar="ADDRESS", help="Run on this Dask scheduler, for example tcp://host:8786."
     ),
 ]
-Parquet = Annotated[
-    bool, output_option("--parquet", help="Write the trajectories as Parquet files, too.")
-]
 Page = Annotated[
     bool, output_option(metavar="", help="Write a page (HTML) with charts and tables.")
 ]

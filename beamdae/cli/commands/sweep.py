@@ -19,7 +19,6 @@ from beamdae.cli.options import (
     Out,
     OutputStep,
     Page,
-    Parquet,
     Pictures,
     RelativeTolerance,
     Scheduler,
@@ -92,7 +91,6 @@ def sweep_command(
     start: Starts = None,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
-    parquet: Parquet = False,
     page: Page = True,
     picture: Pictures = True,
 ) -> None:
@@ -133,7 +131,7 @@ def sweep_command(
         columns = tuple(split_names(of, sweep.cases[0].model))
         sweep = replace(sweep, columns=columns) if columns else sweep
     study = apply_run_options("sweep", sweep, time_limit, t_end, output_step, start)
-    folder, files = out / study.name, (parquet, page, picture)
+    folder, files = out / study.name, (page, picture)
     run_and_write("sweep", study, folder, _create_report, (jobs, scheduler), files)
 
 

@@ -18,13 +18,12 @@ from beamdae.errors import (
     KernelWarning,
     ProgressError,
     kind_of_message,
-    merge_ranges,
 )
 from beamdae.interrupts import DeferredInterrupts, acknowledge, attach_partial
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import observed_columns, select_observed_columns
 from beamdae.results.outcome import REACHED_END, Status
-from beamdae.results.storage.files import write_bytes, write_escaped_table
+from beamdae.results.storage.files import write_escaped_table
 from beamdae.studies.case import Case, DigestCache
 from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
@@ -196,7 +195,7 @@ class StudyResults:
     def describe_warnings(self) -> list[str]:
         """Return a sentence on each of the first five kinds of warnings of cases.
 
-        Warnings of one kind differ only in numbers, of which the ranges are given.
+        Warnings of one kind differ only in numbers.
         """
         # By kind, the first warning of each case.
         kinds: dict[str, dict[int, str]] = {}
@@ -208,34 +207,12 @@ class StudyResults:
             row, text = next(iter(cases.items()))
             group, tag = self.table["group"].iloc[row], self.study.tag(self.study.cases[row])
             label = f"{group}, {tag}" if group in self.references else tag
-            merged, example = merge_ranges(list(cases.values())), f"for example {label}"
-            if merged != text:
-                text, example = merged, "with the ranges of numbers"
             count = f"{len(cases)} of {len(self.table)} cases"
-            sentences.append(f"{self.study.name}: warnings in {count}, {example}: {text}")
+            sentences.append(f"{self.study.name}: warnings in {count}, for example {label}: {text}")
         if len(kinds) > _MAX_WARNING_KINDS:
             n_more = len(kinds) - _MAX_WARNING_KINDS
             sentences.append(f"{self.study.name}: {n_more} more kinds of warnings; see cases.csv.")
         return sentences
-
-    def to_parquet(self) -> list[Path]:
-        """Write the trajectories as Parquet files next to their CSV files and return the paths.
-
-        Raises
-        ------
-        BeamdaeError
-            If a file cannot be written.
-        """
-        paths = []
-        for outcome in self.outcomes.values():
-            table = outcome.table
-            if table is None or not outcome.file:
-                continue
-            path = (self.folder / "trajectories" / outcome.file).with_suffix(".parquet")
-            content = table.reset_index().to_parquet(index=False)
-            write_bytes(path, content)
-            paths.append(path)
-        return paths
 
 
 def run_study(
