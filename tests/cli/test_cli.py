@@ -210,7 +210,7 @@ def test_failed_run_keeps_its_results(command):
 @pytest.mark.slow(reason="two seconds")
 @pytest.mark.usefixtures("serial")
 def test_compare_writes_tables_pictures_and_a_page(command):
-    result = command("compare", ARM, "--parquet", "--set", "width=0.01")
+    result = command("compare", ARM, "--set", "width=0.01")
     assert result.exit_code == 0, result.stderr
     folder = Path("results/arm_compare_width=0.01")
     table = pd.read_csv(folder / "cases.csv")
@@ -219,11 +219,7 @@ def test_compare_writes_tables_pictures_and_a_page(command):
     written = [line.split(": ")[1] for line in result.stdout.splitlines() if "written" in line]
     names = {Path(path).name for path in written}
     assert {"cases.csv", "summary.csv", "comparison.png", "report.html"} <= names
-    assert {"work_precision.png", "work_precision.svg", "trajectories"} <= names
-    tables, parquet_files = (
-        sorted((folder / "trajectories").glob(f"*.{x}")) for x in ("csv", "parquet")
-    )
-    assert [x.stem for x in parquet_files] == [x.stem for x in tables]
+    assert {"work_precision.png", "work_precision.svg"} <= names
     assert all(Path(path).stat().st_size > 0 for path in written)
     assert "differs by" in " ".join(result.stdout.split())
     assert re.search(r"\b(\d+)/\1, 0:00 left$", result.stderr.splitlines()[-1])

@@ -112,13 +112,13 @@ def test_errors_are_relative_to_a_reference_of_two_methods(swings):
         errors = rows["error [-]"].to_numpy()
         # Order 2, and above the resolution of the reference.
         assert_allclose(np.log2(errors[:-1] / errors[1:]), 2.0, atol=0.1)
-        assert errors.min() > reference.resolution()
+        assert errors.min() > reference.resolution
         assert (rows["reference uncertainty [-]"] == reference.uncertainty).all()
 
 
 @pytest.mark.slow(reason="half a second")
 def test_unresolved_errors_are_bounds(tmp_path):
-    """Plots showed them as errors; the largest difference of all columns was the limit of each."""
+    """Plots showed them as errors."""
     cases = [bd.Case(swing, {}, method) for method in (bd.GeneralizedAlpha(0.02), bd.Radau(1e-9))]
     results = run(create_study(cases, REFERENCES), tmp_path)
     (reference,) = results.references.values()
@@ -129,12 +129,6 @@ def test_unresolved_errors_are_bounds(tmp_path):
     assert table["error bound [-]"][0] == table["error [-]"][0]
     assert np.isnan(table["error [-]"][1])
     assert_allclose(table["error bound [-]"][1], 10.0 * reference.uncertainty)
-    half_range = 0.5 * np.ptp(reference.table["end.x [m]"])
-    of_forces = [x for name, x in reference.differences.items() if name.endswith("N]")]
-    assert_allclose(table["reaction error bound [-]"][1], 10.0 * max(of_forces))
-    of_x = reference.differences["end.x [m]"]
-    assert_allclose(table["error of end.x, bound [m]"][1], 10.0 * half_range * of_x)
-    assert table["reaction error [-]"].isna().tolist() == [False, True]
     assert table["error of end.x, max [m]"].isna().tolist() == [False, True]
 
 
