@@ -310,8 +310,9 @@ def sweep_table(
 ) -> ResponsiveTable:
     """Return a table of the parameters, status and outputs of each run of a sweep.
 
-    `units` contains the units of the parameters, by name. Outputs below 1e-12 of the largest one of the same unit are zero. Of
-    several outputs, those that are zero in all runs are omitted and counted.
+    `units` contains the units of the parameters, by name. Outputs below 1e-12 of the largest one of
+    the same unit are zero. Of several outputs, those that are zero in all runs are omitted and
+    counted.
     """
     import pandas as pd
 
