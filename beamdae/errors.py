@@ -116,10 +116,6 @@ class KernelWarning(UserWarning):
 # Kinds of warnings that were shown: the filters that showed them, and the key of the message in
 # Python's registry of shown warnings.
 _shown_kinds: dict[tuple[str, str, int], tuple[list[Any], list[Any], tuple[Any, ...]]] = {}
-_MERGING_NOTE = (
-    "warnings: further ones of this line that differ only in numbers are not shown; read "
-    "`warnings` of each result, or show all by warnings.simplefilter('always', bd.BeamdaeWarning)."
-)
 # Digits in names such as "link1" distinguish parts.
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d+)?(?:e[-+]?\d+)?|nan|inf)(?!\w)")
 
@@ -255,15 +251,11 @@ def warn_of_incomplete_result(message: str) -> None:
 
 
 def warn_of_result(messages: Iterable[str], build_warnings: Iterable[str] = ()) -> None:
-    """Issue the warnings of a result, except those that were issued when its model was built.
-
-    If some are not shown because an earlier result at the same line had the same ones with other
-    numbers, a note is shown once.
-    """
+    """Issue the warnings of a result, except those that were issued when its model was built."""
     issued = set(build_warnings)
     for message in messages:
         if message not in issued:
-            _issue(message, BeamdaeWarning, merges=True, notes=True)
+            _issue(message, BeamdaeWarning, merges=True)
 
 
 def _issue(
@@ -271,7 +263,6 @@ def _issue(
     category: type[BeamdaeWarning],
     *,
     merges: bool = False,
-    notes: bool = False,
     always: bool = False,
 ) -> None:
     held_messages = _held_messages.get()
@@ -302,9 +293,6 @@ def _issue(
     # The list is another one inside `catch_warnings`, and changes if a filter is added. Notebooks
     # clear the registry before each cell.
     if merges and last and last[0] is filters and last[1] == filters and last[2] in registry:
-        if notes and last[2][0] != message:
-            # As for any text, Python shows the note once per line.
-            warnings.warn_explicit(_MERGING_NOTE, category, file, line, module, registry)
         return
     warnings.warn_explicit(message, category, file, line, module, registry)
     key = message, category, line

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.catalog import INTEGRATORS
-from beamdae.cli import completion, startup
+from beamdae.cli import startup
 from beamdae.cli.output import record_results
 from beamdae.cli.ranges import parse_ends
 from beamdae.errors import BeamdaeError, require_choice, short_repr, suggest
@@ -121,7 +121,6 @@ ModelPath = Annotated[
     typer.Argument(
         metavar="MODEL.py",
         help="Model file, or example:NAME.",
-        autocompletion=completion.complete_model_files,
     ),
 ]
 StudyPath = Annotated[
@@ -129,7 +128,6 @@ StudyPath = Annotated[
     typer.Argument(
         metavar="FILE.py",
         help="Study, sweep or model file, or example:NAME.",
-        autocompletion=completion.complete_model_files,
     ),
 ]
 ModelName = Annotated[
@@ -138,7 +136,6 @@ ModelName = Annotated[
         "--model",
         metavar="NAME",
         help="Model, study or sweep to use if the file contains several.",
-        autocompletion=completion.complete_models,
     ),
 ]
 Settings = Annotated[
@@ -147,7 +144,6 @@ Settings = Annotated[
         "--set",
         metavar="NAME=VALUE",
         help="Set a model parameter; repeatable.",
-        autocompletion=completion.complete_parameters,
     ),
 ]
 Starts = Annotated[

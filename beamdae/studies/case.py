@@ -28,7 +28,7 @@ from beamdae.results.solution import Solution
 from beamdae.results.storage.files import versions
 from beamdae.simulation import simulate
 from beamdae.studies.store.file_hashes import digest_file, digest_package
-from beamdae.studies.store.fingerprints import FingerprintError, digest, digest_transferable
+from beamdae.studies.store.fingerprints import FingerprintError, digest
 
 FINGERPRINT_LENGTH = 20  # hexadecimal digits: 80 bits
 _LABEL_HASH_LENGTH = 6
@@ -227,7 +227,7 @@ def _digest_parameter(model: Model, name: str, value: Any, digests: DigestCache)
 def _digest_value(part: str, value: Any) -> str:
     """Return the digest of a parameter or a setting, which other processes can reproduce."""
     try:
-        return digest_transferable(value)
+        return digest(value)
     except FingerprintError as problem:
         raise BeamdaeError(
             f"{part} must be {_REPRODUCIBLE_VALUES}, got {short_repr(value)} "

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli import completion
 from beamdae.cli.options import (
     EndTime,
     FixedStep,
@@ -60,7 +59,6 @@ def sweep_command(
         typer.Option(
             metavar="NAME=VALUES",
             help=f"Parameter to vary and its values: {_VALUE_FORMS}; repeatable.",
-            autocompletion=completion.complete_parameters,
         ),
     ] = None,
     of: Annotated[
