@@ -318,16 +318,6 @@ def test_regression_runs_state_which_data_they_do_not_compare(command, rows, opt
     assert ".png" in result.stdout
 
 
-def test_regression_settings_that_the_model_never_reads_have_a_warning(command):
-    """They were accepted in silence."""
-    model = FALL.replace("fall()", "fall(height=2.0, color=1)")
-    model = model.replace("2.0))", "height))")
-    options = ["--no-page", "--no-picture", "--no-estimate"]
-    result = command("run", model, "--set", "color=2", "--set", "height=1", *options)
-    assert "warning: --set color=2: the function fall never reads color, so the" in result.stderr
-    assert "height" not in result.stderr
-
-
 CRANK = """import beamdae as bd
 
 
