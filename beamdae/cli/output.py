@@ -194,13 +194,19 @@ def hold_warnings(output: CommandOutput) -> Iterator[None]:
 
 
 def _is_printed(sentence: str, output: CommandOutput) -> bool:
-    """Return True if a result or an error contains this warning with any numbers."""
+    """Return True if a result or an error contains this warning, perhaps with another prefix.
+
+    Numbers are ignored.
+    """
 
     def kind(text: str) -> str:
         return kind_of_message(f": {make_printable(text)}")
 
-    body = kind(sentence.rstrip("."))[2:]
-    return any(body in kind(line) for line in [*output.warnings, *output.errors])
+    body = kind((sentence.partition(": ")[2] or sentence).rstrip("."))[2:]
+    if any(body in kind(line) for line in [*output.warnings, *output.errors]):
+        return True
+    reasons = [kind(x.removeprefix("failed: ").partition("; ")[0])[2:] for x in output.errors]
+    return any(reason and reason in kind(sentence) for reason in reasons)
 
 
 def record_warning(sentence: str) -> str:
