@@ -115,6 +115,7 @@ GROUPS = (
         """
         RigidBody parts.bodies.rigid_body
         PointMass parts.bodies.point_mass
+        ReducedBody parts.bodies.reduced_body
         """,
     ),
     _create_group(
@@ -158,11 +159,13 @@ GROUPS = (
         TorsionDamper parts.forces.springs
         Bushing parts.forces.bushing
         Contact parts.forces.contact
+        BeamContact beams.beam_contact
         LineSurface parts.forces.surfaces
         CircleSurface parts.forces.surfaces
         Friction parts.forces.friction
         RayleighDamping beams.damping
         AirDrag beams.damping
+        StandardLinearSolid beams.viscoelasticity
         ForceLaw parts.forces.force_law
         positive_part parts.forces.smooth
         smooth_sign parts.forces.smooth

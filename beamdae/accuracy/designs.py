@@ -7,7 +7,7 @@ import numpy as np
 from beamdae.accuracy.errors import Errors, Refined, measure_errors
 from beamdae.accuracy.refinement import refine
 from beamdae.accuracy.runs import describe_refinement, refine_method
-from beamdae.analysis.optimization.search import SearchResult
+from beamdae.analysis.optimization.search_result import SearchResult
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
@@ -21,7 +21,7 @@ def measure_design(search: SearchResult) -> Errors:
     """
     problem, best, first = search.problem, search.best, search.trials[0]
     design = problem.design(best.numbers)
-    ratios = np.append(1.0, search.scaled.ratios)
+    ratios = np.append(1.0, search.problem.ratios)
     values = ratios * best.values
     labels = [x.label for x in problem.quantities]
     headers = tuple(f"{x} [{unit or '-'}]" for x, unit in zip(labels, search.units, strict=True))
