@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from beamdae.errors import BeamdaeError
-from beamdae.python_processes import SAFE_PATH
 
 # The sources are standard C. Fused multiplications would differ between processors.
 _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
@@ -91,7 +90,7 @@ def find_compiler(part: str, target: Platform | None = None) -> list[str]:
             f"{part}: there is no C compiler for {name}; install one by "
             f'`pip install "beamdae[fmu]"`{remedy}.'
         )
-    command = [sys.executable, SAFE_PATH, "-m", "ziglang", "cc"]
+    command = [sys.executable, "-P", "-m", "ziglang", "cc"]
     return [*command, "-target", target.zig_target] if target else command
 
 

@@ -374,7 +374,7 @@ typedef struct {
 } StaticWorkspace;
 
 /* Tasks of `perform_task`. */
-enum { EVALUATE_FORCES, EVALUATE_TANGENT, COUNT_SIGNS, CORRECT, FIND_TANGENT };
+enum { EVALUATE_FORCES, EVALUATE_TANGENT, COUNT_SIGNS, CORRECT };
 
 int perform_task(StaticWorkspace *run);
 
@@ -416,25 +416,19 @@ typedef struct {
     Indices2 targets;
     Indices entries;
     Reals inputs;
-    int64_t acceleration_at, reaction_at;
+    int64_t n_inputs, acceleration_at;
     Indices rows;
     Reals scales;
     Indices corrected;
     Reals right;
-    Reals2 positions, velocities, accelerations, reactions, motion;
-    Reals next_a;
-    int64_t step, last;
-    /* Forward */
-    Sum directional;
+    Reals2 positions, velocities, accelerations, reactions, motion, before;
+    Sum change;
+    Reals result;
     Reals2 data;
-    Reals residual, shifts;
-    Reals2 time_rates, results;
-    /* Backward */
-    Sum transposed;
-    Reals weights, gradient;
-    Reals2 seeds;
+    Reals shifts;
+    Reals2 time_rates, stages;
     Reals numbers;
-    Reals2 before;
+    int64_t step, last;
 } LinearSteps;
 
 int forward(LinearSteps *run);

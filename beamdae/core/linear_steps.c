@@ -5,7 +5,7 @@
 
 /* Write a state to the inputs, with multipliers times a factor. */
 static void set_state(LinearSteps *run, int64_t k, double factor) {
-    const int64_t n = run->n, a = run->acceleration_at, lam = run->reaction_at;
+    const int64_t n = run->n, a = run->acceleration_at, lam = a + n;
     const Reals state = row(run->states, k);
     copy(part(run->inputs, 0, 2 * n), state);
     copy(part(run->inputs, a, a + n), from(state, 2 * n));
@@ -43,7 +43,7 @@ static void differentiate_step(LinearSteps *run, int64_t k) {
     const int64_t n = run->n, s = run->nodes.size, step = run->step;
     const int64_t unknowns = run->rows.size, first = n + run->corrected.size;
     const StepTables *tables = &run->tables;
-    const Reals changes = from(run->inputs, run->inputs.size / 2);
+    const Reals changes = from(run->inputs, run->n_inputs), next_a = row(run->before, 3);
     Reals z[4];
     for (int b = 0; b < 4; b++) z[b] = row(run->motion, 4 * k + b);
     for (int64_t i = 0; i < s; i++) {
@@ -57,18 +57,18 @@ static void differentiate_step(LinearSteps *run, int64_t k) {
         }
         copy(row(run->positions, i), changes);
         copy(row(run->velocities, i), from(changes, n));
-        set_time(&run->directional, stage_time(run, i), run->branch);
-        evaluate_with_data(&run->directional, row(run->data, k), run->inputs, run->residual);
+        set_time(&run->change, stage_time(run, i), run->branch);
+        evaluate_with_data(&run->change, row(run->data, k), run->inputs, run->result);
         if (run->shifts.at[k] != 0.0)
-            add_to(run->residual, run->shifts.at[k], row(run->time_rates, s * step + i));
+            add_to(run->result, run->shifts.at[k], row(run->time_rates, s * step + i));
         const Reals right = part(run->right, i * unknowns, (i + 1) * unknowns);
         for (int64_t e = 0; e < unknowns; e++)
-            right.at[e] = run->scales.at[e] * run->residual.at[run->rows.at[e]];
+            right.at[e] = run->scales.at[e] * run->result.at[run->rows.at[e]];
     }
     solve(&run->linear, run->right);
     const double *after = row(tables->after, step).at;
-    combine4(run->next_a, after[0], z[0], after[1], z[1], after[2], z[2], after[3], z[3]);
-    add_to(run->next_a, after[4], from(run->right, (s - 1) * unknowns));
+    combine4(next_a, after[0], z[0], after[1], z[1], after[2], z[2], after[3], z[3]);
+    add_to(next_a, after[4], from(run->right, (s - 1) * unknowns));
     /* Accelerations serve as work array for the corrections of velocities. */
     for (int64_t i = 0; i < s; i++) {
         const Reals correction = row(run->accelerations, i);
@@ -80,7 +80,7 @@ static void differentiate_step(LinearSteps *run, int64_t k) {
         PICK(correction.at, run->corrected.at, x, run->entries.at, 0, run->corrected.size);
     }
     for (int64_t i = 0; i < s; i++) {
-        const Reals result = row(run->results, (s * step + i) * run->shifts.size + k);
+        const Reals result = row(run->stages, (s * step + i) * run->shifts.size + k);
         combine2(part(result, 0, n), 1.0, row(run->positions, i), -1.0,
                  from(run->right, i * unknowns));
         combine2(part(result, n, 2 * n), 1.0, row(run->velocities, i), -1.0,
@@ -93,9 +93,9 @@ static void differentiate_step(LinearSteps *run, int64_t k) {
                    from(run->right, j * unknowns + first));
         }
     }
-    const Reals last = row(run->results, (s * step + s - 1) * run->shifts.size + k);
+    const Reals last = row(run->stages, (s * step + s - 1) * run->shifts.size + k);
     for (int b = 0; b < 3; b++) copy(z[b], from(last, b * n));
-    copy(z[3], run->next_a);
+    copy(z[3], next_a);
 }
 
 /* Differentiate steps along all directions; return DONE, NEW_PIVOTS or SINGULAR. */
@@ -112,13 +112,14 @@ int forward(LinearSteps *run) {
 static void transpose_step(LinearSteps *run) {
     const int64_t n = run->n, m = run->m, s = run->nodes.size, step = run->step;
     const int64_t unknowns = run->rows.size, corrected = run->corrected.size;
-    const int64_t first = n + corrected, n_inputs = run->inputs.size - run->weights.size;
+    const int64_t first = n + corrected, n_inputs = run->n_inputs;
+    const Reals weights = from(run->inputs, n_inputs), gradient = run->result;
     const StepTables *tables = &run->tables;
     const double *after = row(tables->after, step).at;
     Reals z[4];
     for (int b = 0; b < 4; b++) z[b] = row(run->motion, b);
     for (int64_t i = 0; i < s; i++) {
-        const Reals seed = row(run->seeds, s * step + i);
+        const Reals seed = row(run->stages, s * step + i);
         copy(row(run->positions, i), seed);
         copy(row(run->velocities, i), from(seed, n));
         copy(row(run->reactions, i), from(seed, 2 * n));
@@ -148,16 +149,15 @@ static void transpose_step(LinearSteps *run) {
     for (int b = 0; b < 4; b++) scale(row(run->before, b), after[b], z[3]);
     for (int64_t i = 0; i < s; i++) {
         const double *x = run->right.at + i * unknowns;
-        fill(run->weights, 0.0);
-        GATHER(run->weights.at, run->rows.at, run->scales.at, x, run->entries.at, 0, unknowns);
+        fill(weights, 0.0);
+        GATHER(weights.at, run->rows.at, run->scales.at, x, run->entries.at, 0, unknowns);
         set_state(run, s * step + 1 + i, 1.0);
-        copy(from(run->inputs, n_inputs), run->weights);
-        set_time(&run->transposed, stage_time(run, i), run->branch);
-        evaluate_sum(&run->transposed, run->inputs, run->gradient);
-        add_to(run->numbers, 1.0, from(run->gradient, n_inputs));
+        set_time(&run->change, stage_time(run, i), run->branch);
+        evaluate_sum(&run->change, run->inputs, gradient);
+        add_to(run->numbers, 1.0, from(gradient, n_inputs));
         const Reals q = row(run->positions, i), v = row(run->velocities, i);
-        add_to(q, 1.0, run->gradient);
-        add_to(v, 1.0, from(run->gradient, n));
+        add_to(q, 1.0, gradient);
+        add_to(v, 1.0, from(gradient, n));
         for (int b = 0; b < 4; b++)
             combine3(row(run->before, b), 1.0, row(run->before, b),
                      entry4(tables->predict, step, i, 0, b), q,

@@ -150,7 +150,7 @@ static int judge(Corrections *run, double size) {
 }
 
 /* Correct a point by Newton's method until it is a solution, or once if the control is not linear.
-   After DONE, the factors are those before the last correction. */
+   The right-hand side becomes the derivatives by the control before the last correction. */
 static int correct(StaticWorkspace *run) {
     const int64_t size = run->forces.size, n = run->inputs.size - size;
     const Reals right = run->right, q = part(run->inputs, 0, n), lam = from(run->inputs, 2 * n);
@@ -172,25 +172,16 @@ static int correct(StaticWorkspace *run) {
         run->mu += share * right.at[size];
         run->deviation += share * inner_product(run->row, right);
         run->has_forces = run->has_tangent = 0;
-        if (!run->is_linear) return code;
+        if (!run->is_linear) break;
     }
+    fill(right, 0.0);
+    right.at[size] = 1.0;
+    solve_newton(run);
     return code;
-}
-
-/* Find the derivatives by the control. */
-static int find_tangent(StaticWorkspace *run) {
-    if (!run->has_factors) {
-        evaluate_forces(run);
-        evaluate_tangent(run);
-    }
-    fill(run->right, 0.0);
-    run->right.at[run->forces.size] = 1.0;
-    return solve_newton(run);
 }
 
 int perform_task(StaticWorkspace *run) {
     if (run->task == CORRECT) return correct(run);
-    if (run->task == FIND_TANGENT) return find_tangent(run);
     if (run->task == EVALUATE_FORCES)
         evaluate_forces(run);
     else

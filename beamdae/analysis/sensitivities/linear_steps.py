@@ -18,7 +18,7 @@ The loops are in `linear_steps.c`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -26,10 +26,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.sensitivities.directions import Directions
-from beamdae.analysis.sensitivities.model_differences import derivative_call
-from beamdae.analysis.sensitivities.recorded_maps import Gradient, plan_transpose
-from beamdae.analysis.sensitivities.start_derivatives import STEP_FRACTION, StartDerivatives
+from beamdae.analysis.sensitivities.neighbors import derivative_call
+from beamdae.analysis.sensitivities.recorded_maps import Gradient, plan_along, plan_transpose
+from beamdae.analysis.sensitivities.start_derivatives import (
+    STEP_FRACTION,
+    Directions,
+    StartDerivatives,
+)
 from beamdae.core.return_codes import DONE
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import formulate_first_order, plan_residual
@@ -83,77 +86,9 @@ class StepTables(NamedTuple):
     after: Array
 
 
-@dataclass(frozen=True)
-class StageEquations:
-    """Equations of the stages of a method.
-
-    Attributes
-    ----------
-    equations
-        Equations of motion.
-    residual, n_inputs, size
-        Function of a module that returns the plan of the residual of a stage, and the sizes of its
-        inputs and of the residual. The inputs begin with (q, v).
-    matrix, pattern
-        Plan and pattern of the parts of the matrix of a stage.
-    inputs
-        Positions of the accelerations and the multipliers among the inputs.
-    rows
-        Rows of the residual that are solved, (k,).
-    corrected
-        Coordinates whose velocities are unknowns, because joints correct q' = v.
-    nodes
-        Times of the stages in a step of length 1, (s,).
-    is_native
-        True if machine code is available.
-    """
-
-    equations: EquationsOfMotion
-    residual: Callable[[Structure], SumPlan]
-    n_inputs: int
-    size: int
-    matrix: SumPlan
-    pattern: sp.csc_array
-    inputs: tuple[int, int]
-    rows: Array
-    corrected: Array
-    nodes: Array
-    is_native: bool
-
-
-def formulate_steps(
-    method: GeneralizedAlpha | Radau, equations: EquationsOfMotion
-) -> StageEquations:
-    """Return the equations of the stages of a method."""
-    n, m = equations.n, equations.m
-    if isinstance(method, GeneralizedAlpha):
-        step = formulate_step(equations, False)
-        return StageEquations(
-            equations, _plan_step_residual, 4 * n + 2 * m, n + m, step.sums[2], step.pattern,
-            (2 * n, 3 * n), np.arange(n + m), np.arange(0), np.ones(1), step.is_native,
-        )  # fmt: skip
-    form = formulate_first_order(equations, STABILIZED_FORM, apart=True)
-    pattern, plan, reduction = reduce_kinematics(form)
-    corrected = reduction.corrected.astype(int)
-    rows = np.concatenate([np.arange(n, 2 * n), corrected, np.arange(2 * n, form.size)])
-    return StageEquations(
-        equations, _plan_stage_residual, 2 * form.size, form.size, plan, pattern,
-        (form.size + n, form.size + 2 * n), rows, corrected, C, form.is_native,
-    )  # fmt: skip
-
-
-def _plan_step_residual(structure: Structure) -> SumPlan:
-    return plan_step_sums(structure, False)[1][0]
-
-
-def _plan_stage_residual(structure: Structure) -> SumPlan:
-    return plan_residual(structure, STABILIZED_FORM)
-
-
-def tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
+def _tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
     """Return the coefficients of generalized-alpha for steps `h` [s]."""
-    coefficients = [member.coefficients(x) for x in h.tolist()]
-    c_v, c_a, c_f = np.array(coefficients).T
+    c_v, c_a, c_f = member.coefficients(h)
     one, zero, f = np.ones_like(h), np.zeros_like(h), 1.0 / (1.0 - member.alpha_m)
     # a after the step, as far as z predicts it.
     after = [zero, zero, f * member.alpha_f * one, -f * member.alpha_m * one]
@@ -172,7 +107,7 @@ def tabulate_alpha(member: AlphaParameters, h: Array) -> StepTables:
     )
 
 
-def tabulate_radau(h: Array) -> StepTables:
+def _tabulate_radau(h: Array) -> StepTables:
     """Return the coefficients of Radau IIA for steps `h` [s]."""
     steps, s, h = len(h), len(C), h[:, None, None]
     predict, rates = np.zeros((steps, s, 2, 4)), np.linalg.inv(A) / h
@@ -186,7 +121,7 @@ def tabulate_radau(h: Array) -> StepTables:
 
 @dataclass(slots=True, kw_only=True)
 class LinearSteps:
-    """Work arrays of a loop over the steps of a run.
+    """Work arrays of a loop over the steps of a run, `forward` or `backward`.
 
     Attributes
     ----------
@@ -200,18 +135,29 @@ class LinearSteps:
     matrix, parts, block, linear, nonzeros, targets
         Sum of the matrix of a stage and its result, work array for a block of M, solver and
         non-zeros of M or of its transpose, and positions of the entries of its blocks.
-    entries, inputs, acceleration_at, reaction_at
-        0, 1, ...; inputs of the sums, and positions of accelerations and multipliers among them.
+    entries, inputs, n_inputs, acceleration_at
+        0, 1, ...; inputs of the sums, the number x of inputs of the residual, and the position of
+        accelerations among them, which multipliers follow.
     rows, scales, corrected
         Rows of the residual that are solved, their scales, and coordinates with unknown velocities.
     right
         Right-hand side or solution, all stages.
     positions, velocities, accelerations, reactions
         Work arrays of the stages, one stage a row.
-    motion
-        z by direction, (4 k, n), or derivatives of the objective with respect to z, (4, n).
-    next_a
-        Work array, (n,).
+    motion, before
+        z by direction, (4 k, n), or derivatives of the objective with respect to z, (4, n), and a
+        work array, (4, n).
+    change, result
+        Directional derivative of the residual of a stage with the inputs (x, dx), or gradient of
+        weights . residual with the inputs (x, weights), and its result.
+    data, shifts, time_rates
+        `forward`: further inputs by direction, derivatives of the time of all steps (k,) [s], and
+        partial derivatives of the residual with respect to time at the stages.
+    stages
+        `forward`: results, derivatives of (q, v, a, lam) at the stages, one direction a row.
+        `backward`: derivatives of the objective with respect to (q, v, lam) at the stages.
+    numbers
+        `backward`: derivatives with respect to p, summed over the steps.
     step, last
         Index of the step, and of that at which the loop ends.
     """
@@ -231,8 +177,8 @@ class LinearSteps:
     targets: Array
     entries: Array
     inputs: Array
+    n_inputs: int
     acceleration_at: int
-    reaction_at: int
     rows: Array
     scales: Array
     corrected: Array
@@ -242,57 +188,16 @@ class LinearSteps:
     accelerations: Array
     reactions: Array
     motion: Array
-    next_a: Array
-    step: int = 0
-    last: int = 0
-
-
-@dataclass(slots=True, kw_only=True)
-class ForwardSteps(LinearSteps):
-    """Work arrays of `forward`.
-
-    Attributes
-    ----------
-    directional, data, residual
-        Directional derivative of the residual of a stage with the inputs (x, dx), its further
-        inputs by direction, and its result.
-    shifts, time_rates
-        Derivatives of the time of all steps (k,) [s], and partial derivatives of the residual with
-        respect to time at the stages.
-    results
-        Derivatives of (q, v, a, lam) at the stages, one direction a row.
-    """
-
-    directional: Sum
+    before: Array
+    change: Sum
+    result: Array
     data: Array
-    residual: Array
     shifts: Array
     time_rates: Array
-    results: Array
-
-
-@dataclass(slots=True, kw_only=True)
-class BackwardSteps(LinearSteps):
-    """Work arrays of `backward`.
-
-    Attributes
-    ----------
-    transposed, weights, gradient
-        Gradient of weights . residual, the weights, and its result by (inputs, p).
-    seeds
-        Derivatives of the objective with respect to (q, v, lam) at the stages.
-    numbers
-        Derivatives with respect to p, summed over the steps.
-    before
-        Work array for the derivatives with respect to z before a step, (4, n).
-    """
-
-    transposed: Sum
-    weights: Array
-    gradient: Array
-    seeds: Array
+    stages: Array
     numbers: Array
-    before: Array
+    step: int = 0
+    last: int = 0
 
 
 # Matrices M of a run, and positions of the entries of their blocks, by the pattern of the blocks
@@ -300,8 +205,32 @@ class BackwardSteps(LinearSteps):
 Matrices = dict[tuple[int, bool], tuple[FactorizedMatrix, Array, sp.csc_array]]
 
 
+def _plan_step_residual(structure: Structure) -> SumPlan:
+    return plan_step_sums(structure, False)[1][0]
+
+
+def _plan_stage_residual(structure: Structure) -> SumPlan:
+    return plan_residual(structure, STABILIZED_FORM)
+
+
 class _Steps:
-    """Steps of an interval, and the corrections of generalized-alpha between them."""
+    """Steps of an interval, and the corrections of generalized-alpha between them.
+
+    Attributes
+    ----------
+    equations, interval, count, steps, tables
+        Equations, states, number, lengths [s] and coefficients of the steps.
+    parts
+        Indices of the first step and after the last one of parts with equal steps.
+    residual, n_inputs, size
+        Function of a module that returns the plan of the residual of a stage, and the sizes of its
+        inputs and of the residual. The inputs begin with (q, v).
+    rows, corrected
+        Rows of the residual that are solved, (k,), and coordinates whose velocities are unknowns,
+        because joints correct q' = v.
+    nodes
+        Times of the stages in a step of length 1, (s,).
+    """
 
     def __init__(
         self,
@@ -310,8 +239,8 @@ class _Steps:
         interval: Interval,
         matrices: Matrices,
     ) -> None:
-        self.form, self.interval = formulate_steps(method, equations), interval
-        self._matrices = matrices
+        n, m = equations.n, equations.m
+        self.equations, self.interval, self._matrices = equations, interval, matrices
         self.count, self.is_alpha = len(interval.t) - 1, isinstance(method, GeneralizedAlpha)
         self.parts, self.steps = [(0, self.count)], np.diff(interval.t)
         if isinstance(method, GeneralizedAlpha):
@@ -320,10 +249,27 @@ class _Steps:
                 length = float((interval.t[last] - interval.t[first]) / (last - first))
                 self.steps[first:last] = length
             self.member = family_parameters(method.family, method.rho_inf)
-            self.tables = tabulate_alpha(self.member, self.steps)
+            self.tables = _tabulate_alpha(self.member, self.steps)
             self._is_cured = method.start == "cured"
-        else:
-            self.tables = tabulate_radau(self.steps)
+            step = formulate_step(equations, False)
+            self._matrix, self._pattern, self._is_native = (
+                step.sums[2],
+                step.pattern,
+                step.is_native,
+            )
+            self.residual, self.n_inputs, self.size = _plan_step_residual, 4 * n + 2 * m, n + m
+            self._acceleration_at, self.nodes = 2 * n, np.ones(1)
+            self.rows, self.corrected = np.arange(n + m), np.arange(0)
+            return
+        self.tables = _tabulate_radau(self.steps)
+        form = formulate_first_order(equations, STABILIZED_FORM, apart=True)
+        self._pattern, self._matrix, reduction = reduce_kinematics(form)
+        self._is_native = form.is_native
+        self.residual, self.n_inputs, self.size = _plan_stage_residual, 2 * form.size, form.size
+        self._acceleration_at, self.nodes = form.size + n, C
+        self.corrected = reduction.corrected.astype(int)
+        rows = np.arange(n, 2 * n), self.corrected, np.arange(2 * n, form.size)
+        self.rows = np.concatenate(rows)
 
     def node(self, k: int) -> tuple[Array, State]:
         """Return (t, branch) and the state at the start of step `k`."""
@@ -334,76 +280,77 @@ class _Steps:
         """Return the starting values of generalized-alpha."""
         return AlphaStart(self.member, solver, True, self._is_cured)
 
-    def scales(self, step: int) -> Array:
+    def _scales(self, step: int) -> Array:
         """Return the scales of the rows of the residual."""
-        form, scales = self.form, np.ones(len(self.form.rows))
+        e, scales = self.equations, np.ones(len(self.rows))
         if self.is_alpha:
-            e = form.equations
             scales[: e.n] = self.tables.factors[step, 6]
             scales[e.n + e.nonholonomic_rows] = 1.0 / self.tables.velocity[step, 0, 0]
         return scales
 
     def make_loop(
-        self,
-        loop: str,
-        make: Callable[[bool, dict[str, Any]], Any],
-        transposed: bool,
-        is_native: bool,
-        n_inputs: int,
-    ) -> StepLoop[Any]:
-        """Return a loop; `make` returns its workspace, given common fields."""
-        form, s = self.form, len(self.form.nodes)
-        e, (n, m) = form.equations, (form.equations.n, form.equations.m)
-        key, nnz = (id(form.pattern), transposed), form.pattern.nnz
+        self, loop: str, plan: SumPlan, e: EquationsOfMotion, **fields: Any
+    ) -> StepLoop[LinearSteps]:
+        """Return a loop; `plan` is that of its sum `change`, for the numbers of `e`."""
+        s, n, nnz = len(self.nodes), e.n, self._pattern.nnz
+        key = id(self._pattern), loop == "backward"
         if key in self._matrices:
             source, targets, _ = self._matrices[key]
             source.pivot_source = None  # Runs may have thousands of intervals.
             matrix = FactorizedMatrix.from_pattern(source.pattern, pivot_source=source)
         else:
-            pattern, targets = _join_blocks(form.pattern, s, transposed)
+            pattern, targets = _join_blocks(self._pattern, s, loop == "backward")
             matrix = FactorizedMatrix.from_pattern(pattern)
-        self._matrices[key] = matrix, targets, form.pattern  # whose id is not reused
+        self._matrices[key] = matrix, targets, self._pattern  # whose id is not reused
+        sizes = self.n_inputs, self.size
+        n_further, n_result = sizes[::-1] if loop == "backward" else sizes
         common = {
             "n": n,
-            "m": m,
+            "m": e.m,
             "branch": float(self.interval.branch),
             "times": np.ascontiguousarray(self.interval.t),
-            "nodes": form.nodes,
+            "nodes": self.nodes,
             "states": np.hstack(self.interval.rows),
             "tables": StepTables(*map(np.ascontiguousarray, self.tables)),
             "parts": np.zeros(self.tables.blocks.shape[-1] * nnz + (s > 1)),
             "block": np.zeros(nnz),
             "nonzeros": matrix.nonzeros,
             "targets": targets,
-            "entries": np.arange(max(nnz, len(form.rows)), dtype=np.uint32),
-            "inputs": np.zeros(n_inputs),
-            "acceleration_at": form.inputs[0],
-            "reaction_at": form.inputs[1],
-            "rows": form.rows.astype(np.uint32),
-            "scales": np.ones(len(form.rows)),
-            "corrected": form.corrected.astype(np.uint32),
-            "right": np.zeros(s * len(form.rows)),
-            "positions": np.zeros((s, n)),
-            "velocities": np.zeros((s, n)),
-            "accelerations": np.zeros((s, n)),
-            "reactions": np.zeros((s, m)),
-            "next_a": np.zeros(n),
+            "entries": np.arange(max(nnz, len(self.rows)), dtype=np.uint32),
+            "inputs": np.zeros(self.n_inputs + n_further),
+            "n_inputs": self.n_inputs,
+            "acceleration_at": self._acceleration_at,
+            "rows": self.rows.astype(np.uint32),
+            "scales": np.ones(len(self.rows)),
+            "corrected": self.corrected.astype(np.uint32),
+            "right": np.zeros(s * len(self.rows)),
+            **{x: np.zeros((s, n)) for x in ("positions", "velocities", "accelerations")},
+            "reactions": np.zeros((s, e.m)),
+            "before": np.zeros((4, n)),
+            "result": np.zeros(n_result + (len(e.p) if loop == "backward" else 0)),
+            "data": np.zeros((0, 0)),
+            "shifts": np.zeros(0),
+            "time_rates": np.zeros((0, self.size)),
+            "numbers": np.zeros(0),
+            **fields,
         }
 
-        def make_fields(native: bool) -> Any:
-            solver = matrix.make_solver()
-            matrix_sum = form.matrix.sum(native, e.p)
-            return make(native, {**common, "matrix": matrix_sum, "linear": solver})
+        def make(native: bool) -> LinearSteps:
+            return LinearSteps(
+                matrix=self._matrix.sum(native, self.equations.p),
+                linear=matrix.make_solver(),
+                change=plan.sum(native, e.p),
+                **common,
+            )
 
-        return StepLoop(
-            loop, make_fields, lambda run: [(run.linear, matrix)], is_native and form.is_native
-        )
+        is_native = self._is_native and plan.is_native
+        return StepLoop(loop, make, lambda run: [(run.linear, matrix)], is_native)
 
-    def run(self, loop: StepLoop[Any], first: int, last: int) -> None:
+    def run(self, loop: StepLoop[LinearSteps], first: int, last: int) -> None:
         """Run a loop from step `first` to step `last`, which may be before it."""
         run = loop.work
         run.step, run.last = int(first), int(last)
-        run.scales[:] = self.scales(min(first, last))
+        run.scales[:] = self._scales(min(first, last))
         code = loop()
         if code != DONE or not np.all(np.isfinite(run.motion)):
             raise BeamdaeError(
@@ -456,39 +403,36 @@ def differentiate_steps(
         If the matrix is singular at a step.
     """
     steps = _Steps(method, equations, interval, matrices)
-    form, maps, n, count = steps.form, directions.maps, equations.n, len(shifts)
+    maps, n, count = directions.maps, equations.n, len(shifts)
     motion = np.zeros((count, 4, n))
     if steps.is_alpha:
         start, (time, at) = steps.start(maps.solver), steps.node(0)
         initial = maps.initial_motion(start, time, at, float(steps.steps[0]))
-        motion[:] = np.stack(directions.along(initial, starts, shifts), 1)
+        motion[:] = np.stack(initial.along(starts, directions.numbers, shifts), 1)
     else:
         motion[:, :2] = np.stack(starts[:2], 1)
-    plan = maps.directional_plan(form.residual, form.n_inputs)
-    stages = steps.count * len(form.nodes)
+    plan = plan_along(maps.equations, maps.moving, steps.residual, steps.n_inputs)
+    stages = steps.count * len(steps.nodes)
     results = np.zeros(((stages + 1) * count, 3 * n + equations.m))
     results[:count] = np.hstack(starts)
 
-    def make(native: bool, fields: dict[str, Any]) -> ForwardSteps:
-        return ForwardSteps(
-            **fields,
-            motion=motion.reshape(-1, n).copy(),
-            directional=motion_plan(plan, form.n_inputs).sum(native, maps.equations.p),
-            data=direction_inputs(plan, form.n_inputs, maps.equations.p, directions.numbers),
-            residual=np.zeros(form.size),
-            shifts=shifts,
-            time_rates=_time_rates(steps) if shifts.any() else np.zeros((0, form.size)),
-            results=results[count:],
-        )
-
-    loop = steps.make_loop("forward", make, False, plan.is_native, 2 * form.n_inputs)
+    loop = steps.make_loop(
+        "forward",
+        motion_plan(plan, steps.n_inputs),
+        maps.equations,
+        motion=motion.reshape(-1, n).copy(),
+        data=direction_inputs(plan, steps.n_inputs, maps.equations.p, directions.numbers),
+        shifts=shifts,
+        time_rates=_time_rates(steps) if shifts.any() else np.zeros((0, steps.size)),
+        stages=results[count:],
+    )
     z = loop.work.motion.reshape(count, 4, n)
     for first, last in steps.parts:
         if first > 0:
             (time, at), h, before = steps.node(first), steps.steps[first], steps.steps[first - 1]
             ratio, square = h / before, (h * h - before * before) * steps.member.defect
             jerk_map = maps.jerk_map(time, at, float(h))
-            (jerks,) = directions.along(jerk_map, [z[:, b] for b in range(3)], shifts)
+            (jerks,) = jerk_map.along([z[:, b] for b in range(3)], directions.numbers, shifts)
             z[:, 1] += square * jerks
             z[:, 3] = (1.0 - ratio) * z[:, 2] + ratio * z[:, 3]
         steps.run(loop, first, last)
@@ -497,15 +441,14 @@ def differentiate_steps(
 
 def _time_rates(steps: _Steps) -> Array:
     """Return the derivatives of the residual by time at the ends of steps, (steps, size)."""
-    form, interval = steps.form, steps.interval
-    e = form.equations
-    total, inputs = SumEvaluator(form.residual(e.structure), e.p), np.zeros(form.n_inputs)
-    result = np.zeros((steps.count, form.size))
+    e, interval = steps.equations, steps.interval
+    total, inputs = SumEvaluator(steps.residual(e.structure), e.p), np.zeros(steps.n_inputs)
+    result = np.zeros((steps.count, steps.size))
     for k, delta in enumerate((STEP_FRACTION * steps.steps).tolist()):
         inputs[: 3 * e.n + e.m] = np.concatenate([x[k + 1] for x in interval.state])
         for sign in (1.0, -1.0):
             set_time(total, interval.t[k + 1] + sign * delta, interval.branch)
-            result[k] += sign * total(inputs, form.size)
+            result[k] += sign * total(inputs, steps.size)
         result[k] /= 2.0 * delta
     return result
 
@@ -539,23 +482,16 @@ def transpose_steps(
     """
     e = start.equations
     steps = _Steps(method, e, interval, matrices)
-    form = steps.form
-    plan = plan_transpose(e.structure, form.residual, form.n_inputs, 0.0)
+    plan = plan_transpose(e.structure, steps.residual, steps.n_inputs, 0.0)
 
-    def make(native: bool, fields: dict[str, Any]) -> BackwardSteps:
-        return BackwardSteps(
-            **fields,
-            motion=np.zeros((4, e.n)),
-            transposed=plan.sum(native, e.p),
-            weights=np.zeros(form.size),
-            gradient=np.zeros(form.n_inputs + len(e.p)),
-            seeds=np.ascontiguousarray(seeds),
-            numbers=np.zeros(len(e.p)),
-            before=np.zeros((4, e.n)),
-        )
-
-    n_inputs = form.n_inputs + form.size
-    loop = steps.make_loop("backward", make, True, plan.is_native, n_inputs)
+    loop = steps.make_loop(
+        "backward",
+        plan,
+        e,
+        motion=np.zeros((4, e.n)),
+        stages=np.ascontiguousarray(seeds),
+        numbers=np.zeros(len(e.p)),
+    )
     run, numbers = loop.work, np.zeros(len(e.p))
     for first, last in reversed(steps.parts):
         if last < steps.count:

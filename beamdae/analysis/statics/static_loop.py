@@ -25,7 +25,6 @@ EVALUATE_FORCES = 0
 EVALUATE_TANGENT = 1
 COUNT_SIGNS = 2
 CORRECT = 3
-FIND_TANGENT = 4
 
 
 @dataclass(slots=True)
@@ -72,7 +71,8 @@ class StaticWorkspace:
     column_start
         Start of the last column, F_mu, in `nonzeros`.
     right
-        Right-hand side, (n + m + 1,), and then the solution.
+        Right-hand side, (n + m + 1,), and then the solution; after `CORRECT`, derivatives by the
+        control.
     joint_count
         Number of multipliers of joints, g = 0; the others are compliant, g - lam = 0.
     remainder
@@ -90,17 +90,15 @@ class StaticWorkspace:
         Load factor; that of the parts U and L is (mu - center) * scale.
     task
         `EVALUATE_FORCES`; `EVALUATE_TANGENT` to evaluate also the tangent; `COUNT_SIGNS` to count
-        also its negative pivots; `CORRECT` to correct the point by Newton's method
-        until it is a solution or, if the control is not linear, once; `FIND_TANGENT` to find the
-        derivatives by the control.
+        also its negative pivots; `CORRECT` to correct the point by Newton's method until it is a
+        solution or, if the control is not linear, once.
     is_linear
         1 if derivatives of the control are the same everywhere, else 0.
     has_forces, has_tangent
         1 if forces and tangent have been evaluated at `inputs` and `mu`, else 0.
     has_factors
         1 if the last factors are those of the tangent at the last point where it was evaluated and
-        `row`, with F_mu as column, else 0. A solution keeps those before its last correction for
-        the tangent of the path.
+        `row`, with F_mu as column, else 0.
     """
 
     common: LoadPart

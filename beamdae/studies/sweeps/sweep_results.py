@@ -16,10 +16,9 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, as_real, short_repr, suggest, unbox_scalar
 from beamdae.model_parameters import convert_text
 from beamdae.read_only import read_only_data
-from beamdae.report.page.page_content import PageContent
+from beamdae.report.page.page_content import Content
 from beamdae.report.page.page_file import write_page
 from beamdae.report.terminal.text_tables import format_headers
-from beamdae.results.columns import Header, remove_unit
 from beamdae.results.displays import Plot
 from beamdae.results.outcome import Status
 from beamdae.results.storage.files import require_file_path, write_escaped_table
@@ -227,19 +226,6 @@ class SweepResults:
         """Names of the columns in the table that are plotted by default."""
         return [column for panel in self.panels() for column in panel.lines.values()]
 
-    @property
-    def other_columns(self) -> list[str]:
-        """Names of the observed columns without measures in `response_columns`.
-
-        Observables without any of their columns there are named once: "root" for "root.N".
-        """
-        responses = set(self.response_columns)
-        headers = select_headers(self.results, self.sweep)
-        others = [x for x in headers if not responses & set(measure_columns(x).values())]
-        partial = {Header.of(x).name for x in headers if x not in others}
-        names = [(x, Header.of(x).name) for x in others]
-        return list(dict.fromkeys(remove_unit(x) if y in partial else y for x, y in names))
-
     def plot(self, *names: str, x: str | None = None) -> Plot:
         """Plot responses over one parameter, with a curve per combination of other parameters.
 
@@ -376,27 +362,17 @@ def idle_parameter_warnings(swept: SweepResults) -> Iterator[str]:
 
 
 def list_warnings(swept: SweepResults) -> Iterator[str]:
-    """Yield messages about the runs of a sweep.
-
-    There is one message about all unsuccessful runs, if any, one about all successful runs with
-    warnings, if any, and one about each parameter without effect.
-    """
-    yield from idle_parameter_warnings(swept)
-    failed = swept.table[STATUS] != "ok"
-    measured, things = swept.sweep.is_measured, "cases" if swept.sweep.is_measured else "runs"
-    with_warnings = (swept.table[WARNINGS] != "") & ~failed
-    for selection, column, problem in (
-        (failed, REASON, "failed" if measured else "did not reach the end time"),
-        (with_warnings, WARNINGS, "have warnings" if measured else "ended with warnings"),
-    ):
-        rows = swept.table[selection]
-        if len(rows):
-            tag = swept.sweep.tag(swept.sweep.cases[int(rows.index[0])])
-            reason = str(rows[column].iloc[0]).removesuffix(".")
-            yield (
-                f"{swept.sweep.name}: {len(rows)} of {len(swept.table)} {things} {problem}, "
-                f"for example {tag}: {reason}; see the table for all."
-            )
+    """Yield `SweepResults.warnings` and a message about unsuccessful runs."""
+    yield from swept.warnings
+    rows = swept.table[swept.table[STATUS] != "ok"]
+    if len(rows):
+        tag = swept.sweep.tag(swept.sweep.cases[int(rows.index[0])])
+        reason = str(rows[REASON].iloc[0]).removesuffix(".")
+        problem = "cases failed" if swept.sweep.is_measured else "runs did not reach the end time"
+        yield (
+            f"{swept.sweep.name}: {len(rows)} of {len(swept.table)} {problem}, for example {tag}: "
+            f"{reason}; see the table for all."
+        )
 
 
 def _matches(setting: Mapping[str, Any], parameters: Mapping[str, Any]) -> bool:
@@ -411,7 +387,7 @@ def _is_same_value(displayed: Any, value: Any) -> bool:
     return bool(displayed == (value if plain else format_parameter(value)))
 
 
-def create_sweep_page(swept: SweepResults) -> PageContent:
+def create_sweep_page(swept: SweepResults) -> Content:
     """Return the data of the HTML page of a sweep, for `write_page`.
 
     Responses are plotted over one parameter; each combination of the other parameters forms a
@@ -469,30 +445,19 @@ def _choose_response(swept: SweepResults, numeric: set[str]) -> str | None:
     return None
 
 
-def _add_motion(content: PageContent, swept: SweepResults, grid: ParameterGrid) -> None:
-    """Add the sliders of the varied parameters, the map and the recorded motions to a page."""
+def _add_motion(content: Content, swept: SweepResults, grid: ParameterGrid) -> None:
+    """Add the sliders of the varied parameters and the recorded motions to a page."""
     units = swept.sweep.units
     content["sliders"] = [
         {
             "label": axis.name,
             "unit": units.get(axis.name, ""),
             "values": [x if axis.is_numeric else str(x) for x in axis.values],
-            "isNumeric": axis.is_numeric,
         }
         for axis in grid.axes
     ]
-    if len(grid.axes) > 1:
-        content["map"] = _choose_map_axes(swept, grid)
     content["sequential"] = all(axis.is_numeric for axis in grid.axes)
     cases = zip(content["cases"], swept.sweep.cases, grid.positions.tolist(), strict=True)
     for entry, case, position in cases:
         frames = swept.results.outcome(case).frames
-        entry |= {"at": position, "frames": frames if frames and frames["t"] else None}
-
-
-def _choose_map_axes(swept: SweepResults, grid: ParameterGrid) -> list[int]:
-    """Return the horizontal and vertical axis of the map: those with the most values."""
-    names = [axis.name for axis in grid.axes]
-    x = names.index(choose_axis(swept.sweep, swept.table))
-    others = [k for k in range(len(names)) if k != x]
-    return [x, max(others, key=lambda k: len(grid.axes[k].values))]
+        entry |= {"at": position, "frames": frames if frames and frames["glyphs"] else None}

@@ -143,10 +143,10 @@ def swing(mass: float = 2.0) -> bd.Mechanism:
 
 
 @cache
-def _study() -> bd.Study:
+def _study() -> bd.results.Study:
     case = bd.Case(swing, {"mass": 1.0}, bd.GeneralizedAlpha(step=0.01))
     references = (bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3))
-    return bd.Study("made", (case,), references=references, t_end=0.1, output_step=0.005)
+    return bd.results.Study("made", (case,), references=references, t_end=0.1, output_step=0.005)
 
 
 @cache
@@ -167,10 +167,10 @@ def write_record(folder: Path, change: str, rng: random.Random) -> Path:
         if rng.random() < 0.5
         else path
     )
-    content, rows = json.loads(path.read_text()), path.with_suffix(".csv")
+    content = json.loads(path.read_text())
     if change == "tables":
+        rows = folder / "trajectories" / content["rows"]["file"]
         text = mutations.change_csv(rows.read_text(), rng)
-        rows.unlink()
         rows.write_text(text)
         content["rows"]["sha256"] = hashlib.sha256(text.encode()).hexdigest()
     else:

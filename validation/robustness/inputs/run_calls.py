@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import beamdae as bd
-from beamdae.studies.tasks import Limits
 from robustness.inputs.sandbox import (
     KNEE,
     OUTPUT_STEP,
@@ -240,7 +239,7 @@ def _model_returning(mechanism: Any) -> bd.results.Model:
     return bd.model(t_end=T_END)(swing)
 
 
-def _study_listing(cases: Any) -> bd.Study:
+def _study_listing(cases: Any) -> bd.results.Study:
     def few() -> Any:
         return cases
 
@@ -397,12 +396,12 @@ STUDY_CALLS: dict[str, WorkingCall] = {
     ),
     "Case parameters": WorkingCall(
         lambda box: {"mass": 2.0, "spin": 1, "at": (1.0, 0.0)},
-        lambda box, case: run_study(box, bd.Study("few", (case,), output_step=OUTPUT_STEP)),
+        lambda box, case: run_study(box, bd.results.Study("few", (case,), output_step=OUTPUT_STEP)),
         lambda box, **values: box.case(**values),
     ),
     "Study": WorkingCall(
         lambda box: (
-            {"name": "few", "cases": (box.case(mass=2.0),), "limits": Limits(10.0)}
+            {"name": "few", "cases": (box.case(mass=2.0),), "time_limit": 10.0}
             | _study_arguments(box)
         ),
         run_study,
@@ -411,8 +410,6 @@ STUDY_CALLS: dict[str, WorkingCall] = {
         lambda box: {
             **_study_arguments(box),
             "time_limit": 10.0,
-            "memory_limit": 4.0,
-            "patience": 5.0,
         },
         _run_decorated_study,
     ),
