@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from beamdae.export.compilers import current_platform, find_compiler, run_compiler
 
 import beamdae as bd
+from beamdae.core.compilers import current_platform, find_compiler, run_compiler
 
 FOLDER = Path(__file__).parent
 HEADERS = Path(bd.__file__).parent / "export" / "c"
