@@ -13,7 +13,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Public:
-    """Public name `bd.<name>` or `bd.results.<name>`, and the module from which it is imported.
+    """Public name `bd.<name>` or `bd.<package>.<name>`, and the module of its definition.
 
     Attributes
     ----------
@@ -22,7 +22,8 @@ class Public:
     module
         Dotted path of the module or package from which the name is imported.
     package
-        "results" for classes that functions return, which are in `bd.results`; otherwise empty.
+        "results" for classes that functions return and base classes, "quantities" for what
+        `optimize` and `gradient` evaluate; otherwise empty.
     command
         Name of an integrator on the command line, as in `--integrator ida`; otherwise empty.
     """
@@ -98,7 +99,7 @@ GROUPS = (
         "",
         """
         Mechanism parts.mechanism
-        Attachment parts.attachments
+        results.Attachment parts.attachments
         Part parts.part
         model model_functions
         results.Model model_functions
@@ -351,10 +352,10 @@ GROUPS = (
         gradient analysis.gradients.gradients
         results.Gradient analysis.gradients.gradients
         results.Objective analysis.gradients.objectives
-        EndValue analysis.gradients.objectives
-        TimeIntegral analysis.gradients.objectives
-        SmoothMaximum analysis.gradients.objectives
-        SquaredErrors analysis.gradients.objectives
+        quantities.EndValue analysis.gradients.objectives
+        quantities.TimeIntegral analysis.gradients.objectives
+        quantities.SmoothMaximum analysis.gradients.objectives
+        quantities.SquaredErrors analysis.gradients.objectives
         """,
     ),
     _create_group(
@@ -371,16 +372,16 @@ GROUPS = (
         """
         optimize analysis.optimization.optimize
         results.Optimization analysis.optimization.result
-        at_most analysis.optimization.quantities
-        at_least analysis.optimization.quantities
+        quantities.at_most analysis.optimization.quantities
+        quantities.at_least analysis.optimization.quantities
         results.Quantity analysis.optimization.quantities
-        Mass analysis.optimization.quantities
-        Frequency analysis.optimization.quantities
-        EquilibriumValue analysis.optimization.quantities
-        EquilibriumErrors analysis.optimization.quantities
-        CriticalLoad analysis.optimization.quantities
-        ParameterFunction analysis.optimization.quantities
-        LargestOf analysis.optimization.quantities
+        quantities.Mass analysis.optimization.quantities
+        quantities.Frequency analysis.optimization.quantities
+        quantities.EquilibriumValue analysis.optimization.quantities
+        quantities.EquilibriumErrors analysis.optimization.quantities
+        quantities.CriticalLoad analysis.optimization.quantities
+        quantities.ParameterFunction analysis.optimization.quantities
+        quantities.LargestOf analysis.optimization.quantities
         """,
     ),
     _create_group(
@@ -391,7 +392,7 @@ GROUPS = (
         results.Sweep studies
         results.SweepResults studies
         study studies
-        Study studies
+        results.Study studies
         Case studies
         grid studies
         compare studies
@@ -418,6 +419,7 @@ GROUPS = (
     ),
 )
 
+PACKAGES = ("quantities", "results")
 NAMES = {public.name: public for group in GROUPS for public in group.names}
 INTEGRATORS = {public.command: public for public in NAMES.values() if public.command}
 
@@ -440,11 +442,11 @@ def stub_text(package: str = "") -> str:
         for name in names
     ]
     if not package:
-        lines.append("from . import results as results")
+        lines += [f"from . import {name} as {name}" for name in PACKAGES]
     return "\n".join([*sorted(lines), *([] if package else ["", "__version__: str"]), ""])
 
 
 if __name__ == "__main__":
-    for package in ("", "results"):
+    for package in ("", *PACKAGES):
         stub = Path(__file__).parent / package / "__init__.pyi"
         stub.write_text(stub_text(package), "utf-8")

@@ -25,6 +25,7 @@ from ..equations.equations_of_motion import EquationsOfMotion as EquationsOfMoti
 from ..export.fmu import ExportedFmu as ExportedFmu
 from ..live.server import LiveView as LiveView
 from ..model_functions import Model as Model
+from ..parts.attachments import Attachment as Attachment
 from ..parts.control.controller import Sample as Sample
 from ..parts.signals import Input as Input
 from ..parts.signals import Sensor as Sensor
@@ -40,5 +41,6 @@ from ..results.section_forces.section_forces import SectionForces as SectionForc
 from ..results.solution import Solution as Solution
 from ..results.step_response import StepResponse as StepResponse
 from ..results.storage.saved_run import SavedRun as SavedRun
+from ..studies import Study as Study
 from ..studies import Sweep as Sweep
 from ..studies import SweepResults as SweepResults

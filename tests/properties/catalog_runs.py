@@ -135,7 +135,7 @@ def check_derivatives(entry: str) -> None:
         size = max(float(np.max(np.abs(exact))), 1e-3)
         actual = found.sensitivity(name, "x")
         assert_allclose(actual, exact, rtol=0.0, atol=1e-4 * size, err_msg=name)
-    end = bd.gradient(entry_model, bd.EndValue("tip.y"), "x", method, **settings)
+    end = bd.gradient(entry_model, bd.quantities.EndValue("tip.y"), "x", method, **settings)
     assert_allclose(end.array[0], found.sensitivity("tip.y", "x").iloc[-1], rtol=1e-8, atol=1e-11)
 
 

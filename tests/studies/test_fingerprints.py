@@ -309,7 +309,7 @@ def test_cached_properties_do_not_change_digests():
 def test_regression_parameters_that_cannot_be_reproduced_are_refused(value, words):
     """They were stored under a new hash each time."""
     with pytest.raises(bd.BeamdaeError, match=f"swing: {words}"):
-        bd.Study("made", (bd.Case(swing, {"note": value}),))
+        bd.results.Study("made", (bd.Case(swing, {"note": value}),))
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from beamdae.studies.store.store import Store, format_trajectory
 from beamdae.studies.tasks import Outcome, Rows, Task
 
 CASE = bd.Case(swing, {"mass": 1.0}, bd.GeneralizedAlpha(step=0.01))
-STUDY = bd.Study(
+STUDY = bd.results.Study(
     "made", (CASE,), references=(bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3)), t_end=0.1
 )
 TASK = STUDY.task(CASE)

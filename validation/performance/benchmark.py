@@ -93,7 +93,9 @@ RATE = 2e3  # 1/s
 
 
 def make_call_timer(
-    equations: bd.results.EquationsOfMotion, integrator: bd.Integrator, statistics: Statistics
+    equations: bd.results.EquationsOfMotion,
+    integrator: bd.Integrator,
+    statistics: Statistics,
 ) -> Callable[[], float]:
     """Return a function that measures the time of a run's counted calls, back to back [s]."""
     counts = dict(

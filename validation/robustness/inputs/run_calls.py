@@ -239,7 +239,7 @@ def _model_returning(mechanism: Any) -> bd.results.Model:
     return bd.model(t_end=T_END)(swing)
 
 
-def _study_listing(cases: Any) -> bd.Study:
+def _study_listing(cases: Any) -> bd.results.Study:
     def few() -> Any:
         return cases
 
@@ -396,7 +396,7 @@ STUDY_CALLS: dict[str, WorkingCall] = {
     ),
     "Case parameters": WorkingCall(
         lambda box: {"mass": 2.0, "spin": 1, "at": (1.0, 0.0)},
-        lambda box, case: run_study(box, bd.Study("few", (case,), output_step=OUTPUT_STEP)),
+        lambda box, case: run_study(box, bd.results.Study("few", (case,), output_step=OUTPUT_STEP)),
         lambda box, **values: box.case(**values),
     ),
     "Study": WorkingCall(
