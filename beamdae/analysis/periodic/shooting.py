@@ -69,7 +69,7 @@ _DIFFERENCE_STEP = 2e-5
 # Smaller singular values, relative to the largest, belong to directions in which all states are
 # periodic.
 _NEUTRAL_RATIO = 1e-9
-_DAMPING_RATIO = 0.1  # of corrections with a free period, relative to the deviation
+_DAMPING_RATIO = 0.3  # of corrections with a free period, relative to the deviation
 # A run has returned to its final state where it differs by at most this fraction of the range of
 # each coordinate and velocity; coordinates with a far smaller range than others are at rest. Number
 # of times at which states are compared.
@@ -512,32 +512,20 @@ def estimate_period(solution: Solution) -> float | None:
 
     Differences are measured relative to the ranges of (q, v) in the second half of the run.
     """
-    # Imported here because importing scipy.signal takes as long as a short run.
-    from scipy.optimize import minimize_scalar
-    from scipy.signal import find_peaks
-
     trajectory, is_angle = solution.trajectory, solution.equations.is_angle
-    last = trajectory.intervals[-1].state
-
-    def differences(times: Array) -> Array:
-        state = trajectory.at(times)[1]
-        q = state.q - last.q[-1]
-        q -= np.where(is_angle, FULL_TURN * np.round(q / FULL_TURN), 0.0)
-        return np.concatenate([q, state.v - last.v[-1]], axis=1)
-
     # From the end backward.
     times = np.linspace(trajectory.end, trajectory.start, _RETURN_SAMPLES)
-    changes = differences(times)
+    state = trajectory.at(times)[1]
+    q, v = state.q - state.q[0], state.v - state.v[0]
+    changes = np.hstack([q - np.where(is_angle, FULL_TURN * np.round(q / FULL_TURN), 0.0), v])
     ranges = np.ptp(changes[: _RETURN_SAMPLES // 2], axis=0)
     largest = np.repeat([np.max(x) for x in np.split(ranges, 2)], len(is_angle))
     ranges[ranges <= _REST_RATIO * largest] = np.inf
     distance = np.max(np.abs(changes / ranges), axis=1)
-    returns, _ = find_peaks(-distance, height=-_RETURN_DISTANCE, prominence=_RETURN_DISTANCE)
-    if not len(returns):
+    departure = int(np.argmax(distance > 2.0 * _RETURN_DISTANCE))
+    is_near = distance[departure:] < _RETURN_DISTANCE
+    if not departure or not is_near.any():
         return None
-    found = minimize_scalar(
-        lambda t: float(np.linalg.norm(differences(np.array([t])) / ranges)),
-        bounds=(times[returns[0] + 1], times[returns[0] - 1]),
-        method="bounded",
-    )
-    return float(trajectory.end - found.x)
+    first = departure + int(np.argmax(is_near))
+    last = first + int(np.argmax(np.append(distance[first:] >= _RETURN_DISTANCE, True)))
+    return float(trajectory.end - times[first + np.argmin(distance[first:last])])
