@@ -264,8 +264,8 @@ def bode(
     Warns
     -----
     BeamdaeWarning
-        If the model is unstable, frequencies miss peaks (see `LinearModel.frequency_response`), or
-        `Bode.errors` exceed 4 %; they are measured unless warnings are filtered out.
+        If the model is unstable, or `Bode.errors` exceed 4 %; they are measured unless warnings are
+        filtered out.
 
     Examples
     --------

@@ -393,6 +393,7 @@ def _inject_at_command(lin: Linearization, name: str) -> Matrices:
     All loops are closed. The output is the command before the disturbance.
     """
     mechanism = lin.equations.mechanism
+    assert mechanism is not None
     commands = compile_commands(lin.equations)
     command = next((x for x in commands if x.name.startswith(f"{name}: ")), None)
     if command is None:
@@ -494,7 +495,7 @@ def _find_crossovers(loop: _Loop) -> list[Crossover]:
         lag = (loop.lag(x) - _FULL_TURN * x * loop.delay) % _FULL_TURN
         margin = math.degrees(lag if lag <= np.pi else lag - _FULL_TURN)
         crossovers.append(Crossover("gain", x, math.nan, margin, lag / (_FULL_TURN * x)))
-    for k in np.flatnonzero(np.maximum(sizes[:-1], sizes[1:]) > _MIN_SIZE):
+    for k in np.flatnonzero(np.maximum(sizes[:-1], sizes[1:]) > _MIN_SIZE).tolist():
         low, high = sorted((first[k], last[k]))
         levels = np.arange(np.ceil(low), np.ceil(high))[: _MAX_CROSSOVERS - len(critical)]
         for level in levels[np.maximum(levels - low, high - levels) > _PHASE_ROUNDING]:

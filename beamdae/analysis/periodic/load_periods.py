@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -31,10 +30,12 @@ _TEST_PERIODS = (0.29, 0.618)
 # numbers of periods; the last one is 1100 s for a period of 1e-9 s. Rounding of later times would
 # change the phase of loads by more than 1e-4 periods.
 _LATER_PERIODS = 2.0 ** np.arange(1.0, 41.0)
-# Relative changes of a period after which loads do not repeat, to propose one after which they do;
-# iterations, and relative step of the differences, with which it is located.
-_PROPOSED_CHANGES = np.linspace(-0.2, 0.2, 801)
-_PROPOSAL_ITERATIONS, _PROPOSAL_STEP = 6, 1e-7
+# Relative changes and multiples of a period after which loads do not repeat, to propose one after
+# which they do; iterations, and relative step of the differences, with which it is located.
+_PROPOSED_CHANGES, _PROPOSED_MULTIPLES = np.linspace(-0.2, 0.2, 801), np.arange(2.0, 7.0)
+_PROPOSAL_ITERATIONS, _PROPOSAL_STEP = 12, 1e-7
+_MAX_TRIALS = 10  # of near periods
+_TINY = 1e-300  # avoids a division by zero
 
 
 class Loads:
@@ -135,22 +136,17 @@ class Loads:
         )
 
     def _find_near(self) -> float | None:
-        """Return the nearest period after which loads repeat, or None."""
+        """Return the nearest period after which loads repeat, a multiple, or None."""
         periods = self.period * (1.0 + _PROPOSED_CHANGES)
-        values = [np.max(np.abs(self._changes_after(x))) for x in periods]
-        for period in periods[_list_minima(values)].tolist():
+        values = np.array([np.max(np.abs(self._changes_after(x))) for x in periods])
+        (minima,) = np.nonzero((values[1:-1] < values[:-2]) & (values[1:-1] <= values[2:]))
+        near = sorted(periods[1 + minima].tolist(), key=lambda x: abs(x - self.period))
+        for period in (*near[:_MAX_TRIALS], *(self.period * _PROPOSED_MULTIPLES).tolist()):
             # Gauss-Newton, because changes are linear close to the period.
             for _ in range(_PROPOSAL_ITERATIONS):
                 before, step = self._changes_after(period), _PROPOSAL_STEP * period
                 slope = (self._changes_after(period + step) - before) / step
-                period -= float(np.sum(slope * before) / np.sum(slope * slope))
+                period -= float(np.sum(slope * before) / max(np.sum(slope * slope), _TINY))
             if np.max(np.abs(self._changes_after(period))) <= _TOLERANCE:
                 return period
         return None
-
-
-def _list_minima(values: Sequence[float]) -> Array:
-    """Return the indices of local minima, ordered by their distance from the middle."""
-    x = np.array(values)
-    (minima,) = np.nonzero((x[1:-1] <= x[:-2]) & (x[1:-1] <= x[2:]))
-    return 1 + minima[np.argsort(np.abs(1 + minima - len(x) // 2), kind="stable")]
