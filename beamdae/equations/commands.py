@@ -10,14 +10,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.equations.assembly.building import NumberStore, build_observable, select_input_laws
-from beamdae.equations.assembly.coordinate_map import map_coordinates
-from beamdae.equations.equations_of_motion import (
-    EquationsOfMotion,
-    Observable,
-    PartStatements,
-    State,
-)
+from beamdae.equations.assembly.observables import CompiledQuantity, compile_quantity
+from beamdae.equations.equations_of_motion import EquationsOfMotion, PartStatements, State
 from beamdae.equations.structure import cache_on_owner
 from beamdae.errors import BeamdaeError
 from beamdae.parts.control.controller import Controller
@@ -43,15 +37,14 @@ class Command:
         Description of the controller.
     low, high
         Limits; infinite if there are none.
-    observable, numbers
-        Compiled value of the command before its limits, and the numbers to which it refers.
+    value
+        The compiled command before its limits.
     """
 
     name: str
     low: float
     high: float
-    observable: Observable
-    numbers: Array
+    value: CompiledQuantity
 
     @property
     def has_limits(self) -> bool:
@@ -60,8 +53,7 @@ class Command:
 
     def evaluate(self, times: Array, state: State) -> Array:
         """Return the command (k,) before its limits at rows (t, branch) and states."""
-        motion = state.q, state.v, np.zeros((len(times), 0))
-        return self.observable.evaluate(self.numbers, times, *motion)[:, 0]
+        return self.value.rows(times, state.q, state.v)[:, 0]
 
     def excess(self, time: Array, q: Array, v: Array) -> tuple[float, float, float]:
         """Return the command in a state, the nearest limit, and the distance beyond this limit.
@@ -83,17 +75,13 @@ def compile_commands(equations: EquationsOfMotion) -> tuple[Command, ...]:
     if mechanism is None or not mechanism.has_coordinate_signals:
         return ()
     commands = []
-    coordinate_map = map_coordinates(mechanism)
-    laws = select_input_laws(mechanism.inputs)
     for name, output in mechanism.outputs.items():
         formula, low, high = _split_limits(output) or (output, -np.inf, np.inf)
         if not any(x.rows for x in find_signals(formula)):
             continue
-        numbers = NumberStore()
         quantity = Quantity((Variable("command", "-"),), (), partial(_return_formula, formula))
-        observable = build_observable(name, quantity, coordinate_map, numbers, {}, laws)
-        description = f"{name}: the command"
-        commands.append(Command(description, low, high, observable, numbers.all(mechanism.inputs)))
+        value = compile_quantity(mechanism, name, quantity)
+        commands.append(Command(f"{name}: the command", low, high, value))
     return tuple(commands)
 
 
@@ -134,13 +122,10 @@ def differentiate_laws(
             ) from None
         slopes = ca.densify(ca.jacobian(ca.vertcat(*replaced), symbol))
         slopes = ca.substitute(slopes, symbol, output)
-        numbers, coordinate_map = NumberStore(), map_coordinates(mechanism)
         columns = tuple(Variable(f"slope {k}", "-") for k in range(len(formulas)))
         quantity = Quantity(columns, (), partial(_return_formula, slopes))
-        laws = select_input_laws(mechanism.inputs)
-        observable = build_observable(part.name, quantity, coordinate_map, numbers, {}, laws)
-        motion = state.q[None], state.v[None], np.zeros((1, 0))
-        yield part, observable.evaluate(numbers.all(mechanism.inputs), time[None], *motion)[0]
+        compiled = compile_quantity(mechanism, part.name, quantity)
+        yield part, compiled.rows(time[None], state.q[None], state.v[None])[0]
 
 
 def _return_formula(formula: SX, local: Local) -> SX:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.assembly.building import select_input_laws
+from beamdae.equations.assembly.numbers import select_input_laws
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.symbolic.force_kernel import ForceKernel
 from beamdae.symbolic.kernel_groups import group_by_kernel

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdae.equations.assembly.building import NumberStore, build_observable
-from beamdae.equations.assembly.coordinate_map import map_coordinates
-from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
+from beamdae.equations.assembly.observables import CompiledQuantity, compile_quantity
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 
 Array = np.ndarray
 
@@ -22,8 +21,8 @@ class SurfaceGapTerm:
     ----------
     part
         Name of the part.
-    observable, numbers
-        Compiled gap, and the numbers to which it refers.
+    distance
+        The compiled gap [m].
     lengths
         Upper bound on the displacement [m] of the point per unit of each coordinate, (n,); 0 for
         coordinates on which the gap does not depend.
@@ -32,19 +31,14 @@ class SurfaceGapTerm:
     """
 
     part: str
-    observable: Observable
-    numbers: Array
+    distance: CompiledQuantity
     lengths: Array
     length: float
 
     def evaluate(self, t: Array, branch: float, q: Array) -> Array:
         """Return the gap [m], (rows,), at times `t` (rows,) on one branch and `q` (rows, n)."""
-        o = self.observable
-        times = np.column_stack([t, np.full(len(t), branch)])
-        local = np.asarray(o.operator @ q.T).T
-        no_multipliers = np.zeros((len(t), 0))
         # Gaps depend on positions only.
-        return o.function(times, local, local, self.numbers[o.data], no_multipliers)[:, 0]
+        return self.distance.rows(np.column_stack([t, np.full(len(t), branch)]), q, q)[:, 0]
 
     def bound_rates(self, v: Array, a: Array) -> tuple[Array, Array]:
         """Return upper bounds on relative speeds [m/s] and accelerations [m/s^2] at the gap.
@@ -61,19 +55,18 @@ def compile_surface_gaps(equations: EquationsOfMotion) -> Sequence[SurfaceGapTer
     mechanism = equations.mechanism
     if mechanism is None:
         return ()
-    gaps = [(part.name, gap.quantity) for part in mechanism.parts.values() for gap in part.gaps]
-    coordinate_map, numbers = map_coordinates(mechanism), NumberStore()
-    observables = [
-        build_observable(name, quantity, coordinate_map, numbers, {}) for name, quantity in gaps
+    gaps = [
+        (part.name, compile_quantity(mechanism, part.name, gap.quantity))
+        for part in mechanism.parts.values()
+        for gap in part.gaps
     ]
     lengths = equations.length / equations.position_scales
     return tuple(
         SurfaceGapTerm(
-            o.name,
-            o,
-            numbers.all(mechanism.inputs),
-            np.asarray(abs(o.operator).sum(axis=0)).ravel() * lengths,
+            part,
+            gap,
+            np.asarray(abs(gap.observable.operator).sum(axis=0)).ravel() * lengths,
             equations.length,
         )
-        for o in observables
+        for part, gap in gaps
     )

@@ -9,9 +9,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.equations.assembly.building import NumberStore, build_observable, select_input_laws
-from beamdae.equations.assembly.coordinate_map import map_coordinates
-from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
+from beamdae.equations.assembly.observables import CompiledQuantity, compile_quantity
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.symbolic.signals import find_signals
 from beamdae.symbolic.statements import Local, Quantity, TableArgument, Variable
 
@@ -35,8 +34,8 @@ class TableArgumentTerm:
         Name of the part.
     table, axis
         The table, and the index of its argument.
-    observable, numbers
-        Compiled argument, and the numbers to which it refers.
+    argument
+        The compiled argument.
     call, constants
         Number of the call in the formulas of the model, and the arguments of the call that are
         numbers; None for the others.
@@ -47,8 +46,7 @@ class TableArgumentTerm:
     part: str
     table: Any
     axis: int
-    observable: Observable
-    numbers: Array
+    argument: CompiledQuantity
     call: int
     constants: tuple[float | None, ...]
     depends_on_motion: bool
@@ -79,8 +77,7 @@ class TableArgumentTerm:
     def evaluate(self, t: Array, branch: float, state: State) -> Array:
         """Return the argument, (rows,), at times `t` (rows,) on one branch."""
         times = np.column_stack([t, np.full(len(t), branch)])
-        no_multipliers = np.zeros((len(t), 0))
-        return self.observable.evaluate(self.numbers, times, state.q, state.v, no_multipliers)[:, 0]
+        return self.argument.rows(times, state.q, state.v)[:, 0]
 
     def distance_outside(self, values: Array) -> Array:
         """Return distances from the table beyond rounding errors; negative values are inside."""
@@ -112,31 +109,18 @@ def compile_table_arguments(equations: EquationsOfMotion) -> tuple[TableArgument
     ]
     if mechanism is None or not arguments:
         return ()
-    coordinate_map, numbers = map_coordinates(mechanism), NumberStore()
-    laws = select_input_laws(mechanism.inputs)
-    compiled = [
-        (
-            argument,
+    return tuple(
+        TableArgumentTerm(
+            argument.part,
+            argument.call.table,
             axis,
-            build_observable(argument.part, quantity, coordinate_map, numbers, {}, laws),
+            compile_quantity(mechanism, argument.part, quantity),
             call,
+            _list_constants(argument),
+            _depends_on_motion(argument, axis),
         )
         for call, argument in enumerate(arguments)
         for axis, quantity in _list_quantities(argument)
-    ]
-    p = numbers.all(mechanism.inputs)
-    return tuple(
-        TableArgumentTerm(
-            x.part,
-            x.call.table,
-            axis,
-            observable,
-            p,
-            call,
-            _list_constants(x),
-            _depends_on_motion(x, axis),
-        )
-        for x, axis, observable, call in compiled
     )
 
 
@@ -172,7 +156,7 @@ def find_distinct(terms: Sequence[TableArgumentTerm]) -> tuple[TableArgumentTerm
     """Return one term for each distinct argument of each table."""
     distinct: dict[Any, TableArgumentTerm] = {}
     for term in terms:
-        o = term.observable
+        o = term.argument.observable
         operator = o.operator.tocsr()
         key = (
             id(term.table),
@@ -180,7 +164,7 @@ def find_distinct(terms: Sequence[TableArgumentTerm]) -> tuple[TableArgumentTerm
             id(o.function),
             operator.indices.tobytes(),
             operator.data.tobytes(),
-            term.numbers[o.data].tobytes(),
+            term.argument.numbers[o.data].tobytes(),
         )
         distinct.setdefault(key, term)
     return tuple(distinct.values())

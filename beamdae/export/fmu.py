@@ -335,7 +335,7 @@ def export_fmu(
         others = as_equations(PART, model(**{**origin["parameters"], **values}), start)
         # The FMU searches the steps for contacts with the surfaces of the default parameters.
         for gap, other in zip(gaps, compile_surface_gaps(others), strict=False):
-            if not np.array_equal(gap.numbers, other.numbers):
+            if not np.array_equal(gap.distance.numbers, other.distance.numbers):
                 raise BeamdaeError(
                     f"the surface of {gap.part} changes, where adaptive steps search for contacts"
                 )

@@ -470,11 +470,11 @@ def plan_gaps(gaps: Sequence[SurfaceGapTerm]) -> SumPlan:
     """Return the plan of the gaps of contacts, with the coordinates q as inputs."""
     total = SumBuilder(TIME_SIZE)
     for k, gap in enumerate(gaps):
-        operator = gap.observable.operator
+        operator = gap.distance.observable.operator
         time, q = SX.sym("time", TIME_SIZE), SX.sym("q", operator.shape[0])
         # Gaps depend on positions only. Their numbers are not those of the equations.
-        numbers = SX(ca.DM(gap.numbers[gap.observable.data]))
-        value = gap.observable.function.express(time, q, q, numbers, SX(0, 1))
+        numbers = SX(ca.DM(gap.distance.numbers[gap.distance.observable.data]))
+        value = gap.distance.observable.function.express(time, q, q, numbers, SX(0, 1))
         kernel = Kernel.of("gap", time, q, [value[0]])
         copies = total.add(kernel, [LocalInput(operator, 0)], slice(0, 0), 1)
         total.add_column(copies, 0, build_selection([k], len(gaps)), 0)

@@ -14,7 +14,7 @@ import numpy as np
 from beamdae import deferred
 from beamdae.equations import measures
 from beamdae.equations.assembly.assemble import equations_of_motion
-from beamdae.equations.assembly.building import add_observable
+from beamdae.equations.assembly.observables import add_observable
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,

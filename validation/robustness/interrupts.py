@@ -203,8 +203,8 @@ def _try_command(
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
-        # Processes in the background ignore interrupts, and so do the processes they start.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        # Processes in the background or of nohup ignore signals, and so do those that they start.
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
     )
     time.sleep(delay)
     is_running = process.poll() is None

@@ -117,6 +117,8 @@ class Problem(ABC):
         """Return the size of a step in natural sizes: by default, the largest change."""
         return float(np.max(np.abs(step * self.weights), initial=0.0))
 
+    # Corrections that are not finite end the method.
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")
     def correct(self, control: Control, target: float, x: Array, p: float) -> Point:
         """Return the solution at which the control has the value `target`, by Newton's method.
 

@@ -19,7 +19,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     searched_start,
     solve_for_accelerations,
 )
-from beamdae.equations.assembly.building import build_equations
+from beamdae.equations.assembly.building import Statements, build_terms
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.assembly.statement_checks import collect_statements
 from beamdae.equations.equations_of_motion import EquationsOfMotion, InputTerm, Observable
@@ -576,7 +576,8 @@ def _part_residual(
     coordinate_map, e = map_coordinates(mechanism), lin.equations
     part = part.with_constant_laws(laws)
     forces, constraints = collect_statements(part, mechanism.gravity, coordinate_map.sizes)
-    equations = build_equations(
+    terms = build_terms(Statements(forces, constraints), e.coordinates, e.parts, coordinate_map)
+    equations = EquationsOfMotion(
         coordinates=e.coordinates,
         q0=e.q0,
         v0=e.v0,
@@ -584,10 +585,7 @@ def _part_residual(
         parts=e.parts,
         breakpoints=(),
         time_scale=None,
-        forces=forces,
-        constraints=constraints,
-        observables={},
-        coordinate_map=coordinate_map,
+        **vars(terms),
     )
     state = lin.state._replace(lam=np.zeros(equations.m))
     residual = compute_tangent(equations, lin.time, state).residual

@@ -428,11 +428,11 @@ def _inject_at_command(lin: Linearization, name: str) -> Matrices:
                 f"margins: the loop cannot be opened at {name} because {part.name} is not a force, "
                 "a moment or a state; open it at an input instead."
             )
-    full, data = lin.full_equations, command.observable.data
+    full, data = lin.full_equations, command.value.observable.data
     shifted = slice(len(full.p) + data.start, len(full.p) + data.stop)
-    extended = replace(full, p=np.concatenate([full.p, command.numbers]))
+    extended = replace(full, p=np.concatenate([full.p, command.value.numbers]))
     disturbance = ModelInput(name, Variable(name, "-"), change)
-    observable = replace(command.observable, data=shifted)
+    observable = replace(command.value.observable, data=shifted)
     closed = reduce_to_states(replace(lin, full_equations=extended), [disturbance], [observable])
     return closed.A, closed.B, closed.C[:1], np.zeros((1, 1))
 

@@ -202,7 +202,7 @@ class CriticalCurve(Problem):
         values, vectors = np.linalg.eigh(bordered.toarray())
         mode = vectors[: self._n, np.argmin(np.abs(values))]
         load = equations.by_factor[: self._n]
-        size = np.linalg.norm(load) * np.linalg.norm(mode)
+        size = max(np.linalg.norm(load) * np.linalg.norm(mode), np.finfo(float).tiny)
         return int(np.sum(values < 0.0)) - self._size + self._n - 1, abs(load @ mode) / size
 
     def has_limit(self, point: Point) -> bool:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from beamdae.equations.assembly.building import build_equations
+from beamdae.equations.assembly.building import Statements, Terms, build_terms
 from beamdae.equations.assembly.configurations import build_configurations
 from beamdae.equations.assembly.coordinate_map import (
     CoordinateMap,
@@ -24,6 +24,7 @@ from beamdae.equations.assembly.statement_checks import (
 )
 from beamdae.equations.commands import unused_command_warnings
 from beamdae.equations.equations_of_motion import (
+    Configurations,
     EquationsOfMotion,
     PartCoordinates,
     PartStatements,
@@ -43,11 +44,9 @@ from beamdae.parts.control.controller import select_controllers
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import AS_DRAWN, MINIMUM_NORM, Mechanism, require_start
 from beamdae.parts.part import AttachedPart, Part
-from beamdae.read_only import ReadOnlyDict
+from beamdae.read_only import ReadOnlyDict, read_only_copy
 from beamdae.symbolic.statements import (
     LOAD_UNITS,
-    ConstraintStatement,
-    ForceStatement,
     Quantity,
     Variable,
     forget_meshes,
@@ -89,9 +88,35 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         raise BeamdaeError(
             f"equations_of_motion: expected a Mechanism, got {short_repr(mechanism)}."
         )
-    snapshot = mechanism.snapshot()
-    parts = list(mechanism.parts.values())
     start = mechanism.start if start is None else require_start("start", start)
+    snapshot = _prepare(mechanism, start)
+    coordinate_map = map_coordinates(mechanism)
+    configurations = build_configurations(snapshot, coordinate_map, equations_of_motion)
+    _require_motion(coordinate_map.n)
+    statements = _collect_statements(mechanism, snapshot, coordinate_map)
+    if configurations is not None:
+        statements = replace(statements, switched_parts=configurations.switched_parts)
+    placed = _place(mechanism, statements, coordinate_map)
+    terms = build_terms(statements, placed["coordinates"], placed["parts"], coordinate_map)
+    equations = EquationsOfMotion(
+        **placed,
+        **_collect_laws(mechanism),
+        **vars(terms),
+        configurations=configurations,
+        mechanism=snapshot,
+        redundant=_removes_redundant(mechanism, configurations),
+        build_warnings=_warn_of_unused_commands(mechanism, terms),
+    ).without_loads_of(mechanism.removed)
+    if start == AS_DRAWN:
+        return equations
+    from beamdae.equations.starts.initial_conditions import apply_initial_conditions
+
+    return apply_initial_conditions(equations, start)
+
+
+def _prepare(mechanism: Mechanism, start: Any) -> Mechanism:
+    """Let the parts adapt to each other and return a snapshot of the mechanism."""
+    snapshot = mechanism.snapshot()
     with record_messages() as messages:
         try:
             with hold_messages() as of_parts:
@@ -99,16 +124,21 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         finally:
             for message in merge_alike(of_parts):
                 warn_user(message)
-    # Parts are prepared once, but the mechanism may be assembled again.
-    mechanism.build_warnings = tuple(dict.fromkeys([*mechanism.build_warnings, *messages]))
+    _add_warnings(mechanism, messages)
     snapshot.observables = ReadOnlyDict(
         {name: quantity.current for name, quantity in mechanism.observables.items()}
     )
-    for part in parts:
+    for part in mechanism.parts.values():
         require_body_fits(part)
-    coordinate_map = map_coordinates(mechanism)
-    configurations = build_configurations(snapshot, coordinate_map, equations_of_motion)
-    n = coordinate_map.n
+    return snapshot
+
+
+def _add_warnings(mechanism: Mechanism, messages: Iterable[str]) -> None:
+    # Parts are prepared once, but the mechanism may be assembled again.
+    mechanism.build_warnings = tuple(dict.fromkeys([*mechanism.build_warnings, *messages]))
+
+
+def _require_motion(n: int) -> None:
     if n == 0:
         raise BeamdaeError("Mechanism: there is no body that can move; add at least one.")
     require_memory(
@@ -117,26 +147,45 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         _BYTES_PER_COORDINATE * n,
         "use fewer bodies or fewer elements",
     )
-    statements: list[PartStatements] = []
-    forces: list[ForceStatement] = []
-    constraints: list[ConstraintStatement] = []
-    # The outlines of the bodies and the attachments of joints determine the size of the mechanism;
-    # a single point mass without joints has that of its springs.
-    joints = set()
-    for part in parts:
-        part_forces, part_constraints = collect_statements(
-            part, mechanism.gravity, coordinate_map.sizes
-        )
+
+
+def _collect_statements(
+    mechanism: Mechanism, snapshot: Mechanism, coordinate_map: CoordinateMap
+) -> Statements:
+    """Return what the parts of the mechanism state; observables are those of the snapshot."""
+    of_parts = []
+    for part in mechanism.parts.values():
+        forces, constraints = collect_statements(part, mechanism.gravity, coordinate_map.sizes)
         if mechanism.gravity_laws is not None:
-            part_forces = mechanism.gravity_laws.statements(part.forces)
-        statements.append(PartStatements(part, tuple(part_constraints), tuple(part_forces)))
-        forces += part_forces
-        constraints += part_constraints
-        if part_constraints:
-            joints.add(id(part))
+            forces = mechanism.gravity_laws.statements(part.forces)
+        of_parts.append(PartStatements(part, tuple(constraints), tuple(forces)))
     for name, quantity in snapshot.observables.items():
         require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
         _require_load_exists(name, quantity, mechanism)
+    return Statements(
+        forces=[x for part in of_parts for x in part.forces],
+        constraints=[x for part in of_parts for x in part.constraints],
+        observables=snapshot.observables,
+        events=[
+            *mechanism.events,
+            *(event for part in mechanism.parts.values() for event in part.events),
+        ],
+        controllers=select_controllers(list(mechanism.parts.values())),
+        inputs=mechanism.inputs,
+        of_parts=tuple(of_parts),
+    )
+
+
+def _place(
+    mechanism: Mechanism, statements: Statements, coordinate_map: CoordinateMap
+) -> dict[str, Any]:
+    """Return the coordinates as drawn and the sizes: the fields of `EquationsOfMotion` on these.
+
+    The outlines of the bodies and the attachments of joints determine the size of the mechanism; a
+    single point mass without joints has that of its springs.
+    """
+    parts = list(mechanism.parts.values())
+    joints = {id(x.part) for x in statements.of_parts if x.constraints}
 
     def measure(members: Sequence[Part]) -> float:
         extent = measure_extent(members, [x for x in members if id(x) in joints])
@@ -147,52 +196,50 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     group_sizes = {id(part): measure(group) or length for group in groups for part in group}
     q0 = np.concatenate([part.initial_position for part in parts])
     _require_drawn_attachments(mechanism, coordinate_map, q0, length)
-    time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
-    equations = build_equations(
-        coordinates=tuple(
+    return {
+        "coordinates": tuple(
             variable
             for part in parts
             for variable in _name_coordinates(part.name, tuple(part.coordinates))
         ),
-        q0=q0,
-        v0=np.concatenate([part.initial_velocity for part in parts]),
-        length=length,
-        parts=_part_coordinates(parts, coordinate_map, length, group_sizes),
-        breakpoints=tuple(sorted({b for law in mechanism.laws for b in law.breakpoints})),
-        time_scale=min(time_scales) if time_scales else None,
-        forces=forces,
-        constraints=constraints,
-        observables=snapshot.observables,
-        coordinate_map=coordinate_map,
-        laws=collect_unbounded_laws([*parts, *filter(None, [mechanism.gravity_laws])]),
-        events=[*mechanism.events, *(event for part in parts for event in part.events)],
-        configurations=configurations,
-        inputs=mechanism.inputs,
-        controllers=select_controllers(parts),
-        mechanism=snapshot,
-        statements=tuple(statements),
-    )
-    if mechanism.redundant == MINIMUM_NORM:
-        if configurations is not None:
-            raise BeamdaeError(
-                f"Mechanism: redundant={MINIMUM_NORM!r} is not supported with inactive "
-                "parts, impacts or events that switch parts; omit these or remove the "
-                "redundant constraints."
-            )
-        equations = replace(equations, redundant=True)
-    if mechanism.outputs or equations.controllers:
-        with record_messages() as messages:
-            for sentence in unused_command_warnings(mechanism, statements):
-                warn_user(sentence)
-        mechanism.build_warnings = tuple(dict.fromkeys([*mechanism.build_warnings, *messages]))
-    if mechanism.build_warnings:
-        equations = replace(equations, build_warnings=mechanism.build_warnings)
-    equations = equations.without_loads_of(mechanism.removed)
-    if start == AS_DRAWN:
-        return equations
-    from beamdae.equations.starts.initial_conditions import apply_initial_conditions
+        "q0": read_only_copy(q0),
+        "v0": read_only_copy(np.concatenate([part.initial_velocity for part in parts])),
+        "length": length,
+        "parts": _part_coordinates(parts, coordinate_map, length, group_sizes),
+    }
 
-    return apply_initial_conditions(equations, start)
+
+def _collect_laws(mechanism: Mechanism) -> dict[str, Any]:
+    """Return the fields of `EquationsOfMotion` on time laws."""
+    time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
+    gravity = filter(None, [mechanism.gravity_laws])
+    return {
+        "breakpoints": tuple(sorted({b for law in mechanism.laws for b in law.breakpoints})),
+        "time_scale": min(time_scales, default=None),
+        "laws": collect_unbounded_laws([*mechanism.parts.values(), *gravity]),
+    }
+
+
+def _removes_redundant(mechanism: Mechanism, configurations: Configurations | None) -> bool:
+    if mechanism.redundant != MINIMUM_NORM:
+        return False
+    if configurations is not None:
+        raise BeamdaeError(
+            f"Mechanism: redundant={MINIMUM_NORM!r} is not supported with inactive "
+            "parts, impacts or events that switch parts; omit these or remove the "
+            "redundant constraints."
+        )
+    return True
+
+
+def _warn_of_unused_commands(mechanism: Mechanism, terms: Terms) -> tuple[str, ...]:
+    """Warn of controllers without effect; return all warnings issued while the model was built."""
+    if mechanism.outputs or terms.controllers:
+        with record_messages() as messages:
+            for sentence in unused_command_warnings(mechanism, terms.statements):
+                warn_user(sentence)
+        _add_warnings(mechanism, messages)
+    return mechanism.build_warnings
 
 
 def _shortest_connection(parts: Sequence[Part]) -> float:

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.assembly.building import build_equations
+from beamdae.equations.assembly.building import Statements, build_terms
 from beamdae.equations.assembly.coordinate_map import CoordinateMap
 from beamdae.equations.assembly.expressions import (
     KIND,
@@ -37,6 +37,7 @@ from beamdae.errors import (
 )
 from beamdae.model_functions import HasOrigin
 from beamdae.parts.events import Event
+from beamdae.read_only import read_only_copy
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -212,23 +213,27 @@ class ConstrainedSystem(HasOrigin):
         constraints = self._constraint_statements(piece)
         laws = self._expressions.laws
         time_scales = [self.time_scale, *(law.time_scale for _, law in laws)]
-        return build_equations(
-            coordinates=coordinates,
-            q0=self.q0,
-            v0=self.v0,
-            length=length,
-            parts=_group_into_bodies(self.names, length),
-            breakpoints=tuple(
-                sorted({*self.breakpoints, *(b for _, law in laws for b in law.breakpoints)})
-            ),
-            time_scale=min((x for x in time_scales if x is not None), default=None),
-            scales=self.scales,
+        parts = _group_into_bodies(self.names, length)
+        statements = Statements(
             forces=[self._force_statement(piece)],
             constraints=constraints,
             observables=self._observables(coordinates, piece, constraints),
             events=self.events,
-            coordinate_map=CoordinateMap({id(self): n}),
+        )
+        terms = build_terms(statements, coordinates, parts, CoordinateMap({id(self): n}))
+        return EquationsOfMotion(
+            coordinates=coordinates,
+            q0=read_only_copy(self.q0),
+            v0=read_only_copy(self.v0),
+            length=length,
+            parts=parts,
+            breakpoints=tuple(
+                sorted({*self.breakpoints, *(b for _, law in laws for b in law.breakpoints)})
+            ),
+            time_scale=min((x for x in time_scales if x is not None), default=None),
+            scales=None if self.scales is None else read_only_copy(self.scales),
             laws=select_unbounded_laws(laws),
+            **vars(terms),
         )
 
     @cached_property

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.equations.assembly.building import add_observable
+from beamdae.equations.assembly.observables import add_observable
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import (
