@@ -61,8 +61,8 @@ _MAX_COORDINATES = 2000
 # Shift of the inverse from which slow poles are computed [1/s]: not small, because free motions are
 # poles at zero, and not a round number, because models may have poles at those.
 _POLE_SHIFT = 0.618034
-# Magnitudes below this share of the bound by the norms of matrices are rounding errors.
-_NOISE_SHARE = 1e-9
+# Smaller shares of the products of absolute values are rounding errors: half of the digits cancel.
+_NOISE_SHARE = float(np.sqrt(np.finfo(float).eps))
 # Smaller damping ratios and relative growth rates are rounding errors.
 _MIN_DAMPING_RATIO = 1e-9
 _MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller ones are rounding errors of double real poles
@@ -245,13 +245,14 @@ class LinearModel(HasPage):
     def bound_rounding(self, frequencies: Array) -> Array:
         """Return a bound of rounding errors of the transfer matrix near frequencies [Hz].
 
-        It is 1e-9 of the median of |C (i w I - A)^-1| |B|, with norms of rows and columns, and is
-        not zero where the response is zero by symmetry.
+        It is 1.5e-8 of the median of |C| |(i w I - A)^-1| |B| with absolute values of all elements,
+        which does not depend on the units of states, and is not zero where the response is zero by
+        symmetry.
         """
         identity = np.eye(len(self.A))
-        system = self.A, identity, self.C, np.zeros_like(self.C)
-        gains = [transfer_matrix(system, 2j * np.pi * f) for f in frequencies]
-        bounds = np.linalg.norm(gains, axis=2)[:, :, None] * np.linalg.norm(self.B, axis=0)
+        system = self.A, identity, identity, np.zeros_like(identity)
+        inverses = [np.abs(transfer_matrix(system, 2j * np.pi * f)) for f in frequencies]
+        bounds = np.abs(self.C) @ np.array(inverses) @ np.abs(self.B)
         return np.asarray(_NOISE_SHARE * np.median(bounds, axis=0))
 
     def evaluate_response(self, values: Sequence[float]) -> Array:
