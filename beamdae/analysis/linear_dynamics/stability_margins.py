@@ -490,7 +490,7 @@ def _find_crossovers(loop: _Loop) -> list[Crossover]:
     first = np.angle(-values[:-1]) / _FULL_TURN - f[:-1] * loop.delay
     last = first + np.angle(values[1:] / values[:-1]) / _FULL_TURN - np.diff(f) * loop.delay
     crossovers, critical = [], _list_ends(loop)
-    for k in np.flatnonzero((sizes[:-1] * sizes[1:] < 0.0) | (sizes[:-1] == 0.0)):
+    for k in np.flatnonzero((sizes[:-1] * sizes[1:] < 0.0) | (sizes[:-1] == 0.0)).tolist():
         x = _find_root(lambda x: math.log(abs(loop.at(x))), f[k], f[k + 1])
         lag = (loop.lag(x) - _FULL_TURN * x * loop.delay) % _FULL_TURN
         margin = math.degrees(lag if lag <= np.pi else lag - _FULL_TURN)

@@ -337,7 +337,7 @@ def assemble_monodromy(
 def dominant_range(monodromy: Array, tolerance: float) -> Array:
     """Return an orthonormal basis of the range of a monodromy matrix."""
     vectors, values, _ = la.svd(monodromy)
-    return vectors[:, values > tolerance * max(values[0], _TINY)]
+    return vectors[:, values > tolerance * np.max(values, initial=_TINY)]
 
 
 def _extend_basis(basis: Array, columns: Array, tolerance: float) -> Array:
