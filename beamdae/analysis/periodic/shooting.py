@@ -69,7 +69,7 @@ _DIFFERENCE_STEP = 2e-5
 # Smaller singular values, relative to the largest, belong to directions in which all states are
 # periodic.
 _NEUTRAL_RATIO = 1e-9
-_DAMPING_RATIO = 0.3  # of corrections with a free period, relative to the deviation
+_DAMPING_RATIO = 0.1  # of corrections with a free period, relative to the deviation
 # A run has returned to its final state where it differs by at most this fraction of the range of
 # each coordinate and velocity; coordinates with a far smaller range than others are at rest. Number
 # of times at which states are compared.
